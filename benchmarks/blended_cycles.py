@@ -25,7 +25,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 
 DWELL = 0.15

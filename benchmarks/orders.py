@@ -22,8 +22,8 @@ from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job, StopKey
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.job_bound import job_bound
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.job_bound import job_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 
 MENDED = 12

@@ -25,7 +25,7 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.page.page import page_html
 from dualarm_cli.page.page_data import page_data
-from dualarm_cli.plan.planner import plan
+from dualarm_cli.planning.planner import plan
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify
 

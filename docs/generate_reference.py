@@ -8,12 +8,15 @@ code says.
 
 from __future__ import annotations
 
+import inspect
 import math
 import types
 import typing
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from enum import Enum
+from functools import cached_property
 from pathlib import Path
+from types import FunctionType
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 import typer
@@ -21,6 +24,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+import dualarm_cli
 from dualarm_cli.cli.commands import app
 from dualarm_cli.cli.parts.families import families
 from dualarm_cli.explanations import EXPLANATIONS
@@ -290,8 +294,13 @@ def _schedule_page() -> str:
         "`robot.urdf` the cell with the robot that it moves. "
         "`<name>` stands for a name, `[]` for each entry of a list.",
         "## `schedule.json`",
-        "Between two knots of `trajectory` the jerk of every joint is constant: position, velocity and acceleration at "
-        "a knot determine the motion until the next one.",
+        "Joints that are timed together are a group with knots of its own. Between two knots the jerk of every joint "
+        "is constant. From a knot at time `t0` to the next one at `t1`, with `h = t1 - t0`, acceleration goes linearly "
+        "from `a0` to `a1`; velocity and position follow:",
+        "```\nv1 = v0 + h * ((a0 + a1) / 2)\nq1 = q0 + (h * v0 + h**2 * ((a0 + a0 + a1) / 6))\n```",
+        "They are stated at the anchors, of which the first knot is one, and followed from each anchor to the knot "
+        "before the next. In double precision, in this order, this gives the planner's own numbers to the last bit. "
+        "Two knots at one time are a jump of acceleration. A group stands after its last knot.",
         _members(SCHEDULE),
         "## `schedule.csv`",
         "A row for each sample at `--rate`, and one at the exact time of each event and of the end. The first column "
@@ -458,25 +467,71 @@ def _bullets(sentences: Iterable[str]) -> list[str]:
 
 
 def _python_page() -> str:
-    return _joined(
+    public = [(name, getattr(dualarm_cli, name)) for name in dualarm_cli.__all__]
+    functions = [(name, value) for name, value in public if inspect.isfunction(value)]
+    classes = [(name, value) for name, value in public if inspect.isclass(value)]
+    errors = [(name, value) for name, value in classes if issubclass(value, Exception)]
+    data = [(name, value) for name, value in classes if not issubclass(value, Exception)]
+    parts = [
         "# Python",
-        "There is no stable Python interface yet: what the command line calls may change with any version. Scripts use "
-        "the command line and its JSON (`--json`, `schedule.json`, `report.json`), which carry their format in "
-        "`format`.",
-        "Reading a schedule needs no more than a JSON reader:",
-        "```sh\ndualarm plan tasks/01_first_pick/tasks.yaml --out first-plan\n```",
-        "```python\n"
-        "import json\n"
-        "from pathlib import Path\n\n"
-        "import numpy as np\n\n"
-        'schedule = json.loads(Path("first-plan/schedule.json").read_text())\n'
-        'joints = schedule["robot"]["joints"]\n'
-        'time = np.array(schedule["trajectory"]["time"])  # knots [s], shape (n,)\n'
-        'position = np.array(schedule["trajectory"]["position"])  # [rad], shape (n, joints)\n'
-        'for event in schedule["events"]:\n'
-        "    print(f\"{event['time']:.3f} s: {event['arm']} {event['action']} {event['task']}\")\n"
-        "```",
+        "These names of `dualarm_cli` are public: a version that changes them says so in the changelog. All numbers "
+        "are in SI units and radians. Everything else may change with any version. [From Python](../how-to/python.md) "
+        "shows how they are used.",
+        "## Functions",
+    ]
+    for name, value in functions:
+        parts += [f"### `{name}`", f"```\n{name}{_signature(value)}\n```", _docstring(value)]
+    parts.append("## Data")
+    for name, value in data:
+        parts += [f"### `{name}`", _docstring(value)]
+        rows = [
+            f"| `{field}` | {_summary(getattr(value, field))} |"
+            for field in vars(value)
+            if not field.startswith("_") and _own(value, field)
+        ]
+        if rows:
+            parts.append("\n".join(["| member | meaning |", "| --- | --- |", *rows]))
+    parts.append("## Errors")
+    rows = [f"| `{name}` | {_summary(value)} |" for name, value in errors]
+    parts.append("\n".join(["| error | meaning |", "| --- | --- |", *rows]))
+    return _joined(*parts)
+
+
+def _signature(function: Callable[..., Any]) -> str:
+    """Returns a function's parameters, one a line."""
+    found = inspect.signature(function, eval_str=False)
+    rows = [f"    {parameter}," for parameter in map(str, found.parameters.values())]
+    star = next(
+        (k for k, one in enumerate(found.parameters.values()) if one.kind is one.KEYWORD_ONLY), None
     )
+    if star is not None:
+        rows.insert(star, "    *,")
+    return "\n".join(["(", *rows, f") -> {found.return_annotation}"]).replace("'", "")
+
+
+def _docstring(value: object) -> str:
+    """Returns a docstring whose sections are lists."""
+    lines: list[str] = []
+    for line in (inspect.getdoc(value) or "").splitlines():
+        if line in ("Args:", "Raises:"):
+            lines += ["", f"*{line[:-1]}*", ""]
+        elif line.startswith("    ") and not line.startswith("        "):
+            name, _, meaning = line.strip().partition(": ")
+            lines.append(f"- `{name}`: {meaning}")
+        else:
+            lines.append(f"  {line.strip()}" if line.startswith("        ") else line)
+    return "\n".join(lines).replace("\n\n\n", "\n\n").strip()
+
+
+def _summary(value: object) -> str:
+    """Returns the first sentence or line of a docstring."""
+    return " ".join((inspect.getdoc(value) or "").split("\n\n")[0].split())
+
+
+def _own(owner: type, name: str) -> bool:
+    """Returns whether a member is a method or a property with a docstring of its own."""
+    member = inspect.getattr_static(owner, name)
+    return isinstance(member, property | cached_property | classmethod | FunctionType)
 
 
 def write(folder: Path) -> None:

@@ -77,10 +77,15 @@ class SearchEffort:
     """The grid around the best plan so far."""
     local_rounds: int = 1
     """How often there is such a grid, at most."""
+    local_from: int = 0
+    """Shorter sequences have no such grid."""
     plans: int = 1
     """Plans of every grid that are polished: different in branches, targets or yaws."""
     near: Mesh = NEAR
     """The grid around a plan that collides."""
+    begun: float = WHOLE
+    """Sequences of so many stages or fewer are searched from simpler methods' plans as well; longer ones only where no
+    grid has a plan."""
     spares: bool = True
     """Whether time is spared where more of it seldom helps: sequences longer than WHOLE get fewer nodes and fewer of
     their plans polished, and simpler plans are not refined beside a good one."""
@@ -101,7 +106,7 @@ class SearchEffort:
             trial_rounds=self.trial_rounds * min(more, 2),
             rounds=self.rounds * more,
             random_steps=self.random_steps * more,
-            local_rounds=self.local_rounds * more,
+            local_rounds=self.local_rounds * more if stages >= self.local_from else 0,
             plans=self.plans * more,
         )
 
@@ -288,7 +293,9 @@ EFFORTS: Mapping[str, EffortSettings] = {
         order_bound=BoundEffort(4_000, ProofEffort(40, 20_000), (4_000, 12, 4), 1.0),
         clocks=FreeEffort(60, 1500, 1, 1.0),
         epochs=EpochEffort(3, 20, 20, 400),
-        search=SearchEffort((Mesh(np.radians(15.0), 12, 1500, 20),), 2, 4, 0, (), LOCAL, 0),
+        search=SearchEffort(
+            (Mesh(np.radians(15.0), 12, 1500, 20),), 2, 4, 0, (), LOCAL, begun=12, local_from=13
+        ),
         bound=Resolution(np.radians(20.0), 9, 2),
         ipopt=NonlinearEffort(100, (np.inf, 0.3)),
         continuous=NonlinearEffort(60, (0.1, 0.02)),
@@ -343,6 +350,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             FINE,
             6,
             near=replace(NEAR, width=160),
+            begun=np.inf,
             spares=False,
         ),
         bound=Resolution(np.radians(5.0), 36, 3),

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
+import io
 import os
+import pickle
 import shutil
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -39,10 +43,78 @@ def pytest_configure(config: pytest.Config) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Processes that tests start share their bytecode, also where nothing may be written beside the source."""
+    with pytest.MonkeyPatch.context() as patch:
+        if os.environ.get("PYTHONDONTWRITEBYTECODE"):
+            patch.delenv("PYTHONDONTWRITEBYTECODE")
+            patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("bytecode")))
+        yield
+
+
 @pytest.fixture(scope="session")
 def tasks_folder() -> Path:
     """The shipped task files."""
     return ROOT / "tasks"
+
+
+@pytest.fixture(scope="session")
+def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of all processes of a run."""
+    own = tmp_path_factory.getbasetemp()
+    return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+
+
+@pytest.fixture(scope="session")
+def quick_plan(shared_folder: Path, tasks_folder: Path) -> Callable[[str], Any]:
+    """Returns a bundled job's plan of quick effort, with its bound, planned once in a run; every call has its own."""
+    from dualarm_cli.files.tasks.tasks import load_job
+    from dualarm_cli.model.settings import PlanSettings
+    from dualarm_cli.planning.planner import plan
+
+    def planned(name: str) -> Any:
+        kept = shared_folder / "schedules" / name
+        if not kept.exists():
+            made = plan(load_job(tasks_folder / name / "tasks.yaml"), PlanSettings(effort="quick"))
+            part = kept.with_suffix(f".{os.getpid()}")
+            part.parent.mkdir(parents=True, exist_ok=True)
+            part.write_bytes(pickle.dumps(made))
+            part.replace(kept)
+        return pickle.loads(kept.read_bytes())
+
+    return planned
+
+
+@pytest.fixture(scope="session")
+def planned_files(
+    shared_folder: Path, tasks_folder: Path, quick_plan: Callable[[str], Any]
+) -> Callable[[str], Path]:
+    """Returns the files that `dualarm plan JOB --effort quick` writes, made once in a run: for reading only.
+
+    The motion is that of `quick_plan`, as both plan the same. What is printed, in 80 columns, is beside them in
+    stdout.txt.
+    """
+    from dualarm_cli.cli.parts import output
+    from dualarm_cli.cli.run import run
+    from dualarm_cli.planning import planner
+
+    def planned(name: str) -> Path:
+        kept = shared_folder / "files" / name
+        if not kept.exists():
+            part = kept.with_suffix(f".{os.getpid()}")
+            job = str(tasks_folder / name / "tasks.yaml")
+            with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()) as printed:
+                patch.setattr(output, "PIPE_WIDTH", 80)
+                patch.setattr(planner, "plan", lambda *_: quick_plan(name))
+                code = run(["plan", job, "--effort", "quick", "--no-page", "--out", str(part)])
+            assert code == 0
+            (part / "stdout.txt").write_text(printed.getvalue())
+            with suppress(OSError):  # another process was first
+                part.replace(kept)
+        return kept
+
+    return planned
 
 
 def _module(name: str) -> ModuleType:
@@ -71,6 +143,12 @@ def sliding_robots() -> ModuleType:
 def wrist_arms() -> ModuleType:
     """Six-axis arms with closed forms, from random axes and from rows of Denavit and Hartenberg."""
     return _module("wrist_arms")
+
+
+@pytest.fixture(scope="session")
+def plain_motion() -> ModuleType:
+    """Joint motion of schedule.json, read without this program."""
+    return _module("plain_motion")
 
 
 @pytest.fixture(scope="session")

@@ -24,7 +24,7 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds import KINDS, of_kinds
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.console import summary_lines
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify

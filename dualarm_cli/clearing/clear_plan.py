@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,7 +13,13 @@ from dualarm_cli.collision.lying import too_near
 from dualarm_cli.effort import less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job, PoseTarget
-from dualarm_cli.motion.blending import passing_ways, with_ways
+from dualarm_cli.motion.bent_passing import bent_ways, with_bent_ways
+from dualarm_cli.motion.blending import (
+    passed_targets,
+    passing_ways,
+    with_passed_targets,
+    with_ways,
+)
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import Drive, Known
@@ -222,6 +228,8 @@ RIVALS = 0.08
 UNLUCKY = 0.03
 """Share of the cycle time; where avoiding collisions costs more, the plan of less effort may do better: it starts
 elsewhere."""
+ROOM_COSTS = 0.01
+"""Share of the cycle time; where blending gains less, a plan without room for it may be quicker."""
 ROUNDS = 3
 """So many times a method decides anew without the stages that would not do."""
 
@@ -240,6 +248,12 @@ class ClearedPlan:
     """Whether other postures or platform angles were needed."""
     checked: bool = True
     """Whether anything had to be collision-free."""
+    known: Known = field(default_factory=Known, compare=False, repr=False)
+    """What was timed for it."""
+    stopping: Cleared | None = field(default=None, compare=False, repr=False)
+    """The plan with all stops that it was blended from; None where it is that."""
+    standing: Cleared | None = field(default=None, compare=False, repr=False)
+    """The plan that it came from, in which platform and arms stand while tools dwell; None where it is that."""
 
     @property
     def cost(self) -> float | None:
@@ -249,7 +263,7 @@ class ClearedPlan:
         """
         if not self.checked:
             return None
-        motion = self.cleared.motion
+        motion = (self.standing or self.cleared).motion
         return motion.trajectory.duration + (motion.gain or 0.0) - self.unchecked
 
 
@@ -291,13 +305,20 @@ def quickest_clear(
         crossing=crossing,
     )
     progress("blending lines and transfers")
-    return blended_plan(problem, found, timing, clear=clear, crossing=crossing)
+    blended = blended_plan(problem, found, timing, clear=clear, crossing=crossing)
+    motion = blended.cleared.motion
+    if (motion.gain or 0.0) > ROOM_COSTS * motion.trajectory.duration:
+        return blended
+    # Room may cost more than it gains.
+    found = _quickest_with_stops(problem, solve, timing, progress, clear=clear, crossing=crossing)
+    other = blended_plan(problem, found, timing, clear=clear, crossing=crossing)
+    return min(blended, other, key=lambda one: one.cleared.motion.trajectory.duration)
 
 
 def has_blends(problem: MethodProblem) -> bool:
-    """Returns whether there are lines whose outer ends tools may pass in motion."""
+    """Returns whether there are outer ends of lines, or targets, that tools may pass in motion."""
     stops = (stop for task in problem.job.tasks for stop in task.stops)
-    return problem.blend and any(stop.approach > 0.0 or stop.retract > 0.0 for stop in stops)
+    return problem.blend and any(stop.approach or stop.retract or stop.blend for stop in stops)
 
 
 def with_room(
@@ -310,15 +331,22 @@ def with_room(
         solve: the method; it serves where that leaves no plan.
     """
     roomy = with_stopping_room(problem)
+    serves = True
 
     def solved(asked: MethodProblem) -> Decided:
-        try:
-            job = replace(asked.job, cell=roomy.job.cell)
-            found = solve(replace(asked, model=roomy.model, job=job))
-        except InfeasibleError:
-            return solve(asked)
-        # At the platform angle that a method wants, reach may end a little earlier.
-        return solve(asked) if any(one.solver == REACH for one in found.stages) else found
+        nonlocal serves
+        if serves:
+            try:
+                job = replace(asked.job, cell=roomy.job.cell)
+                found = solve(replace(asked, model=roomy.model, job=job, tentative=True))
+            except InfeasibleError:
+                found = None
+            # At the platform angle that a method wants, reach may end a little earlier.
+            if found is not None and all(one.solver != REACH for one in found.stages):
+                return found
+            # Where room is missing once, it is missing in all variations.
+            serves = False
+        return solve(asked)
 
     return solved
 
@@ -342,35 +370,86 @@ def blended_plan(
         clear: whether anything has to be collision-free.
         crossing: whether arms have to be clear of one another.
     """
-    model, job, known = problem.model, problem.job, Known()
+    model, job, known = problem.model, problem.job, found.known
     drive = Drive.of(model, job, timing, known)
     clearing = None
     if clear:
         holding = Holding.of(job, crossing=crossing)
         clearing = Clearing(model, job, holding, timing, problem.seed, known)
     before = found.cleared.motion
-    ways = dict(passing_ways(drive, found.cleared.plans, stopping))
+    through = passed_targets(drive, found.cleared.plans, stopping)
+    passing = with_passed_targets(found.cleared.plans, through)
+    ways = dict(passing_ways(drive, passing, stopping))
     touching: list[int] = []
-    while ways:
-        plans = with_ways(found.cleared.plans, ways)
-        motion = realise(model, job, plans, timing, known)
+    while ways or through:
+        plans = with_ways(with_passed_targets(found.cleared.plans, through), ways)
+        try:
+            motion = realise(model, job, plans, timing, known)
+        except InfeasibleError:
+            if not through:
+                raise
+            # An arm cannot pass its target as late as the stage ends.
+            through = {}
+            ways = dict(passing_ways(drive, found.cleared.plans, stopping))
+            continue
         touching = clearing.touching(plans, motion) if clearing is not None else []
         # A stage has the transfers to its lines, and ends as those of the next one begin.
         own = {key for key in ways if key[0] in touching}
         own = own or {key for key in ways if key[0] - 1 in touching}
-        if not own:
+        passed = {k for k in through if {k, k + 1} & set(touching)}
+        if not own and not passed:
             break
         for key in own:
             del ways[key]
-    gain = before.trajectory.duration - motion.trajectory.duration if ways else 0.0
-    if touching or gain <= 0.0:
-        return replace(found, cleared=replace(found.cleared, motion=replace(before, gain=0.0)))
+        for k in passed:
+            del through[k]
+        # Ways beside it were chosen for that state.
+        ways = {key: way for key, way in ways.items() if not {key[0], key[0] - 1} & passed}
+    if touching or not (ways or through):
+        plans, motion = found.cleared.plans, before
+    plans, motion = _with_detours_in_motion(drive, job, clearing, plans, motion, stopping)
+    gain = before.trajectory.duration - motion.trajectory.duration
+    if gain <= 0.0:
+        same = replace(found.cleared, motion=replace(before, gain=0.0))
+        return replace(found, cleared=same, stopping=found.cleared)
     stages = tuple(
         replace(stage, saved=(other.end - other.start) - (stage.end - stage.start))
         for stage, other in zip(motion.stages, before.stages, strict=True)
     )
     motion = replace(motion, stages=stages, gain=gain)
-    return replace(found, cleared=Cleared(plans, motion, ()))
+    return replace(found, cleared=Cleared(plans, motion, ()), stopping=found.cleared)
+
+
+def _with_detours_in_motion(
+    drive: Drive,
+    job: Job,
+    clearing: Clearing | None,
+    plans: list[StagePlan],
+    motion: Motion,
+    stopping: Collection[tuple[int, str]],
+) -> tuple[list[StagePlan], Motion]:
+    """Returns stages and motion whose detours begin and end in motion, wherever that is quicker and collision-free."""
+    tries = bent_ways(drive, plans, stopping)
+    while tries:
+        chosen = {key: ways[0] for key, ways in tries.items()}
+        bent = with_bent_ways(drive, plans, chosen)
+        try:
+            found = realise(drive.model, job, bent, drive.timing, drive.known)
+        except InfeasibleError:
+            # With what the platform does then, one of them cannot be timed.
+            own = set(tries)
+        else:
+            touching = clearing.touching(bent, found) if clearing is not None else []
+            own = {key for key in tries if key[0] in touching}
+            own = own or {key for key in tries if key[0] - 1 in touching}
+            if not touching and found.trajectory.duration < motion.trajectory.duration:
+                return bent, found
+            if not own:
+                break
+        # What collides is tried by the next via point.
+        tries = {key: ways[key in own :] for key, ways in tries.items()}
+        tries = {key: ways for key, ways in tries.items() if ways}
+    return plans, motion
 
 
 def _quickest_with_stops(
@@ -414,7 +493,12 @@ def _quickest_with_stops(
     reference = timed[0][1].trajectory.duration
     if holding is None:
         return ClearedPlan(
-            unchecked, Cleared(*timed[0], ()), reference, replanned=False, checked=False
+            unchecked,
+            Cleared(*timed[0], ()),
+            reference,
+            replanned=False,
+            checked=False,
+            known=known,
         )
     clearing = Clearing(model, job, holding, timing, problem.seed, known)
     best = None
@@ -430,8 +514,10 @@ def _quickest_with_stops(
     if best is not None and not best.blocked:
         cost = best.motion.trajectory.duration - reference
         if cost <= NEGLIGIBLE * reference:
-            return ClearedPlan(unchecked, best, reference, replanned=False)
-    found = ClearedPlan(unchecked, best, reference, replanned=False) if best is not None else None
+            return ClearedPlan(unchecked, best, reference, replanned=False, known=known)
+    found = None
+    if best is not None:
+        found = ClearedPlan(unchecked, best, reference, replanned=False, known=known)
     unchecked_plan = timed[0]
     asked = replace(
         problem,
@@ -454,7 +540,7 @@ def _quickest_with_stops(
             refuse_touching_lines(clearing, *timed[0])
         tried = _cleared(clearing, timed)
         if found is None or _badness(tried) < _badness(found.cleared):
-            found = ClearedPlan(decided, tried, reference, replanned=True)
+            found = ClearedPlan(decided, tried, reference, replanned=True, known=known)
         bars = bars_of(clearing, tried)
         # Only a method over the whole sequence does something else with what is known now.
         if decided.hopeless or not bars or (tried.blocked and not problem.patient):
@@ -587,8 +673,8 @@ def clearance_notes(parts: Sequence[tuple[ClearedPlan, int]]) -> list[str]:
     if cost < 0.0:
         what = f"it is {-cost:.3f} s shorter: the method does not always find the fastest plan"
     notes = [
-        f"clearance: {', '.join(done)}; compared with the plan without collision checking "
-        f"({unchecked:.3f} s) {what}"
+        f"clearance: {', '.join(done)}; with stops at all lines' ends, compared with the plan without collision "
+        f"checking ({unchecked:.3f} s), {what}"
     ]
     if cost > DEAR * unchecked:
         notes.append(

@@ -173,7 +173,7 @@ class Clearing:
     """Of what is tried at random."""
     known: Known = field(default_factory=Known)
     """What is timed already: repaired stages keep their lines."""
-    seen: dict[tuple[int | bytes, ...], bool] = field(default_factory=dict)
+    seen: dict[tuple[int | str | bytes, ...], bool] = field(default_factory=dict)
     """Which stages are collision-free, as far as known, by their number and all that their motion depends on."""
 
     def timed(self, plans: list[StagePlan]) -> Motion:
@@ -185,8 +185,8 @@ class Clearing:
         return realise(self.model, self.job, [plan], self.timing, self.known, windows=False)
 
     def touching(self, plans: Sequence[StagePlan], motion: Motion) -> list[int]:
-        """Returns the stages of a motion of unrepaired plans that collide."""
-        keys = [_stage_key(k, plan) for k, plan in enumerate(plans)]
+        """Returns the stages of a motion that collide; how long arms wait in them must always be the same."""
+        keys = [_stage_key(k, plan, plans[k - 1] if k else None) for k, plan in enumerate(plans)]
         news = [k for k, key in enumerate(keys) if key not in self.seen]
         stages = [stage_samples(motion, k, k, self.holding) for k in news]
         for k, clear in zip(news, which_are_clear(self.holding.cell, stages), strict=True):
@@ -320,16 +320,25 @@ class Clearing:
         return tries[int(np.argmin(lengths))]
 
 
-def _stage_key(k: int, plan: StagePlan) -> tuple[int | bytes, ...]:
-    """Returns all that the motion of an unrepaired stage depends on, its number first."""
+def _stage_key(k: int, plan: StagePlan, before: StagePlan | None) -> tuple[int | str | bytes, ...]:
+    """Returns all that the motion of a stage that nobody waits in depends on, its number first."""
     postures = [plan.start, plan.arrival, plan.end]
-    for stop in plan.stops.values():
+    for stop in (*plan.stops.values(), *plan.leaving.values()):
         made = stop.posture
         postures += [
             made.q_target,
             np.array([made.psi_target, made.psi_approach, made.psi_retract]),
         ]
-    return (k, *(posture.tobytes() for posture in postures))
+    passes = [str(way) for way in plan.passes.items()]
+    passes += [
+        f"{name} by {one.points.tolist()} {np.asarray(one.rates).tolist()}"
+        for name, one in plan.detours.items()
+    ]
+    passes += [f"{name} through {rate.tolist()}" for name, rate in plan.through.items()]
+    if before is not None:
+        passes += [f"{name} from {rate.tolist()}" for name, rate in before.through.items()]
+        passes += [f"left {way}" for way in before.passes.items() if way[0][1] == "retract"]
+    return (k, *passes, *(posture.tobytes() for posture in postures))
 
 
 def _repairable(context: StageContext, a: int) -> bool:

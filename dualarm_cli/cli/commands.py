@@ -12,6 +12,7 @@ from dualarm_cli.cli.check import check_command
 from dualarm_cli.cli.compare import compare_app
 from dualarm_cli.cli.curve import curve_command
 from dualarm_cli.cli.explain import explain_command
+from dualarm_cli.cli.export import export_command
 from dualarm_cli.cli.init import init_command
 from dualarm_cli.cli.plan import plan_command
 from dualarm_cli.cli.platform import platform_command
@@ -64,6 +65,7 @@ app.command("score")(score_command)
 app.command("check")(check_command)
 app.command("verify")(verify_command)
 app.command("report")(report_command)
+app.command("export")(export_command)
 app.command("solvers")(solvers_command)
 app.command("explain")(explain_command)
 app.command("schema")(schema_command)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
     from dualarm_cli.model.schedule import Schedule
     from dualarm_cli.model.settings import PlanSettings
     from dualarm_cli.page.solvers_page import PlanKey
-    from dualarm_cli.plan.comparison import Case, Outcome
+    from dualarm_cli.planning.comparison import Case, Outcome
 
 DOCUMENT, TABLE, FIGURE = "comparison.json", "comparison.csv", "comparison.png"
 SOLVERS_PAGE = "comparison.html"
@@ -109,7 +108,7 @@ def solvers_command(
     the CSV's last column only. Exit code 1 if the verifier fails a plan, 3 if a job has no plan by any method.
     """
     from dualarm_cli.model.settings import PlanSettings
-    from dualarm_cli.plan.comparison import job_cases
+    from dualarm_cli.planning.comparison import job_cases
 
     _refuse(out, plot, page, force)
     jobs = _jobs(tasks or [])
@@ -185,64 +184,24 @@ def _compare(
     quiet: bool,
 ) -> dict[str, Any]:
     """Returns the document of all jobs; the data of the plans' pages are added to `plans`, where there is one."""
-    from dualarm_cli.report.comparison.comparison import comparison_document
+    from functools import partial
+
+    from dualarm_cli.interface import compare_solvers
 
     console = stderr_console()
-    sections: list[dict[str, Any]] = []
-    clock: list[dict[str, Any]] = []
-
-    def run(progress: Callable[[str], None]) -> None:
-        for name, job in jobs.items():
-            section, timed = _one_job(name, job, settings, matrices[name], plans, progress)
-            sections.append(section)
-            clock.extend(timed)
-
-    if quiet or not console.is_terminal:
-        run(lambda _: None)
-    else:
-        from rich.markup import escape
-
-        with console.status("comparing") as status:
-            run(lambda text: status.update(escape(text)))
-    document: dict[str, Any] = printable(
-        comparison_document(sections, clock, {"effort": settings.effort, "seed": settings.seed})
-    )
-    return document
-
-
-def _one_job(
-    name: str,
-    job: Job,
-    settings: PlanSettings,
-    matrix: list[Case],
-    plans: dict[PlanKey, dict[str, Any]] | None,
-    progress: Callable[[str], None],
-) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    from functools import partial
-    from math import isfinite
-    from time import perf_counter
-
-    from dualarm_cli.plan.comparison import run_cases
-    from dualarm_cli.plan.job_bound import job_bound
-    from dualarm_cli.report.comparison.comparison import job_comparison
-    from dualarm_cli.verification import verify
-
-    def say(text: str) -> None:
-        progress(f"{name}: {text}")
-
-    say("lower bound")
-    bound = job_bound(job, settings.effort, blended=True)
-    # Where a stop cannot be reached at all, every row says so; a bound of nothing bounds nothing.
-    least = bound.value if bound.value and isfinite(bound.value) else None
-    judge = partial(verify, clearance=True)
-    outcomes = run_cases(job, settings, matrix, least, judge, perf_counter, say)
+    run = partial(compare_solvers, jobs, cases=matrices, effort=settings.effort, seed=settings.seed)
     if plans is not None:
-        outcomes = _kept(outcomes, name, job, plans)
-    return job_comparison(name, job, outcomes, least, bound.assumptions)
+        run = partial(run, kept=partial(_kept, plans))
+    if quiet or not console.is_terminal:
+        return run()
+    from rich.markup import escape
+
+    with console.status("comparing") as status:
+        return run(progress=lambda text: status.update(escape(text)))
 
 
 def _kept(
-    outcomes: Iterator[Outcome], name: str, job: Job, plans: dict[PlanKey, dict[str, Any]]
+    plans: dict[PlanKey, dict[str, Any]], name: str, job: Job, outcomes: Iterator[Outcome]
 ) -> Iterator[Outcome]:
     """Yields outcomes, and adds the data of their plans' pages."""
     from dualarm_cli.page.page_data import page_data
@@ -345,10 +304,9 @@ def schedules_command(
     not a failure: the exit code is 0.
     """
     from dualarm_cli.exporting.schedule_reader import read_schedule
-    from dualarm_cli.report.comparison.schedule_comparison import compare_schedules
+    from dualarm_cli.interface import compare
     from dualarm_cli.report.comparison.schedule_comparison_table import (
         schedules_csv,
-        schedules_sentence,
         schedules_table,
     )
 
@@ -358,9 +316,7 @@ def schedules_command(
         names = (SCHEDULES_TABLE, SCHEDULES_DOCUMENT, *((SCHEDULES_PAGE,) if page else ()))
         refuse_folder(out, names, force)
     plans = (read_schedule(a), read_schedule(b))
-    document = compare_schedules(*plans, (str(a), str(b)))
-    document["sentence"] = schedules_sentence(document)
-    document = printable(document)
+    document = compare(*plans, (str(a), str(b)))
     if out is not None:
         files = {SCHEDULES_TABLE: schedules_csv(document)}
         if page:
@@ -383,18 +339,16 @@ def _page_of_both(
 ) -> bytes:
     """Returns the page of two plans on one clock; each is verified anew with the task file that it was made of."""
     from dualarm_cli.cli.report import tasks_of
-    from dualarm_cli.files.tasks.tasks import load_job
+    from dualarm_cli.interface import Plan, load
     from dualarm_cli.page.page_data import page_data
     from dualarm_cli.page.side_by_side import ComparedStage, side_by_side, stages_table
     from dualarm_cli.report.comparison.schedule_comparison_table import cause_text
-    from dualarm_cli.report.report import build_report
-    from dualarm_cli.verification import verify
 
     shown = []
     for side, schedule, path in zip("AB", plans, paths, strict=True):
-        job = load_job(tasks_of(schedule, path if path.is_dir() else path.parent))
-        judged = replace(schedule, verification=verify(schedule, job, clearance=True))
-        data = page_data(judged, job, build_report(judged, job))
+        job = load(tasks_of(schedule, path if path.is_dir() else path.parent))
+        plan = Plan.judged(job, schedule)
+        data = page_data(plan.schedule, job, plan.report)
         shown.append(data | {"title": f"{side}: {data['title']}"})
     rows = []
     for row in document["stages"]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -38,12 +37,13 @@ from dualarm_cli.cli.parts.output import (
     text_console,
     write_out,
 )
-from dualarm_cli.cli.report import PAGE, write_page
+from dualarm_cli.cli.report import PAGE
 from dualarm_cli.errors import UsageError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from dualarm_cli.interface import Plan
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.schedule import Schedule
     from dualarm_cli.model.settings import PlanSettings
@@ -52,8 +52,8 @@ Draw = Callable[["Schedule", "Job", str], bytes]
 """Draws a figure of one of FIGURE_KINDS."""
 MAX_ROWS = 1_000_000
 """Most rows of the CSV file: about a gigabyte for fifteen joints."""
-RATE, MAX_RATE = 250.0, 10_000.0
-"""Sampling rate of the CSV file where none is asked for, and the highest one [Hz]."""
+MAX_RATE = 10_000.0
+"""Highest sampling rate of the CSV file [Hz]."""
 STOP_LASTS = 30.0
 """Longer than any stop with its transfer, of jobs whose length is looked at beforehand [s]."""
 
@@ -83,7 +83,7 @@ def plan_command(
     time_limit: TimeLimitOption = None,
     rate: Annotated[
         float | None,
-        typer.Option("--rate", help="Samples per second of the CSV.", show_default=f"{RATE:g}"),
+        typer.Option("--rate", help="Samples per second of the CSV.", show_default="250"),
     ] = None,
     seed: SeedOption = 0,
     plot: Annotated[
@@ -116,10 +116,9 @@ def plan_command(
     from dualarm_cli.exporting.files import URDF
     from dualarm_cli.exporting.schedule_json import to_json
     from dualarm_cli.exporting.whole_files import write_file
-    from dualarm_cli.files.tasks.tasks import load_job
+    from dualarm_cli.interface import RATE, load
     from dualarm_cli.model.settings import PlanSettings
-    from dualarm_cli.plan.redundancy_choice import with_redundancy
-    from dualarm_cli.report.report import build_report
+    from dualarm_cli.planning.redundancy_choice import with_redundancy
 
     if rate is not None and not 0.0 < rate <= MAX_RATE:
         raise UsageError(f"--rate {rate:g}: must be above 0 and at most {MAX_RATE:g} Hz")
@@ -162,7 +161,7 @@ def plan_command(
         )
         keep_planning(tasks, folder / PAGE, again)
         return
-    job = load_job(tasks)
+    job = load(tasks)
     figures = figures_of(plot, job) if plot is not None else {}
     for file in figures:
         refuse_plot(file, force)
@@ -172,35 +171,34 @@ def plan_command(
         timing=timing, blend=blend.value, effort=effort.value, seed=seed, time_limit=limit
     )
     settings = with_redundancy(settings.naming(platform=platform), redundancy)
-    schedule = _plan_and_verify(job, settings, quiet)
-    rate, notes = served_rate(schedule.duration, rate or RATE)
-    schedule = replace(schedule, notes=(*schedule.notes, *notes))
-    report = build_report(schedule, job)
+    plan = _planned(job, settings, quiet)
+    rate, notes = served_rate(plan.cycle_time, rate or RATE)
+    schedule = replace(plan.schedule, notes=(*plan.schedule.notes, *notes))
+    plan = replace(plan, schedule=schedule)
     if out == STDOUT:
         write_out(Path(out), to_json(schedule, URDF, {}), force)
     else:
-        write_results(folder, schedule, job, report, rate, force)
+        plan.write(folder, rate=rate, page=False, force=force)
         if page:
-            _write_page(folder, schedule, job, report)
+            _write_page(folder, plan)
     for file, draw in figures.items():
         write_file(file, draw(schedule, job, file.suffix.lower().lstrip(".")), force=True)
     if json_output:
-        print_json(report)
+        print_json(plan.report)
     elif not quiet:
-        _print(report, text_console(out))
+        _print(plan.report, text_console(out))
         if out != STDOUT:
             stdout_console().print(f"written: {folder}", markup=False)
-    verified = schedule.verification is not None and schedule.verification.passed
-    if not verified or not all(line["kept"] for line in report["budget"]):
+    if not plan.verified or not plan.keeps_budget:
         raise typer.Exit(1)
 
 
-def _write_page(folder: Path, schedule: Schedule, job: Job, report: dict[str, Any]) -> None:
+def _write_page(folder: Path, plan: Plan) -> None:
     """Writes the page beside a schedule, or says why there is none: the plan is whole without it."""
     from dualarm_cli.page.page import PageNotBuiltError
 
     try:
-        write_page(folder, schedule, job, report)
+        plan.write_page(folder)
     except PageNotBuiltError as error:
         print_message(f"no {PAGE}: {error}")
 
@@ -221,7 +219,7 @@ def figures_of(plot: Path, job: Job) -> dict[Path, Draw]:
 
 def refuse_rate(job: Job, rate: float) -> None:
     """Raises before a job is planned where even the quickest plan that there could be has too many rows."""
-    from dualarm_cli.plan.job_bound import job_bound
+    from dualarm_cli.planning.job_bound import job_bound
 
     most = MAX_ROWS / rate
     if most > STOP_LASTS * sum(max(1, len(task.stops)) for task in job.tasks):
@@ -251,33 +249,14 @@ def refuse_existing(folder: Path, force: bool) -> None:
     check_writable(folder, force)
 
 
-def write_results(
-    folder: Path,
-    schedule: Schedule,
-    job: Job,
-    report: dict[str, Any],
-    rate: float,
-    force: bool,
-) -> None:
-    """Writes schedule, CSV, report, and the cell as a URDF, the schedule last."""
-    from dualarm_cli.exporting.cell_urdf import cell_urdf
-    from dualarm_cli.exporting.files import write_schedule_set
-
-    text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    cell = cell_urdf(job.cell)
-    shown = replace(schedule, robot=replace(schedule.robot, urdf=cell.text))
-    others = {"report.json": text.encode(), **cell.meshes}
-    write_schedule_set(folder, shown, others, rate, force)
-
-
-def _plan_and_verify(job: Job, settings: PlanSettings, quiet: bool) -> Schedule:
+def _planned(job: Job, settings: PlanSettings, quiet: bool) -> Plan:
     from contextlib import nullcontext
 
     from dualarm_cli.cli.parts.interrupts import Interrupts
     from dualarm_cli.cli.parts.status_line import StatusLine
+    from dualarm_cli.evaluation.crew import usable_cores
+    from dualarm_cli.interface import planned
     from dualarm_cli.orders.watch import Watch
-    from dualarm_cli.plan.planner import plan
-    from dualarm_cli.verification import verify
 
     console = stderr_console()
     watch = Watch(limit=settings.time_limit)
@@ -286,9 +265,7 @@ def _plan_and_verify(job: Job, settings: PlanSettings, quiet: bool) -> Schedule:
         console.status(StatusLine(watch, "planning")) if shown else nullcontext(),
         Interrupts(watch, quiet=quiet),
     ):
-        schedule = plan(job, settings, watch)
-        watch.tell("verifying")
-        return replace(schedule, verification=verify(schedule, job, clearance=True))
+        return planned(job, settings, watch, beside=usable_cores() > 1)
 
 
 def _print(report: dict[str, Any], console: Console) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,7 +12,6 @@ from dualarm_cli.cli.parts.output import QuietOption, print_message
 from dualarm_cli.errors import UsageError
 
 if TYPE_CHECKING:
-    from dualarm_cli.model.job import Job
     from dualarm_cli.model.schedule import Schedule
 
 PAGE = "report.html"
@@ -35,46 +34,25 @@ def report_command(
     quiet: QuietOption = False,
 ) -> None:
     """Write the page of a plan: report.html, in which the cell moves. The plan is verified anew."""
-    from dataclasses import replace
-
     from dualarm_cli.exporting.schedule_reader import read_schedule
-    from dualarm_cli.files.tasks.tasks import load_job
-    from dualarm_cli.report.report import build_report
-    from dualarm_cli.verification import verify
+    from dualarm_cli.interface import Plan, load
 
     schedule = read_schedule(plan)
     folder = plan if plan.is_dir() else plan.parent
     file = tasks if tasks is not None else tasks_of(schedule, folder)
-    job = load_job(file)
-    schedule = replace(schedule, verification=verify(schedule, job, clearance=True))
-    page = write_page(folder, schedule, job, build_report(schedule, job))
+    judged = Plan.judged(load(file), schedule)
+    page = judged.write_page(folder)
     if not quiet:
         print_message(f"written: {page}")
     if open_page:
         import webbrowser
 
         webbrowser.open(page.absolute().as_uri())
-    assert schedule.verification is not None
-    if not schedule.verification.passed:
-        failed = [c.name for c in schedule.verification.checks if c.verdict == "failed"]
+    assert judged.schedule.verification is not None
+    if not judged.verified:
+        failed = [check.name for check in judged.schedule.verification.failures]
         print_message(f"verification: FAILED: {', '.join(failed)}; `dualarm verify` tells more")
         raise typer.Exit(1)
-
-
-def write_page(folder: Path, schedule: Schedule, job: Job, report: dict[str, Any]) -> Path:
-    """Writes the page beside a schedule, and returns its path.
-
-    Raises:
-        OutputError: it cannot be written.
-        PageNotBuiltError: this installation has no code of the page.
-    """
-    from dualarm_cli.exporting.whole_files import write_file
-    from dualarm_cli.page.page import page_html
-    from dualarm_cli.page.page_data import page_data
-
-    page = folder / PAGE
-    write_file(page, page_html(page_data(schedule, job, report)), force=True)
-    return page
 
 
 def tasks_of(schedule: Schedule, folder: Path) -> Path:

@@ -1,4 +1,4 @@
-"""`dualarm verify`: the independent judge of any schedule in our format."""
+"""`dualarm verify`: the independent judge of any schedule in our format, and of motions that were driven."""
 
 from __future__ import annotations
 
@@ -7,18 +7,32 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dualarm_cli.cli.parts.logged import (
+    DELAY,
+    DISTANCE,
+    ERROR,
+    judged_log,
+    refuse_logged,
+    tracking_document,
+    tracking_limits,
+    tracking_tables,
+)
+from dualarm_cli.cli.parts.options import ReceiverInterpolation
 from dualarm_cli.cli.parts.output import JsonOption, QuietOption, print_json, stdout_console
 from dualarm_cli.report.printable import printable
 
 if TYPE_CHECKING:
-    from dualarm_cli.model.job import Job
-    from dualarm_cli.model.schedule import Schedule
-    from dualarm_cli.model.verification import Check, Verification
+    from dualarm_cli.model.verification import Verification
+    from dualarm_cli.verification.driven_motion import DrivenJudgement
 
 
 def verify_command(
     schedule: Annotated[
-        Path, typer.Argument(help="Folder of a plan, or a schedule file.", show_default=False)
+        Path,
+        typer.Argument(
+            help="Folder of a plan, or a schedule file; with --plan a motion that was driven: JointTrajectory or CSV.",
+            show_default=False,
+        ),
     ],
     tasks: Annotated[
         Path | None,
@@ -36,29 +50,74 @@ def verify_command(
             show_default=False,
         ),
     ] = None,
+    plan: Annotated[
+        Path | None,
+        typer.Option(
+            "--plan", help="Plan that a driven motion is compared with.", show_default=False
+        ),
+    ] = None,
+    interpolation: Annotated[
+        ReceiverInterpolation,
+        typer.Option(
+            "--interpolation",
+            help="How the robot moved between the samples of a driven motion; cubic needs velocities, quintic also "
+            "accelerations.",
+        ),
+    ] = ReceiverInterpolation.cubic,
+    tracking_error: Annotated[
+        str,
+        typer.Option(
+            "--tracking-error",
+            metavar="ANGLE",
+            help="Allowed error of driven joints without their delay.",
+        ),
+    ] = ERROR,
+    tool_error: Annotated[
+        str,
+        typer.Option(
+            "--tool-error",
+            metavar="LENGTH",
+            help="Allowed distance of driven tools at events, and of sliding joints.",
+        ),
+    ] = DISTANCE,
+    delay: Annotated[
+        str, typer.Option("--delay", metavar="DURATION", help="Allowed delay of driven joints.")
+    ] = DELAY,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Judge a schedule, also one edited by hand or made elsewhere."""
+    """Judge a schedule, also one edited by hand or made elsewhere; or compare what was driven with its plan."""
     from dataclasses import replace
 
+    if plan is not None:
+        from dualarm_cli.cli.report import tasks_of
+        from dualarm_cli.exporting.schedule_reader import read_schedule
+
+        allowed = tracking_limits(tracking_error, tool_error, delay)
+        planned = read_schedule(plan)
+        file = tasks or tasks_of(planned, plan if plan.is_dir() else plan.parent)
+        proven = clearance is not False
+        _show_driven(
+            judged_log(schedule, planned, file, interpolation.value, allowed, clearance=proven),
+            json_output,
+            quiet,
+        )
+        return
+    refuse_logged(schedule)
     from dualarm_cli.errors import UsageError
-    from dualarm_cli.exporting.schedule_reader import read_schedule
-    from dualarm_cli.files.tasks.tasks import load_job
+    from dualarm_cli.interface import load, verify
     from dualarm_cli.report.console import unproven
     from dualarm_cli.report.report import verification_document
-    from dualarm_cli.verification import verify
 
-    found = read_schedule(schedule)
     if clearance and tasks is None:
         raise UsageError(
             "--clearance needs --tasks: obstacles, tools and clearances are in the cell file"
         )
-    job = load_job(tasks) if tasks else None
-    judged = verify(found, job, clearance=clearance is not False and job is not None)
-    checks = (*judged.checks, *_budget_checks(found, job, judged), *_file_checks(schedule, found))
+    job = load(tasks) if tasks else None
+    judged = verify(schedule, job, clearance=clearance is not False)
     judged = replace(
-        judged, checks=tuple(replace(check, detail=printable(check.detail)) for check in checks)
+        judged,
+        checks=tuple(replace(check, detail=printable(check.detail)) for check in judged.checks),
     )
     if json_output:
         document = verification_document(judged) or {}
@@ -75,45 +134,35 @@ def verify_command(
         raise typer.Exit(1)
 
 
-def _budget_checks(schedule: Schedule, job: Job | None, judged: Verification) -> list[Check]:
-    """Checks the task file's budget, where it has one and the numbers are usable."""
+def _show_driven(tracking: DrivenJudgement, json_output: bool, quiet: bool) -> None:
+    """Prints the judgement of a driven motion, and ends with 1 where it failed."""
     from dataclasses import replace
 
-    from dualarm_cli.model.verification import Check
-    from dualarm_cli.verification.budget_checks import judge_budget
+    from dualarm_cli.report.report import verification_document
 
-    usable = all(check.name not in ("finite", "time") for check in judged.failures)
-    if job is None or job.budget is None or not usable:
-        return []
-    checks = []
-    for line in judge_budget(replace(schedule, verification=judged), job):
-        proven = line.measured is not None
-        verdict: Any = "passed" if line.kept else "failed" if proven else "not checked"
-        unit = "s" if line.name == "cycle_time" else "m"
-        checks.append(
-            Check(f"budget_{line.name}", verdict, line.measured, line.allowed, unit, str(line))
+    checks = tracking.verification.checks
+    shown = replace(
+        tracking.verification,
+        checks=tuple(replace(check, detail=printable(check.detail)) for check in checks),
+    )
+    if json_output:
+        document = verification_document(shown) or {}
+        print_json(
+            {
+                "format": "dualarm.verification/1",
+                **document,
+                "tracking": tracking_document(tracking),
+            }
         )
-    return checks
-
-
-def _file_checks(path: Path, schedule: Schedule) -> list[Check]:
-    """Checks what only the file says: its length and the files it was written with."""
-    from dualarm_cli.exporting.schedule_reader import torn_files
-    from dualarm_cli.model.verification import Check
-
-    checks = []
-    stated = schedule.extra.get("duration")
-    if isinstance(stated, int | float):
-        off = abs(float(stated) - schedule.duration)
-        verdict: Any = "passed" if off <= 1e-9 else "failed"
-        where = f"stated {stated:g} s, trajectory {schedule.duration:g} s"
-        checks.append(Check("duration", verdict, off, 1e-9, "s", where))
-    if "files" in schedule.extra:
-        torn = torn_files(path, schedule)
-        verdict = "failed" if torn else "passed"
-        where = "; ".join(torn) or "as written"
-        checks.append(Check("files", verdict, float(len(torn)), 0.0, "", where))
-    return checks
+    elif not quiet:
+        console = stdout_console()
+        for table in (*tracking_tables(tracking), _table(shown)):
+            console.print(table)
+        if shown.clearances:
+            console.print(_clearances(shown))
+        console.print(f"driven motion: {'passed' if shown.passed else 'FAILED'}", soft_wrap=True)
+    if not shown.passed:
+        raise typer.Exit(1)
 
 
 def _clearances(judged: Verification) -> Any:

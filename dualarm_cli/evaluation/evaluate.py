@@ -12,21 +12,18 @@ from dualarm_cli.evaluation.fingerprint import names_of
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.files.source.text_source import recorded_reads
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.interface import Plan, planned
 from dualarm_cli.model.evaluation import Evaluation, Finding
-from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.page.packed import packed_document
 from dualarm_cli.page.page_data import page_data
-from dualarm_cli.plan.planner import plan
-from dualarm_cli.plan.redundancy_choice import with_redundancy
+from dualarm_cli.planning.redundancy_choice import with_redundancy
 from dualarm_cli.refusals import told
 from dualarm_cli.report.measures import joint_travel, limiting_times
-from dualarm_cli.report.report import build_report, relative_gap, smallest_clearance
+from dualarm_cli.report.report import relative_gap, smallest_clearance
 from dualarm_cli.stages.methods import METHODS
 from dualarm_cli.timing import TIMING_SOLVERS
-from dualarm_cli.verification import verify
 from dualarm_cli.verification.budget_checks import judge_budget
 
 MOST_FINDINGS = 20
@@ -78,27 +75,25 @@ def settings_of(request: Request) -> PlanSettings:
 
 def _evaluated(request: Request) -> Evaluation:
     job = load_job(request.path, request.case, request.overrides)
-    schedule = plan(job, settings_of(request))
-    return evaluation_of(request.case, schedule, job, request.page)
+    return evaluation_of(request.case, planned(job, settings_of(request)), request.page)
 
 
-def evaluation_of(case: str, schedule: Schedule, job: Job, page: bool = False) -> Evaluation:
+def evaluation_of(case: str, plan: Plan, page: bool = False) -> Evaluation:
     """Returns the evaluation of a plan: judged, measured, compared with its budget.
 
     Args:
         case: what the job is called.
-        schedule: its plan, not yet judged.
-        job: what it was planned for.
+        plan: the judged plan.
         page: whether the data of its page are wanted.
     """
-    judged = verify(schedule, job, clearance=True)
-    schedule = replace(schedule, verification=judged)
+    schedule, job = plan.schedule, plan.job
+    failures = () if schedule.verification is None else schedule.verification.failures
     nearest: Mapping[str, Any] = smallest_clearance(schedule) or {}
     sliding = schedule.robot.sliding
     turning = tuple(joint for joint in schedule.trajectory.joints if joint not in sliding)
     found = Evaluation(
         case,
-        "planned" if judged.passed else "fails_verification",
+        "planned" if plan.verified else "fails_verification",
         cycle_time=float(schedule.duration),
         closes=job.returns,
         lower_bound=_finite(schedule.lower_bound),
@@ -110,7 +105,7 @@ def evaluation_of(case: str, schedule: Schedule, job: Job, page: bool = False) -
         limits=_limits(schedule.robot.limits),
         sliding=tuple(sorted(sliding.intersection(schedule.robot.limits.joints))),
         budgets=judge_budget(schedule, job),
-        findings=tuple(Finding(f"{check.name}: {check.detail}", case) for check in judged.failures)[
+        findings=tuple(Finding(f"{check.name}: {check.detail}", case) for check in failures)[
             :MOST_FINDINGS
         ],
     )
@@ -123,7 +118,7 @@ def evaluation_of(case: str, schedule: Schedule, job: Job, page: bool = False) -
             case, "internal_error", findings=(Finding("a figure is not finite", case),)
         )
     if page:
-        data = page_data(schedule, job, build_report(schedule, job))
+        data = page_data(schedule, job, plan.report)
         return replace(found, page=packed_document(data))
     return found
 

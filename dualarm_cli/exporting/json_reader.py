@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn, TypeVar
 
@@ -143,6 +143,8 @@ LARGEST_FILE = 4_000_000_000
 """Largest document that is read [bytes]."""
 MOST_NUMBERS = 200_000_000
 """Most numbers of all its tables together."""
+DEEPEST_TABLES = 1
+"""Objects of tables within an object of tables."""
 MOST_ROWS = 2_000_000
 """Longest list of anything else."""
 BATCH = 1 << 20
@@ -162,12 +164,12 @@ class JsonReader:
         """Raises InputError for a member."""
         raise InputError([Diagnostic(self._file, line, 0, "E110", f"{where}: {what}")])
 
-    def document(self, file: Path, tables: str) -> dict[str, Any]:
+    def document(self, file: Path, tables: Collection[str]) -> dict[str, Any]:
         """Returns the object in a file; NaN and infinities are read as such.
 
         Args:
             file: the file.
-            tables: member that is an object of tables; those that are lists are returned as arrays.
+            tables: members that are objects of tables, or of such objects; lists in them are returned as arrays.
         """
         try:
             if not file.is_file():
@@ -189,15 +191,15 @@ class JsonReader:
         except (UnicodeDecodeError, RecursionError, ValueError):
             self.fail("schedule", "is not JSON in UTF-8, or is nested too deeply")
 
-    def _members(self, stream: JsonStream, tables: str) -> dict[str, Any]:
+    def _members(self, stream: JsonStream, tables: Collection[str]) -> dict[str, Any]:
         """Returns the object of a whole text."""
         if stream.peek() != "{":
             stream.value()
             self.fail("schedule", "must be an object")
         members: list[tuple[str, Any]] = []
         for key in stream.members():
-            if key == tables and stream.peek() == "{":
-                members.append((key, self._tables(stream, key)))
+            if key in tables and stream.peek() == "{":
+                members.append((key, self._tables(stream, key, [MOST_NUMBERS])))
             elif stream.peek() == "[":
                 members.append((key, self._list(stream, key)))
             else:
@@ -213,15 +215,16 @@ class JsonReader:
                 self.fail(path, f"has more than {MOST_ROWS:,} entries")
         return found
 
-    def _tables(self, stream: JsonStream, path: str) -> dict[str, Any]:
-        """Returns an object whose lists are arrays."""
+    def _tables(self, stream: JsonStream, path: str, left: list[int]) -> dict[str, Any]:
+        """Returns an object whose lists are arrays, as are those of objects in it; `left` numbers in all may come."""
         members: list[tuple[str, Any]] = []
-        left = MOST_NUMBERS
         for key in stream.members():
             if stream.peek() == "[":
-                table = self._table(stream, f"{path}.{key}", left)
-                left -= table.size
+                table = self._table(stream, f"{path}.{key}", left[0])
+                left[0] -= table.size
                 members.append((key, table))
+            elif stream.peek() == "{" and path.count(".") < DEEPEST_TABLES:
+                members.append((key, self._tables(stream, f"{path}.{key}", left)))
             else:
                 members.append((key, stream.value()))
         return self._object(members)

@@ -10,12 +10,14 @@ from typing import Any
 
 import pinocchio as pin
 
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.model.joint_motion import anchors
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot, Segment, Stage
+from dualarm_cli.model.schedule import Event, Schedule, Segment, Stage
+from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Verification
 
-FORMAT = "dualarm.schedule/1"
+FORMAT = "dualarm.schedule/2"
 BLOCK = 4096
 """Knots that are written at a time."""
 
@@ -28,30 +30,28 @@ def to_json(schedule: Schedule, urdf: str, files: Mapping[str, str]) -> Iterator
         urdf: name of the URDF file beside it.
         files: SHA-256 of the other files of the set, by name; read when all of the motion is written.
     """
-    trajectory = schedule.trajectory
     head: dict[str, Any] = {
         "format": FORMAT,
-        "robot": _robot(schedule.robot, trajectory.joints, urdf),
+        "robot": _robot(schedule, urdf),
         "duration": schedule.duration,
         "lower_bound": schedule.lower_bound,
         "grid_gap": schedule.grid_gap,
         "order_grid_gap": schedule.order_grid_gap,
         "clearance_cost": schedule.clearance_cost,
         "blend_gain": schedule.blend_gain,
+        **({} if schedule.motion_gain is None else {"motion_gain": schedule.motion_gain}),
     }
     yield _encoded("{\n" + ",\n".join(_member(key, value) for key, value in head.items()))
     yield from _rows("stages", map(stage_row, schedule.stages))
     yield from _rows("segments", map(segment_row, schedule.segments))
     yield from _rows("events", map(event_row, schedule.events))
-    yield from _tables(
-        "trajectory",
-        {
-            "time": trajectory.time,
-            "position": trajectory.position,
-            "velocity": trajectory.velocity,
-            "acceleration": trajectory.acceleration,
-        },
-    )
+    yield _encoded(',\n "motion": {')
+    between = "\n  "
+    for name, group in schedule.motion.groups.items():
+        yield _encoded(f"{between}{_text(name)}: ")
+        yield from _tables(_group_tables(group))
+        between = ",\n  "
+    yield b"\n }"
     tail: dict[str, Any] = {
         "provenance": asdict(schedule.provenance),
         "notes": list(schedule.notes),
@@ -86,9 +86,21 @@ def _rows(key: str, rows: Iterable[dict[str, Any]]) -> Iterator[bytes]:
     yield _encoded(end)
 
 
-def _tables(key: str, tables: Mapping[str, FloatArray]) -> Iterator[bytes]:
-    """Yields a member that is an object of tables, in blocks: as Python numbers they take several times the memory."""
-    before = f",\n {json.dumps(key)}: {{"
+def _group_tables(group: Trajectory) -> dict[str, FloatArray | IntArray]:
+    """Returns the motion of a group: its knots, and positions and velocities where these do not follow."""
+    anchor = anchors(group)
+    return {
+        "time": group.time,
+        "acceleration": group.acceleration,
+        "anchor": anchor,
+        "position": group.position[anchor],
+        "velocity": group.velocity[anchor],
+    }
+
+
+def _tables(tables: Mapping[str, FloatArray | IntArray]) -> Iterator[bytes]:
+    """Yields an object of tables, in blocks: as Python numbers they take several times the memory."""
+    before = "{"
     for name, table in tables.items():
         yield _encoded(f"{before}{json.dumps(name)}: [")
         for k in range(0, len(table), BLOCK):
@@ -109,14 +121,17 @@ def event_row(event: Event) -> dict[str, Any]:
         **_pose(event.pose),
         "dwell": event.dwell,
         **({"velocity": list(event.velocity)} if event.moves else {}),
+        **({"signal": event.signal} if event.signal else {}),
     }
 
 
-def _robot(robot: ScheduleRobot, joints: tuple[str, ...], urdf: str) -> dict[str, Any]:
+def _robot(schedule: Schedule, urdf: str) -> dict[str, Any]:
+    robot = schedule.robot
     return {
         "name": robot.name,
         "urdf": urdf,
-        "joints": list(joints),
+        "joints": list(schedule.motion.joints),
+        "groups": {name: list(group.joints) for name, group in schedule.motion.groups.items()},
         "base": _pose(robot.base),
         "platform": list(robot.platform),
         "arms": {

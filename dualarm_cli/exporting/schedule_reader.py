@@ -16,7 +16,9 @@ from dualarm_cli.exporting.json_reader import JsonReader
 from dualarm_cli.exporting.schedule_json import FORMAT
 from dualarm_cli.files.robots.urdf import read_urdf
 from dualarm_cli.files.source.text_source import read_text
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Dwell
+from dualarm_cli.model.joint_motion import JointMotion, followed
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import (
     Event,
@@ -33,6 +35,8 @@ from dualarm_cli.model.trajectory import Trajectory
 
 SEGMENT_KINDS: tuple[str, ...] = get_args(SegmentKind)
 WAIT_REASONS: tuple[str, ...] = get_args(WaitReason)
+OLD_FORMAT = "dualarm.schedule/1"
+"""What versions wrote that stated all joints at common knots."""
 UNIT_TOLERANCE = 1e-6
 """How far a quaternion may be from unit length."""
 
@@ -48,18 +52,23 @@ def read_schedule(path: Path) -> Schedule:
     """
     file = path / "schedule.json" if path.is_dir() else path
     reader = _Reader(str(file))
-    document = reader.document(file, tables="trajectory")
-    if document.get("format") != FORMAT:
-        reader.fail("format", f"is {document.get('format')!r}, not '{FORMAT}'")
+    document = reader.document(file, tables=("motion", "trajectory"))
+    form = document.get("format")
+    if form not in (FORMAT, OLD_FORMAT):
+        reader.fail("format", f"is {form!r}, not '{FORMAT}'")
     robot = reader.member(document, "robot", dict)
     joints = tuple(reader.names(robot, "joints", "robot.joints"))
     if len(set(joints)) != len(joints) or not joints:
         reader.fail("robot.joints", "must name every joint once")
-    trajectory = reader.trajectory(document, joints)
+    motion = (
+        JointMotion.of(reader.trajectory(document, joints))
+        if form == OLD_FORMAT
+        else reader.motion(document, robot, joints)
+    )
     known = reader.robot(robot, joints, file.parent)
     return Schedule(
         robot=known,
-        trajectory=trajectory,
+        motion=motion,
         stages=tuple(
             reader.each(document, "stages", partial(reader.stage, arms=tuple(known.arms)))
         ),
@@ -71,6 +80,7 @@ def read_schedule(path: Path) -> Schedule:
         order_grid_gap=reader.number(document, "order_grid_gap", "order_grid_gap", None),
         clearance_cost=reader.number(document, "clearance_cost", "clearance_cost", None),
         blend_gain=reader.number(document, "blend_gain", "blend_gain", None),
+        motion_gain=reader.number(document, "motion_gain", "motion_gain", None),
         notes=tuple(reader.names(document, "notes", "notes", ())),
         extra=reader.stated(document),
     )
@@ -122,19 +132,59 @@ class _Reader(JsonReader):
             stated["files"] = {name: self.text(files, name, f"files.{name}") for name in files}
         return stated
 
+    def motion(
+        self, document: dict[str, Any], robot: dict[str, Any], joints: tuple[str, ...]
+    ) -> JointMotion:
+        """Returns the motion; every joint belongs to one group."""
+        part = self.member(document, "motion", dict)
+        names = self.member(robot, "groups", dict, "robot.groups")
+        groups = {name: tuple(self.names(names, name, f"robot.groups.{name}")) for name in names}
+        if sorted(joint for own in groups.values() for joint in own) != sorted(joints):
+            self.fail("robot.groups", "must name every joint of robot.joints in one group")
+        return JointMotion(
+            joints,
+            {
+                name: self.group(self.member(part, name, dict, f"motion.{name}"), name, own)
+                for name, own in groups.items()
+            },
+        )
+
+    def group(self, part: dict[str, Any], name: str, joints: tuple[str, ...]) -> Trajectory:
+        """Returns the motion of a group of joints from its accelerations and anchors."""
+        path = f"motion.{name}"
+        time = self.vector(part, "time", path)
+        anchor = self.vector(part, "anchor", path)
+        rises = anchor[0] == 0 and (np.diff(anchor) > 0).all() and anchor[-1] < len(time)
+        if not rises or (anchor % 1 != 0).any():
+            self.fail(
+                f"{path}.anchor", f"must be knots that rise from 0 to {len(time) - 1} at most"
+            )
+        shape = (len(time), len(joints))
+        acceleration = self.array(part.get("acceleration"), f"{path}.acceleration", shape)
+        position, velocity = (
+            self.array(part.get(what), f"{path}.{what}", (len(anchor), len(joints)))
+            for what in ("position", "velocity")
+        )
+        return followed(joints, time, acceleration, (anchor.astype(np.int64), position, velocity))
+
+    def vector(self, part: dict[str, Any], key: str, path: str) -> FloatArray:
+        """Returns a list of at least one number."""
+        value = part.get(key)
+        if not isinstance(value, np.ndarray):
+            self.fail(f"{path}.{key}", "must be a list" if key in part else "is missing")
+        if not len(value):
+            self.fail(f"{path}.{key}", "is empty")
+        return self.array(value, f"{path}.{key}", value.shape[:1])
+
     def trajectory(self, document: dict[str, Any], joints: tuple[str, ...]) -> Trajectory:
         part = self.member(document, "trajectory", dict)
-        time = part.get("time")
-        if not isinstance(time, np.ndarray):
-            self.fail("trajectory.time", "must be a list" if "time" in part else "is missing")
-        if not len(time):
-            self.fail("trajectory.time", "is empty")
+        time = self.vector(part, "time", "trajectory")
         shape = (len(time), len(joints))
         rates = (
             self.array(part.get(name), f"trajectory.{name}", shape)
             for name in ("position", "velocity", "acceleration")
         )
-        return Trajectory(joints, self.array(time, "trajectory.time", shape[:1]), *rates)
+        return Trajectory(joints, time, *rates)
 
     def pose(self, value: object, path: str) -> pin.SE3:
         if not isinstance(value, dict):
@@ -229,6 +279,7 @@ class _Reader(JsonReader):
             pose=self.pose(row, path),
             dwell=self.number(row, "dwell", f"{path}.dwell", 0.0) or 0.0,
             velocity=self.velocity(row.get("velocity"), f"{path}.velocity"),
+            signal=self.text(row, "signal", f"{path}.signal"),
         )
 
     def velocity(self, value: object, path: str) -> tuple[float, float, float]:

@@ -26,3 +26,9 @@ def readonly(values: ArrayLike) -> FloatArray:
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
+
+
+def frozen(values: FloatArray) -> FloatArray:
+    """Returns an array of one's own, made read-only without a copy."""
+    values.setflags(write=False)
+    return values

@@ -127,9 +127,15 @@ class Stop:
     belt: OnBelt | None = None
     """The conveyor that its pose moves with, None where it stands; approach, dwell and retract are in the belt's
     frame."""
+    signal: str = ""
+    """Name of the signal that is set when the tool is there, as it grips or lets go; empty for none."""
     straight: float = math.inf
     """How much of approach and retract, next to the target, has to be straight where tools do not stop at their outer
     ends [m]."""
+    blend: float = 0.0
+    """How far the tool may leave its target, so that it need not stop there [m]; 0: it stops."""
+    dwell_motion: bool = False
+    """Whether platform and arm may move on while the tool stands at the target."""
 
     @property
     def moves(self) -> bool:
@@ -314,10 +320,19 @@ class Job:
     """All joints where the motion starts [rad or m], shape (n,), where that is no posture of the robot; of a part of a
     job, whose start is then only a name."""
 
-    def with_straight_parts(self) -> Job:
-        """Returns the job whose lines are only as long as they have to be straight."""
+    def blended(self) -> Job:
+        """Returns the job for tools that stop where they have to only.
+
+        Its lines are as long as they have to be straight, and corners of paths are rounded.
+        """
+        # Both tools of a path share its work.
+        works = {id(t.path): t.path.rounded() for t in self.tasks if t.path is not None}
         tasks = tuple(
-            replace(task, stops=tuple(stop.straight_part() for stop in task.stops))
+            replace(
+                task,
+                stops=tuple(stop.straight_part() for stop in task.stops),
+                path=None if task.path is None else works[id(task.path)],
+            )
             for task in self.tasks
         )
         return replace(self, tasks=tasks)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.curves.tool_path import ToolPath
@@ -39,13 +39,28 @@ class PathWork:
     """Of the virtual springs: K of [Choi2020] Eq. 9."""
     torque: bool = False
     """Whether the joints' torques are kept within the limits of the URDF."""
+    blend: float = 0.0
+    """How far a tool that does not stop at corners may leave them [m]; 0: it stops. For paths of one tool."""
     place: Place = NOWHERE
     """Where it is written."""
+    sharp: Mapping[str, ToolPath] = field(default_factory=dict)
+    """By arm, the paths before their corners were rounded; empty where none were."""
 
     @property
     def length(self) -> float:
         """Length of the longest path [m]."""
         return max(path.length for path in self.paths.values())
+
+    def rounded(self) -> PathWork:
+        """Returns the work with rounded corners, as far as the file allows it."""
+        if not self.blend or self.sharp:
+            return self
+        paths = {arm: path.rounded(self.blend) for arm, path in self.paths.items()}
+        return replace(self, paths=paths, sharp=self.paths)
+
+    def stopping(self) -> PathWork:
+        """Returns the work with its corners as they are written, at which the tools stop."""
+        return replace(self, paths=self.sharp, sharp={}) if self.sharp else self
 
     def corners(self) -> tuple[float, ...]:
         """Returns the shares of the way at which the tools have to stop, without 0 and 1."""

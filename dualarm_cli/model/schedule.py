@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
+import numpy as np
 import pinocchio as pin
 
+from dualarm_cli.errors import MissingDependencyError, UsageError
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import AFTER_DWELL, Dwell, Job
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import JointLimits, sliding_joints
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Verification
@@ -64,6 +69,18 @@ class ScheduleRobot:
     def sliding(self) -> frozenset[str]:
         """Names of the joints that slide."""
         return sliding_joints(self.urdf)
+
+    @property
+    def groups(self) -> dict[str, tuple[str, ...]]:
+        """Joints that are timed together, by the name of their group: the platform's, each arm's, and all others'."""
+        named = {"platform": self.platform, **{name: arm.joints for name, arm in self.arms.items()}}
+        taken: set[str] = set()
+        found = {}
+        for name, joints in [*named.items(), ("others", self.limits.joints)]:
+            if own := tuple(joint for joint in joints if joint not in taken):
+                found[name] = own
+                taken.update(own)
+        return found
 
     @property
     def platform_slides(self) -> bool:
@@ -159,6 +176,8 @@ class Event:
     """How long it stands there [s]."""
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Of the conveyor that it moves with from `time` on, for `dwell`, in the world [m/s]; zero where it stands."""
+    signal: str = ""
+    """Name of the signal that is set at `time`; empty for none."""
 
     @property
     def moves(self) -> bool:
@@ -169,6 +188,40 @@ class Event:
     def changes_held(self) -> float:
         """When what its arm holds changes, if it does [s]: at once, or at the end of the dwell."""
         return self.time + (self.dwell if self.action in AFTER_DWELL else 0.0)
+
+
+@dataclass(frozen=True)
+class JointSamples:
+    """Joint motion at instants."""
+
+    joints: tuple[str, ...]
+    """Names of the n joints, in column order."""
+    time: FloatArray
+    """Instants [s], shape (k,)."""
+    position: FloatArray
+    """[rad], or [m] where a joint slides, shape (k, n)."""
+    velocity: FloatArray
+    """[rad/s or m/s], shape (k, n)."""
+    acceleration: FloatArray
+    """[rad/s² or m/s²], shape (k, n)."""
+
+    def to_dataframe(self) -> Any:
+        """Returns a pandas data frame: by time [s], three columns for each joint, such as `left_s_velocity`.
+
+        Raises:
+            MissingDependencyError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ModuleNotFoundError:
+            raise MissingDependencyError("pandas", "dataframe") from None
+        kinds = ("position", "velocity", "acceleration")
+        columns = {
+            f"{joint}_{kind}": getattr(self, kind)[:, k]
+            for k, joint in enumerate(self.joints)
+            for kind in kinds
+        }
+        return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
 
 
 @dataclass(frozen=True)
@@ -191,8 +244,8 @@ class Schedule:
 
     robot: ScheduleRobot
     """The robot that plays it."""
-    trajectory: Trajectory
-    """The motion of all its moving joints."""
+    motion: JointMotion
+    """The motion of all its moving joints, by groups that are timed together."""
     stages: tuple[Stage, ...]
     """In time order."""
     segments: tuple[Segment, ...]
@@ -213,12 +266,60 @@ class Schedule:
     blend_gain: float | None = None
     """How much shorter it is than the same stages with stops at the outer ends of lines [s]; None where tools stop
     there."""
+    motion_gain: float | None = None
+    """How much shorter it is than with platform and arms standing still while tools dwell [s]; None where no task
+    allows them to move then."""
     verification: Verification | None = None
     """The judgement, once there is one."""
     notes: tuple[str, ...] = ()
     """What a reader should know: choices, assumptions, what was not used."""
     extra: Mapping[str, Any] = field(default_factory=dict)
     """What a file states and the data model derives itself: `duration` and `files`, kept to be checked."""
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The motion of all joints together, with the knots of all groups."""
+        return self.motion.trajectory
+
+    def sample(self, rate: float) -> JointSamples:
+        """Returns the motion of all joints at equal steps from the start, and at its end.
+
+        Args:
+            rate: samples per second [Hz].
+
+        Raises:
+            UsageError: a rate that is not above 0, or not finite.
+        """
+        if not 0.0 < rate < math.inf:
+            raise UsageError(f"rate {rate:g}: must be above 0 Hz")
+        time = np.arange(math.ceil(self.duration * rate)) / rate
+        time = np.append(time[time < self.duration], self.duration)
+        motion = self.trajectory
+        return JointSamples(motion.joints, time, *motion.at(time + motion.time[0]))
+
+    def joint(self, name: str) -> JointSamples:
+        """Returns one joint's motion at its knots, between which its jerk is constant; its arrays have one column.
+
+        Args:
+            name: of the joint, such as `left_s`.
+
+        Raises:
+            UsageError: there is no such joint.
+        """
+        if name not in self.trajectory.joints:
+            known = ", ".join(self.trajectory.joints)
+            raise UsageError(f"joint {name!r}: {self.robot.name} has {known}")
+        own = self.trajectory.select([name])
+        return JointSamples((name,), own.time, own.position, own.velocity, own.acceleration)
+
+    def to_dataframe(self, rate: float = 250.0) -> Any:
+        """Returns samples of all joints as a pandas data frame; see `sample` and `JointSamples.to_dataframe`."""
+        return self.sample(rate).to_dataframe()
+
+    @property
+    def blends(self) -> bool:
+        """Whether tools were allowed to pass ends of lines and corners of paths in motion, see `Job.blended`."""
+        return bool(self.provenance.settings.get("blend", "none") != "none")
 
     @property
     def duration(self) -> float:

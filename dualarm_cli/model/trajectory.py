@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.arrays import FloatArray, frozen, readonly
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,9 @@ class Trajectory:
         """Jerk of each interval [rad/s³], shape (k-1, n); zero where time stands."""
         step = np.diff(self.time)[:, None]
         change = np.diff(self.acceleration, axis=0)
-        return readonly(np.divide(change, step, out=np.zeros_like(change), where=step > 0))
+        found = np.divide(change, step, out=change, where=step > 0)
+        found[~(step[:, 0] > 0)] = 0.0
+        return frozen(found)
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Returns position, velocity and acceleration at the given times, each of shape (m, n).

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 from math import comb
 
 import numpy as np
@@ -23,7 +24,8 @@ from dualarm_cli.motion.transfers import (
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.line_profile import estimate_line_durations
-from dualarm_cli.timing.problem import LineProblem
+from dualarm_cli.timing.problem import LineProblem, TransferProblem
+from dualarm_cli.timing.ruckig_ import solve_moving_transfer
 
 CONTROLS = 4
 """Control points between start and goal: curves of degree five."""
@@ -194,6 +196,35 @@ def detour_pieces(
         moved = transfers_within_tool_speed(drive, alone)
         legs.append([moved.motion[name]] if name in moved.motion else [])
     return [*legs[0], *legs[1]]
+
+
+def moving_detour(drive: Drive, plan: StagePlan, name: str, least: float) -> list[Trajectory]:
+    """Returns an arm's way by a via point that begins or ends in motion.
+
+    Args:
+        drive: of the job.
+        plan: the stage, with a detour of the arm that has rates.
+        name: the arm.
+        least: how long it takes at least [s].
+
+    Raises:
+        InfeasibleError: there is no such transfer.
+    """
+    detour, index = plan.detours[name], drive.columns[name]
+    assert detour.rates is not None
+    limits = drive.limits.select(drive.joints(name))
+    ends = plan.start[index], detour.points[0], plan.arrival[index]
+    legs: list[Trajectory] = []
+    for k, (start, goal) in enumerate(pairwise(ends)):
+        left = max(0.0, least - legs[0].duration) if legs else 0.0
+        problem = TransferProblem(
+            limits.joints, start, goal, limits, left, detour.rates[k], detour.rates[k + 1]
+        )
+        leg = solve_moving_transfer(problem)
+        if leg is None:
+            raise InfeasibleError(Refusal("no_plan_on_grid"))
+        legs.append(leg)
+    return legs
 
 
 def _along(

@@ -11,18 +11,19 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.motion.stop_motion import (
-    PATH_SAMPLES,
+    joints_along,
     rates_between,
     timed_line,
+    transfers_in_motion,
 )
 from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, tool_speed_of
-from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.timing.launch import CUTS, PROFILES, Launch, launches
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
@@ -47,6 +48,8 @@ STEPS = (2, 4), (1, 2), (1, 1)
 """Steps of that search through PROFILES and CUTS, one width after the other."""
 LESS = 1e-9
 """What counts as a shorter time [s]."""
+FACTORS = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0)
+"""Shares of mean velocities with which a target may be passed."""
 WORTH = 1e-4
 """What is gained by passing a line's end in motion that is worth it [s]."""
 
@@ -72,10 +75,15 @@ class Passings:
         return cls((None,), np.zeros(1), np.zeros((1, 2, joints)))
 
     @classmethod
+    def only(cls, rates: FloatArray) -> Passings:
+        """Returns those of a target that is passed in one state, shape (2, n)."""
+        return cls((None,), np.zeros(1), rates[None])
+
+    @classmethod
     def of(cls, drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Passings:
         """Returns those of a stop's `approach` or `retract`."""
         own = drive.limits.select(drive.model.arms[arm_stop.arm].arm.joints)
-        q, length = line_path(arm_stop.problem, arm_stop.posture, line, PATH_SAMPLES)
+        q, length = joints_along(drive, plan, arm_stop, line)
         away = line == "retract"
         problem = LineProblem(own.joints, q if away else q[::-1], length, own, drive.cap)
         rest = timed_line(drive, replace(plan, passes={}), arm_stop, line).duration
@@ -175,7 +183,7 @@ def passing_ways(
 ) -> Ways:
     """Returns the ways in which lines' outer ends are passed, each transfer by itself.
 
-    At rest remain what waits there or is bent, hand-overs, and parts on conveyors.
+    At rest remain what waits there or is bent, the giving arm of a hand-over, and parts on conveyors.
 
     Args:
         drive: of the job.
@@ -185,7 +193,7 @@ def passing_ways(
     found = {}
     for k, plan in enumerate(plans):
         before = plans[k - 1] if k else None
-        platform = _platform_time(drive, plan)
+        platform = _platform_time(drive, before, plan)
         for name in drive.model.arms:
             if (k, name) in stopping or name in plan.waits or name in plan.detours:
                 continue
@@ -206,17 +214,145 @@ def with_ways(plans: Sequence[StagePlan], ways: Ways) -> list[StagePlan]:
     return found
 
 
+Through = Mapping[str, FloatArray]
+"""Velocities and accelerations, shape (2, n), with which groups pass where they are at a stage's end, by group."""
+
+
+def passed_targets(
+    drive: Drive, plans: Sequence[StagePlan], stopping: Collection[tuple[int, str]] = ()
+) -> dict[int, Through]:
+    """Returns in which motion targets of moves are passed, by stage.
+
+    Each target by itself, as if the transfers beside it came from rest and led to it. The platform moves on where all
+    arms that have a target there pass it; else it stands for the others.
+
+    Args:
+        drive: of the job.
+        plans: its stages, with all stops.
+        stopping: transfers between stops all the same, by the stage that they lead to and arm.
+    """
+    found: dict[int, Through] = {}
+    for k, (plan, after) in enumerate(pairwise(plans)):
+        if plan.waits or plan.detours or after.waits or after.detours or _waits_for_time(after):
+            continue
+        if any(one.tracked is not None for one in (*plan.stops.values(), *after.stops.values())):
+            continue
+        arms = [
+            name
+            for name, arm_stop in plan.stops.items()
+            # An arm that has nothing to do then stands.
+            if arm_stop.stop.blend
+            and (not after.stops or name in after.stops)
+            and not {(k, name), (k + 1, name)} & set(stopping)
+        ]
+        if not arms:
+            continue
+        through: Through | None = None
+        if len(arms) == len(plan.stops) and PLATFORM in drive.columns:
+            through = _through(drive, plan, after, (PLATFORM, *arms))
+        if through is None:
+            own = (_through(drive, plan, after, (name,)) for name in arms)
+            through = {name: rates for one in own if one for name, rates in one.items()}
+        if through and _passes(drive, plan, after, through):
+            found[k] = through
+    return found
+
+
+def with_passed_targets(
+    plans: Sequence[StagePlan], through: Mapping[int, Through]
+) -> list[StagePlan]:
+    """Returns stages whose targets are passed in given motion."""
+    return [
+        replace(plan, through=through[k]) if k in through else plan for k, plan in enumerate(plans)
+    ]
+
+
+def _through(
+    drive: Drive, plan: StagePlan, after: StagePlan, groups: Sequence[str]
+) -> Through | None:
+    """Returns the rates with which groups pass a stage's end together best, None where it is quicker with a stop.
+
+    The velocity is the best one of some in the directions in which joints go on: their lower mean velocity, or that of
+    the whole way, slower and faster.
+    """
+    index = [column for group in groups for column in drive.columns[group]]
+    limits = drive.limits.select([name for group in groups for name in drive.joints(group)])
+    ends = plan.start[index], plan.arrival[index], after.arrival[index]
+    ways = np.diff(np.stack(ends), axis=0)
+    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+    least = [
+        0.0 if PLATFORM in groups else _platform_time(drive, None, one) for one in (plan, after)
+    ]
+    times = [max(float(law.duration(way)), own) for way, own in zip(ways, least, strict=True)]
+    if not ways.any(axis=1).all():
+        return None
+    transfers = [
+        MovingTransfer(TransferProblem(limits.joints, *pair, limits, own))
+        for pair, own in zip(pairwise(ends), least, strict=True)
+    ]
+    rest = np.zeros((2, len(index)))
+    means = ways / np.array(times)[:, None]
+    onwards = np.where(means[0] * means[1] > 0.0, np.sign(means[0]) * np.abs(means).min(axis=0), 0)
+    best, quickest = None, sum(times) - WORTH
+    for mean in (onwards, ways.sum(axis=0) / sum(times)):
+        for factor in FACTORS:
+            velocity = np.clip(factor * mean, -limits.velocity, limits.velocity)
+            rates = np.stack([velocity, np.zeros(len(index))])
+            time = transfers[0].duration(rest, rates, quickest)
+            time += transfers[1].duration(rates, rest, quickest)
+            if time < quickest:
+                best, quickest = rates, time
+    if best is None:
+        return None
+    parts = np.split(best, np.cumsum([len(drive.columns[group]) for group in groups])[:-1], axis=1)
+    return dict(zip(groups, parts, strict=True))
+
+
+def _passes(drive: Drive, plan: StagePlan, after: StagePlan, through: Through) -> bool:
+    """Returns whether the transfers to and from targets that are passed can be timed, within the tools' speed."""
+    plan = replace(plan, through=through)
+    try:
+        for one, transfers in (
+            (plan, transfers_in_motion(drive, plan, rates_between(drive, None, plan))),
+            (after, time_transfers(drive, after, rates_between(drive, plan, after))),
+        ):
+            if drive.cap is not None and tool_speed_of(drive, one, transfers) > drive.cap:
+                return False
+    except InfeasibleError:
+        return False
+    return True
+
+
 def _with_pass(plan: StagePlan, name: str, line: str, launch: Launch) -> StagePlan:
     return replace(plan, passes={**plan.passes, (name, line): launch})
 
 
-def _platform_time(drive: Drive, plan: StagePlan) -> float:
+def _platform_time(drive: Drive, before: StagePlan | None, plan: StagePlan) -> float:
+    """Returns how long the platform takes [s], as it leaves the stage before and arrives."""
     index = drive.columns.get(PLATFORM)
     if index is None:
         return 0.0
-    limits = drive.limits
-    law = RestToRest(*(x[index] for x in (limits.velocity, limits.acceleration, limits.jerk)))
-    return float(law.duration(plan.arrival[index] - plan.start[index]))
+    limits = drive.limits.select(drive.joints(PLATFORM))
+    start, goal = plan.start[index], plan.arrival[index]
+    rest = np.zeros((2, len(index)))
+    leaving = rest if before is None else before.through.get(PLATFORM, rest)
+    arriving = plan.through.get(PLATFORM, rest)
+    if leaving.any() or arriving.any():
+        problem = TransferProblem(limits.joints, start, goal, limits)
+        return MovingTransfer(problem).duration(leaving, arriving)
+    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+    return float(law.duration(goal - start))
+
+
+def _ends_stage(plan: StagePlan, name: str) -> bool:
+    """Returns whether a stage can end as an arm's retract does: in a hand-over the giving arm's is the last."""
+    pair = giver_and_taker(plan.stops)
+    return pair is None or pair[0].arm == name
+
+
+def _meets_in_motion(plan: StagePlan) -> bool:
+    """Returns whether an arm can come to a target in motion: to a hand-over where nothing holds either arm up."""
+    return giver_and_taker(plan.stops) is None or not (plan.waits or plan.detours)
 
 
 def _waits_for_time(plan: StagePlan) -> bool:
@@ -233,15 +369,49 @@ def _ways(
     arm = drive.model.arms[name]
     index, limits = arm.columns, drive.limits.select(arm.arm.joints)
     start, goal = plan.start[index], plan.arrival[index]
-    handing = giver_and_taker(plan.stops) is not None
-    retract = approach = Passings.none(len(index))
+    retract, approach = passings_beside(drive, before, plan, name)
+    platform = max(platform, _giver_time(drive, plan, name))
+    if len(retract.ways) == len(approach.ways) == 1 or np.array_equal(start, goal):
+        return None
+    problem = TransferProblem(limits.joints, start, goal, limits, platform)
+    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+    rest = max(platform, float(law.duration(goal - start)))
+    if retract.rates[0].any() or approach.rates[0].any():
+        rest = MovingTransfer(problem).duration(retract.rates[0], approach.rates[0])
+    i, j, time = quickest_pair(retract, approach, problem, rest)
+    if time > float(retract.time[0] + rest + approach.time[0]) - WORTH:
+        return None
+    return retract.ways[i], approach.ways[j]
+
+
+def _giver_time(drive: Drive, plan: StagePlan, name: str) -> float:
+    """Returns how long the arm that gives a part to this one takes from rest to where it gives it [s], else 0."""
+    pair = giver_and_taker(plan.stops)
+    if pair is None or pair[1].arm != name:
+        return 0.0
+    index = drive.columns[pair[0].arm]
+    limits = drive.limits.select(drive.joints(pair[0].arm))
+    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+    return float(law.duration(plan.arrival[index] - plan.start[index]))
+
+
+def passings_beside(
+    drive: Drive, before: StagePlan | None, plan: StagePlan, name: str
+) -> tuple[Passings, Passings]:
+    """Returns how an arm can pass the ends of the lines, or targets, before and after its transfer."""
+    joints = len(drive.columns[name])
+    retract = approach = Passings.none(joints)
+    leaving = None if before is None else before.through.get(name)
+    arriving = plan.through.get(name)
+    retract = Passings.only(leaving) if leaving is not None else retract
+    approach = Passings.only(arriving) if arriving is not None else approach
     last = before.stops.get(name) if before is not None else None
     if (
         before is not None
         and last is not None
         and last.stop.retract > 0.0
         and last.tracked is None
-        and giver_and_taker(before.stops) is None
+        and _ends_stage(before, name)
         and not _waits_for_time(plan)
     ):
         retract = Passings.of(drive, before, last, "retract")
@@ -250,18 +420,10 @@ def _ways(
         following is not None
         and following.stop.approach > 0.0
         and following.tracked is None
-        and not handing
+        and _meets_in_motion(plan)
     ):
         approach = Passings.of(drive, plan, following, "approach")
-    if len(retract.ways) == len(approach.ways) == 1 or np.array_equal(start, goal):
-        return None
-    problem = TransferProblem(limits.joints, start, goal, limits, platform)
-    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
-    rest = max(platform, float(law.duration(goal - start)))
-    i, j, time = quickest_pair(retract, approach, problem, rest)
-    if time > float(retract.time[0] + rest + approach.time[0]) - WORTH:
-        return None
-    return retract.ways[i], approach.ways[j]
+    return retract, approach
 
 
 def _holds(
@@ -279,7 +441,7 @@ def _holds(
         plan = _with_pass(plan, name, "approach", approach)
     try:
         rates = rates_between(drive, before, plan)
-        transfers = time_transfers(drive, plan, rates)
+        transfers = transfers_in_motion(drive, plan, rates)
     except InfeasibleError:
         return False
     return drive.cap is None or tool_speed_of(drive, plan, transfers) <= drive.cap

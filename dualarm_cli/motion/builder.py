@@ -10,11 +10,12 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.joint_motion import merge
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.schedule import Event, Segment, Stage
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.waiting import SAME_TIME, with_ends
-from dualarm_cli.timing.composition import concatenate, merge
+from dualarm_cli.timing.composition import concatenate
 
 LINES = ("approach", "dwell", "retract")
 """Segments on which a part may touch what stands still."""
@@ -36,6 +37,8 @@ class Motion:
     """In time order."""
     gain: float | None = None
     """How much shorter it is than with stops at the outer ends of lines [s]; None where tools stop there."""
+    motion_gain: float | None = None
+    """How much shorter it is than where platform and arms stand while tools dwell [s]; None where they have to."""
 
     @cached_property
     def event_of(self) -> Mapping[tuple[int, str], Event]:
@@ -80,6 +83,8 @@ class MotionBuilder:
     """When what is added next begins [s]."""
     gain: float | None = None
     """How much shorter the motions that were added are than with stops at the outer ends of lines [s]."""
+    motion_gain: float | None = None
+    """How much shorter they are than where platform and arms stand while tools dwell [s]."""
 
     def add(self, group: str, piece: Trajectory) -> None:
         """Appends a motion of a joint group; the clock stays, as other groups move meanwhile."""
@@ -95,6 +100,8 @@ class MotionBuilder:
         t = self.clock
         if motion.gain is not None:
             self.gain = (self.gain or 0.0) + motion.gain
+        if motion.motion_gain is not None:
+            self.motion_gain = (self.motion_gain or 0.0) + motion.motion_gain
         self.stages += [replace(s, start=s.start + t, end=s.end + t) for s in motion.stages]
         self.segments += [replace(s, start=s.start + t, end=s.end + t) for s in motion.segments]
         self.events += [replace(e, time=e.time + t) for e in motion.events]
@@ -161,6 +168,7 @@ class MotionBuilder:
             with_ends(segments, events),
             tuple(sorted(events, key=lambda event: (event.time, event.arm))),
             self.gain,
+            self.motion_gain,
         )
 
 

@@ -12,8 +12,9 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import SegmentKind, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.bent_transfers import detour_pieces
+from dualarm_cli.motion.bent_transfers import detour_pieces, moving_detour
 from dualarm_cli.motion.builder import Motion, MotionBuilder
+from dualarm_cli.motion.dwell_motion import add_moving_dwells
 from dualarm_cli.motion.stop_motion import (
     add_handover,
     add_segment,
@@ -21,6 +22,7 @@ from dualarm_cli.motion.stop_motion import (
     rates_between,
     stage_of,
     stop_duration,
+    transfers_in_motion,
 )
 from dualarm_cli.motion.transfers import (
     PLATFORM,
@@ -167,7 +169,11 @@ def moves_to_lines(
     if held > 0.0:
         moves.insert(0, Move(hold(joints, plan.start[index], held), "conveyor"))
         late += held
-    if name in plan.detours:
+    if name in plan.detours and plan.detours[name].rates is not None:
+        # Its line begins when the platform is there as well.
+        least = platform_end - late if name in plan.stops else 0.0
+        moves += [Move(piece) for piece in moving_detour(drive, plan, name, least)]
+    elif name in plan.detours:
         pieces = detour_pieces(drive, plan, name, transfers.motion.get(PLATFORM))
         moves += [Move(piece) for piece in pieces]
         # Its line begins when the platform is there as well.
@@ -235,7 +241,11 @@ def realise(
 def _transfers(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Transfers:
     """Returns the transfers of a stage, in motion where they come from and lead to lines that are passed in motion."""
     rates = rates_between(drive, before, plan)
+    if plan.through or giver_and_taker(plan.stops) is not None:
+        return transfers_in_motion(drive, plan, rates)
     passed = [str(way) for one in (before, plan) if one is not None for way in one.passes.items()]
+    if before is not None:
+        passed += [f"{name} {rate.tolist()}" for name, rate in before.through.items()]
     key: Key = (*plan.stops, plan.start.tobytes(), plan.arrival.tobytes(), *passed)
     if key not in drive.known.transfers:
         drive.known.transfers[key] = transfers_within_tool_speed(drive, plan, rates)
@@ -285,6 +295,8 @@ def _add_stage(
     pair = giver_and_taker(plan.stops)
     if pair is not None:
         ends |= add_handover(record, drive, plan, pair, ends)
+    elif plan.leaving:
+        ends = add_moving_dwells(record, drive, plan, ends)
     else:
         over = {
             name: ends[name] + stop_duration(drive, plan, arm_stop)
@@ -297,7 +309,8 @@ def _add_stage(
     length = max(ends.values())
     for name, index in drive.columns.items():
         # What leaves in motion is the last, up to rounding.
-        if ends[name] < length and (name, "retract") not in plan.passes:
+        passing = (name, "retract") in plan.passes or name in plan.through
+        if ends[name] < length and not passing:
             record.add(name, hold(drive.joints(name), plan.end[index], length - ends[name]))
             if name != PLATFORM:
                 span = begin + ends[name], begin + length

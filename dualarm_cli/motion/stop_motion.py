@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -11,17 +12,22 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import JointTarget, PoseTarget
-from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import MotionBuilder
-from dualarm_cli.motion.transfers import PLATFORM, Drive, Key, Rates, Transfers
+from dualarm_cli.motion.transfers import (
+    PLATFORM,
+    Drive,
+    Key,
+    Rates,
+    Transfers,
+    transfers_within_tool_speed,
+)
 from dualarm_cli.postures import StopProblem
 from dualarm_cli.postures.candidates import line_path
-from dualarm_cli.postures.stage_plan import ArmStop, StagePlan
+from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.postures.tracked import Tracked
 from dualarm_cli.refusals import Refusal
-from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.launch import Launch, reversed_in_time, solve_launch
 from dualarm_cli.timing.problem import LineProblem
@@ -78,6 +84,7 @@ def event_of(model: CellModel, plan: StagePlan, arm_stop: ArmStop, time: float) 
         pose=pose,
         dwell=arm_stop.stop.dwell.total,
         velocity=arm_stop.stop.velocity,
+        signal=arm_stop.stop.signal,
     )
 
 
@@ -85,44 +92,44 @@ LINE_TOLERANCE = 5e-5
 """How far the tool may leave its line [m] and its orientation [rad]: half of what is verified."""
 PATH_SAMPLES = 65
 """Exact inverse kinematics along a line."""
-KNOTS = (24, 48, 96, 192, 384)
+KNOTS = (12, 24, 48, 96, 192, 384)
 """Numbers of knots that are tried until the tool stays within the tolerance."""
 CHECKS_PER_KNOT = 4
 """Instants per interval at which straightness is measured."""
 
 
 def solve_line(
+    drive: Drive,
     arm_stop: ArmStop,
     line: str,
-    limits: JointLimits,
-    tool_speed: float | None,
-    timing: TimingSolver,
+    path: tuple[FloatArray, FloatArray],
     launch: Launch | None = None,
 ) -> Trajectory:
     """Returns the timed motion of one arm along its approach or retract.
 
     Args:
+        drive: of the job.
         arm_stop: the arm's stop.
         line: `approach` or `retract`.
-        limits: of the arm's joints.
-        tool_speed: cap on the speed along the line [m/s], or None.
-        timing: how lines are timed.
+        path: joints along it (m, n) [rad], and lengths travelled (m,) [m].
         launch: how it passes the line's outer end in motion; None: at rest.
 
     Raises:
         InfeasibleError: the tool cannot be kept within the tolerance.
     """
-    q, length = line_path(arm_stop.problem, arm_stop.posture, line, PATH_SAMPLES)
+    (q, length), away = path, line == "retract"
+    limits = drive.limits.select(drive.model.arms[arm_stop.arm].arm.joints)
+    # A launch is given from the target outwards.
+    asked = LineProblem(
+        limits.joints, q if away or launch is None else q[::-1], length, limits, drive.cap
+    )
     for knots in KNOTS:
+        finer = replace(asked, knots=knots)
         if launch is None:
-            asked = LineProblem(limits.joints, q, length, limits, tool_speed, knots)
-            trajectory = timing.line(asked)
-        elif line == "retract":
-            asked = LineProblem(limits.joints, q, length, limits, tool_speed, knots)
-            trajectory = solve_launch(asked, launch)
+            trajectory = drive.timing.line(finer)
         else:
-            asked = LineProblem(limits.joints, q[::-1], length, limits, tool_speed, knots)
-            trajectory = reversed_in_time(solve_launch(asked, launch))
+            outwards = solve_launch(finer, launch)
+            trajectory = outwards if away else reversed_in_time(outwards)
         distance, angle = line_deviation(arm_stop.problem, q, trajectory)
         if max(distance, angle) <= LINE_TOLERANCE:
             return trajectory
@@ -177,7 +184,9 @@ def add_handover(
         ends: when each group is where its lines begin, from the stage's start [s].
     """
     begin, giver, taker = record.clock, *pair
-    there = max(ends.values())
+    # An arm that comes in motion is the last, up to rounding.
+    moves = (taker.arm, "approach") in plan.passes
+    there = ends[taker.arm] if moves else max(ends.values())
 
     def wait(arm_stop: ArmStop, start: float, end: float) -> None:
         if end <= start:
@@ -198,19 +207,39 @@ def add_handover(
 def timed_line(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Trajectory:
     """Returns the timed `approach` or `retract` of a stop in its stage, which has one; see `solve_line`."""
     launch = plan.passes.get((arm_stop.arm, line))
+    arm_stop = plan.stop_at(line, arm_stop)
     key = (line, str(launch), *_line_key(drive.model, plan, arm_stop))
     if key not in drive.known.lines:
-        own = drive.limits.select(drive.model.arms[arm_stop.arm].arm.joints)
-        timed = solve_line(arm_stop, line, own, drive.cap, drive.timing, launch)
+        path = joints_along(drive, plan, arm_stop, line)
+        timed = solve_line(drive, arm_stop, line, path, launch)
         drive.known.lines[key] = arm_stop.stop, timed
     return drive.known.lines[key][1]
 
 
+def joints_along(
+    drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str
+) -> tuple[FloatArray, FloatArray]:
+    """Returns the joints along a line of a stop in its stage, and the lengths travelled; see `line_path`."""
+    arm_stop = plan.stop_at(line, arm_stop)
+    key = (line, *_line_key(drive.model, plan, arm_stop))
+    if key not in drive.known.paths:
+        q, length = line_path(arm_stop.problem, arm_stop.posture, line, PATH_SAMPLES)
+        drive.known.paths[key] = arm_stop.stop, q, length
+    _, q, length = drive.known.paths[key]
+    return q, length
+
+
 def rates_between(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Rates:
-    """Returns the rates with which arms leave the stage before and arrive at their lines, where they are in motion."""
+    """Returns the rates with which arms leave the stage before and arrive at lines or targets, if in motion.
+
+    Arms with a detour are left out: it has its own rates.
+    """
     found = {}
-    for name in drive.model.arms:
-        leaving = arriving = None
+    for name in drive.columns:
+        if name in plan.detours:
+            continue
+        leaving = None if before is None else before.through.get(name)
+        arriving = plan.through.get(name)
         if before is not None and (name, "retract") in before.passes:
             line = timed_line(drive, before, before.stops[name], "retract")
             leaving = np.stack([line.velocity[-1], line.acceleration[-1]])
@@ -220,6 +249,27 @@ def rates_between(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Ra
         if leaving is not None or arriving is not None:
             found[name] = leaving, arriving
     return found
+
+
+def transfers_in_motion(drive: Drive, plan: StagePlan, rates: Rates) -> Transfers:
+    """Returns the transfers of a stage that arms may leave and come to in motion.
+
+    An arm that passes its target gets there as the stage ends, one that comes in motion to a part that it is given
+    gets there when the other one is there with it.
+    """
+    found = transfers_within_tool_speed(drive, plan, rates)
+    longer: dict[str, float] = {}
+    times = {name: motion.duration for name, motion in found.motion.items()}
+    if plan.through:
+        ends = [
+            times.get(name, 0.0) + stop_duration(drive, plan, arm_stop)
+            for name, arm_stop in plan.stops.items()
+        ]
+        longer = dict.fromkeys(plan.through, max([*times.values(), *ends]))
+    pair = giver_and_taker(plan.stops)
+    if pair is not None and (pair[1].arm, "approach") in plan.passes:
+        longer[pair[1].arm] = max(times.values())
+    return transfers_within_tool_speed(drive, plan, rates, longer) if longer else found
 
 
 def stop_duration(drive: Drive, plan: StagePlan, arm_stop: ArmStop) -> float:

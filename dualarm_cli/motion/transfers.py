@@ -74,8 +74,12 @@ class Known:
 
     lines: dict[Key, tuple[Stop, Trajectory]] = field(default_factory=dict)
     """Lines, with their stop, lest another one takes its identity."""
+    paths: dict[Key, tuple[Stop, FloatArray, FloatArray]] = field(default_factory=dict)
+    """Joints along lines and lengths travelled, with their stop."""
     transfers: dict[Key, Transfers] = field(default_factory=dict)
     """Straight transfers of stages."""
+    dwells: dict[Key, tuple[Trajectory, ...]] = field(default_factory=dict)
+    """What moves while tools stand."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,12 @@ Rates = Mapping[str, tuple[FloatArray | None, FloatArray | None]]
 """Velocities and accelerations, shape (2, n), with which groups leave and arrive; None: at rest."""
 
 
-def time_transfers(drive: Drive, plan: StagePlan, rates: Rates | None = None) -> Transfers:
+def time_transfers(
+    drive: Drive,
+    plan: StagePlan,
+    rates: Rates | None = None,
+    longer: Mapping[str, float] | None = None,
+) -> Transfers:
     """Returns the transfers of one stage.
 
     An arm's transfer lasts as long as its slowest joint, or the platform's where that is slower, because its line
@@ -124,6 +133,7 @@ def time_transfers(drive: Drive, plan: StagePlan, rates: Rates | None = None) ->
         drive: of the job.
         plan: the stage.
         rates: of arms that leave or arrive in motion.
+        longer: how long transfers of such arms take at least [s].
 
     Raises:
         InfeasibleError: no transfer leaves and arrives in such motion.
@@ -148,15 +158,20 @@ def time_transfers(drive: Drive, plan: StagePlan, rates: Rates | None = None) ->
         )
 
     lengths = {g: max(platform, times[g]) for g in times if g != PLATFORM}
-    for group in rates or {}:
+    # The platform first: arms may wait for it.
+    for group in sorted(rates or {}, key=lambda group: group != PLATFORM):
         least = platform if plan.stops else max(times.values())
+        least = max(0.0 if group == PLATFORM else least, (longer or {}).get(group, 0.0))
         found = solve_moving_transfer(problem(group, least))
         if found is None:
             raise InfeasibleError(Refusal("no_plan_on_grid"))
         motion[group], lengths[group] = found, found.duration
+        if group == PLATFORM:
+            platform = found.duration
+            lengths |= {g: max(platform, times[g]) for g in times if g != PLATFORM}
     if not plan.stops:
         lengths = dict.fromkeys(times, max(times.values()))
-    elif PLATFORM in times:
+    elif PLATFORM in times and PLATFORM not in motion:
         lengths[PLATFORM] = min(lengths[name] for name in plan.stops)
     for group in columns:
         if group not in motion and (times[group] > 0 or group in plan.stops):
@@ -166,7 +181,10 @@ def time_transfers(drive: Drive, plan: StagePlan, rates: Rates | None = None) ->
 
 
 def transfers_within_tool_speed(
-    drive: Drive, plan: StagePlan, rates: Rates | None = None
+    drive: Drive,
+    plan: StagePlan,
+    rates: Rates | None = None,
+    longer: Mapping[str, float] | None = None,
 ) -> Transfers:
     """Returns the transfers, slowed until no tool exceeds the cap on its speed.
 
@@ -178,8 +196,10 @@ def transfers_within_tool_speed(
         drive: of the job.
         plan: the stage.
         rates: of arms that leave or arrive in motion.
+        longer: how long transfers of such arms take at least [s].
     """
-    transfers, cap, limits = time_transfers(drive, plan, rates), drive.cap, drive.limits
+    transfers = time_transfers(drive, plan, rates, longer)
+    cap, limits = drive.cap, drive.limits
     if cap is None or not transfers.motion or rates:
         return transfers
 

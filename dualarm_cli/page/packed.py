@@ -1,4 +1,4 @@
-"""Arrays and documents as text, and joint motion with no more knots than it has."""
+"""Arrays and documents as text, and the motion of a joint with no more knots than it has."""
 
 from __future__ import annotations
 
@@ -11,12 +11,7 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.trajectory import Trajectory
-
-SAME_JERK = 1e-9
-"""Jerks that differ by less than this share of the joint's largest one are the same."""
-DEVIATION = 1e-11
-"""How far the motion may be off at a knot that is left out [rad or m]."""
+from dualarm_cli.model.joint_motion import JointMotion, own_knots
 
 
 def packed(values: Any, kind: str) -> str:
@@ -42,48 +37,15 @@ def unpacked_document(text: str) -> dict[str, Any]:
     return document
 
 
-def joint_knots(trajectory: Trajectory, column: int) -> FloatArray:
+def joint_knots(motion: JointMotion, joint: str) -> FloatArray:
     """Returns the knots of one joint where its jerk changes: time, position, velocity, acceleration, shape (4, n).
 
-    All joints of a schedule share their knots; most of them are other joints'.
-
     Args:
-        trajectory: of a schedule.
-        column: of the joint.
+        motion: of a schedule.
+        joint: its name.
     """
-    rows = np.stack(
-        [
-            trajectory.time,
-            trajectory.position[:, column],
-            trajectory.velocity[:, column],
-            trajectory.acceleration[:, column],
-        ]
-    )
-    count = rows.shape[1]
-    if count <= 2:
-        return rows
-    jerk = trajectory.jerk[:, column]
-    changes = np.abs(np.diff(jerk)) > SAME_JERK * max(1.0, float(np.abs(jerk).max()))
-    keep = np.concatenate([[True], changes, [True]])
-    # A jump of acceleration is two knots at one time; both stay.
-    jumps = np.flatnonzero(np.diff(trajectory.time) <= 0.0)
-    keep[jumps] = keep[jumps + 1] = True
-    while True:
-        kept = np.flatnonzero(keep)
-        off = _deviation(rows, kept) > DEVIATION
-        if not off.any():
-            return rows[:, kept]
-        # The first knot of each stretch that is off stays; what follows it is measured from there.
-        keep |= off & ~np.concatenate([[False], off[:-1]])
-
-
-def _deviation(rows: FloatArray, kept: np.ndarray) -> FloatArray:
-    """Returns how far the motion from the kept knots is off at all knots, shape (n,)."""
-    before = kept[np.clip(np.searchsorted(kept, np.arange(rows.shape[1]), "right") - 1, 0, None)]
-    after = kept[np.clip(np.searchsorted(kept, before, "right"), 0, len(kept) - 1)]
-    time, q, v, a = rows[:, before]
-    span = rows[0, after] - time
-    jerk = np.divide(rows[3, after] - a, span, out=np.zeros_like(span), where=span > 0.0)
-    dt = rows[0] - time
-    found: FloatArray = np.abs(q + dt * (v + dt * (a / 2 + dt * jerk / 6)) - rows[1])
-    return found
+    group = next(group for group in motion.groups.values() if joint in group.joints)
+    one = group.select([joint])
+    kept = own_knots(one)
+    rates = (one.position, one.velocity, one.acceleration)
+    return np.stack([one.time[kept], *(rate[kept, 0] for rate in rates)])

@@ -65,7 +65,7 @@ def _joints(schedule: Schedule) -> list[dict[str, Any]]:
     found = []
     limits = robot.limits
     for k, name in enumerate(limits.joints):
-        knots = joint_knots(schedule.trajectory, schedule.trajectory.joints.index(name))
+        knots = joint_knots(schedule.motion, name)
         names = ("time", "position", "velocity", "acceleration")
         found.append(
             {

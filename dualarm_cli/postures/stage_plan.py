@@ -40,6 +40,9 @@ class Detour:
     """The arm's joints there [rad], shape (1, 7) for a via point, (c, 7) for control points."""
     stops: bool
     """Whether the arm stops at the via point; on a curve it does not."""
+    rates: FloatArray | None = None
+    """Velocities and accelerations at the transfer's start, the via point and the goal, shape (3, 2, 7); None: the
+    transfer begins and ends at rest."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,16 @@ class StagePlan:
     passes: Mapping[tuple[str, str], Launch] = field(default_factory=dict)
     """How an arm passes the outer end of a line in motion, by arm and line (`approach` or `retract`); at rest where
     there is nothing."""
+    through: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Velocities and accelerations with which an arm passes its target, shape (2, n), by arm; it stops where there is
+    nothing."""
+    leaving: Mapping[str, ArmStop] = field(default_factory=dict)
+    """Stops as arms leave them, where platform or arms move on while tools stand, by arm: with the platform as it is at
+    the stage's end. An arm leaves as it arrives where there is nothing."""
+
+    def stop_at(self, line: str, arm_stop: ArmStop) -> ArmStop:
+        """Returns a stop as it is on its `approach` or its `retract`."""
+        return self.leaving.get(arm_stop.arm, arm_stop) if line == "retract" else arm_stop
 
 
 def giver_and_taker(stops: Mapping[str, ArmStop]) -> tuple[ArmStop, ArmStop] | None:

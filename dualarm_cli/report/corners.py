@@ -1,4 +1,4 @@
-"""Lines whose outer ends tools pass in motion: how fast, which joint limits the way about them, and what it saves."""
+"""Outer ends of lines and targets of moves that tools pass in motion: how fast, what limits it, and what it saves."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, Segment
-from dualarm_cli.motion.waiting import MOVES
+from dualarm_cli.motion.waiting import MOVES, SAME_TIME
 from dualarm_cli.timing.spline import largest_rates
 from dualarm_cli.verification.tool_model import ToolModel
 
@@ -22,7 +22,7 @@ INSTANTS = 200
 
 @dataclass(frozen=True)
 class Corner:
-    """The outer end of a line's straight part, which a tool passes in motion."""
+    """The outer end of a line's straight part, or the target of a move, which a tool passes in motion."""
 
     arm: str
     """left or right."""
@@ -31,13 +31,13 @@ class Corner:
     action: str
     """What is done at the target, such as pick or place."""
     line: str
-    """approach or retract."""
+    """approach or retract; empty for a target."""
     time: float
     """When the tool is there [s]."""
     speed: float
     """How fast it is there [m/s]."""
     joint: str
-    """The joint that is nearest to one of its limits in the transfer beside it."""
+    """The joint that is nearest to one of its limits in the transfer beside it, of a target the one that leaves it."""
     limit: str
     """Which limit that is: velocity, acceleration or jerk."""
     beside: float
@@ -79,6 +79,15 @@ def corners(schedule: Schedule, job: Job) -> list[Corner]:
                     _beside(schedule, model, (part, beside[0]), length),
                 )
             )
+        for event in schedule.events:
+            begun = [p for p in parts if p.kind in MOVES and abs(p.start - event.time) <= SAME_TIME]
+            if (event.arm, event.action) != (arm, "move") or not begun:
+                continue
+            if _moves(schedule, arm, event.time):
+                speed = _speed(schedule, model, arm, event.time)
+                limiting = _limiting(schedule, arm, begun[0])
+                named = event.task, event.action, ""
+                found.append(Corner(arm, *named, event.time, speed, *limiting, 0.0))
     return sorted(found, key=lambda corner: (corner.time, corner.arm))
 
 

@@ -52,6 +52,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "smallest_clearance": smallest_clearance(schedule),
         "clearance_cost": schedule.clearance_cost,
         "blending": blending_rows(schedule, job),
+        **({} if schedule.motion_gain is None else {"motion_gain": schedule.motion_gain}),
         "budget": [asdict(line) | {"text": str(line)} for line in judge_budget(schedule, job)],
         **_kind_rows("work", schedule, job),
         "stages": _stage_rows(schedule),

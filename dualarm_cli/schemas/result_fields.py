@@ -58,10 +58,15 @@ _STAGES = {
 }
 
 SCHEDULE: dict[str, tuple[str, str]] = {
-    "format": ("", "`dualarm.schedule/1`."),
+    "format": ("", "`dualarm.schedule/2`."),
     "robot.name": ("", "Name of the robot."),
     "robot.urdf": ("", "Name of the URDF file beside the schedule."),
-    "robot.joints": ("", "Moving joints, in the order of the columns of `trajectory`."),
+    "robot.joints": ("", "Moving joints, in the order of the robot's columns."),
+    "robot.groups.<group>": (
+        "",
+        "Joints that are timed together, in the order of the columns of `motion.<group>`: the platform's, each arm's, "
+        "and `others`. Every moving joint is in one group.",
+    ),
     "robot.base.xyz": ("m", "Position of the URDF's root link in the world."),
     "robot.base.quat_xyzw": ("", "Its rotation."),
     "robot.platform": ("", "Joints that carry both arms."),
@@ -107,6 +112,11 @@ SCHEDULE: dict[str, tuple[str, str]] = {
         "How much shorter the plan is than the same stages with stops at the outer ends of lines; none where tools "
         "stop there.",
     ),
+    "motion_gain": (
+        "s",
+        "How much shorter the plan is than with platform and arms standing still while tools dwell; only where tasks "
+        "allow them to move then.",
+    ),
     **_STAGES,
     "stages[].arm": (
         "",
@@ -137,16 +147,21 @@ SCHEDULE: dict[str, tuple[str, str]] = {
         "m/s",
         "Velocity of the conveyor that the tool moves with during the dwell; absent where it stands.",
     ),
-    "trajectory.time": ("s", "Knots, shape (n,)."),
-    "trajectory.position": (
-        "rad",
-        "Positions at the knots, shape (n, joints) (m for joints that slide, here and below).",
-    ),
-    "trajectory.velocity": ("rad/s", "Velocities at the knots."),
-    "trajectory.acceleration": (
+    "events[].signal": ("", "Name of the signal that is set then; absent where there is none."),
+    "motion.<group>.time": ("s", "Knots of the group, shape (k,)."),
+    "motion.<group>.acceleration": (
         "rad/s²",
-        "Accelerations at the knots; they change linearly between them.",
+        "Accelerations at the knots, shape (k, joints); they change linearly between them.",
     ),
+    "motion.<group>.anchor": (
+        "",
+        "Knots, counted from 0, at which position and velocity are stated, shape (m,); the first one always is.",
+    ),
+    "motion.<group>.position": (
+        "rad",
+        "Positions at the anchors, shape (m, joints) (m for joints that slide, here and above).",
+    ),
+    "motion.<group>.velocity": ("rad/s", "Velocities at the anchors."),
     "provenance.version": ("", "Version of dualarm."),
     "provenance.inputs.<name>": ("", "SHA-256 of each input file."),
     **{f"provenance.{name}": row for name, row in _SETTINGS.items()},
@@ -230,16 +245,20 @@ REPORT: dict[str, tuple[str, str]] = {
     "smallest_clearance.bodies": ("", "The two bodies."),
     "smallest_clearance.time": ("s", "When."),
     "clearance_cost": SCHEDULE["clearance_cost"],
+    "motion_gain": SCHEDULE["motion_gain"],
     "blending.gain": SCHEDULE["blend_gain"],
     "blending.share": ("", "The same as a share of the cycle time with these stops."),
     "blending.largest_deviation": (
         "m",
         "Largest distance of a tool from a line in the part of it that need not be straight.",
     ),
-    "blending.corners[].arm": ("", "Arm whose tool passes the outer end of a line in motion."),
+    "blending.corners[].arm": (
+        "",
+        "Arm whose tool passes the outer end of a line, or the target of a move, in motion.",
+    ),
     "blending.corners[].task": ("", "Task."),
     "blending.corners[].action": ("", "What is done at the target, such as pick or place."),
-    "blending.corners[].line": ("", "approach or retract."),
+    "blending.corners[].line": ("", "approach or retract; empty for the target of a move."),
     "blending.corners[].time": ("s", "When the tool is there."),
     "blending.corners[].speed": ("m/s", "How fast it is there."),
     "blending.corners[].joint": (
@@ -263,6 +282,7 @@ REPORT: dict[str, tuple[str, str]] = {
     "paths[].arms": ("", "Arms that follow it."),
     "paths[].tool_error": ("m", "Largest distance of a tool from its path."),
     "paths[].tool_angle_error": ("rad", "Largest angle of a tool from its path."),
+    "paths[].rounded_corners[]": ("m", "How far the tool leaves each corner that `blend` rounds."),
     "paths[].elbow_distance.<arm>": ("m", "Mean distance of the elbow from its critical point."),
     "paths[].least_elbow_distance.<arm>": (
         "m",

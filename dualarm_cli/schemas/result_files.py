@@ -14,20 +14,23 @@ _TYPES: Mapping[str, dict[str, Any]] = {
     "numbers": _NUMBERS,
     "three numbers": {**_NUMBERS, "minItems": 3, "maxItems": 3},
     "four numbers": {**_NUMBERS, "minItems": 4, "maxItems": 4},
+    "whole numbers": {"type": "array", "items": {"type": "integer"}},
     "rows": {"type": "array", "items": _NUMBERS},
     "whole": {"type": "integer"},
     "flag": {"type": "boolean"},
 }
 """JSON Schema of each type of a member."""
 _MEMBERS: Mapping[str, str] = {
-    "texts": r"notes|assumed_limits|without_jerk_limit|sliding_joints|robot\.platform|.*\.(joints|tasks|bodies|arms)",
+    "texts": r"notes|assumed_limits|without_jerk_limit|sliding_joints|robot\.(platform|groups\.<group>)|"
+    r".*\.(joints|tasks|bodies|arms)",
     "number": r"gap|blending\.share|grid_gap|order_grid_gap|elbow_imbalance|speed|"
     r".*\.(utilisation|speed_share|measured|allowed|value)|"
     r".*manipulability(_together|\.<arm>)|limits_used\..*",
-    "numbers": r"trajectory\.time|.*\.ramps",
+    "numbers": r"motion\.<group>\.time|.*\.ramps",
+    "whole numbers": r"motion\.<group>\.anchor",
     "three numbers": r".*\.(xyz|part_xyz|part_rpy)|events\[\]\.velocity",
     "four numbers": r".*\.quat_xyzw",
-    "rows": r"trajectory\.(position|velocity|acceleration)",
+    "rows": r"motion\.<group>\.(position|velocity|acceleration)",
     "whole": r"parts|(.*\.)?seed|.*\.stage|bottlenecks\..*|.*\.(changes|visits|capacity|initial|final|most)|"
     r"budget\[\]\.(line|column)",
     "flag": r"closes|open|platform_slides|.*\.(passed|kept|platform_slides|limit_slides)",
@@ -41,8 +44,10 @@ _MAY_BE_NONE = (
     r"paths\[\]\.(least_)?(elbow_distance|manipulability_together)"
 )
 """Pattern of the members that may be none."""
+_VERSIONS = {"schedule": "dualarm.schedule/2", "report": "dualarm.report/1"}
+"""What each kind of file says of itself."""
 _REQUIRED = (
-    r"format|robot|trajectory|robot\.(urdf|joints|base|arms)|.*\.base\.(xyz|quat_xyzw)|trajectory\..*|"
+    r"format|robot|motion|robot\.(urdf|joints|groups|base|arms)|.*\.base\.(xyz|quat_xyzw)|motion\..*|"
     r"(segments|stages|waits)\[\]\.(start|end)|events\[\]\.(time|xyz|quat_xyzw)"
 )
 """Pattern of the members without which a file means nothing."""
@@ -65,7 +70,7 @@ def result_schema(
             node = _inside(node, step, ".".join(steps[: k + 1]))
         meaning = f"{text} [{unit}]" if unit else text
         _put(node, steps[-1], path, {**_type(path, unit), "description": meaning})
-    version = {"const": f"dualarm.{kind}/1", "description": "Kind and version of the file."}
+    version = {"const": _VERSIONS[kind], "description": "Kind and version of the file."}
     root["properties"]["format"] = version
     return {"title": f"dualarm {kind}", "description": description, **root}
 

@@ -38,6 +38,8 @@ class MethodProblem:
     """Its stages that do not, or only at a cost; the number of stages stands for the return."""
     start: Decisions | None = None
     """A plan to begin a search with: that which an order was chosen by."""
+    tentative: bool = False
+    """Whether something easier is asked where there is no plan on the method's own grid: nothing else is tried then."""
     blend: bool = False
     """Whether tools may pass the outer ends of lines in motion."""
     patient: bool = True

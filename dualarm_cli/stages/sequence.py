@@ -1,4 +1,4 @@
-"""The method `sequence`: everything together over the whole cycle, from every simpler method's plan."""
+"""The method `sequence`: everything together over the whole cycle, from simpler methods' plans where they help."""
 
 from __future__ import annotations
 
@@ -157,8 +157,8 @@ NEARLY_EXACT = "linearised"
 def solve_sequence(problem: MethodProblem) -> Decided:
     """Returns the plan of the search over the whole sequence, and simpler ones that may turn out to be as fast.
 
-    The search starts from every greedy method's plan with unrefined postures; those that come near its result are
-    refined and compete with it when all are timed exactly.
+    In short sequences, and where it finds no plan on its own grids, the search starts from every greedy method's plan
+    with unrefined postures; those that come near its result are refined and compete with it when all are timed exactly.
 
     Raises:
         InfeasibleError: no method finds a plan; the reason of the first one.
@@ -188,11 +188,19 @@ def solve_sequence(problem: MethodProblem) -> Decided:
             return Decided(nearby[0], simpler=None if given else lambda: _simpler(problem))
     # Greedy plans of arms without closed forms take as long as the search: only where that finds none.
     general = not problem.closed_forms
-    starts, failure = ({}, None) if given or general else _starts(problem)
-    decided = [decisions_of(numbers, model, stages) for stages in starts.values()]
-    if problem.start is not None:
-        decided.append(problem.start)
-    found = search(numbers, decided, problem.effort, problem.seed)
+    starts: dict[str, list[StagePlan]] = {}
+    failure: InfeasibleError | None = None
+    begun = len(job.stages()) <= EFFORTS[problem.effort].search.begun
+
+    def simpler_starts(on_grid: bool) -> list[Decisions]:
+        nonlocal starts, failure
+        if given or general or (not begun if on_grid else problem.tentative):
+            return []
+        starts, failure = _starts(problem)
+        return [decisions_of(numbers, model, stages) for stages in starts.values()]
+
+    decided = [] if problem.start is None else [problem.start]
+    found = search(numbers, decided, problem.effort, problem.seed, simpler_starts)
     if found is None and nearby:
         return Decided(nearby[0])
     if found is None and general:

@@ -26,7 +26,7 @@ def check_settings(study: Study) -> None:
         return
     # All methods take a second to load, which a study of known plans has no other need for.
     from dualarm_cli.model.settings import PlanSettings
-    from dualarm_cli.plan.redundancy_choice import with_redundancy
+    from dualarm_cli.planning.redundancy_choice import with_redundancy
     from dualarm_cli.stages.methods import METHODS
     from dualarm_cli.timing import TIMING_SOLVERS
 

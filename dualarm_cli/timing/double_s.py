@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.model.joint_motion import SAME_TIME, distinct_times
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.timing.composition import SAME_TIME, distinct_times, hold
+from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.problem import TransferProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 

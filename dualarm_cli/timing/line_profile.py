@@ -56,6 +56,11 @@ class PathCoordinates:
             position: joints at equidistant gridpoints [rad], shape (m, n), m at least 8.
             law: the joints' limits.
         """
+        limits = (law.velocity.tobytes(), law.acceleration.tobytes(), law.jerk.tobytes())
+        return _measured(position.tobytes(), len(position), limits)
+
+    @classmethod
+    def _of(cls, position: FloatArray, law: RestToRest) -> PathCoordinates:
         m, n = position.shape
         share = _shares(position, law)
         q = np.empty((len(share), m, n))
@@ -94,6 +99,13 @@ class PathCoordinates:
         jerk = np.abs(rates[:, :, 2] + rates[:, :, 3] + rates[:, :, 4]).max(axis=(1, 2))
         time: FloatArray = np.maximum(velocity, np.maximum(np.sqrt(acceleration), np.cbrt(jerk)))
         return time
+
+
+@lru_cache(maxsize=64)
+def _measured(position: bytes, samples: int, limits: tuple[bytes, ...]) -> PathCoordinates:
+    """Returns a path's coordinates. Ways of passing its end are compared, and soon after the best one is timed."""
+    path = np.frombuffer(position).reshape(samples, -1)
+    return PathCoordinates._of(path, RestToRest(*(np.frombuffer(one) for one in limits)))
 
 
 def _shares(position: FloatArray, law: RestToRest) -> FloatArray:

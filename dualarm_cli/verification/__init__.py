@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.kinds import of_kinds
-from dualarm_cli.model.job import WITHIN_TOLERANCE, Job
+from dualarm_cli.model.job import WITHIN_TOLERANCE, Job, StopKey
 from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.verification.as_done import job_as_done
@@ -19,7 +20,7 @@ from dualarm_cli.verification.clearance_checks import (
     check_shapes,
 )
 from dualarm_cli.verification.kind_checks import Evidence, Subject
-from dualarm_cli.verification.line_spans import line_spans
+from dualarm_cli.verification.line_spans import LineSpan, line_spans
 from dualarm_cli.verification.motion_checks import (
     NO_TASKS,
     check_agreement,
@@ -37,20 +38,29 @@ from dualarm_cli.verification.order_checks import (
     check_order,
     check_precedence,
     check_segments,
+    check_signals,
     check_windows,
 )
-from dualarm_cli.verification.stage_checks import check_pairing, check_segment_kinds, check_stages
+from dualarm_cli.verification.stage_checks import (
+    check_pairing,
+    check_segment_kinds,
+    check_stages,
+    waits_at_targets,
+)
 from dualarm_cli.verification.tool_checks import (
     check_events,
     check_lines,
     check_platform_still,
+    check_stands,
     check_targets,
     check_tool_speed,
+    moving_dwells,
+    tool_left,
 )
 from dualarm_cli.verification.tool_model import ToolModel
 
 OF_JOBS = (
-    ("events_at_targets", "order"),
+    ("events_at_targets", "stands_at_events", "order"),
     ("precedence", "windows"),
     ("pairing", "dwells", "start_posture", "return"),
 )
@@ -78,10 +88,9 @@ def verify(schedule: Schedule, job: Job | None = None, *, clearance: bool = Fals
 
 
 def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verification:
-    trajectory = schedule.trajectory
-    numbers = [check_finite(trajectory)]
+    numbers = [check_finite(schedule.motion)]
     if numbers[0].verdict == "passed":
-        numbers.append(check_time(trajectory))
+        numbers.append(check_time(schedule.motion))
     if any(check.verdict == "failed" for check in numbers):
         return Verification(
             (
@@ -92,11 +101,12 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
                 ),
             )
         )
+    trajectory = schedule.trajectory
     if job is not None:
         schedule = replace(schedule, robot=_robot_of(job, trajectory.joints))
-        if schedule.provenance.settings.get("blend", "none") != "none":
-            # It says that only so much of its lines is straight as the job asks for then.
-            job = job.with_straight_parts()
+        if schedule.blends:
+            # It says that only so much of its lines is straight, and of its paths sharp, as the job asks for then.
+            job = job.blended()
     model = ToolModel(schedule)
     known = _of_known_arms(schedule)
     # What needs an arm for every task takes the one that did it; whether it may have is for the check of the order.
@@ -110,6 +120,7 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         own = (e for e in known.events if e.action not in WITHIN_TOLERANCE)
         stops = replace(known, events=tuple(own))
     spans = () if done is None else line_spans(known, done, model)
+    moving = moving_dwells(known, done)
     evidence = Evidence(schedule, known, stated, job, done, model, spans)
     sliding = schedule.robot.sliding
     checks: list[Check] = [
@@ -118,18 +129,16 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         *check_limits(trajectory, schedule.robot.limits.select(trajectory.joints), sliding),
         check_rest(trajectory, sliding),
         check_arms(schedule),
-        *check_events(stops, model),
+        *check_events(stops, model, moving),
         *check_lines(known, done, model),
         *_kind_checks("lines", evidence),
         *_kind_checks("work", evidence),
         *_kind_checks("joints", evidence),
-        check_platform_still(
-            schedule, [(s.start, s.end, f"lines of {s.event.task}") for s in spans]
-        ),
+        check_platform_still(schedule, _still_spans(known, spans, moving, model), moving),
         check_tool_speed(schedule, schedule.robot.tool_speed, model),
         check_stages(schedule, job),
         check_segments(schedule),
-        check_segment_kinds(known),
+        check_segment_kinds(known, waits_at_targets(known, model, moving)),
         check_bound(schedule),
         *_job_checks(evidence),
     ]
@@ -138,6 +147,23 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
     collisions, clearances = check_clearance(schedule, done)
     shapes = check_shapes(done) if done is not None else []
     return Verification((*checks, collisions, *shapes), clearances)
+
+
+def _still_spans(
+    schedule: Schedule, spans: Sequence[LineSpan], moving: Collection[StopKey], model: ToolModel
+) -> list[tuple[float, float, str]]:
+    """Returns when the platform has to stand for stops as measured [s], and for whose lines."""
+    found = []
+    for s in spans:
+        name = f"lines of {s.event.task}"
+        if (s.event.arm, s.event.task, s.event.action) in moving:
+            found += [
+                (s.start, s.event.time, name),
+                (tool_left(schedule, model, s.event, s.end), s.end, name),
+            ]
+        else:
+            found.append((s.start, s.end, name))
+    return found
 
 
 def _robot_of(job: Job, joints: tuple[str, ...]) -> ScheduleRobot:
@@ -186,10 +212,14 @@ def _job_checks(evidence: Evidence) -> list[Check]:
     if job is None or done is None:
         first, second, third = ([not_checked(name, NO_TASKS) for name in run] for run in OF_JOBS)
     else:
-        first = [check_targets(schedule, done), check_order(schedule, job)]
+        first = [
+            check_targets(schedule, done),
+            check_stands(schedule, done),
+            check_order(schedule, job),
+        ]
         second = [check_precedence(schedule, job, spans), check_windows(schedule, job)]
         third = [check_pairing(schedule, done, spans), check_dwells(schedule, done)]
-        third += check_ends(schedule, job)
+        third += [*check_ends(schedule, job), *check_signals(schedule, done)]
     return [
         *first,
         *_kind_checks("order", evidence),

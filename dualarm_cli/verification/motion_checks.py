@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.joint_motion import ALL, JointMotion
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Check
@@ -16,30 +17,34 @@ NO_TASKS = "no task file was given (--tasks)"
 """Why something of a job is not checked."""
 
 
-def check_finite(trajectory: Trajectory) -> Check:
+def check_finite(motion: JointMotion) -> Check:
     """Checks that every number is finite."""
-    arrays = {
-        "time": trajectory.time,
-        "position": trajectory.position,
-        "velocity": trajectory.velocity,
-        "acceleration": trajectory.acceleration,
+    names = ("time", "position", "velocity", "acceleration")
+    bad = {
+        name: sum(int((~np.isfinite(getattr(g, name))).sum()) for g in motion.groups.values())
+        for name in names
     }
-    bad = {name: int((~np.isfinite(values)).sum()) for name, values in arrays.items()}
     count = sum(bad.values())
     where = ", ".join(f"{n} in {name}" for name, n in bad.items() if n)
     return judge("finite", count, 0, "", f"{where} not finite" if count else "every number")
 
 
-def check_time(trajectory: Trajectory) -> Check:
-    """Checks that time starts at 0 and never runs backwards."""
-    time = trajectory.time
-    step = np.diff(time)
-    backwards = float(max(0.0, -step.min())) if step.size else 0.0
-    if backwards > 0:
-        # Not by any tolerance: where the robot stands still, nothing else would show it.
-        where = f"runs backwards at knot {int(np.argmin(step)) + 1}"
-        return judge("time", backwards, 0.0, "s", where)
-    return judge("time", abs(float(time[0])), tol.SAME_TIME, "s", f"starts at {time[0]:g} s")
+def check_time(motion: JointMotion) -> Check:
+    """Checks that the time of every joint group starts at 0 and never runs backwards."""
+    for name, group in motion.groups.items():
+        step = np.diff(group.time)
+        if (step < 0.0).any():
+            # Not by any tolerance: where the robot stands still, nothing else would show it.
+            where = f"runs backwards at knot {int(np.argmin(step)) + 1}{_of(name)}"
+            return judge("time", -float(step.min()), 0.0, "s", where)
+    starts = {name: float(group.time[0]) for name, group in motion.groups.items()}
+    worst = max(starts, key=lambda name: abs(starts[name]))
+    where = f"starts at {starts[worst]:g} s{_of(worst) if starts[worst] else ''}"
+    return judge("time", abs(starts[worst]), tol.SAME_TIME, "s", where)
+
+
+def _of(group: str) -> str:
+    return "" if group == ALL else f" of {group}"
 
 
 def check_agreement(trajectory: Trajectory, sliding: Collection[str] = ()) -> list[Check]:
@@ -49,28 +54,31 @@ def check_agreement(trajectory: Trajectory, sliding: Collection[str] = ()) -> li
         trajectory: the motion.
         sliding: names of joints that slide.
     """
-    q, v, a = trajectory.position, trajectory.velocity, trajectory.acceleration
-    dt = np.diff(trajectory.time)[:, None]
-    by_velocity = v[:-1] + dt * (a[:-1] + a[1:]) / 2.0
-    by_position = q[:-1] + dt * (v[:-1] + dt * (2.0 * a[:-1] + a[1:]) / 6.0)
+    by_position, by_velocity = [], []
+    # Joint by joint, as all errors of a long motion at once would take as much memory as the motion.
+    for joint in trajectory.joints:
+        one = trajectory.select([joint])
+        q, v, a = one.position, one.velocity, one.acceleration
+        dt = np.diff(one.time)[:, None]
+        off = q[1:] - (q[:-1] + dt * (v[:-1] + dt * (2.0 * a[:-1] + a[1:]) / 6.0))
+        by_position.append(_worst_knot(_with_drift(off, tol.POSITION_AGREEMENT)))
+        off = v[1:] - (v[:-1] + dt * (a[:-1] + a[1:]) / 2.0)
+        by_velocity.append(_worst_knot(_with_drift(off, tol.VELOCITY_AGREEMENT)))
     return [
-        _judge_knots(
-            "position_agreement",
-            _with_drift(q[1:] - by_position, tol.POSITION_AGREEMENT),
-            tol.POSITION_AGREEMENT,
-            "rad",
-            trajectory,
-            sliding,
-        ),
-        _judge_knots(
-            "velocity_agreement",
-            _with_drift(v[1:] - by_velocity, tol.VELOCITY_AGREEMENT),
-            tol.VELOCITY_AGREEMENT,
-            "rad/s",
-            trajectory,
-            sliding,
-        ),
+        _judge_knots(name, worst, allowed, unit, trajectory, sliding)
+        for name, worst, allowed, unit in (
+            ("position_agreement", by_position, tol.POSITION_AGREEMENT, "rad"),
+            ("velocity_agreement", by_velocity, tol.VELOCITY_AGREEMENT, "rad/s"),
+        )
     ]
+
+
+def _worst_knot(error: FloatArray) -> tuple[float, int]:
+    """Returns the largest error of a joint, shape (k-1, 1), and the knot that it is at; a NaN is the largest."""
+    if error.size == 0:
+        return 0.0, 0
+    knot = int(np.argmax(error))
+    return float(error[knot, 0]), knot + 1
 
 
 def _with_drift(error: FloatArray, allowed: float) -> FloatArray:
@@ -94,12 +102,14 @@ def check_limits(
         limits: of its joints, in its order; infinite where none is stated.
         sliding: names of joints that slide.
     """
-    low, high = position_extrema(trajectory)
+    rows = []
+    for joint in trajectory.joints:
+        one, own = trajectory.select([joint]), limits.select([joint])
+        largest = np.abs(one.acceleration).max(axis=0)
+        rows.append((*position_extrema(one), velocity_extrema(one), largest, jerk_share(one, own)))
+    low, high, speed, strength, excess = np.array(rows)[:, :, 0].T
     beyond = np.maximum(limits.lower - low, high - limits.upper)
     nearest = np.minimum(np.abs(limits.lower), np.abs(limits.upper))
-    speed = velocity_extrema(trajectory)
-    strength = np.abs(trajectory.acceleration).max(axis=0)
-    excess = jerk_share(trajectory, limits)
     return [
         _judge_positions(beyond, nearest, limits, sliding),
         _judge_share("velocity", speed / limits.velocity, limits.velocity, limits),
@@ -195,18 +205,17 @@ def not_checked(name: str, why: str) -> Check:
 
 def _judge_knots(
     name: str,
-    error: FloatArray,
+    worst: Sequence[tuple[float, int]],
     allowed: float,
     unit: str,
     trajectory: Trajectory,
     sliding: Collection[str],
 ) -> Check:
-    if error.size == 0:
-        return judge(name, 0.0, allowed, unit, "one knot")
-    knot, joint = np.unravel_index(int(np.argmax(error)), error.shape)
-    unit = unit_of(trajectory.joints[joint], unit, sliding)
-    where = f"{trajectory.joints[joint]} at {trajectory.time[knot + 1]:.6f} s"
-    return judge(name, float(error.max()), allowed, unit, where)
+    """Judges the largest error of each joint and the knot that it is at."""
+    column = int(np.argmax([error for error, _ in worst]))
+    (error, knot), joint = worst[column], trajectory.joints[column]
+    where = f"{joint} at {trajectory.time[knot]:.6f} s" if knot else "one knot"
+    return judge(name, error, allowed, unit_of(joint, unit, sliding), where)
 
 
 def _judge_positions(

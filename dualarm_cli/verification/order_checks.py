@@ -366,5 +366,25 @@ def check_windows(schedule: Schedule, job: Job) -> Check:
     return worst.judge("windows", tol.SAME_TIME, "s", "no task with a window is done")
 
 
+def check_signals(schedule: Schedule, job: Job) -> list[Check]:
+    """Checks that every event sets the signal of its task; nothing where there are none.
+
+    Args:
+        schedule: what is judged.
+        job: its tasks, each with the arm that did it.
+    """
+    stops = job.stops_by_key()
+    wrong, named = [], False
+    for event in schedule.events:
+        stop = stops.get((event.arm, event.task, event.action))
+        asked = "" if stop is None else stop.signal
+        named |= bool(asked or event.signal)
+        if event.signal != asked:
+            what = f"{event.signal or 'none'} instead of {asked or 'none'}"
+            wrong.append(f"{event.task} ({event.action}) sets {what}")
+    where = "; ".join(wrong[:3]) or "at every event"
+    return [judge("signals", float(len(wrong)), 0.0, "", where)] if named else []
+
+
 def _has_window(task: Task) -> bool:
     return task.not_before > 0.0 or math.isfinite(task.not_after)

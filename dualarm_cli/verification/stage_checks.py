@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,13 +15,14 @@ from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import contains, events_by_stage, in_time, stages_of_arm
 from dualarm_cli.verification.line_spans import LineSpan
 from dualarm_cli.verification.motion_checks import judge, not_checked
-from dualarm_cli.verification.tool_checks import Worst, dense_times
+from dualarm_cli.verification.tool_checks import Worst, dense_times, tool_left
+from dualarm_cli.verification.tool_model import ToolModel
 
 NAME = "segment_kinds"
 """Name of the check."""
 
 
-def check_segment_kinds(schedule: Schedule) -> Check:
+def check_segment_kinds(schedule: Schedule, held: Collection[Segment] = ()) -> Check:
     """Checks that every segment is what the motion and the events show.
 
     An arm stands still while it waits; its transfers lead to its next event, its returns come after the last one; work
@@ -30,6 +31,7 @@ def check_segment_kinds(schedule: Schedule) -> Check:
 
     Args:
         schedule: what is judged, with finite numbers and rising times.
+        held: waits in which joints may move, see `waits_at_targets`.
     """
     if not schedule.segments:
         return not_checked(NAME, "the schedule lists none")
@@ -38,13 +40,36 @@ def check_segment_kinds(schedule: Schedule) -> Check:
     for arm in schedule.robot.arms:
         events = _Events.of([e for e in schedule.events if e.arm == arm], last)
         for segment in schedule.segments:
-            if segment.arm == arm and (fault := _fault(schedule, segment, events)):
+            if segment.arm == arm and (fault := _fault(schedule, segment, events, segment in held)):
                 of = f" of {segment.task}" if segment.task else ""
                 faults.append(
                     f"{arm} {segment.kind}{of} from {segment.start:.4f} to {segment.end:.4f} s: {fault}"
                 )
     where = faults[0] if faults else "every segment agrees with the motion"
     return judge(NAME, len(faults), 0, "", where)
+
+
+def waits_at_targets(
+    schedule: Schedule, model: ToolModel, moving: Collection[StopKey]
+) -> list[Segment]:
+    """Returns the waits after dwells in which joints may move, in which the tool goes on standing at its target.
+
+    Args:
+        schedule: what is judged.
+        model: where the tools are.
+        moving: stops in whose dwells joints may move.
+    """
+    found = []
+    events = {(e.arm, e.task, e.action): e for e in schedule.events}
+    for segment in schedule.segments:
+        key = (segment.arm, segment.task, segment.action)
+        if segment.kind != "wait" or key not in moving or key not in events:
+            continue
+        event = events[key]
+        begins = abs(event.time + event.dwell - segment.start) <= tol.SAME_TIME
+        if begins and tool_left(schedule, model, event, segment.end) >= segment.end:
+            found.append(segment)
+    return found
 
 
 @dataclass(frozen=True)
@@ -73,15 +98,16 @@ class _Events:
         return next((e for e in later if e.time + e.dwell > segment.start + tol.SAME_TIME), None)
 
 
-def _fault(schedule: Schedule, segment: Segment, events: _Events) -> str:
-    """Returns what of a segment is not so, by its arm's events, or an empty string."""
+def _fault(schedule: Schedule, segment: Segment, events: _Events, held: bool) -> str:
+    """Returns what of a segment is not so, by its arm's events, or an empty string; `held`: its tool stands."""
     if segment.reason and segment.kind != "wait":
         return f"a reason for waiting is given ('{segment.reason}')"
     key = (segment.task, segment.action)
     ahead = events.ahead(segment)
     due = (ahead.task, ahead.action) if ahead else ("", "")
     if segment.kind == "wait":
-        if moved := first_move(schedule, segment.arm, segment.start, segment.end):
+        moved = first_move(schedule, segment.arm, segment.start, segment.end)
+        if moved and not held:
             return f"the arm moves at {moved:.4f} s"
         if segment.reason == "end" and ahead:
             return f"its work is not done: {' '.join(due)} follows"

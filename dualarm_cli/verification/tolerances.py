@@ -23,12 +23,18 @@ SAME_TIME = 1e-9
 """Difference of two instants that count as one [s]."""
 SAME_PLACE = 1e-9
 """Difference of two places that count as one [m]."""
+EVENT_SPEED = 1e-6
+"""How fast a joint may be while its arm is at a target that it may not pass [rad/s]."""
 STANDS = 1e-6
 """How far a joint may move while its arm has to stand [rad]."""
 POSE_DISTANCE = 1e-6
 """Distance of a tool from where it is commanded to be [m]."""
 POSE_ANGLE = 1e-6
 """Angle of a tool from how it is commanded to be [rad]."""
+DWELL_DISTANCE = 2e-5
+"""How far a tool may be from its target in a dwell in which joints may move [m]."""
+DWELL_ANGLE = 1e-4
+"""How far it may be turned away then [rad]."""
 LINE_DISTANCE = 1e-4
 """How far a tool may leave a straight line [m]."""
 LINE_ANGLE = 1e-4
@@ -55,3 +61,6 @@ CONTACT_SLACK = 5e-4
 """How far a carried part may reach into what it lies on, on the lines at both ends of its way [m]."""
 TOOL_SPEED_SLACK = 1e-4
 """Share by which a measured tool speed may exceed its cap."""
+DRIVEN_RATE_SLACK = 0.05
+"""Share by which velocities and accelerations of a motion as it was driven may exceed their limits: they are
+those of an interpolation."""

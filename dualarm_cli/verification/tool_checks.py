@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
-from dualarm_cli.model.schedule import Event, Schedule, Segment
+from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, StopKey
+from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.motion_checks import judge, not_checked
@@ -95,10 +95,35 @@ class Worst:
         return judge(name, self.value, allowed, unit, self.where)
 
 
-def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
-    """Checks that every tool is where its events say, for as long as they say."""
+def moving_dwells(schedule: Schedule, job: Job | None) -> frozenset[StopKey]:
+    """Returns the stops in whose dwells joints may move as long as the tool stands.
+
+    A job says which ones; without it, a schedule that counts what this gains may have any.
+
+    Args:
+        schedule: what is judged.
+        job: its tasks, each with the arm that did it, or None.
+    """
+    if job is not None:
+        return frozenset(k for k, stop in job.stops_by_key().items() if stop.dwell_motion)
+    if schedule.motion_gain is None:
+        return frozenset()
+    return frozenset((e.arm, e.task, e.action) for e in schedule.events)
+
+
+def check_events(
+    schedule: Schedule, model: ToolModel, moving: Collection[StopKey] = ()
+) -> list[Check]:
+    """Checks that every tool is where its events say, for as long as they say.
+
+    Args:
+        schedule: what is judged.
+        model: where the tools are.
+        moving: stops in whose dwells joints may move.
+    """
     distance, angle, knot = Worst(), Worst(), Worst()
     still_distance, still_angle = Worst(), Worst()
+    held_distance, held_angle = Worst(), Worst()
     knots = schedule.trajectory.time
     for event in schedule.events:
         where = f"{event.task} ({event.action}) at {event.time:.6f} s"
@@ -111,14 +136,21 @@ def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
         # What moves has checks of its own.
         if event.dwell > 0 and not event.moves:
             times = dense_times(knots, event.time, event.time + event.dwell)
-            _measure(schedule, model, event, times, (still_distance, still_angle), where)
+            held = (event.arm, event.task, event.action) in moving
+            worst = (held_distance, held_angle) if held else (still_distance, still_angle)
+            _measure(schedule, model, event, times, worst, where)
     none, short = "the schedule lists no events", "no event has a dwell in which the tool stands"
+    held_checks = [
+        held_distance.judge("tool_held_in_dwells", tol.DWELL_DISTANCE, "m", short),
+        held_angle.judge("tool_upright_in_dwells", tol.DWELL_ANGLE, "rad", short),
+    ]
     return [
         knot.judge("events_at_knots", tol.SAME_TIME, "s", none),
         distance.judge("tool_position_at_events", tol.POSE_DISTANCE, "m", none),
         angle.judge("tool_angle_at_events", tol.POSE_ANGLE, "rad", none),
         still_distance.judge("tool_still_in_dwells", tol.POSE_DISTANCE, "m", short),
         still_angle.judge("tool_steady_in_dwells", tol.POSE_ANGLE, "rad", short),
+        *(held_checks if held_distance.count else ()),
     ]
 
 
@@ -148,6 +180,24 @@ def check_targets(schedule: Schedule, job: Job) -> Check:
         worst.add(_target_error(schedule, job, event, stop.target), where)
     nothing = "no event is one of the job's"
     return worst.judge("events_at_targets", tol.POSE_DISTANCE, "m, rad", nothing)
+
+
+def check_stands(schedule: Schedule, job: Job) -> Check:
+    """Checks that arm and platform stand as an event happens, where its target may not be passed in motion."""
+    worst, stops, trajectory = Worst(), job.stops_by_key(), schedule.trajectory
+    for event in schedule.events:
+        stop = stops.get((event.arm, event.task, event.action))
+        free = stop is None or stop.moves or event.action in WORK_ENDS.values()
+        if free or (schedule.blends and stop is not None and stop.blend > 0.0):
+            continue
+        names = (*schedule.robot.arms[event.arm].joints, *schedule.robot.platform)
+        columns = [trajectory.joints.index(name) for name in names]
+        speed = np.abs(trajectory.at(np.array([event.time]))[1][0, columns])
+        worst.add(
+            float(speed.max(initial=0.0)), f"{event.task} ({event.action}) at {event.time:.6f} s"
+        )
+    nothing = "no target is one at which an arm has to stand"
+    return worst.judge("stands_at_events", tol.EVENT_SPEED, "rad/s, m/s", nothing)
 
 
 def _target_error(
@@ -190,7 +240,10 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
     events = {(e.arm, e.task, e.action): e for e in schedule.events}
     stops = job.stops_by_key() if job else {}
     lines = [s for s in schedule.segments if s.kind in ("approach", "retract")]
-    waits = [s for s in schedule.segments if s.kind == "wait"]
+    waits: dict[tuple[str, str, str], list[Segment]] = {}
+    for segment in schedule.segments:
+        if segment.kind == "wait":
+            waits.setdefault((segment.arm, segment.task, segment.action), []).append(segment)
     for segment in lines:
         key = (segment.arm, segment.task, segment.action)
         where = f"{segment.kind} of {segment.task} ({segment.action}) at {segment.start:.3f} s"
@@ -203,7 +256,7 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         _measure_line(
             schedule, model, segment, event, stops.get(key), (beside, turned, length), where
         )
-        apart.add(_apart(segment, event, waits), where)
+        apart.add(_apart(segment, event, waits.get(key, [])), where)
     missing = _missing_lines(lines, stops)
     if missing:
         length.add(np.inf, missing)
@@ -217,16 +270,15 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
 
 
 def _apart(line: Segment, event: Event, waits: Sequence[Segment]) -> float:
-    """Returns the time between a line and the stand-still that it leads to or from [s].
+    """Returns the time between a line and the stand-still that it leads to or from [s], given the waits at its target.
 
     After its dwell an arm may go on waiting at the target; that it stands then is checked of every wait.
     """
     if line.kind == "approach":
         return abs(line.end - event.time)
     over = event.time + event.dwell
-    own = (event.arm, event.task, event.action)
     for wait in waits:
-        if (wait.arm, wait.task, wait.action) == own and abs(wait.start - over) <= tol.SAME_TIME:
+        if abs(wait.start - over) <= tol.SAME_TIME:
             over = wait.end
     return abs(line.start - over)
 
@@ -279,12 +331,31 @@ def dense_times(knots: FloatArray, start: float, end: float) -> FloatArray:
     return np.append(times, end)
 
 
-def check_platform_still(schedule: Schedule, lines: Sequence[tuple[float, float, str]]) -> Check:
-    """Checks that the platform stands during every line and dwell.
+def tool_left(schedule: Schedule, model: ToolModel, event: Event, end: float) -> float:
+    """Returns until when a tool stands where it is at an event, though joints may move, at most until an end [s]."""
+    over = event.time + event.dwell
+    if end <= over:
+        return over
+    times = dense_times(schedule.trajectory.time, over, end)
+    R, p = model.poses(event.arm, schedule.trajectory.at(times)[0])
+    away = np.linalg.norm(p - event.pose.translation, axis=1) > tol.DWELL_DISTANCE
+    away |= rotation_angle(event.pose.rotation.T @ R) > tol.DWELL_ANGLE
+    gone = np.flatnonzero(away)
+    return float(times[max(0, gone[0] - 1)]) if len(gone) else end
+
+
+def check_platform_still(
+    schedule: Schedule,
+    lines: Sequence[tuple[float, float, str]],
+    moving: Collection[StopKey] = (),
+) -> Check:
+    """Checks that the platform stands during every line, and during every dwell but of some stops.
 
     Args:
         schedule: what is judged: also what it lists as lines and dwells, which it may not.
-        lines: start and end of each stop's lines and dwell as measured [s], and whose they are.
+        lines: start and end of each stop's lines and dwell as measured [s], without the dwells in which it may move,
+            and whose they are.
+        moving: stops in whose dwells it may.
     """
     robot, trajectory = schedule.robot, schedule.trajectory
     if not robot.platform:
@@ -293,11 +364,16 @@ def check_platform_still(schedule: Schedule, lines: Sequence[tuple[float, float,
     spans = [
         (s.start, s.end, f"{s.kind} of {s.task}")
         for s in schedule.segments
-        if s.kind in ("approach", "dwell", "retract")
+        if s.kind in ("approach", "retract")
+        or (s.kind == "dwell" and (s.arm, s.task, s.action) not in moving)
     ]
     spans += lines
     # Without a job events say when tools stand.
-    spans += [(e.time, e.time + e.dwell, f"dwell of {e.task}") for e in schedule.events if e.dwell]
+    spans += [
+        (e.time, e.time + e.dwell, f"dwell of {e.task}")
+        for e in schedule.events
+        if e.dwell and (e.arm, e.task, e.action) not in moving
+    ]
     worst = Worst()
     for start, end, what in spans:
         q, v, _ = (

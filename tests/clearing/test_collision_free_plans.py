@@ -8,7 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.clearing import clear_plan
 from dualarm_cli.clearing.clear_plan import quickest_clear
+from dualarm_cli.clearing.repairs import Clearing
 from dualarm_cli.collision.solids import (
     cell_solids,
     geometry_model,
@@ -20,7 +22,11 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Obstacle
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.motion.blending import passing_ways, with_ways
+from dualarm_cli.motion.motion import realise
+from dualarm_cli.motion.transfers import Drive, Known
+from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.postures.holding import Holding
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages
@@ -91,23 +97,24 @@ def test_a_target_within_an_obstacle_is_infeasible_with_pair_and_depth(packing):
 
 
 @pytest.mark.parametrize(
-    ("name", "some"),
+    ("name", "some", "effort"),
     [
-        pytest.param("06_shared_bin", 4, marks=pytest.mark.slow),
-        ("07_two_shelves", 4),
-        pytest.param("08_narrow_bin", 5, marks=pytest.mark.slow),
-        pytest.param("06_shared_bin", None, marks=pytest.mark.slow),
-        pytest.param("07_two_shelves", None, marks=pytest.mark.slow),
-        pytest.param("08_narrow_bin", None, marks=pytest.mark.slow),
+        ("07_two_shelves", 4, "quick"),
+        pytest.param("06_shared_bin", 4, "normal", marks=pytest.mark.slow),
+        pytest.param("07_two_shelves", 4, "normal", marks=pytest.mark.slow),
+        pytest.param("08_narrow_bin", 5, "normal", marks=pytest.mark.slow),
+        pytest.param("06_shared_bin", None, "normal", marks=pytest.mark.slow),
+        pytest.param("07_two_shelves", None, "normal", marks=pytest.mark.slow),
+        pytest.param("08_narrow_bin", None, "normal", marks=pytest.mark.slow),
     ],
 )
 def test_crowded_cells_have_proven_plans_and_the_cost_of_it_is_what_is_said(
-    tasks_folder, name, some
+    tasks_folder, name, some, effort
 ):
     """Shared bins, shelves, tools, carried boxes; the easiest one within a tenth of the unchecked plan."""
     job = load_job(tasks_folder / name / "tasks.yaml")
     job = dataclasses.replace(job, tasks=job.tasks[:some])
-    stopping = PlanSettings(blend="none")
+    stopping = PlanSettings(blend="none", effort=effort)
     schedule = plan_without_bound(job, stopping)
     assert least(schedule, job) >= 0.0
     unchecked = plan_without_bound(job, stopping, clear=False)
@@ -274,13 +281,24 @@ def test_a_part_is_turned_where_only_one_of_its_turns_fits(tasks_folder):
     assert across < 1e-6
 
 
-def test_detours_keep_a_cap_on_the_tools_speed_and_cost_little(tasks_folder):
-    """Shelves with 0.5 m/s: curves about them, timed so that no tool is faster; a quarter longer at most."""
+def test_detours_keep_a_cap_on_the_tools_speed_and_cost_little(tasks_folder, monkeypatch):
+    """Shelves with 0.5 m/s: curves about them, timed so that no tool is faster; a quarter longer at most.
+
+    Under a cap detours are between stops.
+    """
+    found, bent = clear_plan.bent_ways, []
+
+    def noted(*args):
+        bent.append(found(*args))
+        return bent[-1]
+
+    monkeypatch.setattr(clear_plan, "bent_ways", noted)
     job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
     job = dataclasses.replace(job, tasks=job.tasks[:4], tool_speed=0.5)
     schedule = plan_without_bound(job, QUICK)
     assert least(schedule, job) >= 0.0
     assert any("detour" in note for note in schedule.notes)
+    assert bent and not any(bent)
     unchecked = plan_without_bound(job, QUICK, clear=False)
     assert schedule.duration < 1.25 * unchecked.duration
 
@@ -410,3 +428,21 @@ def test_a_start_that_collides_names_all_pairs_at_once(packing):
     assert len(named) > 2
     margins = [pair.measured for pair in refusal.more["pairs"]]
     assert margins == sorted(margins, reverse=True)
+
+
+def test_a_stage_is_judged_anew_with_every_way_of_passing_its_lines(packing):
+    """Four stages, then the same with lines that are passed in motion: whether those collide is not known yet."""
+    job = dataclasses.replace(packing, tasks=packing.tasks[:2])
+    model, timing = CellModel.from_cell(job.cell), TIMING_SOLVERS["ruckig"]
+    plans = choose_stages(model, job, "fixed", "arm_angle")
+    drive = Drive.of(model, job, timing)
+    clearing = Clearing(model, job, Holding.of(job), timing, 0, Known())
+    ways = passing_ways(drive, plans)
+    assert {k for k, _ in ways} >= {1, 2}
+    for chosen in ({}, ways, {key: way for key, way in ways.items() if key[0] == 1}):
+        own = with_ways(plans, chosen)
+        motion = realise(model, job, own, timing)
+        fresh = Clearing(model, job, Holding.of(job), timing, 0, Known())
+        assert clearing.touching(own, motion) == fresh.touching(own, motion)
+    # With no way, with all of them, and the first two stages with those about the second stage's transfers.
+    assert len(clearing.seen) == 2 * len(plans) + 2

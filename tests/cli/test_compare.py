@@ -168,17 +168,17 @@ def test_methods_that_do_not_serve_are_rows_and_exit_2_where_none_does(tasks_fol
 
 def test_a_plan_that_fails_its_verification_is_exit_1_and_never_wins(monkeypatch, planar, capsys):
     """A verifier that fails the faster of the two."""
-    import dualarm_cli.verification as verification
+    from dualarm_cli import interface
     from dualarm_cli.model.verification import Check, Verification
 
-    real = verification.verify
+    real = interface.judged
 
     def strict(schedule, job=None, clearance=False):
         if schedule.provenance.settings["platform"] == "fixed":
             return Verification((Check("velocity", "failed", 2.0, 1.0, "", "left_1"),))
         return real(schedule, job, clearance=clearance)
 
-    monkeypatch.setattr(verification, "verify", strict)
+    monkeypatch.setattr(interface, "judged", strict)
     assert run(["compare", "solvers", str(planar), *SOME, "--json"]) == 1
     (section,) = json.loads(capsys.readouterr().out)["comparisons"]
     assert section["winner"]["method"] == "exact"
@@ -264,8 +264,8 @@ def test_a_schedule_from_elsewhere_without_stages_is_compared(plans, tmp_path, c
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda d: d["trajectory"]["time"].__setitem__(2, float("nan")), "is not finite"),
-        (lambda d: d["trajectory"]["time"].reverse(), "do not increase"),
+        (lambda d: d["motion"]["left"]["time"].__setitem__(2, float("nan")), "is not finite"),
+        (lambda d: d["motion"]["left"]["time"].reverse(), "do not increase"),
         (lambda d: d["stages"][0].__setitem__("end", -1), "stage 1 ends before it starts"),
         (
             lambda d: [e.__setitem__("task", "x" + e["task"]) for e in d["events"] + d["segments"]],

@@ -18,7 +18,7 @@ import pytest
 from dualarm_cli.cli import plan as cli_plan
 from dualarm_cli.cli import run as run_module
 from dualarm_cli.cli.run import run
-from dualarm_cli.plan import planner
+from dualarm_cli.planning import planner
 
 AT_ONCE = 6.0
 """Two seconds by the contract [s]; the rest is for a machine that does other things meanwhile."""
@@ -45,7 +45,8 @@ def hashes(folder):
 def planned(tmp_path_factory, tasks_folder):
     """One plan of the first task file, made by a process."""
     out = tmp_path_factory.mktemp("plan") / "out"
-    result = dualarm("plan", tasks_folder / "01_first_pick" / "tasks.yaml", "--out", out)
+    task = tasks_folder / "01_first_pick" / "tasks.yaml"
+    result = dualarm("plan", task, "--out", out, "--effort", "quick")
     return result, out
 
 
@@ -78,7 +79,8 @@ def test_the_same_input_gives_the_same_bytes(planned, tasks_folder, tmp_path):
     """A second process with another hash seed writes identical files."""
     again = tmp_path / "again"
     task = tasks_folder / "01_first_pick" / "tasks.yaml"
-    result = dualarm("plan", task, "--out", again, env=os.environ | {"PYTHONHASHSEED": "7"})
+    quick = ("--effort", "quick")
+    result = dualarm("plan", task, "--out", again, *quick, env=os.environ | {"PYTHONHASHSEED": "7"})
     assert result.returncode == 0, result.stderr
     assert hashes(again) == hashes(planned[1])
 
@@ -92,7 +94,8 @@ def test_results_are_not_overwritten_unasked(planned, tasks_folder):
     assert refused.returncode == 2
     assert "already holds a schedule; add --force" in refused.stderr
     assert hashes(out) == before
-    assert dualarm("plan", task, "--out", out, "--force", "--quiet").returncode == 0
+    force = ("--force", "--quiet", "--effort", "quick")
+    assert dualarm("plan", task, "--out", out, *force).returncode == 0
     assert hashes(out) == before
 
 
@@ -100,7 +103,13 @@ def test_without_out_the_folder_is_named_after_the_task_file(tasks_folder, tmp_p
     """./tasks-plan in the working directory; --quiet prints nothing."""
     task = tasks_folder / "03_bottin_planar" / "tasks.yaml"
     result = dualarm(
-        "plan", task, "--quiet", cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(Path.cwd())}
+        "plan",
+        task,
+        "--quiet",
+        "--effort",
+        "quick",
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(Path.cwd())},
     )
     assert result.returncode == 0, result.stderr
     assert result.stdout == ""
@@ -110,7 +119,7 @@ def test_without_out_the_folder_is_named_after_the_task_file(tasks_folder, tmp_p
 def test_plan_as_json_is_one_document(tasks_folder, tmp_path):
     """Nothing else on stdout."""
     task = tasks_folder / "03_bottin_planar" / "tasks.yaml"
-    result = dualarm("plan", task, "--out", tmp_path / "out", "--json")
+    result = dualarm("plan", task, "--out", tmp_path / "out", "--json", "--effort", "quick")
     assert json.loads(result.stdout)["format"] == "dualarm.report/1"
 
 

@@ -325,7 +325,7 @@ def test_who_supervises_loads_no_planner_though_a_method_is_named(cells):
     arguments = ["score", *QUICK, ALL, "--no-cache", "--json", "--quiet"]
     code = (
         f"import sys; from dualarm_cli.cli.run import run; run({arguments!r}); "
-        "print([m for m in ('pinocchio', 'dualarm_cli.plan') if m in sys.modules], file=sys.stderr)"
+        "print([m for m in ('pinocchio', 'dualarm_cli.planning') if m in sys.modules], file=sys.stderr)"
     )
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True

@@ -86,8 +86,8 @@ def test_quiet_says_nothing_and_keeps_the_exit_code(planned, copied, capsys):
 
 
 def push(document):
-    """Moves one joint by a microradian at a knot in the middle."""
-    rows = document["trajectory"]["position"]
+    """Moves one joint by a microradian at an anchor in the middle."""
+    rows = document["motion"]["left"]["position"]
     rows[len(rows) // 2][0] += 1e-6
 
 
@@ -106,8 +106,8 @@ def swap(document):
         (lambda d: d["events"][0]["xyz"].__setitem__(2, d["events"][0]["xyz"][2] + 1e-5),
          "tool_position_at_events"),
         (lambda d: d.update(duration=d["duration"] + 1e-6), "duration"),
-        (lambda d: d["trajectory"]["velocity"][3].__setitem__(0, float("nan")), "finite"),
-        (lambda d: d["trajectory"]["time"].__setitem__(3, -1.0), "time"),
+        (lambda d: d["motion"]["left"]["acceleration"][3].__setitem__(0, float("nan")), "finite"),
+        (lambda d: d["motion"]["left"]["time"].__setitem__(3, -1.0), "time"),
     ],
     ids=["knot", "order", "arm", "event", "duration", "nan", "time"],
 )  # fmt: skip
@@ -155,7 +155,7 @@ def test_an_edited_or_lost_file_beside_the_schedule_is_noticed(copied, capsys, n
         (lambda f: (f / "robot.urdf").unlink(), "'robot.urdf' cannot be read"),
         (lambda f: (f / "robot.urdf").write_text("<robot/>"), "robot.urdf"),
         (lambda f: edit(f, lambda d: d.update(duration=float("inf"))), "duration: must be"),
-        (lambda f: edit(f, lambda d: d.pop("trajectory")), "trajectory: is missing"),
+        (lambda f: edit(f, lambda d: d.pop("motion")), "motion: is missing"),
         (lambda f: edit(f, lambda d: d["robot"].update(urdf="../x")), "own folder"),
         (lambda f: edit(f, lambda d: d["robot"]["arms"]["left"].update(flange="x")), "flange"),
     ],

@@ -18,7 +18,7 @@ from dualarm_cli.cli.parts.interrupts import STOPPING
 from dualarm_cli.cli.parts.status_line import StatusLine
 from dualarm_cli.cli.run import run
 from dualarm_cli.orders.watch import Watch
-from dualarm_cli.plan.planner import UNLIMITED
+from dualarm_cli.planning.planner import UNLIMITED
 
 AT_ONCE = 6.0
 """Two seconds by the contract [s]; the rest is for a machine that does other things meanwhile."""

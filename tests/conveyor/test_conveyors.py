@@ -20,7 +20,7 @@ from dualarm_cli.kinds.conveyor.measures import conveyor_lines, conveyor_rows
 from dualarm_cli.kinds.conveyor.meeting import MeetingTime
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.motion import realise
-from dualarm_cli.plan.planner import plan, plan_without_bound
+from dualarm_cli.planning.planner import plan, plan_without_bound
 from dualarm_cli.report.report import build_report
 from dualarm_cli.stages.platform_moves import stage_move
 from dualarm_cli.verification import verify

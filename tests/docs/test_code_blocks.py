@@ -13,6 +13,7 @@ without a language is a drawing.
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import shlex
@@ -20,6 +21,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +31,7 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from dualarm_cli.cli.commands import app
+from dualarm_cli.cli.run import run
 from dualarm_cli.files.source.text_source import read_text
 from dualarm_cli.files.source.yaml_source import parse_yaml
 from dualarm_cli.schemas import schema_of
@@ -45,6 +48,8 @@ BLOCK = re.compile(
     re.MULTILINE | re.DOTALL,
 )
 SET_UP = ("python3", ".venv/", "PYTHONPATH=. .venv/", "pip ", "dask ", "sphinx-build ", "export ")
+SHELL = re.compile(r"[|<>;&$*`]")
+"""What only a shell understands; a glob in quotes as well, which the shell hands over as it is."""
 PLACEHOLDER = re.compile(r"(?<![\w-])[A-Z]{2,}(?:\.\w+)?\b")
 FIGURES = {
     "any_order.png": ("dualarm plan tasks/11_any_order/tasks.yaml", "order.png"),
@@ -113,16 +118,20 @@ def check_usage(line: str) -> None:
     command.make_context("dualarm", words)
 
 
-def run_shell(block: Block, folder: Path) -> str:
-    """Runs the commands of a block in a folder; returns what they print."""
-    lines = []
-    for line in block.text.replace("\\\n", " ").splitlines():
-        if line.startswith(SET_UP):
-            check_set_up(line)
-        elif line.startswith("dualarm") and PLACEHOLDER.search(line.split(" #")[0]):
-            check_usage(line)
-        else:
-            lines.append(line)
+def run_commands(lines: list[str], folder: Path) -> tuple[int, str]:
+    """Runs `dualarm` commands in this process up to one that fails; returns exit code and output."""
+    code, printed = 0, io.StringIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setenv("COLUMNS", "200")
+        with redirect_stdout(printed), redirect_stderr(printed):
+            for line in lines:
+                code = code or run(shlex.split(line, comments=True)[1:])
+    return code, printed.getvalue()
+
+
+def run_bash(lines: list[str], folder: Path) -> tuple[int, str]:
+    """Runs lines with bash up to one that fails; returns exit code and output."""
     tools = folder / ".bin"
     tools.mkdir(exist_ok=True)
     (tools / "dualarm").write_text(f'#!/bin/sh\nexec {sys.executable} -m dualarm_cli "$@"\n')
@@ -143,10 +152,25 @@ def run_shell(block: Block, folder: Path) -> str:
         text=True,
         check=False,
     )
-    assert done.returncode == int(block.notes.get("exit", 0)), f"{block.text}\n{done.stdout}"
+    return done.returncode, done.stdout
+
+
+def run_shell(block: Block, folder: Path) -> str:
+    """Runs the commands of a block in a folder; returns what they print."""
+    lines = []
+    for line in block.text.replace("\\\n", " ").splitlines():
+        if line.startswith(SET_UP):
+            check_set_up(line)
+        elif line.startswith("dualarm") and PLACEHOLDER.search(line.split(" #")[0]):
+            check_usage(line)
+        else:
+            lines.append(line)
+    plain = all(line.startswith("dualarm ") and not SHELL.search(line) for line in lines)
+    code, printed = (run_commands if plain else run_bash)(lines, folder)
+    assert code == int(block.notes.get("exit", 0)), f"{block.text}\n{printed}"
     for figure in re.findall(r"--plot (\S+)", "\n".join(lines)):
         assert (folder / figure).stat().st_size > 0
-    return done.stdout
+    return printed
 
 
 def check_yaml(block: Block, folder: Path) -> None:
@@ -207,8 +231,8 @@ def check_page(page: Path, folder: Path, *, slow: bool) -> None:
             check_yaml(block, folder)
         elif block.language == "python":
             (folder / "block.py").write_text(block.text)
-            run = Block("sh", f"{shlex.quote(sys.executable)} block.py", block.notes)
-            printed = (printed or "") + run_shell(run, folder)
+            script = Block("sh", f"{shlex.quote(sys.executable)} block.py", block.notes)
+            printed = (printed or "") + run_shell(script, folder)
         elif block.language == "text" and printed is not None:
             check_output(block, printed)
         else:

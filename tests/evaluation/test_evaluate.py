@@ -16,7 +16,9 @@ from dualarm_cli.evaluation.request import Request, case_name
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.budget import Kept
 from dualarm_cli.model.evaluation import Evaluation
-from dualarm_cli.plan.planner import plan
+from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.planning import planner
+from dualarm_cli.planning.planner import plan
 
 
 def test_the_figures_are_those_of_the_plan(cells, request_for):
@@ -128,7 +130,7 @@ def test_an_unknown_solver_a_missing_file_and_a_bug_have_their_status(
     def broken(*_):
         raise ZeroDivisionError("seven")
 
-    monkeypatch.setattr(module, "plan", broken)
+    monkeypatch.setattr(planner, "plan", broken)
     found = evaluate(request)
     assert found.status == "internal_error"
     assert "ZeroDivisionError: seven" in found.findings[0].message
@@ -137,13 +139,15 @@ def test_an_unknown_solver_a_missing_file_and_a_bug_have_their_status(
 def test_a_plan_that_the_verifier_fails_says_which_check(cells, request_for, monkeypatch):
     """A mutated schedule: its last knot is moved, so that it does not come back."""
 
-    def spoilt(job, settings):
-        schedule = plan(job, settings)
+    def spoilt(job, settings, watch):
+        schedule = plan(job, settings, watch)
         position = schedule.trajectory.position.copy()
         position[-1] += 0.01
-        return replace(schedule, trajectory=replace(schedule.trajectory, position=position))
+        return replace(
+            schedule, motion=JointMotion.of(replace(schedule.trajectory, position=position))
+        )
 
-    monkeypatch.setattr(module, "plan", spoilt)
+    monkeypatch.setattr(planner, "plan", spoilt)
     found = evaluate(request_for(cells(1)[0]))
     assert found.status == "fails_verification"
     assert any("position" in finding.message for finding in found.findings)
@@ -165,7 +169,7 @@ def test_a_figure_that_is_none_is_an_error_and_goes_through_json(
 @pytest.mark.parametrize("bound", [None, float("inf")])
 def test_a_bound_that_is_not_known_or_infinite_is_none(cells, request_for, monkeypatch, bound):
     """An infinite one fails the verifier, and its evaluation still goes through JSON."""
-    monkeypatch.setattr(module, "plan", lambda *given: replace(plan(*given), lower_bound=bound))
+    monkeypatch.setattr(planner, "plan", lambda *given: replace(plan(*given), lower_bound=bound))
     found = evaluate(request_for(cells(1)[0]))
     assert found.status == ("planned" if bound is None else "fails_verification")
     assert (found.lower_bound, found.gap) == (None, None)

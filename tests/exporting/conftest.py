@@ -10,6 +10,7 @@ import pytest
 
 from dualarm_cli.exporting.files import write_schedule_set
 from dualarm_cli.model.job import Dwell
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import (
     Event,
@@ -59,7 +60,7 @@ def schedule() -> Schedule:
     arms = {"left": ScheduleArm("hand", _pose(rng), ("lift",))}
     return Schedule(
         robot=ScheduleRobot("zwei ☃", URDF, _pose(rng), arms, limits, ("turn",), 0.1 + 0.2),
-        trajectory=Trajectory(joints, time, *values),
+        motion=JointMotion.of(Trajectory(joints, time, *values)),
         stages=(
             Stage(0.0, 1 / 3, ("a",), "exact", 0.1, 0.2, {"left": 0.3}, {"turn": 0.4}, "turn"),
             Stage(1 / 3, 0.7, (), "fixed", None, 0.0, {}, {}, ""),

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.exporting.files import to_csv
+from dualarm_cli.model.joint_motion import JointMotion
 
 
 @pytest.fixture
@@ -22,7 +23,7 @@ def sampled(schedule):
         velocity=np.array([[0.0, 0.0], [1.47, 0.0]]),
         acceleration=np.array([[0.0, 0.0], [4.2, 0.0]]),
     )
-    return dataclasses.replace(schedule, trajectory=trajectory)
+    return dataclasses.replace(schedule, motion=JointMotion.of(trajectory))
 
 
 def written(schedule, rate):
@@ -106,7 +107,7 @@ def test_one_knot_is_one_row(sampled):
         time=trajectory.time[:1],
         **{k: getattr(trajectory, k)[:1] for k in ("position", "velocity", "acceleration")},
     )
-    still = dataclasses.replace(sampled, trajectory=one, events=())
+    still = dataclasses.replace(sampled, motion=JointMotion.of(one), events=())
     assert len(table(written(still, 250.0))[1]) == 1
 
 
@@ -116,7 +117,7 @@ def test_one_knot_is_one_row(sampled):
 def test_no_name_of_a_joint_is_a_formula_or_breaks_a_row(sampled, name):
     """A name comes from somebody's URDF."""
     trajectory = dataclasses.replace(sampled.trajectory, joints=(name, "lift"))
-    content = written(dataclasses.replace(sampled, trajectory=trajectory), 10.0)
+    content = written(dataclasses.replace(sampled, motion=JointMotion.of(trajectory)), 10.0)
     header, rows = table(content)
     assert len(header) == 7
     assert rows.shape == (8, 7)

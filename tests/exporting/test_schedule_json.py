@@ -9,9 +9,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.cli.run import run
 from dualarm_cli.exporting import schedule_json
 from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.exporting.schedule_reader import read_schedule
+from dualarm_cli.model.joint_motion import JointMotion
 
 
 def written(schedule, files=None):
@@ -89,7 +91,7 @@ def test_members_stand_in_the_order_in_which_a_person_reads_them(schedule):
         "stages",
         "segments",
         "events",
-        "trajectory",
+        "motion",
         "provenance",
         "notes",
         "files",
@@ -107,7 +109,7 @@ def test_no_nan_is_ever_written(schedule, value):
     position[3, 1] = value
     trajectory = dataclasses.replace(schedule.trajectory, position=position)
     with pytest.raises(ValueError, match="not JSON compliant"):
-        written(dataclasses.replace(schedule, trajectory=trajectory))
+        written(dataclasses.replace(schedule, motion=JointMotion.of(trajectory)))
 
 
 def test_a_file_name_that_is_no_utf8_is_written_and_read(schedule, tmp_path):
@@ -140,6 +142,8 @@ def test_the_document_is_the_one_that_json_would_write(schedule, monkeypatch):
         if key in ("stages", "segments", "events"):
             rows = ",\n  ".join(json.dumps(row, ensure_ascii=False) for row in value)
             text = f"[\n  {rows}\n ]"
+        if key == "motion":
+            text = f'{{\n  "all": {json.dumps(value["all"])}\n }}'
         lines.append(f' "{key}": {text}')
     assert whole.decode() == "{\n" + ",\n".join(lines) + "\n}\n"
 
@@ -149,3 +153,21 @@ def test_lists_without_entries_are_empty(schedule):
     empty = dataclasses.replace(schedule, stages=(), segments=(), events=())
     assert written(empty).count(b": [],\n") >= 3
     assert json.loads(written(empty))["events"] == []
+
+
+def test_a_reader_that_follows_the_reference_has_the_same_doubles(
+    plain_motion, tmp_path, tasks_folder
+):
+    """A plan of two arms and a platform; sums of Python's own, knot by knot."""
+    command = ["plan", str(tasks_folder / "01_first_pick" / "tasks.yaml"), "--out", str(tmp_path)]
+    assert run([*command, "--effort", "quick", "--no-page"]) == 0
+    document = json.loads((tmp_path / "schedule.json").read_bytes())
+    motion = read_schedule(tmp_path).motion
+    assert list(motion.groups) == list(document["robot"]["groups"]) == ["platform", "left", "right"]
+    for name, group in motion.groups.items():
+        rows = plain_motion.knots(document, name)
+        assert len(document["motion"][name]["anchor"]) < len(rows) / 5 or len(rows) < 20
+        for k, values in enumerate(
+            (group.time, group.position, group.velocity, group.acceleration)
+        ):
+            assert np.array([row[k] for row in rows]).tobytes() == values.tobytes()

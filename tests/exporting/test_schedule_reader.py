@@ -48,7 +48,7 @@ ROW = [0.0, 0.0]
 HUGE = 10**400
 DEFECTS = [
     (["format"], MISSING, "format: "),
-    (["format"], "dualarm.schedule/2", "format: "),
+    (["format"], "dualarm.schedule/3", "format: "),
     (["format"], 1, "format: "),
     (["robot"], MISSING, "robot: is missing"),
     (["robot"], [], "robot: must be an object"),
@@ -58,7 +58,7 @@ DEFECTS = [
     (["robot", "joints"], ["turn", 1], "robot.joints: must be a list of names"),
     (["robot", "joints"], [], "robot.joints: must name every joint once"),
     (["robot", "joints"], ["turn", "turn"], "robot.joints: must name every joint once"),
-    (["robot", "joints"], ["turn"], "trajectory.position: must have shape (7, 1), not (7, 2)"),
+    (["robot", "joints"], ["turn"], "robot.groups: must name every joint of robot.joints in one"),
     (["robot", "urdf"], MISSING, "robot.urdf: "),
     (["robot", "urdf"], "", "robot.urdf: "),
     (["robot", "urdf"], 7, "robot.urdf: must be text"),
@@ -97,17 +97,33 @@ DEFECTS = [
     (["duration"], float("nan"), "duration: must be a finite number"),
     (["duration"], "long", "duration: must be a finite number"),
     (["lower_bound"], [1], "lower_bound: must be a finite number"),
-    (["trajectory"], MISSING, "trajectory: is missing"),
-    (["trajectory", "time"], MISSING, "trajectory.time: is missing"),
-    (["trajectory", "time"], [], "trajectory.time: is empty"),
-    (["trajectory", "time"], [[0.0]] * 7, "trajectory.time: must have shape (7,), not (7, 1)"),
-    (["trajectory", "time", 3], "0.3", "trajectory.time: must be numbers"),
-    (["trajectory", "time", 3], None, "trajectory.time: must be numbers"),
-    (["trajectory", "position"], MISSING, "trajectory.position: is missing"),
-    (["trajectory", "position"], [ROW] * 6, "trajectory.position: must have shape (7, 2)"),
-    (["trajectory", "velocity", 2], [0.0], "trajectory.velocity: must be numbers, in rows of"),
-    (["trajectory", "velocity", 2], {}, "trajectory.velocity: must be numbers"),
-    (["trajectory", "acceleration", 2, 1], "1", "trajectory.acceleration: must be numbers"),
+    (["motion"], MISSING, "motion: is missing"),
+    (["motion", "all"], MISSING, "motion.all: is missing"),
+    (["motion", "all"], [0.0], "motion.all: must be an object"),
+    (["motion", "all", "time"], MISSING, "motion.all.time: is missing"),
+    (["motion", "all", "time"], [], "motion.all.time: is empty"),
+    (["motion", "all", "time"], [[0.0]] * 7, "motion.all.time: must have shape (7,), not (7, 1)"),
+    (["motion", "all", "time", 3], "0.3", "motion.all.time: must be numbers"),
+    (["motion", "all", "time", 3], None, "motion.all.time: must be numbers"),
+    (["motion", "all", "position"], MISSING, "motion.all.position: is missing"),
+    (["motion", "all", "position"], [ROW] * 6, "motion.all.position: must have shape (7, 2)"),
+    (["motion", "all", "velocity", 2], [0.0], "motion.all.velocity: must be numbers, in rows of"),
+    (["motion", "all", "velocity", 2], {}, "motion.all.velocity: must be numbers"),
+    (["motion", "all", "acceleration", 2, 1], "1", "motion.all.acceleration: must be numbers"),
+    (["motion", "all", "acceleration"], [ROW] * 8, "motion.all.acceleration: must have shape (7,"),
+    (["motion", "all", "anchor"], MISSING, "motion.all.anchor: is missing"),
+    (["motion", "all", "anchor"], [], "motion.all.anchor: is empty"),
+    (["motion", "all", "anchor", 0], 1, "motion.all.anchor: must be knots that rise from 0 to 6"),
+    (["motion", "all", "anchor", 6], 7, "motion.all.anchor: must be knots that rise from 0 to 6"),
+    (["motion", "all", "anchor", 6], HUGE, "motion.all.anchor: must be numbers"),
+    (["motion", "all", "anchor", 2], 1, "motion.all.anchor: must be knots that rise from 0 to 6"),
+    (["motion", "all", "anchor", 2], 1.5, "motion.all.anchor: must be knots that rise from 0 to"),
+    (["motion", "all", "anchor", 2], float("nan"), "motion.all.anchor: must be knots that rise"),
+    (["robot", "groups"], MISSING, "robot.groups: is missing"),
+    (["robot", "groups"], {}, "robot.groups: must name every joint of robot.joints in one group"),
+    (["robot", "groups", "all"], ["turn"], "robot.groups: must name every joint of robot.joints"),
+    (["robot", "groups", "two"], ["lift"], "robot.groups: must name every joint of robot.joints"),
+    (["robot", "groups", "all"], "turn", "robot.groups.all: must be a list of names"),
     (["events", 0, "velocity"], [0.1, 0], "events[0].velocity: must have shape (3,), not (2,)"),
     (["events", 0, "velocity"], "fast", "events[0].velocity: must be numbers"),
     (["events", 0, "velocity"], [0, 0, float("inf")], "events[0].velocity: must be finite"),
@@ -212,7 +228,7 @@ def test_a_schedule_nested_deep_within_a_member_is_refused(folder):
     deep = text.replace('"time": [0.0', '"time": [' + "[" * 500 + "0.0" + "]" * 500, 1)
     assert deep != text
     (folder / "schedule.json").write_text(deep)
-    assert message(folder).startswith(("trajectory.time: must", "schedule: is not JSON"))
+    assert message(folder).startswith(("motion.all.time: must", "schedule: is not JSON"))
 
 
 def test_a_file_that_is_not_there_a_pipe_and_a_giant_are_refused(tmp_path, monkeypatch):
@@ -235,7 +251,9 @@ def test_a_schedule_read_in_small_pieces_is_the_same(folder, monkeypatch, indent
     file = folder / "schedule.json"
     document = json.loads(file.read_bytes())
     document["notes"] = ["\u2603 snow", '\U0001f600 \\ "', "x" * 300]
-    document["trajectory"]["velocity"][2] = [float("nan"), -float("inf")]
+    motion = document["motion"]["all"]
+    assert motion["anchor"] == list(range(7))
+    motion["velocity"][2] = [float("nan"), -float("inf")]
     for ascii_only in (True, False):
         file.write_text(json.dumps(document, indent=indent, ensure_ascii=ascii_only), "utf-8")
         for block in (1, 2, 3, 7, 64, 1 << 20):
@@ -243,7 +261,7 @@ def test_a_schedule_read_in_small_pieces_is_the_same(folder, monkeypatch, indent
             monkeypatch.setattr(json_reader, "BATCH", block)
             read = read_schedule(folder)
             for name in ("time", "position", "velocity", "acceleration"):
-                expected = np.array(document["trajectory"][name])
+                expected = np.array(motion[name])
                 assert getattr(read.trajectory, name).tobytes() == expected.tobytes()
             assert list(read.notes) == document["notes"]
             assert [segment.kind for segment in read.segments] == [
@@ -269,8 +287,13 @@ def test_a_defect_far_down_is_told_with_its_line(folder, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ('"trajectory": {"time": [' + "0," * 3000, "trajectory.time: has more than 1,000 numbers"),
-        ('"trajectory": {"x": [' + "[0,0]," * 3000, "trajectory.x: has more than 1,000 numbers"),
+        ('"motion": {"a": {"time": [' + "0," * 3000, "motion.a.time: has more than 1,000 numbers"),
+        ('"motion": {"x": [' + "[0,0]," * 3000, "motion.x: has more than 1,000 numbers"),
+        (
+            '"motion": {' + '"a": {"x": [' + "0," * 600 + '0]}, "b": {"x": [' + "0," * 600,
+            "motion.b.x: has more than 399 numbers",
+        ),
+        ('"motion": {"a": {"b": {"c": [' + "0," * 3000, "schedule: is not JSON: A value is too"),
         ('"stages": [' + "{}," * 3000, "stages: has more than 1,000 entries"),
         ('"notes": [' + '"",' * 3000, "notes: has more than 1,000 entries"),
         ('"name": "' + "x" * 5000, "schedule: is not JSON: A value is too long"),
@@ -298,14 +321,17 @@ def test_reading_takes_memory_for_the_numbers_and_not_for_their_text(folder):
     random = np.random.default_rng(0)
     file = folder / "schedule.json"
     document = json.loads(file.read_bytes())
-    document["trajectory"] = {
+    document["motion"]["all"] = {
         "time": np.linspace(0.0, 100.0, knots).tolist(),
+        "anchor": list(range(knots)),
         **{
             name: random.normal(size=(knots, 2)).tolist()
             for name in ("position", "velocity", "acceleration")
         },
     }
-    expected = {name: np.array(table) for name, table in document["trajectory"].items()}
+    tables = document["motion"]["all"]
+    expected = {name: np.array(table) for name, table in tables.items() if name != "anchor"}
+    del tables
     file.write_text(json.dumps(document))
     size = file.stat().st_size
     del document
@@ -344,7 +370,7 @@ def test_a_urdf_that_is_a_pipe_or_a_link_out_or_around_is_refused(folder):
 @pytest.mark.parametrize("name", ["time", "position", "velocity", "acceleration"])
 def test_numbers_of_the_motion_that_are_not_finite_are_findings_and_no_crash(folder, name, value):
     """They are read as they are; the verifier says where they are."""
-    path = ["trajectory", name, 3] + ([] if name == "time" else [1])
+    path = ["motion", "all", name, 3] + ([] if name == "time" else [1])
     edit(folder, path, value)
     schedule = read_schedule(folder)
     assert np.array_equal(
@@ -352,6 +378,22 @@ def test_numbers_of_the_motion_that_are_not_finite_are_findings_and_no_crash(fol
     )
     failed = {check.name: check.detail for check in verify(schedule).failures}
     assert failed == {"finite": f"1 in {name} not finite"}
+
+
+def test_a_file_of_an_older_version_is_read(folder, schedule):
+    """It states position, velocity and acceleration of all joints at common knots."""
+    file = folder / "schedule.json"
+    document = json.loads(file.read_bytes())
+    document["format"] = "dualarm.schedule/1"
+    del document["motion"], document["robot"]["groups"]
+    names = ("time", "position", "velocity", "acceleration")
+    document["trajectory"] = {name: getattr(schedule.trajectory, name).tolist() for name in names}
+    file.write_text(json.dumps(document))
+    read = read_schedule(folder).trajectory
+    for name in names:
+        assert getattr(read, name).tobytes() == getattr(schedule.trajectory, name).tobytes()
+    edit(folder, ["trajectory", "time"], [])
+    assert message(folder) == "trajectory.time: is empty"
 
 
 def test_the_stated_judgement_is_not_believed(folder):

@@ -8,7 +8,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.model.curves.tool_path import TURN_LENGTH, Line, Spline, ToolPath, Turn
+from dualarm_cli.model.curves.tool_path import (
+    TURN_LENGTH,
+    Line,
+    RoundedCorner,
+    Spline,
+    ToolPath,
+    Turn,
+)
 
 DOWN = pin.utils.rotate("x", np.pi)
 
@@ -400,3 +407,78 @@ def test_circles_that_touch_are_no_corner_and_are_in_all_directions():
         )
         assert back is not None
         assert len(ToolPath((first, back)).corners) == 1
+
+
+def polyline(seed: int) -> ToolPath:
+    """Five poses at random, of which every third path keeps its rotation."""
+    random = np.random.default_rng(seed)
+    size = [0.0, 0.3, 1.0][seed % 3]
+    poses = [
+        pin.SE3(pin.exp3(size * random.normal(size=3)), 0.2 * random.normal(size=3))
+        for _ in range(5)
+    ]
+    return ToolPath(tuple(Line(a, b) for a, b in pairwise(poses)))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_rounded_corners_are_smooth_and_left_by_no_more_than_allowed(seed):
+    """Unit speed and continuous curvature by finite differences; the corner's distance by dense samples."""
+    path = polyline(seed)
+    rounded = path.rounded(0.02)
+    assert rounded.length <= path.length
+    curves = [piece for piece in rounded.pieces if isinstance(piece, RoundedCorner)]
+    assert len(rounded.corners) == len(path.corners) - len(curves)
+    s = np.linspace(0.0, rounded.length, 40001)
+    R, p = rounded.at(s)
+    turned_by = np.array([pin.log3(a.T @ b) for a, b in pairwise(R)])
+    steps = np.maximum(
+        np.linalg.norm(np.diff(p, axis=0), axis=1), TURN_LENGTH * np.linalg.norm(turned_by, axis=1)
+    )
+    beside_corners = np.ones(len(steps), dtype=bool)
+    for corner in rounded.corners:
+        beside_corners &= np.abs(s[:-1] - corner) > 2.0 * s[1]
+    assert steps[beside_corners] == pytest.approx(s[1], rel=1e-3)
+    for curve in curves:
+        assert np.linalg.norm(p - curve.corner.translation, axis=1).min() <= 0.02 + s[1]
+        turn = min(np.linalg.norm(pin.log3(R_here.T @ curve.corner.rotation)) for R_here in R[::20])
+        assert TURN_LENGTH * turn <= 0.02 + 30 * s[1]
+        # Third derivatives exist, so that the curvature beside its ends is small and zero at them.
+        step = 1e-3 * curve.length
+        near = curve.at(np.array([0.0, step, 2.0 * step]))[1]
+        bend = np.linalg.norm(near[0] - 2.0 * near[1] + near[2]) / step**2
+        assert bend < 0.1 / curve.length
+
+
+def test_a_right_angle_is_cut_where_hand_arithmetic_says():
+    """Points d, 0.7 d, 0.4 d beside it, weighed 1, 5, 10 of 32: its middle is 8.5 / 32 d off both ways."""
+    path = ToolPath(
+        (Line(pose(0, 0, 0), pose(0.5, 0, 0)), Line(pose(0.5, 0, 0), pose(0.5, 0.5, 0)))
+    )
+    [_, curve, _] = path.rounded(0.02).pieces
+    d = 0.02 / (np.sqrt(2.0) * 8.5 / 32.0)
+    ends = curve.at(np.array([0.0, curve.length]))[1]
+    assert ends == pytest.approx(np.array([[0.5 - d, 0, 0], [0.5, d, 0]]), abs=1e-12)
+    middle = curve.at(np.array([0.5 * curve.length]))[1][0]
+    assert middle == pytest.approx([0.5 - d * 8.5 / 32, d * 8.5 / 32, 0], abs=1e-9)
+    assert curve.left_by == pytest.approx(0.02, abs=1e-12)
+
+
+def test_short_pieces_share_and_sharp_corners_and_arcs_keep_their_stops():
+    """Half of a piece each; a corner of 150 degrees stays."""
+    short = ToolPath(
+        (
+            Line(pose(0, 0, 0), pose(0.5, 0, 0)),
+            Line(pose(0.5, 0, 0), pose(0.5, 0.01, 0)),
+            Line(pose(0.5, 0.01, 0), pose(0, 0.01, 0)),
+        )
+    )
+    rounded = short.rounded(0.02)
+    curves = [piece for piece in rounded.pieces if isinstance(piece, RoundedCorner)]
+    assert [curve.reach for curve in curves] == pytest.approx([0.005, 0.005])
+    assert len(rounded.pieces) == 4 and rounded.corners == ()
+    back = pose(0.5 - 0.4 * np.cos(np.pi / 6), 0.2, 0)
+    hairpin = ToolPath((Line(pose(0, 0, 0), pose(0.5, 0, 0)), Line(pose(0.5, 0, 0), back)))
+    assert hairpin.rounded(0.02).pieces == hairpin.pieces
+    arc = Turn(pose(0.5, 0, 0), np.array([0.5, -0.2, 0.0]), np.array([0, 0, 1.0]), 1.0, np.zeros(3))
+    into_an_arc = ToolPath((Line(pose(0.5, -0.5, 0), pose(0.5, 0, 0)), arc))
+    assert into_an_arc.rounded(0.02).pieces == into_an_arc.pieces

@@ -21,7 +21,7 @@ from dualarm_cli.orders.paired.search import StageSearch
 from dualarm_cli.orders.paired.times import with_angles
 from dualarm_cli.orders.proof.graph import ENDS, StageGraph
 from dualarm_cli.orders.watch import Watch
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.search.plan_clearance import TURNS, plan_clearance
 from dualarm_cli.stages.search.stops import StopTable

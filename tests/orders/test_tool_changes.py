@@ -26,13 +26,13 @@ from dualarm_cli.orders.model.order_model import OrderModel
 from dualarm_cli.orders.model.tool_changes import changes_of, with_changes
 from dualarm_cli.orders.orders import PairedSearch
 from dualarm_cli.orders.watch import Watch
-from dualarm_cli.plan import free_ordered_plan
-from dualarm_cli.plan.asynchronous import free_plan
-from dualarm_cli.plan.asynchronous.free_epochs import FreeEpochs, plan_epochs
-from dualarm_cli.plan.asynchronous.free_plan import FreePlanner
-from dualarm_cli.plan.asynchronous.own_clock import OwnClock
-from dualarm_cli.plan.job_bound import BoundMethod, least_visits, shared_bound
-from dualarm_cli.plan.planner import _schedule, plan_without_bound
+from dualarm_cli.planning import free_ordered_plan
+from dualarm_cli.planning.asynchronous import free_plan
+from dualarm_cli.planning.asynchronous.free_epochs import FreeEpochs, plan_epochs
+from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
+from dualarm_cli.planning.asynchronous.own_clock import OwnClock
+from dualarm_cli.planning.job_bound import BoundMethod, least_visits, shared_bound
+from dualarm_cli.planning.planner import _schedule, plan_without_bound
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.report.console import summary_lines
 from dualarm_cli.report.figures.gantt_figure import task_words

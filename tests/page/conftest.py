@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,7 @@ from dualarm_cli.files.source.bundled import bundled_tasks
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.page.page_data import page_data
-from dualarm_cli.plan.planner import plan
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify
 
@@ -33,12 +32,10 @@ JOBS = ("01_first_pick", "05_two_robots", "13_hand_over", "14_two_grippers", "15
 
 
 @pytest.fixture(scope="module", params=JOBS)
-def shown(request: pytest.FixtureRequest) -> Shown:
+def shown(request: pytest.FixtureRequest, quick_plan: Callable[[str], Schedule]) -> Shown:
     """Returns plans with a platform, two robots, a hand-over, tool changes and a conveyor."""
-    from dataclasses import replace
-
     job = load_job(bundled_tasks()[request.param])
-    schedule = plan(job, PlanSettings(effort="quick"))
+    schedule = quick_plan(request.param)
     schedule = replace(schedule, verification=verify(schedule, job, clearance=True))
     data = page_data(schedule, job, build_report(schedule, job))
     return Shown(job, schedule, json.loads(json.dumps(data, allow_nan=False)))

@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.page.packed import joint_knots
 from dualarm_cli.verification.clearance_proof import PRECISION
@@ -187,8 +188,8 @@ def test_knots_of_other_joints_are_left_out_and_jumps_stay() -> None:
         a, b = acceleration[k], acceleration[k + 1]
         velocity[k + 1] = velocity[k] + dt * (a + b) / 2
         place[k + 1] = place[k] + dt * velocity[k] + dt**2 * (2 * a + b) / 6
-    motion = Trajectory(("a", "b"), time, place, velocity, acceleration)
-    assert joint_knots(motion, 1)[0].tolist() == [0.0, 1.0, 1.0, 2.0]
-    first = joint_knots(motion, 0)
+    motion = JointMotion.of(Trajectory(("a", "b"), time, place, velocity, acceleration))
+    assert joint_knots(motion, "b")[0].tolist() == [0.0, 1.0, 1.0, 2.0]
+    first = joint_knots(motion, "a")
     assert first[0].tolist()[0] == 0.0
     assert 0.5 not in first[0].tolist()

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -92,12 +93,14 @@ def seen_in_browser(playwright: Path, page: Path, times: Sequence[float]) -> dic
 
 
 @pytest.mark.parametrize("name", JOBS)
-def test_the_page_shows_the_plan(name: str, built: Path, planned: Callable[[str], Planned]) -> None:
+def test_the_page_shows_the_plan(
+    name: str, built: Path, planned: Callable[[str], Planned], plain_motion: ModuleType
+) -> None:
     """Joints are the schedule's, tools are pinocchio's, clicks and keys lead there, and nothing is loaded."""
     plan = planned(name)
     schedule = plan.schedule
     inside = np.random.default_rng(1).uniform(0.0, schedule["duration"], 25)
-    knots = schedule["trajectory"]["time"][::97]
+    knots = schedule["motion"]["left"]["time"][::97]
     seen = seen_in_browser(built, plan.page, [0.0, schedule["duration"], *inside.tolist(), *knots])
 
     assert seen["errors"] == []
@@ -105,40 +108,25 @@ def test_the_page_shows_the_plan(name: str, built: Path, planned: Callable[[str]
         url for url in seen["requests"] if not url.startswith(("file:", "data:", "blob:"))
     ] == []
     for state in seen["states"]:
-        assert_joints_are_the_schedules(state["joints"], state["time"], schedule)
-        assert_tools_are_pinocchios(state, plan)
+        expected = plain_motion.positions(schedule, state["time"])
+        assert state["joints"] == pytest.approx(expected, abs=1e-9)
+        assert_tools_are_pinocchios(state, plan, expected)
     assert 0.2 <= seen["playedTo"] <= 2.0
     assert seen["stands"]
     assert 0.3 * schedule["duration"] < seen["clickedTo"] < 0.8 * schedule["duration"]
-    assert_joints_are_the_schedules(seen["clickedJoints"], seen["clickedTo"], schedule)
+    expected = plain_motion.positions(schedule, seen["clickedTo"])
+    assert seen["clickedJoints"] == pytest.approx(expected, abs=1e-9)
     assert seen["pictureChanged"]
     assert seen["endsAt"] == schedule["duration"]
     assert seen["rowLedTo"] == pytest.approx(schedule["stages"][1]["start"], abs=1e-12)
 
 
-def positions(schedule: dict[str, Any], time: float) -> dict[str, float]:
-    """Returns joint positions by the cubic between two rows of schedule.json: accelerations are linear in time."""
-    rows = {name: np.array(values) for name, values in schedule["trajectory"].items()}
-    t = rows["time"]
-    k = min(int(np.searchsorted(t, time, "right")) - 1, len(t) - 2)
-    dt, span = time - t[k], t[k + 1] - t[k]
-    q, v, a = (rows[name][k] for name in ("position", "velocity", "acceleration"))
-    jerk = (rows["acceleration"][k + 1] - a) / span
-    found = q + v * dt + a * dt**2 / 2 + jerk * dt**3 / 6
-    return dict(zip(schedule["robot"]["joints"], found.tolist(), strict=True))
-
-
-def assert_joints_are_the_schedules(
-    joints: dict[str, float], time: float, schedule: dict[str, Any]
+def assert_tools_are_pinocchios(
+    state: dict[str, Any], plan: Planned, joints: dict[str, float]
 ) -> None:
-    """Asserts that joint positions are those of the schedule."""
-    assert joints == pytest.approx(positions(schedule, time), abs=1e-9)
-
-
-def assert_tools_are_pinocchios(state: dict[str, Any], plan: Planned) -> None:
-    """Asserts that tools are where pinocchio has the tool centre points of robot.urdf."""
+    """Asserts that tools are where pinocchio has the tool centre points of robot.urdf at joint positions."""
     model, frames, q = plan.model, plan.model.createData(), pin.neutral(plan.model)
-    for joint, value in positions(plan.schedule, state["time"]).items():
+    for joint, value in joints.items():
         q[model.joints[model.getJointId(joint)].idx_q] = value
     pin.framesForwardKinematics(model, frames, q)
     assert set(state["tools"]) == set(plan.schedule["robot"]["arms"])

@@ -12,11 +12,13 @@ import pytest
 from dualarm_cli.errors import InfeasibleError, InputError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.path.following import PATH_SOLVERS
+from dualarm_cli.kinds.path.measures import path_measures
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.job_bound import job_bound
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.job_bound import job_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 
 CELL = """\
@@ -71,7 +73,7 @@ def job_of(folder: Path, *tasks: str, head: str = "", robot: str = "sda10f", mor
 
 def planned(job: Job, **settings: str) -> Schedule:
     """A plan that the verifier passes, clearance included."""
-    schedule = plan_without_bound(job, replace(PlanSettings(), **settings))
+    schedule = plan_without_bound(job, PlanSettings(effort="quick", **settings))
     verdict = verify(schedule, job, clearance=True)
     assert verdict.passed, [check for check in verdict.checks if check.verdict == "failed"]
     return schedule
@@ -356,11 +358,13 @@ def test_dawdling_is_found_where_it_is_forbidden(tmp_path: Path) -> None:
     motion = schedule.trajectory
     slow = replace(
         schedule,
-        trajectory=replace(
-            motion,
-            time=3.0 * motion.time,
-            velocity=motion.velocity / 3.0,
-            acceleration=motion.acceleration / 9.0,
+        motion=JointMotion.of(
+            replace(
+                motion,
+                time=3.0 * motion.time,
+                velocity=motion.velocity / 3.0,
+                acceleration=motion.acceleration / 9.0,
+            )
         ),
         stages=tuple(replace(s, start=3.0 * s.start, end=3.0 * s.end) for s in schedule.stages),
         segments=tuple(replace(s, start=3.0 * s.start, end=3.0 * s.end) for s in schedule.segments),
@@ -493,3 +497,63 @@ def test_a_path_that_never_reaches_its_speed_is_not_called_late(tmp_path: Path) 
     for shift in (0.0, 0.003, 0.007, 0.011):
         text = short.replace("0.95", repr(0.95 + shift))
         planned(job_of(tmp_path, text, head="start: free\n"))
+
+
+SQUARE = """\
+  - id: frame
+    path:
+      arm: left
+      speed: {speed} mm/s
+      slower: allowed
+{blend}
+      through:
+        - {{xyz: [0.45, 0.20, 0.85], rpy: [180 deg, 0, 0]}}
+        - {{xyz: [0.55, 0.20, 0.85]}}
+        - {{xyz: [0.55, 0.30, 0.85]}}
+        - {{xyz: [0.45, 0.30, 0.85], rpy: [180 deg, 0, 30 deg]}}
+        - {{xyz: [0.45, 0.20, 0.85]}}
+"""
+
+
+def _square(folder: Path, blend: str, speed: int = 150) -> Job:
+    given = f"      blend: {blend}" if blend else ""
+    return job_of(folder, SQUARE.format(speed=speed, blend=given))
+
+
+def test_rounded_corners_save_the_stops_and_are_left_by_no_more_than_allowed(
+    tmp_path: Path,
+) -> None:
+    """A corner of 90 degrees whose curve takes d of each side is left by sqrt(2) (16 - 25 * 0.3) / 32 d."""
+    job = _square(tmp_path, "15 mm")
+    rounded = plan_without_bound(job, PlanSettings(effort="quick"))
+    stopping = plan_without_bound(job, PlanSettings(effort="quick", blend="none"))
+    assert verify(rounded, job, clearance=True).passed
+    assert verify(stopping, job, clearance=True).passed
+    assert rounded.duration < stopping.duration - 0.5
+    [row] = path_measures(rounded, job)
+    assert np.allclose(row["rounded_corners"], 0.015)
+    reach = 0.015 / (np.sqrt(2.0) * 8.5 / 32.0)
+    # A curve is longer than its chord, and shorter than the way by the corner.
+    assert 0.4 - 3 * (2.0 - np.sqrt(2.0)) * reach < row["length"] < 0.4
+    [asked] = [check for check in verify(rounded, job).checks if check.name == "path_corners"]
+    assert 0.9 < asked.measured <= 1.0
+
+
+def test_corners_that_are_rounded_more_than_allowed_fail(tmp_path: Path) -> None:
+    """The same motion, judged by a file that allows less, or nothing."""
+    rounded = plan_without_bound(_square(tmp_path, "15 mm"), PlanSettings(effort="quick"))
+    for allowed in ("10 mm", ""):
+        verdict = verify(rounded, _square(tmp_path, allowed))
+        assert "path_distance" in {check.name for check in verdict.failures}
+        if allowed:
+            assert "path_corners" in {check.name for check in verdict.failures}
+
+
+def test_a_bend_that_takes_longer_than_a_stop_is_not_taken(tmp_path: Path) -> None:
+    """0.5 mm at 1 m/s: the same cycle as with stops, and the plan is as good."""
+    job = _square(tmp_path, "0.5 mm", speed=1000)
+    found = plan_without_bound(job, PlanSettings(effort="quick"))
+    stopping = plan_without_bound(job, PlanSettings(effort="quick", blend="none"))
+    assert verify(found, job).passed
+    assert found.duration == pytest.approx(stopping.duration)
+    assert path_measures(found, job)[0]["rounded_corners"] == []

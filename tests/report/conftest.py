@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import (
     Provenance,
@@ -79,7 +80,7 @@ def by_hand() -> SimpleNamespace:
         )
         return Schedule(
             robot,
-            platform_knots(way or [(0.0, 0.0), (end, 0.0)]),
+            JointMotion.of(platform_knots(way or [(0.0, 0.0), (end, 0.0)])),
             tuple(stages),
             tuple(segments),
             (),

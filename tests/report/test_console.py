@@ -10,7 +10,7 @@ import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.planner import plan
+from dualarm_cli.planning.planner import plan
 from dualarm_cli.report.console import summary_lines
 from dualarm_cli.report.report import build_report
 

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.report.comparison.schedule_comparison import compare_schedules
 from dualarm_cli.report.measures import bottlenecks, elbow_imbalance
 from dualarm_cli.report.sensitivity import sensitivity
@@ -127,7 +128,7 @@ def test_elbows_are_looked_at_where_a_late_transfer_ends(by_hand):
     rest = np.zeros((3, 14))
     motion = type(made.trajectory)(joints, time, q, rest, rest)
     robot = dataclasses.replace(made.robot, arms=arms, platform=())
-    seven = dataclasses.replace(made, robot=robot, trajectory=motion)
+    seven = dataclasses.replace(made, robot=robot, motion=JointMotion.of(motion))
     assert elbow_imbalance(seven) == pytest.approx(0.5)
     twice = (seven.stages[0], by_hand.stage(1.0, 3.0, "b"))
     assert elbow_imbalance(dataclasses.replace(seven, stages=twice)) is None

@@ -11,8 +11,9 @@ import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.path.measures import path_curves, path_lines, path_measures, path_samples
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.figures import path_figure
 from dualarm_cli.report.figures.path_figure import draw_paths
 from dualarm_cli.verification import verify
@@ -275,7 +276,7 @@ def test_joints_of_an_idle_arm_do_not_count_as_near_their_limits(planned):
     schedule = dataclasses.replace(
         planned.schedule,
         segments=segments,
-        trajectory=dataclasses.replace(trajectory, position=position),
+        motion=JointMotion.of(dataclasses.replace(trajectory, position=position)),
     )
     (found,) = path_measures(schedule, job)
     assert found["arms"] == ["left"]
@@ -353,6 +354,6 @@ def test_the_figure_is_the_same_bytes_twice_and_needs_no_screen(planned, kind, b
     assert len(first) > 10_000
     trajectory = planned.schedule.trajectory
     other = dataclasses.replace(trajectory, position=np.array(trajectory.position) + 0.1)
-    schedule = dataclasses.replace(planned.schedule, trajectory=other)
+    schedule = dataclasses.replace(planned.schedule, motion=JointMotion.of(other))
     if kind == "png":
         assert draw_paths(schedule, planned.job, kind) != first

@@ -12,8 +12,9 @@ import pytest
 
 from dualarm_cli.errors import UsageError
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.comparison.schedule_comparison import compare_schedules
 from dualarm_cli.report.comparison.schedule_comparison_table import (
     schedules_csv,
@@ -121,7 +122,7 @@ def test_a_weaker_joint_is_named_and_its_limits_are_the_cause(job, before):
     after = dataclasses.replace(
         before,
         robot=dataclasses.replace(before.robot, limits=slow.limits),
-        trajectory=motion.trajectory,
+        motion=JointMotion.of(motion.trajectory),
         stages=motion.stages,
         segments=motion.segments,
         events=motion.events,
@@ -239,7 +240,7 @@ def test_broken_times_are_refused_with_a_hint_to_the_verifier(before):
     for broken in (np.where(np.arange(len(time)) == 3, np.nan, time), time[::-1]):
         trajectory = dataclasses.replace(before.trajectory, time=broken)
         with pytest.raises(UsageError, match="`dualarm verify B` says more"):
-            compared(before, dataclasses.replace(before, trajectory=trajectory))
+            compared(before, dataclasses.replace(before, motion=JointMotion.of(trajectory)))
     stage = dataclasses.replace(before.stages[0], end=-1.0)
     with pytest.raises(UsageError, match="stage 1 ends before it starts"):
         compared(before, dataclasses.replace(before, stages=(stage, *before.stages[1:])))

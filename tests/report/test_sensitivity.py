@@ -9,6 +9,7 @@ import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.report.measures import bottlenecks
@@ -55,7 +56,7 @@ class Planned:
         motion = self.motion(self.job)
         return Schedule(
             ScheduleRobot.of_job(self.job),
-            motion.trajectory,
+            JointMotion.of(motion.trajectory),
             motion.stages,
             motion.segments,
             motion.events,

@@ -9,7 +9,7 @@ import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.planner import plan
+from dualarm_cli.planning.planner import plan
 from dualarm_cli.report.stage_parts import stage_parts
 
 

@@ -16,7 +16,7 @@ from dualarm_cli.kinematics.wrist_arm import WristArm
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 
 SETTINGS = PlanSettings(timing="trapezoid", effort="quick", named=frozenset({"timing"}))

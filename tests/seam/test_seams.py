@@ -14,8 +14,8 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.job_bound import job_bound
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.job_bound import job_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.sensitivity import sensitivity
 from dualarm_cli.verification import verify
 

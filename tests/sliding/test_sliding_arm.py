@@ -22,7 +22,7 @@ from dualarm_cli.kinematics.numeric_inverse import solve_poses
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.planner import plan
+from dualarm_cli.planning.planner import plan
 from dualarm_cli.verification import verify
 
 AXES = ("0 1 0", "0 0 1", "0.36 -0.48 0.8")

@@ -13,10 +13,10 @@ import pytest
 from dualarm_cli.cli.run import run
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.asynchronous.free_epochs import FreeEpochs
-from dualarm_cli.plan.free_ordered_plan import epoch_notes
-from dualarm_cli.plan.job_bound import STAGES_AS_ZERO, job_bound
-from dualarm_cli.plan.planner import plan
+from dualarm_cli.planning.asynchronous.free_epochs import FreeEpochs
+from dualarm_cli.planning.free_ordered_plan import epoch_notes
+from dualarm_cli.planning.job_bound import STAGES_AS_ZERO, job_bound
+from dualarm_cli.planning.planner import plan
 from dualarm_cli.verification import verify
 
 PATH = """\
@@ -69,7 +69,9 @@ def test_stages_beside_paths_on_several_joints_are_not_bounded(tmp_path, sliding
 
 
 @pytest.mark.parametrize("own", [False, True])
-def test_a_path_of_sliding_joints_tells_their_ways_apart(own, tmp_path, sliding_robots, capsys):
+def test_a_path_of_sliding_joints_tells_their_ways_apart(
+    own, tmp_path, sliding_robots, plain_motion, capsys
+):
     """Ways of turning joints in rad, of sliding ones in m, against the trajectory; people see deg and mm."""
     slide = sliding_robots.Slide("0 0 1", -0.3, 0.3) if own else None
     tasks = path_job(tmp_path, sliding_robots, {"lift": sliding_robots.LIFT}, joints=6, own=slide)
@@ -79,13 +81,15 @@ def test_a_path_of_sliding_joints_tells_their_ways_apart(own, tmp_path, sliding_
     [row] = json.loads((out / "report.json").read_text())["paths"]
     document = json.loads((out / "schedule.json").read_text())
     [segment] = [s for s in document["segments"] if s["kind"] == "path"]
-    trajectory = document["trajectory"]
-    time, position = np.array(trajectory["time"]), np.array(trajectory["position"])
-    inside = (time >= segment["start"] - 1e-9) & (time <= segment["end"] + 1e-9)
-    travel = np.abs(np.diff(position[inside], axis=0)).sum(axis=0)
-    slides = np.array(["lift" in name or "slide" in name for name in document["robot"]["joints"]])
-    assert row["slide_travel"] == pytest.approx(travel[slides].sum(), rel=0.02, abs=1e-4)
-    assert row["joint_travel"] == pytest.approx(travel[~slides].sum(), rel=0.02)
+    travel = {True: 0.0, False: 0.0}
+    for group, joints in document["robot"]["groups"].items():
+        rows = plain_motion.knots(document, group)
+        ends = segment["start"] - 1e-9, segment["end"] + 1e-9
+        position = np.array([row.position for row in rows if ends[0] <= row.time <= ends[1]])
+        for name, way in zip(joints, np.abs(np.diff(position, axis=0)).sum(axis=0), strict=True):
+            travel["lift" in name or "slide" in name] += way
+    assert row["slide_travel"] == pytest.approx(travel[True], rel=0.02, abs=1e-4)
+    assert row["joint_travel"] == pytest.approx(travel[False], rel=0.02)
     assert row["platform_slides"] is True
     assert f"joints travel {np.degrees(row['joint_travel']):.0f} deg and" in said
     assert f"{1e3 * row['slide_travel']:.0f} mm in all" in said

@@ -23,8 +23,8 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.job_bound import NO_BOUND_ON_RAILS
-from dualarm_cli.plan.planner import plan
+from dualarm_cli.planning.job_bound import NO_BOUND_ON_RAILS
+from dualarm_cli.planning.planner import plan
 from dualarm_cli.postures.platform_reach import reachable_spans
 from dualarm_cli.stages.methods import METHODS
 from dualarm_cli.stages.platform_moves import stage_move

@@ -191,7 +191,7 @@ def test_no_plan_is_faster_than_the_bound(random_job: Callable[..., Job], name: 
         assert min(bounds) > 0.0
         tables = tuple(StopTable.of(work) for work in problem.arms)
         start = decisions_of(problem, model, choose_stages(model, job, "fixed", "arm_angle"))
-        found = search(problem, [start], "normal", 0)
+        found = search(problem, [start], "quick", 0)
         assert found is not None
         totals = [found.best.total, evaluate(problem, tables, start).total]
         variables = Variables.of(problem)

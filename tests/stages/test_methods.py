@@ -9,8 +9,8 @@ import pytest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.job_bound import job_bound
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.job_bound import job_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.console import summary_lines
 from dualarm_cli.report.report import build_report
 from dualarm_cli.stages.method import MethodProblem

@@ -16,12 +16,13 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages import sequence
-from dualarm_cli.stages.search import beam
+from dualarm_cli.stages.search import beam, own_stages
 from dualarm_cli.stages.search.node_plans import plans_on_nodes
 from dualarm_cli.stages.search.own_stages import (
+    ExactStages,
     exact_nodes,
     shared_intervals,
     spread,
@@ -201,7 +202,7 @@ def test_a_stage_with_less_than_the_margin_of_nodes_everywhere_keeps_collision_f
     tables = tuple(StopTable.of(work) for work in problem.arms)
     angles = np.zeros((3, 4))
     arms = [arm_layers(problem, a, angles, [None] * 3) for a in (0, 1)]
-    found = with_own_angles(problem, tables, arms, angles, [1], 500)
+    found = with_own_angles(problem, ExactStages(problem, tables), arms, angles, [1], 500)
     assert (found is not None) == possible
     if found is not None:
         assert all(len(arm.layers[1].angle_index) for arm in found if arm.layers[1] is not None)
@@ -255,20 +256,20 @@ def test_a_stage_whose_nodes_touch_at_all_angles_of_the_grid_gets_others(
     assert plan_clearance(problem, found.best).stops.all()
 
 
-def test_a_stage_that_is_clear_by_less_than_nodes_must_be_stays_as_it_is(packing: Job) -> None:
-    """It has a plan with 0.3 mm of clearance and none with 2 mm, whichever stages' moves are known to touch."""
-    stages = [
+Target = tuple[tuple[float, float, float], float]
+
+
+def tight_job(packing: Job, stages: list[dict[str, Target]]) -> Job:
+    """Returns stages with lines and no obstacle, of which nothing is asked but that nothing touches."""
+    poses = [
         {
             arm: pin.SE3(pin.rpy.rpyToMatrix(np.pi, 0.0, yaw), np.array(place))
-            for arm, place, yaw in (("left", left, yaw_left), ("right", right, yaw_right))
+            for arm, (place, yaw) in stage.items()
         }
-        for left, yaw_left, right, yaw_right in (
-            ((0.6586, -0.0115, 0.8148), -0.8312, (0.5117, -0.3621, 0.7791), 0.5146),
-            ((0.0202, 0.4614, 0.8901), 1.1032, (0.4119, 0.1523, 0.8208), 1.8974),
-        )
+        for stage in stages
     ]
     bare = stage_job(
-        replace(packing, cell=replace(packing.cell, obstacles=(), clearance=0.0)), stages
+        replace(packing, cell=replace(packing.cell, obstacles=(), clearance=0.0)), poses
     )
     tasks = [
         replace(
@@ -276,20 +277,56 @@ def test_a_stage_that_is_clear_by_less_than_nodes_must_be_stays_as_it_is(packing
         )
         for task in bare.tasks
     ]
-    job = replace(bare, tasks=tuple(tasks))
-    planned = plan_without_bound(job, PlanSettings(effort="quick"))
-    assert verify(planned, job, clearance=True).passed
+    return replace(bare, tasks=tuple(tasks))
+
+
+NO_NODES: list[dict[str, Target]] = [
+    {"left": ((0.6586, -0.0115, 0.8148), -0.8312), "right": ((0.5117, -0.3621, 0.7791), 0.5146)},
+    {"left": ((0.0202, 0.4614, 0.8901), 1.1032), "right": ((0.4119, 0.1523, 0.8208), 1.8974)},
+]
+"""The second one has a plan with 0.3 mm of clearance and no node with 2 mm."""
+NO_PAIRS: list[dict[str, Target]] = [
+    {"left": ((0.1752, 0.4103, 0.7558), -0.3888), "right": ((0.577, 0.1819, 0.9424), 1.1563)},
+    {"left": ((0.0863, 0.463, 0.8696), 1.4289), "right": ((0.4571, 0.0431, 0.8918), 1.8978)},
+]
+"""The second one has nodes, but no two of them with 2 mm all along their lines."""
+
+
+@pytest.mark.parametrize(
+    ("stages", "touching"),
+    [*((NO_NODES, one) for one in ([], [0], [1])), *((NO_PAIRS, one) for one in ([], [0]))],
+)
+def test_a_stage_that_is_clear_by_less_than_nodes_must_be_stays_as_it_is(
+    packing: Job, stages: list[dict[str, Target]], touching: list[int]
+) -> None:
+    """Whichever stages' moves are known to touch, unless it is one whose postures could be others."""
+    job = tight_job(packing, stages)
     model = CellModel.from_cell(job.cell)
     found = search(sequence_problem(model, job), [], "quick", 0)
     assert found is not None
     unchecked = found.best.decisions
     problem = sequence_problem(model, job, Holding.of(job, crossing=True))
-    for touching in ([], [0], [1]):
-        near = search_near(problem, unchecked, touching, "quick", 0, local=False)
-        assert near is not None
-        assert near.decisions.angle[1] == unchecked.angle[1]
-        for mine, theirs in zip(near.decisions.arms, unchecked.arms, strict=True):
-            np.testing.assert_array_equal(mine.near[1], theirs.near[1])
+    near = search_near(problem, unchecked, touching, "quick", 0, local=False)
+    assert near is not None
+    assert near.decisions.angle[1] == unchecked.angle[1]
+    for mine, theirs in zip(near.decisions.arms, unchecked.arms, strict=True):
+        np.testing.assert_array_equal(mine.near[1], theirs.near[1])
+
+
+def test_a_stage_that_is_known_to_touch_does_not_stay_as_it_is(packing: Job) -> None:
+    """Where nothing near it is better, everything has to be looked at."""
+    job = tight_job(packing, NO_PAIRS)
+    model = CellModel.from_cell(job.cell)
+    found = search(sequence_problem(model, job), [], "quick", 0)
+    assert found is not None
+    problem = sequence_problem(model, job, Holding.of(job, crossing=True))
+    assert search_near(problem, found.best.decisions, [1], "quick", 0, local=False) is None
+
+
+def test_a_plan_with_little_clearance_is_verified(packing: Job) -> None:
+    job = tight_job(packing, NO_NODES)
+    planned = plan_without_bound(job, PlanSettings(effort="quick"))
+    assert verify(planned, job, clearance=True).passed
 
 
 @pytest.mark.parametrize("seed", CROWDED)
@@ -318,3 +355,21 @@ def test_a_beam_in_which_all_the_best_steps_touch_looks_at_the_others(
     [(path, plan)] = plans_on_nodes(problem, tables, Mesh(0.25, 12, 1500, 1), 1).plans
     assert path.is_possible
     assert plan_clearance(problem, plan).stops.all()
+
+
+def test_exact_nodes_of_a_stage_are_worked_out_once(
+    packing: Job, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever grids ask for them: two of them, and the one about the best plan."""
+    job = tight_job(packing, NO_PAIRS[1:])
+    problem, _ = problem_of(job)
+    asked: list[int] = []
+
+    def counted(*args: Any) -> list[tuple[float, float]]:
+        asked.append(args[2])
+        return shared_intervals(*args)
+
+    monkeypatch.setattr(own_stages, "shared_intervals", counted)
+    monkeypatch.setattr(own_stages, "stages_without_angle", lambda *_: [0])
+    assert search(problem, [], "normal", 0) is not None
+    assert asked == [0]

@@ -13,7 +13,7 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Dwell, JointTarget, Place, PoseTarget, Stop, Task
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.stages.search import general
 from dualarm_cli.stages.search.candidates import Grid
 from dualarm_cli.stages.search.corridor import best_combination

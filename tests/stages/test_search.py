@@ -7,16 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dualarm_cli.effort import Mesh
+from dualarm_cli.effort import EFFORTS, Mesh
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.stages import sequence
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.search.beam import beam_search
 from dualarm_cli.stages.search.candidates import Grid, Nodes
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.linear_steps import _windows
-from dualarm_cli.stages.search.node_plans import grid_angles, plans_on_nodes
+from dualarm_cli.stages.search.node_plans import NodePlans, grid_angles, plans_on_nodes
 from dualarm_cli.stages.search.polish import polish
 from dualarm_cli.stages.search.potentials import arm_layers, with_potentials
 from dualarm_cli.stages.search.problem import SequenceProblem
@@ -360,3 +363,38 @@ def test_a_straight_tool_turns_the_last_joint_alone(random_problem: Problems, pa
     assert not replace(work, R_tool_flange=lean @ work.R_tool_flange).yaw_turns_last_joint
     beside = work.p_tool_flange + np.array([0.02, 0.0, 0.0])
     assert not replace(work, p_tool_flange=beside).yaw_turns_last_joint
+
+
+def _method_problem(job: Job, **more: bool) -> MethodProblem:
+    model = CellModel.from_cell(job.cell)
+    return MethodProblem(model, job, "arm_angle", "quick", **more)
+
+
+@pytest.mark.parametrize(("beyond", "asked"), [(0, 1), (1, 0)])
+def test_simpler_methods_begin_short_sequences_only(
+    random_job: Callable[..., Job], monkeypatch: pytest.MonkeyPatch, beyond: int, asked: int
+) -> None:
+    """Longer ones have a plan on the grid, and no use for theirs."""
+    count = int(EFFORTS["quick"].search.begun) + beyond
+    calls, starts = [], sequence._starts
+    monkeypatch.setattr(sequence, "_starts", lambda one: (calls.append(1), starts(one))[1])
+    decided = sequence.solve_sequence(_method_problem(random_job(3, (count, count))))
+    assert len(decided.stages) == count
+    assert len(calls) == asked
+
+
+@pytest.mark.parametrize("count", [2, 13])
+def test_where_the_grids_have_no_plan_simpler_methods_plans_serve(
+    random_job: Callable[..., Job], monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    """But for a problem that is only tried: there nothing else is looked for."""
+    job = random_job(3, (count, count))
+    monkeypatch.setattr(
+        "dualarm_cli.stages.search.search.plans_on_nodes", lambda *_, **__: NodePlans([], None)
+    )
+    found = sequence.solve_sequence(_method_problem(job))
+    single = choose_stages(CellModel.from_cell(job.cell), job, "minimum_time", "arm_angle")
+    assert sum(one.duration for one in found.stages) <= 1.1 * sum(one.duration for one in single)
+    monkeypatch.setattr(sequence, "_starts", lambda _: pytest.fail("asked"))
+    with pytest.raises(InfeasibleError):
+        sequence.solve_sequence(_method_problem(job, tentative=True))

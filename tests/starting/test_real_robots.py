@@ -40,7 +40,7 @@ def test_from_urdf_to_a_verified_plan(name, tmp_path, monkeypatch, capsys):
     given = ["--left", path, "--right", path] if name.startswith("two_") else [path]
     assert run(["robot", "import", *given, "--out", "robot"]) == 0
     assert run(["init", "demo", "--robot", "robot"]) == 0
-    assert run(["plan", "demo/tasks.yaml", "--out", "plan"]) == 0
+    assert run(["plan", "demo/tasks.yaml", "--effort", "quick", "--out", "plan"]) == 0
     out = capsys.readouterr().out
     assert "verification: passed" in out
     assert "could not be checked" not in out

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dualarm_cli.model.joint_motion import merge
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing import TIMING_SOLVERS
-from dualarm_cli.timing.composition import concatenate, hold, merge
+from dualarm_cli.timing.composition import concatenate, hold
 from dualarm_cli.timing.problem import TransferProblem
 
 JOINTS = ("s", "l", "e", "u", "r", "b", "t")

@@ -16,6 +16,7 @@ import pytest
 
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import (
     Event,
@@ -209,7 +210,7 @@ def _schedule(job: Job, start: np.ndarray) -> Schedule:
             robot.limits,
             robot.platform,
         ),
-        film.trajectory(),
+        JointMotion.of(film.trajectory()),
         tuple(stages),
         tuple(sorted(segments, key=lambda s: (s.arm, s.start))),
         tuple(events),
@@ -324,7 +325,7 @@ def _together(job: Job, clocks: list[Clock]) -> Schedule:
     trajectory = Trajectory(JOINTS, time, *(np.hstack([platform, rates]) for rates in columns))
     return Schedule(
         ScheduleRobot.of_job(job),
-        trajectory,
+        JointMotion.of(trajectory),
         tuple(sorted((s for c in clocks for s in c.stages), key=lambda stage: stage.start)),
         tuple(segment for clock in clocks for segment in clock.segments),
         tuple(sorted((e for c in clocks for e in c.events), key=lambda event: event.time)),
@@ -387,7 +388,7 @@ def moved() -> Callable[..., Schedule]:
 
     def run(schedule: Schedule, **arrays: np.ndarray) -> Schedule:
         trajectory = dataclasses.replace(schedule.trajectory, **arrays)
-        return dataclasses.replace(schedule, trajectory=trajectory)
+        return dataclasses.replace(schedule, motion=JointMotion.of(trajectory))
 
     return run
 

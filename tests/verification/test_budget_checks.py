@@ -9,7 +9,7 @@ import pytest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.budget import Budget
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.planner import plan
+from dualarm_cli.planning.planner import plan
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.budget_checks import judge_budget, least_clearance
 

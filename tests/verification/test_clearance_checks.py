@@ -18,7 +18,7 @@ from dualarm_cli.model.cell import Obstacle
 from dualarm_cli.model.job import Dwell, Task
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.console import unproven
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.clearance_checks import _add_plain, _carried, _lines, _touching

@@ -11,6 +11,7 @@ import pytest
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.conveyor import Conveyor, OnBelt
 from dualarm_cli.model.job import Dwell, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.place import Place
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import Event, Provenance, Schedule, ScheduleRobot, Segment, Stage
@@ -132,7 +133,7 @@ def _schedule(job: Job, *, stands: bool = False, overlap: bool = False) -> Sched
     shares = Dwell(gripper=DWELL)
     return Schedule(
         ScheduleRobot.of_job(job),
-        motion,
+        JointMotion.of(motion),
         (Stage(0.0, over, ("part",), "fixed", None, 0.0, {}, {}, ""),),
         tuple(
             Segment("left", kind, "part", "pick", start, end, shares if kind == "dwell" else None)

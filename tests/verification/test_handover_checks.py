@@ -12,9 +12,10 @@ import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.handover.checks import _judge_still, handover_spans, handover_touches
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.clearance_checks import _touching
 from dualarm_cli.verification.tool_checks import Worst
@@ -133,7 +134,7 @@ def nodding(schedule, arm, start, end):
     v[inside, column] += 5e-4 * rate * np.sin(x)
     a[inside, column] += 5e-4 * rate**2 * np.cos(x)
     trajectory = Trajectory(schedule.trajectory.joints, time, q, v, a)
-    return dataclasses.replace(schedule, trajectory=trajectory)
+    return dataclasses.replace(schedule, motion=JointMotion.of(trajectory))
 
 
 def line(schedule, kind, action):

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.verification import verify
 
@@ -34,7 +35,7 @@ def again_and_again(schedule: Schedule, times: int) -> Schedule:
     ]
     return replace(
         schedule,
-        trajectory=replace(one, **knots),
+        motion=JointMotion.of(replace(one, **knots)),
         stages=tuple(
             replace(
                 stage,

@@ -7,11 +7,12 @@ import dataclasses
 import numpy as np
 
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion import stop_motion
 from dualarm_cli.motion.stop_motion import solve_line
-from dualarm_cli.plan.planner import plan
+from dualarm_cli.planning.planner import plan
 from dualarm_cli.postures.candidates import flange_poses
 from dualarm_cli.timing.problem import LineProblem
 from dualarm_cli.verification import verify
@@ -25,9 +26,10 @@ def failures(schedule, job):
 def test_a_tool_that_rams_beyond_its_target_and_comes_back_is_found(tasks_folder, monkeypatch):
     """A smooth plunge 16 mm too deep on a straight approach, on so many knots that each step is tiny."""
 
-    def plunging(arm_stop, line, limits, cap, timing, launch=None):
+    def plunging(drive, arm_stop, line, path, launch=None):
         if line != "approach" or arm_stop.arm != "left":
-            return solve_line(arm_stop, line, limits, cap, timing, launch)
+            return solve_line(drive, arm_stop, line, path, launch)
+        limits = drive.limits.select(drive.model.arms["left"].arm.joints)
         problem, posture = arm_stop.problem, arm_stop.posture
         share = np.linspace(0, 1, 65)
         depth = problem.approach * (1 - share) - 0.03 * np.sin(np.pi * share**3)
@@ -37,7 +39,7 @@ def test_a_tool_that_rams_beyond_its_target_and_comes_back_is_found(tasks_folder
         q = np.unwrap(q, axis=0)
         q += posture.q_target - q[-1]
         length = np.linspace(0, problem.approach, 65)
-        timed = timing.line(LineProblem(limits.joints, q, length, limits, cap, 384))
+        timed = drive.timing.line(LineProblem(limits.joints, q, length, limits, drive.cap, 384))
         share = np.arange(6) / 6
         dense = (timed.time[:-1, None] + np.diff(timed.time)[:, None] * share).ravel()
         times = np.append(dense, timed.time[-1])
@@ -61,5 +63,5 @@ def test_a_joint_that_creeps_through_knots_of_one_instant_is_found(tasks_folder)
     position = t.position[index].copy()
     position[k + 1 : k + 1 + 2 * half, 1] += creep
     forged = Trajectory(t.joints, t.time[index], position, t.velocity[index], t.acceleration[index])
-    found = failures(dataclasses.replace(schedule, trajectory=forged), job)
+    found = failures(dataclasses.replace(schedule, motion=JointMotion.of(forged)), job)
     assert "position_agreement" in found

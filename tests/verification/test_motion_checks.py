@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification import verify
@@ -75,7 +76,10 @@ def test_time_that_does_not_start_at_zero_is_found(clean, moved, failing):
 def test_one_knot_alone_has_a_time_without_steps():
     """A trajectory of one knot is no motion and no fault of time."""
     zero = np.zeros((1, 1))
-    assert check_time(Trajectory(("a",), np.zeros(1), zero, zero, zero)).verdict == "passed"
+    assert (
+        check_time(JointMotion.of(Trajectory(("a",), np.zeros(1), zero, zero, zero))).verdict
+        == "passed"
+    )
 
 
 def test_a_position_that_is_a_microradian_off_names_joint_and_time(clean, moved, failing):
@@ -225,7 +229,9 @@ def turning(schedule, rise, top, joints=("turn",)):
         velocity=np.outer(speed, shape),
         acceleration=np.outer(strength, shape),
     )
-    return dataclasses.replace(schedule, trajectory=trajectory, events=(), segments=(), stages=())
+    return dataclasses.replace(
+        schedule, motion=JointMotion.of(trajectory), events=(), segments=(), stages=()
+    )
 
 
 def test_a_jump_of_acceleration_is_for_joints_without_a_jerk_limit_only(clean, failing):
@@ -251,7 +257,7 @@ def test_a_jump_of_position_or_velocity_is_a_fault_even_without_a_jerk_limit(cle
         values = np.array(getattr(schedule.trajectory, name))
         values[3:, 0] += 1e-6
         trajectory = dataclasses.replace(schedule.trajectory, **{name: values})
-        found = failing(dataclasses.replace(schedule, trajectory=trajectory))
+        found = failing(dataclasses.replace(schedule, motion=JointMotion.of(trajectory)))
         assert found[f"{name}_agreement"] == "turn at 0.050000 s"
 
 
@@ -340,3 +346,20 @@ def test_a_measurement_passes_up_to_what_is_allowed_and_nan_never(measured, verd
     """Numbers that JSON does not know are said as null."""
     check = judge("x", measured, 1.0, "m", "here")
     assert (check.verdict, check.measured) == (verdict, value)
+
+
+def test_a_group_whose_time_runs_backwards_or_starts_late_is_named() -> None:
+    """All joints together have rising times from 0 on, as they are sorted; the group's own have not."""
+    joints, zero = ("a", "b"), np.zeros((3, 1))
+    for times, words in (
+        ([0.0, 2.0, 1.0], "runs backwards at knot 2 of right"),
+        ([0.5, 1.0, 2.0], "starts at 0.5 s of right"),
+    ):
+        groups = {
+            "left": Trajectory(("a",), np.array([0.0, 1.0, 2.0]), zero, zero, zero),
+            "right": Trajectory(("b",), np.array(times), zero, zero, zero),
+        }
+        motion = JointMotion(joints, groups)
+        assert (np.diff(motion.trajectory.time) > 0).all()
+        found = check_time(motion)
+        assert (found.verdict, found.detail) == ("failed", words)

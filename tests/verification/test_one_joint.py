@@ -10,6 +10,7 @@ import pytest
 
 from dualarm_cli.model.cell import Cell, Obstacle, Tool
 from dualarm_cli.model.job import Dwell, Job, JointTarget, Stop, Task
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import Event, Provenance, Schedule, ScheduleRobot, Segment, Stage
@@ -63,7 +64,7 @@ def schedule(job: Job) -> Schedule:
     stage = Stage(0.0, 2.0, ("a",), "fixed", None, 0.0, {"left": 2.0}, {"j": 2.0}, "j")
     return Schedule(
         ScheduleRobot.of_job(job),
-        motion,
+        JointMotion.of(motion),
         (stage,),
         (Segment("left", "transfer", "a", "move", 0.0, 2.0),),
         (Event(2.0, "left", "a", "move", "left_tcp", at(1.0)),),

@@ -10,7 +10,7 @@ import pytest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.schedule import Segment
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 
 OTHER = {"left": "right", "right": "left"}
@@ -29,7 +29,7 @@ def planned(tasks_folder):
     job = dataclasses.replace(
         job, tasks=tasks, order="optimise", sequences=(("right-01", "left-02"),)
     )
-    schedule = plan_without_bound(job, PlanSettings(effort="quick"))
+    schedule = plan_without_bound(job, PlanSettings(effort="quick", platform="fixed"))
     doer = {event.task: event.arm for event in schedule.events}
     return SimpleNamespace(job=job, schedule=schedule, doer=doer)
 

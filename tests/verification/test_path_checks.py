@@ -17,9 +17,10 @@ from dualarm_cli.kinds.path.checks import (
     along_path,
     check_paths,
 )
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.tool_model import ToolModel
 
@@ -81,7 +82,7 @@ def with_motion(schedule, time, position, velocity, acceleration):
     end = float(time[-1])
     return dataclasses.replace(
         schedule,
-        trajectory=trajectory,
+        motion=JointMotion.of(trajectory),
         segments=tuple(dataclasses.replace(s, end=end) for s in schedule.segments),
         events=tuple(dataclasses.replace(e, time=end) for e in schedule.events),
         stages=tuple(dataclasses.replace(s, end=end) for s in schedule.stages),
@@ -95,9 +96,10 @@ def knots(schedule):
 
 
 def test_what_is_planned_passes(planned):
-    """All five checks, each of something; and the rest of the verifier."""
+    """All checks, each of something but rounded corners, which it has none of; and the rest of the verifier."""
     checks = paths(planned.schedule, planned.job)
     assert tuple(checks) == NAMES
+    assert checks.pop("path_corners").verdict == "not checked"
     assert {check.verdict for check in checks.values()} == {"passed"}
     assert verify(planned.schedule, planned.job).passed
 

@@ -21,11 +21,12 @@ from dualarm_cli.kinds.seam.checks import (
     seam_touches,
 )
 from dualarm_cli.model.cell import Tool
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.seam import Hold, SeamTool
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.line_spans import line_spans
 from dualarm_cli.verification.tool_model import ToolModel
@@ -128,7 +129,7 @@ def moved_in(schedule, job, kind, action, by):
     column = schedule.trajectory.joints.index("left_e")
     q[:, column] += by * 16.0 * (x * (1.0 - x)) ** 2
     motion = Trajectory(schedule.trajectory.joints, time, q, v, a)
-    return dataclasses.replace(schedule, trajectory=motion)
+    return dataclasses.replace(schedule, motion=JointMotion.of(motion))
 
 
 def with_work(job, **changes):
@@ -171,7 +172,7 @@ def retimed(schedule, old, duration):
     motion = Trajectory(schedule.trajectory.joints, time, q, v * rate, a * rate**2 + v * second)
     return dataclasses.replace(
         schedule,
-        trajectory=motion,
+        motion=JointMotion.of(motion),
         segments=tuple(dataclasses.replace(s, end=duration) for s in schedule.segments),
         events=tuple(
             dataclasses.replace(e, time=duration) if e.action == "seam_end" else e

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification.stage_checks import check_segment_kinds, first_move
 
@@ -136,7 +137,8 @@ def test_a_joint_is_seen_to_move_beyond_what_rounding_does(clean, way, joint):
         q[1, joints.index(joint)] = way * far
         still = np.zeros_like(q)
         schedule = replace(
-            clean.schedule, trajectory=Trajectory(joints, np.array([0.0, 1.0]), q, still, still)
+            clean.schedule,
+            motion=JointMotion.of(Trajectory(joints, np.array([0.0, 1.0]), q, still, still)),
         )
         assert (first_move(schedule, "left", 0.0, 1.0) > 0.0) == seen
         assert first_move(schedule, "right", 0.0, 1.0) == 0.0

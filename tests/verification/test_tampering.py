@@ -21,11 +21,12 @@ from dualarm_cli.errors import InputError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Obstacle
 from dualarm_cli.model.job import Dwell
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 
 KINDS = ("transfer", "approach", "dwell", "retract", "wait", "return", "path", "seam")
@@ -363,7 +364,7 @@ def _records(case, rng, schedule):
         return replace(schedule, robot=replace(robot, arms=arms))
     names = rng.permutation(len(schedule.trajectory.joints)).tolist()
     joints = [schedule.trajectory.joints[k] for k in names]
-    return replace(schedule, trajectory=schedule.trajectory.select(joints))
+    return replace(schedule, motion=JointMotion.of(schedule.trajectory.select(joints)))
 
 
 def _events(case, rng, schedule):
@@ -436,7 +437,7 @@ def _knots(case, rng, schedule):
         w = 2 * np.pi / 0.2
         v[:, j] += 2 * height * w * (1 - c) * s
         a[:, j] += 2 * height * w**2 * (s * s + (1 - c) * c)
-    return replace(schedule, trajectory=Trajectory(joints, t, q, v, a))
+    return replace(schedule, motion=JointMotion.of(Trajectory(joints, t, q, v, a)))
 
 
 def verdict(schedule, job, *, clearance=True):

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.model.budget import Budget
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import StageClearance, Verification
@@ -38,7 +39,7 @@ def knot(rate, place, joint):
         values = np.array(getattr(schedule.trajectory, rate))
         values[place, schedule.trajectory.joints.index(joint)] += size
         trajectory = dataclasses.replace(schedule.trajectory, **{rate: values})
-        return dataclasses.replace(schedule, trajectory=trajectory), job
+        return dataclasses.replace(schedule, motion=JointMotion.of(trajectory)), job
 
     return made
 
@@ -85,7 +86,7 @@ def late(schedule, job, size):
     """A fault: the motion begins late."""
     time = schedule.trajectory.time + size
     trajectory = dataclasses.replace(schedule.trajectory, time=time)
-    return dataclasses.replace(schedule, trajectory=trajectory), job
+    return dataclasses.replace(schedule, motion=JointMotion.of(trajectory)), job
 
 
 def event(**changes):

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.errors import InputError
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.schedule import ScheduleArm
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification.tool_model import ToolModel
@@ -50,7 +51,7 @@ def with_robot(clean, urdf, arms, joints):
         arms={arm: ScheduleArm(f"{arm}{joints - 1}_out", pin.SE3.Random()) for arm in arms},
     )
     trajectory = Trajectory(names, np.zeros(1), zero, zero, zero)
-    return dataclasses.replace(clean.schedule, robot=robot, trajectory=trajectory)
+    return dataclasses.replace(clean.schedule, robot=robot, motion=JointMotion.of(trajectory))
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -14,7 +14,7 @@ from dualarm_cli.kinds.tool_change.checks import check_tool_changes
 from dualarm_cli.model.schedule import Event
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
-from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.as_done import job_as_done
 

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.model.job import Dwell, JointTarget
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.schedule import Segment
 from dualarm_cli.verification import verify
 
@@ -160,7 +161,7 @@ def test_a_tool_that_moves_in_a_dwell_between_knots_only_is_found(clean, failing
     limits = dataclasses.replace(robot.limits, jerk=np.full(7, np.inf))
     schedule = dataclasses.replace(
         clean.schedule,
-        trajectory=trajectory,
+        motion=JointMotion.of(trajectory),
         robot=dataclasses.replace(robot, limits=limits),
     )
     assert failing(schedule) == {"tool_still_in_dwells": "right-part (pick) at 1.200000 s"}

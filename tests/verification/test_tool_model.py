@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.errors import InputError
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 
@@ -40,7 +41,7 @@ def test_the_order_of_the_joints_is_the_schedules_own(clean):
             for name in ("position", "velocity", "acceleration")
         },
     )
-    other = dataclasses.replace(clean.schedule, trajectory=reverse)
+    other = dataclasses.replace(clean.schedule, motion=JointMotion.of(reverse))
     one = ToolModel(clean.schedule).poses("left", trajectory.position)
     two = ToolModel(other).poses("left", reverse.position)
     assert all(np.array_equal(a, b) for a, b in zip(one, two, strict=True))
@@ -86,7 +87,7 @@ def test_every_moving_joint_has_to_be_there(clean):
     for lost in joints:
         others = [name for name in joints if name != lost]
         fewer = dataclasses.replace(
-            clean.schedule, trajectory=clean.schedule.trajectory.select(others)
+            clean.schedule, motion=JointMotion.of(clean.schedule.trajectory.select(others))
         )
         with pytest.raises(InputError, match=f"moving joint '{lost}' is missing"):
             ToolModel(fewer)
@@ -101,7 +102,7 @@ def test_the_universe_is_not_a_joint(clean):
     }
     trajectory = dataclasses.replace(trajectory, joints=(*trajectory.joints, "universe"), **wide)
     with pytest.raises(InputError, match="'universe' is not a joint"):
-        ToolModel(dataclasses.replace(clean.schedule, trajectory=trajectory))
+        ToolModel(dataclasses.replace(clean.schedule, motion=JointMotion.of(trajectory)))
 
 
 def test_a_flange_that_shares_its_name_with_a_joint_is_the_link(clean):

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.verification import verify
 
 
@@ -77,7 +78,7 @@ def turning(schedule, rise, top, duration_scale=1.0):
     limits = dataclasses.replace(schedule.robot.limits, jerk=np.full(n, np.inf))
     robot = dataclasses.replace(schedule.robot, limits=limits)
     return dataclasses.replace(
-        schedule, trajectory=trajectory, robot=robot, events=(), segments=(), stages=()
+        schedule, motion=JointMotion.of(trajectory), robot=robot, events=(), segments=(), stages=()
     )
 
 
@@ -120,6 +121,8 @@ def test_a_robot_that_never_moves_has_no_speed(clean):
         time=trajectory.time[:1],
         **{k: getattr(trajectory, k)[:1] for k in ("position", "velocity", "acceleration")},
     )
-    still = dataclasses.replace(clean.schedule, trajectory=one, events=(), segments=(), stages=())
+    still = dataclasses.replace(
+        clean.schedule, motion=JointMotion.of(one), events=(), segments=(), stages=()
+    )
     check = speed_check(capped(still, 0.1))
     assert (check.verdict, check.measured) == ("passed", 0.0)

@@ -19,6 +19,7 @@ from dualarm_cli.kinds.path.checks import NAME
 from dualarm_cli.kinds.path.checks import NAMES as PATH_NAMES
 from dualarm_cli.kinds.seam.checks import NAMES as SEAM_NAMES
 from dualarm_cli.model.cell import Tool
+from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.verification import verify
 
 NAMES = (*PATH_NAMES, *SEAM_NAMES, *HANDOVER_NAMES)
@@ -49,7 +50,7 @@ def test_measurements_of_a_clean_schedule_are_rounding(clean):
             assert check.measured < 1e-13, check
 
 
-def test_without_a_job_nine_checks_are_not_made_and_say_why(clean):
+def test_without_a_job_ten_checks_are_not_made_and_say_why(clean):
     """What only a task file can tell."""
     verification = verify(clean.schedule)
     assert verification.passed
@@ -57,7 +58,15 @@ def test_without_a_job_nine_checks_are_not_made_and_say_why(clean):
         check.name: check.detail for check in verification.checks if check.verdict == "not checked"
     }
     order = ("order", "tool_changes", "precedence", "windows", "buffers", "pairing")
-    tasks = ("events_at_targets", *order, "dwells", "start_posture", "return", *NAMES)
+    tasks = (
+        "events_at_targets",
+        "stands_at_events",
+        *order,
+        "dwells",
+        "start_posture",
+        "return",
+        *NAMES,
+    )
     assert {reasons[name] for name in tasks} == {"no task file was given (--tasks)"}
     assert set(reasons) == {*tasks, "collisions", "tool_speed", "lower_bound", NAME}
 
@@ -104,7 +113,7 @@ def test_a_job_for_another_robot_is_bad_input_that_names_joints(clean):
     trajectory = clean.schedule.trajectory
     joints = ("waist", *trajectory.joints[1:])
     schedule = dataclasses.replace(
-        clean.schedule, trajectory=dataclasses.replace(trajectory, joints=joints)
+        clean.schedule, motion=JointMotion.of(dataclasses.replace(trajectory, joints=joints))
     )
     with pytest.raises(InputError, match="different robots: turn, waist"):
         verify(schedule, clean.job)

@@ -27,6 +27,14 @@ class Blend(StrEnum):
     none = "none"
 
 
+class ReceiverInterpolation(StrEnum):
+    """How a receiver moves between samples."""
+
+    linear = "linear"
+    cubic = "cubic"
+    quintic = "quintic"
+
+
 EffortOption = Annotated[
     Effort, typer.Option("--effort", help="How hard to try: more planning time for a faster plan.")
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, WithJsonSchema, model_validator
@@ -10,6 +11,7 @@ from dualarm_cli.files.cells.schema_cell import LimitsSection
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
     SMALLEST_POSITIVE,
+    Blend,
     Clearance,
     Duration,
     FramedPose,
@@ -118,6 +120,45 @@ class TargetSection(FramedPose):
         return self
 
 
+class SignalsSection(Section):
+    """Names of signals, such as outputs of a robot controller, by what the arm does when they are set."""
+
+    grip: Name | None = Field(
+        default=None, description="When the tool grips: at a pick, and where a part is taken over."
+    )
+    release: Name | None = Field(
+        default=None, description="When it lets go: at a place, and where a part is given."
+    )
+    pick: Name | None = Field(default=None, description="At a pick; instead of `grip`.")
+    take: Name | None = Field(
+        default=None, description="Where a part is taken over; instead of `grip`."
+    )
+    place: Name | None = Field(default=None, description="At a place; instead of `release`.")
+    give: Name | None = Field(
+        default=None, description="Where a part is given; instead of `release`."
+    )
+    move: Name | None = Field(default=None, description="At the target of a bare move.")
+
+    @model_validator(mode="after")
+    def _something(self) -> SignalsSection:
+        if not self.model_fields_set:
+            raise refuse("no signal; give grip, release or both, or remove 'signals'")
+        return self
+
+
+SIGNAL_KEYS: Mapping[str, tuple[str, ...]] = {
+    "pick": ("pick", "grip"),
+    "take": ("take", "grip"),
+    "place": ("place", "release"),
+    "give": ("give", "release"),
+    "move": ("move",),
+}
+"""Keys of signals by the action at which they are set; the first that is given counts."""
+
+
+Permission = Literal["allowed", "forbidden"]
+
+
 class TaskHead(Section):
     """The keys of a task that messages list first, before those of the kinds of work."""
 
@@ -161,9 +202,35 @@ class TaskSection(TaskHead):
         default=None,
         description="How much of approach and retract, next to the target, must be straight [m].",
     )
+    blend: Blend | None = Field(
+        default=None,
+        description="How far the tool may leave the target of a `move`, so that it need not stop there [m]; default: "
+        "that of the defaults.",
+    )
     dwell: Dwell | None = Field(
         default=None, description="Time at each target [s], one number or its shares."
     )
+    dwell_motion: Permission | None = Field(
+        default=None,
+        description="Whether platform and elbow may move on while the tool dwells; default: that of the defaults.",
+    )
+    signals: SignalsSection | None = Field(
+        default=None, description="Names of signals that are set when the tool grips or lets go."
+    )
+
+    @model_validator(mode="after")
+    def _passes(self) -> TaskSection:
+        if self.blend is None:
+            return self
+        if self.move is None:
+            raise refuse("'blend' goes with a move, or into a path; remove it", "blend")
+        for key in ("approach", "retract", "dwell"):
+            if getattr(self, key) is not None:
+                raise refuse(
+                    f"'blend' does not go with '{key}': the tool passes its target; keep one",
+                    "blend",
+                )
+        return self
 
 
 class DefaultsSection(Section):
@@ -179,15 +246,23 @@ class DefaultsSection(Section):
     part: Name | None = Field(
         default=None, description="Kind of part carried from pick to place, as the cell names it."
     )
+    signals: SignalsSection | None = Field(
+        default=None, description="Names of signals of tasks that name none for what they do."
+    )
     straight: StraightPart | None = Field(
         default=None,
         description="How much of approach and retract, next to the target, must be straight [m]; all of it where "
         "nothing is said, or where a line is shorter.",
     )
-    dwell_motion: Literal["allowed", "forbidden"] | None = Field(
+    blend: Blend | None = Field(
         default=None,
-        description="Whether the platform may turn while tools dwell; not used in this version: it stands still, and "
-        "`allowed` is answered with a note.",
+        description="How far a tool may leave targets of moves and corners of its path, so that it need not stop "
+        "there [m]; default: it stops.",
+    )
+    dwell_motion: Permission | None = Field(
+        default=None,
+        description="Whether platform and elbows may move on while tools dwell, which stay at their targets to 0.02 "
+        "mm; default: forbidden.",
     )
     line_motion: Literal["allowed", "forbidden"] | None = Field(
         default=None,

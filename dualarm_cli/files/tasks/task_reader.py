@@ -17,6 +17,7 @@ from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.curves import CurveReader
 from dualarm_cli.files.tasks.schema_tasks import (
+    SIGNAL_KEYS,
     DefaultsSection,
     DwellSection,
     TargetSection,
@@ -203,7 +204,7 @@ class TaskReader:
                 kind for kind in self._kinds if kind.key and getattr(section, kind.key) is not None
             ]
             if own:
-                found += own[0].shares(self, section, loc)
+                found += self.signalled(own[0].shares(self, section, loc), section, loc)
                 continue
             arm = self.arm(section, loc)
             if arm is None:
@@ -212,8 +213,37 @@ class TaskReader:
             task = self.task(section, loc, arm, stops, self.part(section, loc))
             for kind in self._kinds:
                 task = kind.task(self, section, loc, task)
-            found.append(task)
+            found += self.signalled([task], section, loc)
         return tuple(found)
+
+    def signalled(self, shares: Sequence[Task], section: TaskSection, loc: Loc) -> list[Task]:
+        """Returns each arm's share of a task with its signals, after noting those that it never sets.
+
+        Args:
+            shares: of one task.
+            section: the task as the file has it.
+            loc: where it stands.
+        """
+        sources = [one for one in (section.signals, self.defaults.signals) if one is not None]
+        actions = {stop.action for task in shares for stop in task.stops}
+        used = {key for action in actions for key in SIGNAL_KEYS.get(action, ())}
+        for key in section.signals.model_fields_set if section.signals and actions else ():
+            if key not in used:
+                message = f"the task never sets this signal: it has {' and '.join(sorted(actions))}"
+                self.note((*loc, "signals", key), message)
+
+        def signal(action: str) -> str:
+            keys = SIGNAL_KEYS.get(action, ())
+            names = (getattr(source, key) for source in sources for key in keys)
+            return next((name for name in names if name is not None), "")
+
+        return [
+            replace(
+                task,
+                stops=tuple(replace(stop, signal=signal(stop.action)) for stop in task.stops),
+            )
+            for task in shares
+        ]
 
     def arm(self, section: TaskSection, loc: Loc) -> str | None:
         """Returns the arm that does a task, ANY for either; None after noting one that the robot does not have.
@@ -313,6 +343,12 @@ class TaskReader:
             stop = Stop(action, target, *around, self.place(place))
             if straight is not None:
                 stop = replace(stop, straight=straight)
+            blend = section.blend if section.blend is not None else self.defaults.blend
+            if blend is not None and action == "move" and not (any(around[:2]) or around[2].total):
+                stop = replace(stop, blend=blend)
+            allowed = section.dwell_motion or self.defaults.dwell_motion
+            if allowed == "allowed":
+                stop = replace(stop, dwell_motion=True)
             for kind in self._kinds:
                 stop = kind.stop(self, target_section, place, stop)
             stops.append(stop)

@@ -163,13 +163,15 @@ def check_sequences(
     return follows
 
 
-def permission_notes(model: TasksFile) -> list[str]:
-    """Returns notes on what the file permits or demands and the present planner does not use."""
+def permission_notes(document: Document, model: TasksFile) -> list[str]:
+    """Returns notes on what the file permits and the planner does not use."""
     defaults, notes = model.defaults, []
-    for key in ("dwell_motion", "line_motion"):
-        if getattr(defaults, key) == "allowed":
-            during = "dwells" if key == "dwell_motion" else "lines"
-            notes.append(f"{key}: allowed was not used; the platform stands still during {during}")
+    alone = [t.get("id") for t in document.listed("tasks") if {"path", "coordinate"} & set(t)]
+    if defaults.dwell_motion == "allowed" and alone:
+        some = ", ".join(map(str, alone[:3])) + (", …" if len(alone) > 3 else "")
+        notes.append(f"dwell_motion: not used on paths and seams: {some}")
+    if defaults.line_motion == "allowed":
+        notes.append("line_motion: allowed was not used; the platform stands still during lines")
     return notes
 
 

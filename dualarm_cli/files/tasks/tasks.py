@@ -122,7 +122,7 @@ def load_job(
         model.speed,
         min(caps, default=None),
         dict(project.inputs),
-        (*notes, *permission_notes(model)),
+        (*notes, *permission_notes(document, model)),
         model.mode,
         model.order,
         tuple(tuple(names) for names in model.sequences),

@@ -78,6 +78,7 @@ NAMES = (
     "path_speed",
     "path_time",
     "paths_together",
+    "path_corners",
 )
 """The checks."""
 SAMPLES = 4001
@@ -113,19 +114,16 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
     if job is None or not job.has_paths:
         why = NO_TASKS if job is None else "the job has no paths"
         return [not_checked(name, why) for name in NAMES]
-    distance, angle, progress, speed, slow, together = (Worst() for _ in NAMES)
+    distance, angle, progress, speed, slow, together, corners = (Worst() for _ in NAMES)
     events = {(e.arm, e.task): e for e in schedule.events if e.action == "path"}
     for section in job.sections():
         work = section[0].path
         if work is None:
             continue
         found = {}
+        work = followed_work(schedule, model, work, section[0].id)
         for task in section:
-            own = [
-                s
-                for s in schedule.segments
-                if (s.kind, s.arm, s.task) == ("path", task.arm, task.id)
-            ]
+            own = _segments(schedule, task.arm, task.id)
             where = f"{task.id} ({task.arm})"
             if len(own) != 1 or own[0].end <= own[0].start:
                 progress.add(
@@ -149,6 +147,8 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
             window = min(WINDOW, float(along.time[-1] - along.time[0]))
             ahead = np.interp(along.time + window, along.time, along.length)
             rate = (ahead - along.length) / window
+            if task.arm in work.sharp:
+                _add_corners(corners, schedule, model, segment, work)
             _add(speed, rate / allowed - 1.0, along.time, where)
             if not work.slower:
                 slow.add(_dawdling(job, work, segment), where)
@@ -165,7 +165,51 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         speed.judge(NAMES[3], tol.PATH_SPEED_SLACK, "share beyond what is asked", ""),
         slow.judge(NAMES[4], tol.PATH_LATE, "s beyond what is asked", "every path may be slower"),
         together.judge(NAMES[5], tol.LINE_DISTANCE, "m", nothing),
+        corners.judge(NAMES[6], 1.0, "share of what is allowed", "no corner of a path is rounded"),
     ]
+
+
+def _segments(schedule: Schedule, arm: str, task: str) -> list[Segment]:
+    return [s for s in schedule.segments if (s.kind, s.arm, s.task) == ("path", arm, task)]
+
+
+def followed_work(schedule: Schedule, model: ToolModel, work: PathWork, task: str) -> PathWork:
+    """Returns which of the two ways of a path with rounded corners a tool keeps to: that, or with its corners sharp.
+
+    Args:
+        schedule: the motion.
+        model: where its tools are.
+        work: the path.
+        task: its task.
+    """
+    for arm in work.sharp:
+        own = _segments(schedule, arm, task)
+        if len(own) == 1 and own[0].end > own[0].start:
+            rounded, sharp = (
+                along_path(schedule, model, own[0], way[arm]).distance.max()
+                for way in (work.paths, work.sharp)
+            )
+            if sharp < rounded:
+                return work.stopping()
+    return work
+
+
+def _add_corners(
+    worst: Worst, schedule: Schedule, model: ToolModel, segment: Segment, work: PathWork
+) -> None:
+    """Adds how far a tool stays away from corners that may be rounded, in what its tolerance and `blend` allow."""
+    path = work.sharp[segment.arm]
+    time = dense_times(schedule.trajectory.time, segment.start, segment.end)
+    _, p = model.poses(segment.arm, schedule.trajectory.at(time)[0])
+    # Between two instants the tool comes nearer than at both by less than half of its way.
+    steps = np.concatenate([[0.0], np.linalg.norm(np.diff(p, axis=0), axis=1)])
+    for s in path.corners:
+        away = np.linalg.norm(p - path.pose(s).translation, axis=1)
+        nearest = int(np.argmin(away))
+        near = float(away[nearest]) - 0.5 * float(steps[nearest : nearest + 2].max())
+        share = near / (work.blend + work.tolerance)
+        where = f"{segment.task} ({segment.arm}) at {time[nearest]:.3f} s"
+        worst.add(max(0.0, share), where)
 
 
 def _pose_error(event: Event, path: ToolPath) -> float:

@@ -11,13 +11,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.kinds.path.checks import along_path
+from dualarm_cli.kinds.path.checks import along_path, followed_work
 from dualarm_cli.kinds.path.context import PathContext
 from dualarm_cli.kinds.reporting import KindMeasures, joint_ways, room_words, travel_words
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.elbow_circle import least_elbow_distance
 from dualarm_cli.kinematics.manipulability import manipulability
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.model.curves.tool_path import RoundedCorner
 from dualarm_cli.model.job import Job, Task
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.schedule import Schedule
@@ -47,6 +48,7 @@ def path_lines(report: dict[str, Any]) -> list[str]:
         lines.append(
             f"path {path['task']} by {path['method']}: {path['length'] * 1e3:.1f} mm in {path['duration']:.3f} s; "
             f"tools within {_small(path['tool_error'])} of it; "
+            + _rounded(path["rounded_corners"])
             + (f"elbows from their critical points on average {elbows}; " if springs else "")
             + f"mean manipulability {each}, together {path['manipulability_together']:.4g}; "
             f"joints travel {travel_words(path)} in all, "
@@ -54,6 +56,14 @@ def path_lines(report: dict[str, Any]) -> list[str]:
             f"{path['speed_joint']} uses {path['speed_share']:.0%} of its speed"
         )
     return lines
+
+
+def _rounded(left_by: list[float]) -> str:
+    """Returns the words about rounded corners, from how far the tool leaves each [m]."""
+    if not left_by:
+        return ""
+    many = "one corner is" if len(left_by) == 1 else f"{len(left_by)} corners are"
+    return f"{many} rounded, the tool leaves them by at most {_small(max(left_by))}; "
 
 
 def _small(length: float) -> str:
@@ -167,9 +177,11 @@ def path_samples(schedule: Schedule, job: Job) -> list[PathSamples]:
     """
     if not job.has_paths:
         return []
-    context = PathContext.of(CellModel.from_cell(job.cell), job)
+    if schedule.blends:
+        job = job.blended()
+    context, tools = PathContext.of(CellModel.from_cell(job.cell), job), ToolModel(schedule)
     return [
-        _sampled(schedule, context, section, work)
+        _sampled(schedule, context, section, followed_work(schedule, tools, work, section[0].id))
         for section in job.sections()
         if (work := section[0].path) is not None and _span(schedule, section) is not None
     ]
@@ -348,6 +360,12 @@ def path_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
                 "length": path.work.length,
                 "tool_error": max(float(one.distance.max()) for one in along),
                 "tool_angle_error": max(float(one.angle.max()) for one in along),
+                "rounded_corners": [
+                    piece.left_by
+                    for way in path.work.paths.values()
+                    for piece in way.pieces
+                    if isinstance(piece, RoundedCorner)
+                ],
                 "elbow_distance": dict(
                     zip(path.arms, path.distance.mean(axis=0).tolist(), strict=True)
                 ),

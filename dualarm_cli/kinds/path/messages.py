@@ -55,11 +55,9 @@ def path_job_notes(job: Job, method: str, trajectory: Trajectory) -> list[str]:
     return notes
 
 
-def path_notes(
-    context: PathContext, task: str, work: PathWork, found: FollowedPath, name: str
-) -> list[str]:
+def path_notes(context: PathContext, task: str, found: FollowedPath, name: str) -> list[str]:
     """Returns what a reader must know of how a path is followed."""
-    notes = []
+    notes, work = [], found.work
     cap, speed = context.job.tool_speed, work.speed * context.job.speed
     if cap is not None and cap < speed:
         notes.append(
@@ -73,7 +71,7 @@ def path_notes(
     if corners := len(work.corners()):
         stops = "stops at one corner" if corners == 1 else f"stops at {corners} corners"
         notes.append(
-            f"{task}: the tool {stops}; replace corners by arcs or splines to keep it moving"
+            f"{task}: the tool {stops}; give a (larger) `blend`, or arcs or splines, to keep it moving"
         )
     if name.startswith("virtual_spring"):
         missing = [arm for arm in work.paths if arm not in work.critical_points]

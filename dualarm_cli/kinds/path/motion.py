@@ -114,6 +114,8 @@ class FollowedPath:
     """All joints of the robot."""
     clock: PathClock
     """Where the tools are when."""
+    work: PathWork
+    """What was followed: with rounded corners, or with stops at them."""
     asked: float
     """How long it would take if the joints' limits did not ask for less speed [s]."""
 
@@ -146,6 +148,27 @@ class TrialBudget:
 
 
 Follower = Solver[PathProblem, PathMotion | NoPath]
+
+
+def quickest_path(
+    context: PathContext,
+    work: PathWork,
+    follower: Follower,
+    start: FloatArray,
+    budget: TrialBudget,
+    halve: bool = True,
+) -> FollowedPath | Refused:
+    """Returns a path with rounded corners, or with stops at them where that is quicker; see `follow_path`."""
+    found = follow_path(context, work, follower, start, budget, halve)
+    if not work.sharp:
+        return found
+    # A tight bend can take longer than a stop.
+    stopping = follow_path(context, work.stopping(), follower, start, budget, halve)
+    if isinstance(stopping, Refused):
+        return found
+    if isinstance(found, Refused):
+        return stopping
+    return min(found, stopping, key=lambda one: one.trajectory.duration)
 
 
 def follow_path(
@@ -192,7 +215,7 @@ def follow_path(
     if tried.trajectory is None:
         assert tried.refused is not None  # one of the two is there
         return tried.refused
-    return FollowedPath(tried.trajectory, clock, full)
+    return FollowedPath(tried.trajectory, clock, work, full)
 
 
 @dataclass(frozen=True)

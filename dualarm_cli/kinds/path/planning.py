@@ -17,8 +17,8 @@ from dualarm_cli.kinds.path.motion import (
     FollowedPath,
     Refused,
     TrialBudget,
-    follow_path,
     is_clear,
+    quickest_path,
     touching_path,
 )
 from dualarm_cli.kinds.path.record import add_followed
@@ -138,7 +138,7 @@ def add_path(
         if halve:
             ready = [q for _, q in sorted(stuck, key=lambda one: -one[0])[:MOST_STUCK]]
         for q in ready:
-            found = follow_path(context, work, follower, q, budget, halve)
+            found = quickest_path(context, work, follower, q, budget, halve)
             if isinstance(found, Refused):
                 refusals.append(found)
                 if found.remedy == "slower" and np.isinf(found.excess):
@@ -177,7 +177,7 @@ def add_path(
         add_transfer(record, transfer.cleared.motion, section)
         record.count(transfer)
     add_followed(record, context, section, found, name, begin)
-    record.notes += path_notes(context, task, work, found, name)
+    record.notes += path_notes(context, task, found, name)
 
 
 def _always_there(refusals: list[Refused]) -> bool:

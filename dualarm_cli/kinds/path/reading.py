@@ -14,6 +14,7 @@ from dualarm_cli.files.source.fields import (
     LONGEST_CLEARANCE,
     SMALLEST_POSITIVE,
     Angle,
+    Blend,
     Distance,
     Length,
     Name,
@@ -83,7 +84,12 @@ class PathSection(CurveSection):
     )
     speed: ToolSpeed = Field(
         description="Speed of the tool with the longer path [m/s]; a turn by 1 rad counts as 0.1 m at least. "
-        "The tool stops at corners."
+        "The tool stops at corners, without `blend`."
+    )
+    blend: Blend | None = Field(
+        default=None,
+        description="How far the tool may leave the corner of two straight pieces, so that it need not stop there [m]. "
+        "A curve takes at most half of each piece. Not for both tools. Default: `blend` of the defaults, else stops.",
     )
     acceleration: PathAcceleration | None = Field(
         default=None, description="Acceleration along the path [m/s²]; default: speed / 0.2 s."
@@ -166,7 +172,7 @@ def followers(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
     if wrong:
         reader.note(place, wrong)
         return []
-    for key in ("approach", "retract", "dwell", "part"):
+    for key in ("approach", "retract", "dwell", "dwell_motion", "part"):
         if getattr(section, key) is not None:
             reader.note((*loc, key), f"'{key}' does not go with a path; remove it")
     work = _work(reader, path, place, section.arm or path.arm)
@@ -203,6 +209,15 @@ def _work(reader: TaskReader, section: PathSection, loc: Loc, arm: str | None) -
         for name in good
         if (point := getattr(section.critical_points, name)) is not None
     }
+    blend = reader.defaults.blend if section.blend is None else section.blend
+    if section.both:
+        # Corners would lie at other shares of their ways than before, so that the tools would not keep together.
+        if section.blend is not None:
+            reader.note(
+                (*loc, "blend"),
+                "'blend' goes with paths of one tool; remove it, or give both tools curves without corners",
+            )
+        blend = None
     return PathWork(
         paths=good,
         speed=section.speed,
@@ -215,6 +230,7 @@ def _work(reader: TaskReader, section: PathSection, loc: Loc, arm: str | None) -
         critical_points=points,
         stiffness=section.stiffness,
         torque=section.torque == "limited",
+        blend=blend or 0.0,
         place=reader.place(loc),
     )
 

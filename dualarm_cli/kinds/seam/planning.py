@@ -20,10 +20,10 @@ from dualarm_cli.kinds.seam.messages import seam_bound, seam_faults
 from dualarm_cli.kinds.seam.plan import SeamPlanner
 from dualarm_cli.kinds.seam.record import PlannedSeam, add_seam, seam_notes
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.refusals import Refusal
-from dualarm_cli.timing.composition import SAME_TIME
 
 SAME = 1e-9
 """Difference of two configurations that count as one [rad]."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
+from math import comb
 from typing import Protocol
 
 import numpy as np
@@ -19,6 +21,22 @@ SAME_DIRECTION = 1e-3
 """Difference of the directions of two pieces, per unit of length, above which they meet in a corner."""
 SPLINE_NODES = 2048
 """Points at which the length of a spline is measured."""
+
+SPACING = 0.3
+"""Distance of the first three and of the last three control points of a rounded corner, in its reach. Of all quintics
+whose curvature begins and ends at zero it has nearly the widest bend for how far it leaves the corner."""
+APEX = (16.0 - 25.0 * SPACING) / 32.0
+"""How far such a curve leaves its corner, in its reach times the difference of both directions: its middle."""
+SHARPEST = np.cos(np.deg2rad(135.0))
+"""Cosine of the largest change of direction that is rounded; beyond it the bend is tighter than a stop is slow."""
+SHORTEST_REST = 1e-9
+"""Share of a straight piece between two rounded corners that counts as nothing."""
+SMALL_ANGLE = 1e-3
+"""Rotation below which a series is exact enough [rad]."""
+ROUNDED_NODES = 33
+"""Points with which measuring the length of a rounded corner begins."""
+QUINTIC = np.array([comb(5, k) for k in range(6)], dtype=np.float64)
+"""Binomial coefficients of its Bernstein polynomials."""
 
 Poses = tuple[FloatArray, FloatArray]
 """Rotations (k, 3, 3) and positions (k, 3) [m] in the world."""
@@ -60,6 +78,17 @@ class Line:
         way = self.end.translation - self.start.translation
         R = self.start.rotation @ exp_rotation(share * self._turn)
         return R, self.start.translation + share * way
+
+    def part(self, first: float, last: float) -> Line:
+        """Returns what lies between two lengths [m]."""
+        R, p = self.at(np.array([first, last]))
+        return Line(pin.SE3(R[0], p[0]), pin.SE3(R[1], p[1]))
+
+    @property
+    def direction(self) -> FloatArray:
+        """Way in the world and turning in the tool's frame, per length, shape (6,)."""
+        way = self.end.translation - self.start.translation
+        return np.concatenate([way, self._turn]) / self.length
 
 
 @dataclass(frozen=True)
@@ -184,6 +213,79 @@ class Spline:
 
 
 @dataclass(frozen=True)
+class RoundedCorner:
+    """A curve that replaces the corner of two straight pieces, with their directions and without curvature at its ends.
+
+    A quintic Bézier curve of position and rotation vector: beside the corner both are in proportion to the length of a
+    straight piece, so that the corner of a turning tool is rounded in the same way. Our own.
+    """
+
+    corner: pin.SE3
+    """Pose at the corner."""
+    before: FloatArray
+    """Way in the world and turning in the tool's frame, per length of the piece before, shape (6,)."""
+    after: FloatArray
+    """The same of the piece after it."""
+    reach: float
+    """Length before and after the corner that it replaces [m]."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("before", "after"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @cached_property
+    def _points(self) -> FloatArray:
+        share = np.array([1.0, 1.0 - SPACING, 1.0 - 2.0 * SPACING])[:, None] * self.reach
+        return np.concatenate([-share * self.before, share[::-1] * self.after])
+
+    def _bezier(self, u: FloatArray) -> FloatArray:
+        """Returns way and rotation vector from the corner, shape (k, 6), for parameters from 0 to 1."""
+        powers = np.arange(6)
+        weights = QUINTIC * u[:, None] ** powers * (1.0 - u[:, None]) ** powers[::-1]
+        return weights @ self._points
+
+    @property
+    def left_by(self) -> float:
+        """How far it leaves the corner: its middle does most [m]."""
+        return float(np.linalg.norm(self._bezier(np.array([0.5]))[0, :3]))
+
+    def _speed(self, u: FloatArray) -> FloatArray:
+        """Returns the length per unit of the parameter."""
+        powers = np.arange(5)
+        weights = QUINTIC[:5] * (1.0 - powers / 5.0) * u[:, None] ** powers
+        rate = 5.0 * (weights * (1.0 - u[:, None]) ** powers[::-1]) @ np.diff(self._points, axis=0)
+        vector = self._bezier(u)[:, 3:]
+        # Angular velocity in the tool's frame: the right Jacobian of the rotation vector.
+        angle = np.linalg.norm(vector, axis=1, keepdims=True)
+        once = np.cross(vector, rate[:, 3:])
+        first = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
+        second = np.where(angle < SMALL_ANGLE, 1.0 / 6.0, 0.0)
+        large = np.maximum(angle, SMALL_ANGLE)
+        second += np.where(angle < SMALL_ANGLE, 0.0, (large - np.sin(large)) / large**3)
+        turning = rate[:, 3:] - first * once + second * np.cross(vector, once)
+        found: FloatArray = np.maximum(
+            np.linalg.norm(rate[:, :3], axis=1), TURN_LENGTH * np.linalg.norm(turning, axis=1)
+        )
+        return found
+
+    @cached_property
+    def _lengths(self) -> ArcLength:
+        return ArcLength.refine(self._speed, np.linspace(0.0, 1.0, ROUNDED_NODES))
+
+    @cached_property
+    def length(self) -> float:
+        """Length [m]."""
+        return self._lengths.whole
+
+    def at(self, s: FloatArray) -> Poses:
+        """Returns poses at lengths s (k,) [m]."""
+        offset = self._bezier(self._lengths.at(s))
+        R = self.corner.rotation @ exp_rotation(offset[:, 3:])
+        return R, self.corner.translation + offset[:, :3]
+
+
+@dataclass(frozen=True)
 class ToolPath:
     """The way of one tool centre point: pieces one after the other."""
 
@@ -213,6 +315,30 @@ class ToolPath:
                 R[mine], p[mine] = piece.at(own)
         return R, p
 
+    def rounded(self, blend: float) -> ToolPath:
+        """Returns the path with rounded corners between straight pieces.
+
+        A curve takes at most half of each piece, and then leaves its corner by less. Corners at other pieces, and
+        those that turn back by more than 135 degrees, stay.
+
+        Args:
+            blend: how far the tool may leave a corner [m], by TURN_LENGTH per radian of turning too.
+        """
+        curves = [_rounded(one, other, blend) for one, other in pairwise(self.pieces)]
+        pieces: list[Piece] = []
+        for piece, begins, ends in zip(self.pieces, [None, *curves], [*curves, None], strict=True):
+            if isinstance(piece, Line):
+                first = begins.reach if begins is not None else 0.0
+                last = piece.length - (ends.reach if ends is not None else 0.0)
+                # Both may take half of it.
+                if last - first > SHORTEST_REST * piece.length:
+                    pieces.append(piece.part(first, last) if begins or ends else piece)
+            else:
+                pieces.append(piece)
+            if ends is not None:
+                pieces.append(ends)
+        return ToolPath(tuple(pieces))
+
     @property
     def junctions(self) -> tuple[float, ...]:
         """Lengths at which pieces meet [m]."""
@@ -232,6 +358,21 @@ class ToolPath:
             if np.abs(before - after).max() > SAME_DIRECTION:
                 found.append(float(edge))
         return tuple(found)
+
+
+def _rounded(one: Piece, other: Piece, blend: float) -> RoundedCorner | None:
+    """Returns the curve that rounds the corner of two pieces, None where there is none or it cannot be rounded."""
+    if not (isinstance(one, Line) and isinstance(other, Line)):
+        return None
+    scale = np.repeat([1.0, TURN_LENGTH], 3)
+    before, after = one.direction, other.direction
+    away = np.linalg.norm((scale * (after - before)).reshape(2, 3), axis=1).max()
+    if away <= SAME_DIRECTION or (scale * before) @ (scale * after) < SHARPEST * float(
+        np.linalg.norm(scale * before) * np.linalg.norm(scale * after)
+    ):
+        return None
+    reach = min(blend / (APEX * float(away)), 0.5 * one.length, 0.5 * other.length)
+    return RoundedCorner(one.end, before, after, reach)
 
 
 def _direction(piece: Piece, s: float) -> FloatArray:

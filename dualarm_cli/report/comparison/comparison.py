@@ -8,7 +8,7 @@ from typing import Any
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
 from dualarm_cli.orders.model.tool_changes import with_changes
-from dualarm_cli.plan.comparison import Outcome
+from dualarm_cli.planning.comparison import Outcome
 from dualarm_cli.report.measures import (
     DWELLS,
     LINES,
@@ -264,7 +264,8 @@ def row_namer(rows: Sequence[dict[str, Any]]) -> Any:
     varied = varied_solvers(rows)
 
     def called(row: dict[str, Any]) -> str:
-        rest = ", ".join(f"{key} {row[key]}" if key == "blend" else row[key] for key in varied)
+        words = [row[key] for key in varied if key != "blend"]
+        rest = ", ".join([*words, *(["blend none"] if row["blend"] == "none" else [])])
         return f"{row['method']} ({rest})" if rest else str(row["method"])
 
     return called

@@ -226,13 +226,13 @@ def compare_schedules(a: Schedule, b: Schedule, names: tuple[str, str]) -> dict[
 
 
 def _refuse_broken(schedule: Schedule, name: str) -> None:
-    trajectory = schedule.trajectory
     advice = f"; `dualarm verify {name}` says more"
-    for what in ("time", "position", "velocity", "acceleration"):
-        if not np.isfinite(getattr(trajectory, what)).all():
-            raise UsageError(f"{name}: the {what} of a knot is not finite{advice}")
-    if (np.diff(trajectory.time) < 0).any():
-        raise UsageError(f"{name}: the times of the knots do not increase{advice}")
+    for group in schedule.motion.groups.values():
+        for what in ("time", "position", "velocity", "acceleration"):
+            if not np.isfinite(getattr(group, what)).all():
+                raise UsageError(f"{name}: the {what} of a knot is not finite{advice}")
+        if (np.diff(group.time) < 0).any():
+            raise UsageError(f"{name}: the times of the knots do not increase{advice}")
     parts = [("stage", number, s.start, s.end) for number, s in enumerate(schedule.stages, 1)]
     parts += [("segment", number, s.start, s.end) for number, s in enumerate(schedule.segments, 1)]
     for what, number, start, end in parts:

@@ -126,7 +126,7 @@ def _columns(variables: Variables, arm: int, stages: IntArray) -> IntArray:
     return np.column_stack([variables.angle[stages], variables.arms[arm][stages]])
 
 
-def _rate(law: RestToRest, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
+def timed_slopes(law: RestToRest, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns each joint's time [s] and its slope by the displacement [s/rad], shape (..., n)."""
     time = law.per_joint(moved)
     ahead = law.per_joint(np.abs(moved) + RATE_STEP)
@@ -150,7 +150,7 @@ def _transfer_rows(
     q_from = np.where(
         came[:, None] >= 0, found.q_retract[came], start_joints(problem, work, chain, found)
     )
-    time, slope = _rate(work.law, found.q_approach[k] - q_from)
+    time, slope = timed_slopes(work.law, found.q_approach[k] - q_from)
     here = slope[:, :, None] * rates.q_approach[k]
     there = np.where(came[:, None, None] >= 0, -slope[:, :, None] * rates.q_retract[came], 0.0)
     columns, columns_before = _columns(variables, a, k), _columns(variables, a, came)
@@ -166,7 +166,9 @@ def _transfer_rows(
     if problem.platform_law is not None:
         angle = best.decisions.angle
         before = np.concatenate([[start_angle(problem, angle)], angle[:-1]])
-        platform_time, platform_slope = _rate(problem.platform_law, (angle - before)[k, None])
+        platform_time, platform_slope = timed_slopes(
+            problem.platform_law, (angle - before)[k, None]
+        )
         longest = np.maximum(longest, platform_time[:, 0])
         columns_p = np.column_stack(
             [variables.angle[k], np.where(k > 0, variables.angle[k - 1], -1)]
@@ -257,7 +259,7 @@ def _return_rows(
     angle = best.decisions.angle
     if problem.platform_law is not None:
         back = np.array([[start_angle(problem, angle) - angle[-1]]])
-        time, slope = _rate(problem.platform_law, back)
+        time, slope = timed_slopes(problem.platform_law, back)
         first = variables.angle[0] if problem.free_start else -1
         columns = np.array([[variables.angle[-1], first]])
         values = np.column_stack([-slope, slope])
@@ -269,7 +271,7 @@ def _return_rows(
             continue
         k = int(chain.active[-1])
         start = start_joints(problem, work, chain, found)
-        time, slope = _rate(work.law, start - found.q_retract[k])
+        time, slope = timed_slopes(work.law, start - found.q_retract[k])
         moves = problem.free_start and chain.active[0] == 0
         for joint in range(work.joints):
             columns = _columns(variables, a, np.array([k]))

@@ -13,6 +13,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.stages.search.beam import NodePath, beam_search
 from dualarm_cli.stages.search.candidates import CandidatePostures, Grid, Nodes
 from dualarm_cli.stages.search.own_stages import (
+    ExactStages,
     free_nodes,
     stages_without_angle,
     taking_turns,
@@ -157,6 +158,7 @@ def plans_on_nodes(
     plans: int,
     near: Evaluated | None = None,
     loose: BoolArray | None = None,
+    exact: ExactStages | None = None,
 ) -> NodePlans:
     """Returns the beam's plans on a grid of nodes, and the grid's bound.
 
@@ -168,7 +170,9 @@ def plans_on_nodes(
         near: a plan around which the platform angles lie, if the mesh has them around one.
         loose: the stages that are looked at, shape (n,); in all others that plan's own postures are the only nodes. All
             by default.
+        exact: exact nodes of stages, as far as they are known from other grids.
     """
+    exact = exact or ExactStages(problem, tables)
     if mesh.around and near is not None:
         angles = angles_near(problem, near.decisions, mesh)
     else:
@@ -206,7 +210,7 @@ def plans_on_nodes(
             return NodePlans([], bound, tuple(lacking))
         # Near a plan, stages with less than SLACK everywhere stay as they are in that plan; here they have no other.
         spares = (SLACK, 0.0) if near is None else (SLACK,)
-        refined = with_own_angles(problem, tables, arms, angles, lacking, mesh.most_nodes, spares)
+        refined = with_own_angles(problem, exact, arms, angles, lacking, mesh.most_nodes, spares)
         if refined is None:
             return NodePlans([], bound, tuple(lacking))
         own.update(lacking)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -299,9 +299,51 @@ def stages_without_angle(arms: Sequence[ArmLayers], angles: int) -> list[int]:
     return lacking
 
 
+@dataclass(frozen=True)
+class ExactStages:
+    """Exact nodes of single stages, each worked out once."""
+
+    problem: SequenceProblem
+    """The sequence; what has to be collision-free in it does not matter."""
+    tables: Sequence[StopTable]
+    """The arms' stops."""
+    _shared: dict[int, list[Interval]] = field(default_factory=dict)
+    _known: dict[tuple[int, int, int], tuple[FloatArray, list[Nodes | None]]] = field(
+        default_factory=dict
+    )
+
+    def nodes(self, k: int, count: int, most: int) -> tuple[FloatArray, list[Nodes | None]]:
+        """Returns platform angles at which all arms reach their stops of a stage, and each arm's nodes there.
+
+        Args:
+            k: number of the stage.
+            count: so many angles at most [rad]; none where the arms share none.
+            most: most nodes of one stop.
+        """
+        if (k, count, most) not in self._known:
+            self._known[k, count, most] = self._nodes(k, count, most)
+        return self._known[k, count, most]
+
+    def _nodes(self, k: int, count: int, most: int) -> tuple[FloatArray, list[Nodes | None]]:
+        problem, tables = self.problem, self.tables
+        angles = np.zeros(1)
+        if problem.turns:
+            if k not in self._shared:
+                start = float(problem.platform_start[0])
+                around = problem.platform.around(start, *problem.platform_range)
+                self._shared[k] = shared_intervals(problem, tables, k, around)
+            angles = spread(self._shared[k], count)
+        if not len(angles):
+            return angles, []
+        return angles, [
+            None if work.stops[k] is None else exact_nodes(problem, a, tables[a], k, angles, most)
+            for a, work in enumerate(problem.arms)
+        ]
+
+
 def with_own_angles(
     problem: SequenceProblem,
-    tables: Sequence[StopTable],
+    exact: ExactStages,
     arms: Sequence[ArmLayers],
     angles: FloatArray,
     stages: Sequence[int],
@@ -312,8 +354,8 @@ def with_own_angles(
 
     Args:
         problem: the sequence.
-        tables: the arms' stops.
-        arms: their layers.
+        exact: its exact nodes.
+        arms: layers of each arm.
         angles: the platform angles of all stages [rad], shape (n, f); rows of those stages are replaced.
         stages: their numbers.
         most: most nodes of one stop.
@@ -321,7 +363,7 @@ def with_own_angles(
     """
     layers = [list(arm.layers) for arm in arms]
     for k in stages:
-        made = _own_nodes(problem, tables, k, angles.shape[1], most, spares)
+        made = _own_nodes(problem, exact, k, angles.shape[1], most, spares)
         if made is None:
             return None
         angles[k], nodes = made
@@ -378,23 +420,16 @@ def free_nodes(
 
 def _own_nodes(
     problem: SequenceProblem,
-    tables: Sequence[StopTable],
+    exact: ExactStages,
     k: int,
     count: int,
     most: int,
     spares: Sequence[float],
 ) -> tuple[FloatArray, list[Nodes | None]] | None:
     """Returns platform angles (count,) [rad] at which all arms make their stops of a stage, and the nodes there."""
-    angles = np.zeros(1)
-    if problem.turns:
-        around = problem.platform.around(float(problem.platform_start[0]), *problem.platform_range)
-        angles = spread(shared_intervals(problem, tables, k, around), max(LOOKED_AT, count))
+    angles, every = exact.nodes(k, max(LOOKED_AT, count), most)
     if not len(angles):
         return None
-    every = [
-        None if work.stops[k] is None else exact_nodes(problem, a, tables[a], k, angles, most)
-        for a, work in enumerate(problem.arms)
-    ]
     for spare in spares:
         nodes = [
             None if own is None else free_nodes(problem, a, k, angles, own, spare)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +12,7 @@ from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.stages.search.beam import kind_of
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.node_plans import plans_on_nodes
+from dualarm_cli.stages.search.own_stages import ExactStages
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.polish import polish
 from dualarm_cli.stages.search.problem import Decisions, SequenceProblem
@@ -29,8 +29,6 @@ PROMISING = 0.06
 """A plan that is slower than the best one by more than this share is not polished."""
 POLISHED = 2
 """So many plans of a long sequence are polished before they are combined, where an effort spares them."""
-AT_ONCE = 2
-"""Grids that are worked on at the same time; each takes half a gigabyte for a thousand stages."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,11 @@ class FoundSequence:
 
 
 def search(
-    problem: SequenceProblem, starts: Sequence[Decisions], effort: str, seed: int
+    problem: SequenceProblem,
+    starts: Sequence[Decisions],
+    effort: str,
+    seed: int,
+    further: Callable[[bool], Sequence[Decisions]] = lambda _: (),
 ) -> FoundSequence | None:
     """Returns the fastest plan found, None if there is none at all.
 
@@ -62,18 +64,18 @@ def search(
         starts: plans of simpler methods.
         effort: one of EFFORTS.
         seed: of the random steps of polishing.
+        further: gives plans of simpler methods that take their time, told whether there is a plan on the grids.
     """
     how = _how(problem, effort)
     tables = tuple(StopTable.of(work) for work in problem.arms)
-    pool = [evaluate(problem, tables, start) for start in starts]
-    with ThreadPoolExecutor(AT_ONCE) as threads:
-        made = list(
-            threads.map(lambda mesh: plans_on_nodes(problem, tables, mesh, how.plans), how.meshes)
-        )
+    exact = ExactStages(problem, tables)
+    made = [plans_on_nodes(problem, tables, mesh, how.plans, exact=exact) for mesh in how.meshes]
     bound = made[0].bound
     total = made[0].plans[0][0].total if made[0].plans else None
     on_nodes = [one for found in made for one in found.plans]
-    if not pool and on_nodes and not any(path.is_possible for path, _ in on_nodes):
+    possible = any(path.is_possible for path, _ in on_nodes)
+    pool = [evaluate(problem, tables, start) for start in (*further(possible), *starts)]
+    if not pool and on_nodes and not possible:
         return FoundSequence(
             min((plan for _, plan in on_nodes), key=lambda p: p.total), bound, total, True
         )
@@ -83,7 +85,7 @@ def search(
         return None
     best = _combined(problem, tables, pool, how, seed)
     for _ in range(how.local_rounds):
-        around = plans_on_nodes(problem, tables, how.local, how.plans, best).plans
+        around = plans_on_nodes(problem, tables, how.local, how.plans, best, exact=exact).plans
         before = best.total
         best = _combined(problem, tables, [best, *(plan for _, plan in around)], how, seed)
         if best.total > (1.0 - LITTLE) * before:
@@ -105,8 +107,8 @@ def search_near(
 
     One grid around the plan; what the beam finds there is polished, combined with the plan stage by stage, and polished
     again. In sequences longer than WHOLE, and where that is asked for, only the stages that collide and
-    those beside them are looked at; all others stay as they are. So does a stage for which no nodes are found: it
-    may be collision-free by less than the search asks of nodes, which an exact test then decides.
+    those beside them are looked at; all others stay as they are. So does a stage for which no nodes are found, or none
+    that go together: it may be collision-free by less than the search asks for, which an exact test then decides.
 
     Args:
         problem: the sequence, with clearance.
@@ -122,23 +124,35 @@ def search_near(
     loose = _loose(problem, start, touching)
     if problem.stages <= WHOLE and not local:
         loose[:] = True
-    found = plans_on_nodes(problem, tables, how.near, how.plans, start, loose)
-    while found.lacking and loose[list(found.lacking)].all():
-        loose[list(found.lacking)] = False
-        problem = _settled(problem, found.lacking)
-        found = plans_on_nodes(problem, tables, how.near, how.plans, start, loose)
-    # Nodes are in single precision; what is not looked at stays as it was to the last bit.
-    around = [
-        plan.decisions.put(np.flatnonzero(~loose), near)
-        for path, plan in found.plans
-        if path.is_possible
-    ]
+    exact = ExactStages(problem, tables)
+    while True:
+        found = plans_on_nodes(problem, tables, how.near, how.plans, start, loose, exact)
+        # Nodes are in single precision; what is not looked at stays as it was to the last bit.
+        around = [
+            evaluate(problem, tables, plan.decisions.put(np.flatnonzero(~loose), near))
+            for path, plan in found.plans
+            if path.is_possible
+        ]
+        lacking = [k for k in found.lacking or _never_clear(problem, around) if loose[k]]
+        # What is known to collide must not stay as it is where there are nodes.
+        if not lacking or (around and not set(lacking).isdisjoint(touching)):
+            break
+        loose[lacking] = False
+        problem = _settled(problem, lacking)
     if not around:
         return None
-    pool = [*(evaluate(problem, tables, plan) for plan in around), start]
+    pool = [*around, start]
     best = _combined(problem, tables, pool, how, seed, loose)
     best = polish(problem, tables, best, how.rounds, how.random_steps, seed, loose)
     return best if np.isfinite(_worth(problem, best)) else None
+
+
+def _never_clear(problem: SequenceProblem, plans: Sequence[Evaluated]) -> list[int]:
+    """Returns the stages at whose stops something lacks clearance in all of some plans."""
+    if not plans:
+        return []
+    clear = np.logical_or.reduce([plan_clearance(problem, plan).stops for plan in plans])
+    return np.flatnonzero(~clear).tolist()
 
 
 def _settled(problem: SequenceProblem, stages: Sequence[int]) -> SequenceProblem:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.linalg import solveh_banded
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinds.path.following.problem import NoPath, PathMotion, PathProblem, within_limits
@@ -59,6 +57,8 @@ def follow_arm_angle(problem: PathProblem) -> PathMotion | NoPath:
         if not isinstance(arm.kinematics, SrsArm):
             return NoPath(f"the {name} arm has no closed form", 0)
         solved[name] = arm.kinematics
+    from scipy.interpolate import CubicSpline
+
     position = np.tile(problem.start, (problem.instants, 1))
     stations = np.linspace(0.0, 1.0, STATIONS)
     at = np.interp(stations, problem.share, np.arange(problem.instants))
@@ -208,6 +208,7 @@ def _refined(
 
     Between neighbours (i, i+1) stands |(q_i+1 - q_i) / v|², so that the normal equations are tridiagonal.
     """
+    from scipy.linalg import solveh_banded
 
     def joints(angles: FloatArray) -> FloatArray:
         return arm.solve_branch(R, p, angles, np.array(branch))[0]

@@ -47,14 +47,16 @@ export function familyOf(action, kind = "") {
  * Returns what a segment is, in full.
  * @param {Segment} segment
  * @param {string} [waitsFor] whom a wait is for
+ * @param {string} [signal] that is set where it begins
  */
-export function segmentText(segment, waitsFor = "") {
+export function segmentText(segment, waitsFor = "", signal = "") {
   const length = `${fixed(segment.start, 3)}–${fixed(segment.end, 3)} s (${fixed(segment.end - segment.start, 3)} s)`;
   const parts = [word(segment.kind)];
   if (segment.kind === "wait") parts[0] = `wait (${word(segment.reason ?? "")})`;
   else if (ALONG.includes(segment.kind)) parts[0] = actionOn(segment.kind, segment.task);
   else if (segment.task) parts.push(actionOn(segment.action, segment.task));
   if (waitsFor) parts.push(`for ${waitsFor}`);
+  if (signal) parts.push(`→ ${signal}`);
   return `${segment.arm}: ${parts.join(", ")}, ${length}`;
 }
 
@@ -74,7 +76,7 @@ export function ganttRows(plan) {
       kind: segment.kind,
       family: segment.kind === "wait" ? "" : familyOf(segment.action, segment.kind),
       label: segment.kind === "wait" ? word(segment.reason ?? "wait") : "",
-      text: segmentText(segment, waitsFor(plan, segment)),
+      text: segmentText(segment, waitsFor(plan, segment), signalOf(plan, segment)),
     }));
     return { name: arm, arm, bars, visits: visits(segments) };
   });
@@ -108,6 +110,17 @@ export function waitsFor(plan, segment) {
   );
   if (!wait || !wait.for) return "";
   return [wait.for.arm && `the ${wait.for.arm} arm`, wait.for.task].filter(Boolean).join(", ");
+}
+
+/**
+ * Returns the signal that is set where a dwell begins, or nothing.
+ * @param {Plan} plan
+ * @param {Segment} segment
+ */
+export function signalOf(plan, { kind, arm, task, action }) {
+  if (kind !== "dwell") return "";
+  const here = plan.events.find((event) => event.arm === arm && event.task === task && event.action === action);
+  return here?.signal ?? "";
 }
 
 /**

@@ -3,8 +3,8 @@
 import { neighbour, SPEEDS } from "./clock.js";
 import { button, element } from "./dom.js";
 import { armsOf } from "./data.js";
-import { ALONG, doing, waitsFor } from "./gantt_layout.js";
-import { actionOn, fixed, word } from "./units.js";
+import { ALONG, doing, signalOf, waitsFor } from "./gantt_layout.js";
+import { actionOn, eventText, fixed, word } from "./units.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
 
@@ -59,7 +59,7 @@ export class Transport {
       "select",
       { class: "jump", "aria-label": "Go to a task", title: "Go to a task", onchange: () => this.goToTask() },
       element("option", { value: "" }, "go to task …"),
-      ...plan.events.map((event, i) => element("option", { value: i }, actionOn(event.action, event.task))),
+      ...plan.events.map((event, i) => element("option", { value: i }, eventText(event))),
     );
     this.element = element(
       "div",
@@ -138,6 +138,7 @@ export class Transport {
     }
     if (ALONG.includes(segment.kind)) return actionOn(segment.kind, segment.task);
     if (!segment.task) return word(segment.kind);
-    return `${actionOn(segment.action, segment.task)}: ${word(segment.kind)}`;
+    const signal = signalOf(this.plan, segment);
+    return `${actionOn(segment.action, segment.task)}: ${word(segment.kind)}${signal && ` → ${signal}`}`;
   }
 }

@@ -63,7 +63,7 @@
  * @property {string} [reason] why the arm waits
  */
 
-/** @typedef {{time: number, arm: string, task: string, action: string, xyz: Vector, dwell: number}} Event */
+/** @typedef {{time: number, arm: string, task: string, action: string, xyz: Vector, dwell: number, signal?: string}} Event */
 
 /**
  * @typedef {object} Stage

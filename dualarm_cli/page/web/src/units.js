@@ -103,6 +103,14 @@ export function actionOn(action, task) {
 }
 
 /**
+ * Returns an event in words: what is done, and the signal that is set.
+ * @param {{action: string, task: string, signal?: string}} event
+ */
+export function eventText({ action, task, signal }) {
+  return signal ? `${actionOn(action, task)} → ${signal}` : actionOn(action, task);
+}
+
+/**
  * Returns times for a ruler: multiples of 1, 2 or 5 times a power of ten.
  * @param {number} from
  * @param {number} to

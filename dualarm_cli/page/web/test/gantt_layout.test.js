@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { barAt, doing, familyOf, ganttRows, segmentText, visits, waitsFor } from "../src/gantt_layout.js";
+import { barAt, doing, familyOf, ganttRows, segmentText, signalOf, visits, waitsFor } from "../src/gantt_layout.js";
 
 const segment = (arm, kind, task, action, start, end, more = {}) => ({ arm, kind, task, action, start, end, ...more });
 
@@ -19,6 +19,10 @@ const SEGMENTS = [
 const PLAN = /** @type {any} */ ({
   tcps: { left: {}, right: {} },
   segments: SEGMENTS,
+  events: [
+    { time: 2, arm: "left", task: "a-1", action: "pick", signal: "left_do1" },
+    { time: 4, arm: "left", task: "a-1", action: "place" },
+  ],
   joints: [
     {
       name: "torso", group: "platform",
@@ -81,4 +85,11 @@ test("what each arm does at a time", () => {
   assert.equal(doing(PLAN, 1.5).left?.kind, "approach");
   assert.equal(doing(PLAN, 2.5).left?.kind, "retract");
   assert.equal(doing(PLAN, 4.5).right, undefined);
+});
+
+test("a signal is shown at the dwell in which it is set", () => {
+  assert.deepEqual(SEGMENTS.map((one) => signalOf(PLAN, one)).filter(Boolean), ["left_do1"]);
+  const [left] = ganttRows(PLAN);
+  assert.match(left.bars[2].text, /^left: dwell, pick a-1, → left_do1, 2\.000–2\.500 s/);
+  assert.doesNotMatch(left.bars[5].text, /→/);
 });

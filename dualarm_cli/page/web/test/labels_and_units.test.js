@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { commonLevel, commonPrefix, fitting, forms } from "../src/labels.js";
-import { actionOn, fixed, jointUnit, jointValue, millimetres, percent, rulerTimes, seconds, significant, word } from "../src/units.js";
+import { actionOn, eventText, fixed, jointUnit, jointValue, millimetres, percent, rulerTimes, seconds, significant, word } from "../src/units.js";
 
 const width = (/** @type {string} */ text) => [...text].length;
 
@@ -83,6 +83,11 @@ test("an action is said once", () => {
   assert.equal(actionOn("", "seam"), "seam");
   assert.equal(actionOn("seam_start", "seam"), "seam start");
   assert.equal(actionOn("path", "path"), "path");
+});
+
+test("an event names the signal that is set", () => {
+  assert.equal(eventText({ action: "pick", task: "left-01", signal: "left_do1" }), "pick left-01 → left_do1");
+  assert.equal(eventText({ action: "pick", task: "left-01" }), "pick left-01");
 });
 
 test("names of the schedule are words", () => {

@@ -1,0 +1,118 @@
+"""How large schedules of many stages are, how long they take to write, read and verify, and in how much memory.
+
+python benchmarks/long_schedules.py PLAN [--times N]
+
+PLAN is the folder of a plan that returns to its start, such as tasks/04_packing gives; its cycle is repeated N times.
+Each line is the processor time of a step and the most memory the process had by then. Steps run in processes of their
+own, since memory that was once taken counts to the end.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dualarm_cli.exporting.schedule_json import to_json
+from dualarm_cli.exporting.schedule_reader import read_schedule
+from dualarm_cli.model.joint_motion import JointMotion, lean
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.verification import verify
+
+
+def repeated(schedule: Schedule, times: int) -> Schedule:
+    """Returns a cycle so many times over, each with tasks of its own; ways back are transfers to what follows."""
+    later = schedule.duration * np.arange(times)
+    groups = {}
+    for name, one in schedule.motion.groups.items():
+        time_ = np.append((one.time[:-1] + later[:, None]).ravel(), one.time[-1] + later[-1])
+        rates = (
+            np.concatenate([np.tile(rate[:-1], (times, 1)), rate[-1:]])
+            for rate in (one.position, one.velocity, one.acceleration)
+        )
+        whole = Trajectory(one.joints, time_, *rates)
+        groups[name] = lean(whole, {name: one.joints}, {}).groups[name]
+    last = times - 1
+    return replace(
+        schedule,
+        motion=JointMotion(schedule.motion.joints, groups),
+        stages=tuple(
+            replace(s, start=s.start + t, end=s.end + t, tasks=tuple(f"{x}-{k}" for x in s.tasks))
+            for k, t in enumerate(later.tolist())
+            for s in schedule.stages
+        ),
+        segments=tuple(
+            replace(
+                s,
+                task=s.task and f"{s.task}-{k}",
+                kind="transfer" if s.kind == "return" and k < last else s.kind,
+                reason="partner" if s.reason == "end" and k < last else s.reason,
+                start=s.start + t,
+                end=s.end + t,
+            )
+            for k, t in enumerate(later.tolist())
+            for s in schedule.segments
+        ),
+        events=tuple(
+            replace(e, time=e.time + t, task=f"{e.task}-{k}")
+            for k, t in enumerate(later.tolist())
+            for e in schedule.events
+        ),
+    )
+
+
+def told(what: str, begun: float) -> None:
+    """Prints how long a step took and how much memory the process has had."""
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    print(f"{what}: {time.process_time() - begun:.1f} s, at most {most:.2f} GB", flush=True)
+
+
+def step(name: str, plan: Path, out: Path, times: int) -> None:
+    """Does one step and prints what it took."""
+    if name == "written":
+        schedule = repeated(read_schedule(plan), times)
+        begun = time.process_time()
+        with (out / "schedule.json").open("wb") as file:
+            file.writelines(to_json(schedule, "robot.urdf", {}))
+        told(f"{len(schedule.stages)} stages written", begun)
+        (out / "robot.urdf").write_text(schedule.robot.urdf, encoding="utf-8")
+        size = (out / "schedule.json").stat().st_size
+        print(f"size: {size / 1e6:.1f} MB, {size / len(schedule.stages) / 1e3:.1f} kB a stage")
+        return
+    begun = time.process_time()
+    schedule = read_schedule(out)
+    told("read", begun)
+    if name == "verified":
+        begun = time.process_time()
+        judged = verify(schedule)
+        told("verified", begun)
+        for check in judged.failures:
+            print(f"  {check.name}: {check.detail}")
+
+
+def main() -> None:
+    """Runs the steps, each in a process of its own."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("plan", type=Path)
+    parser.add_argument("--times", type=int, default=400)
+    parser.add_argument("--step", nargs=2, metavar=("NAME", "FOLDER"))
+    given = parser.parse_args()
+    if given.step:
+        step(given.step[0], given.plan, Path(given.step[1]), given.times)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("written", "read", "verified"):
+            command = [sys.executable, __file__, given.plan, "--times", str(given.times)]
+            subprocess.run([*command, "--step", name, folder], check=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,316 @@
+"""Plans in which platform and arms move on while tools stand, taken only where the real plan becomes shorter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.clearing.clear_plan import ClearedPlan, blended_plan, has_blends
+from dualarm_cli.clearing.repairs import Cleared, Clearing
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.model.job import Job, PoseTarget, Stop
+from dualarm_cli.motion.builder import Motion
+from dualarm_cli.motion.dwell_motion import dwell_motions
+from dualarm_cli.motion.motion import realise
+from dualarm_cli.motion.transfers import Drive
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.stages.leaving import DwellRoom, Leaving, LeavingSearch, leaving_of, leaving_plans
+from dualarm_cli.stages.method import MethodProblem
+from dualarm_cli.stages.search.problem import SequenceProblem
+from dualarm_cli.stages.sequence_problem import sequence_problem
+from dualarm_cli.timing import TimingSolver
+
+SHOWN = 5e-4
+"""What is gained that is shown [s]."""
+OTHER_PLAN = (
+    "dwell_motion: the search for it found a plan that is {other:.3f} s shorter with platform and arms standing still "
+    "in dwells too; the gain is counted from that"
+)
+"""Message of what is gained besides."""
+WORTH = 1e-6
+"""What is gained that is worth it [s]."""
+SHARES = (1.0, 0.85, 0.7, 0.5)
+"""Shares of what changes at a stop that are tried until it fits into the time that is there."""
+TRIES = 12
+"""So often stages are taken back that collide or become longer."""
+NOT_POSSIBLE = {
+    "handover": "hand-overs",
+    "joints": "targets given as joints",
+    "passed": "targets that tools pass in motion",
+    "none": "stops without a dwell",
+}
+"""Where nothing moves while tools stand, in words."""
+ASYNCHRONOUS = "dwell_motion: not used, as the arms run asynchronously"
+"""Message of asynchronous arms."""
+CONVEYORS = "dwell_motion: not used in tasks with conveyors"
+"""Message of jobs with targets on conveyors."""
+SENSITIVITY = "sensitivity: motion in dwells is taken to fit into them with other limits too"
+"""Message of assumed limits."""
+
+
+def allows(job: Job) -> bool:
+    """Returns whether platform and arms may move in any dwell of a job."""
+    return any(stop.dwell_motion for task in job.tasks for stop in task.stops)
+
+
+def without_dwell_motion(job: Job) -> Job:
+    """Returns a job in which nothing may move in dwells."""
+    tasks = tuple(
+        replace(task, stops=tuple(replace(stop, dwell_motion=False) for stop in task.stops))
+        for task in job.tasks
+    )
+    return replace(job, tasks=tasks)
+
+
+def why_not(job: Job, stop: Stop) -> str:
+    """Returns why nothing moves in a stop's dwell though it may, as a key of NOT_POSSIBLE; empty where it can."""
+    if stop.action in ("give", "take"):
+        return "handover"
+    if not isinstance(stop.target, PoseTarget):
+        return "joints"
+    if stop.blend > 0.0:
+        return "passed"
+    return "" if stop.dwell.total > 0.0 else "none"
+
+
+def moving_dwells_plan(
+    problem: MethodProblem,
+    found: ClearedPlan,
+    timing: TimingSolver,
+    progress: Callable[[str], None],
+    *,
+    clear: bool = True,
+) -> ClearedPlan:
+    """Returns a plan in which platform and arms move while tools stand, where tasks allow it and it is shorter.
+
+    Where none is found it is the same plan, which then gains nothing.
+
+    Args:
+        problem: what was asked.
+        found: the plan in which they stand, blended where the problem allows it.
+        timing: how motions are timed.
+        progress: receives what is being done.
+        clear: whether anything has to be collision-free.
+    """
+    if not allows(problem.job):
+        return found
+    numbers = sequence_problem(problem.model, problem.job)
+    trial = _Trial.of(problem, numbers, found, timing, clear=clear)
+    room = trial.room()
+    if room is None:
+        return _gaining(found, found, found)
+    progress("moving platform and arms while tools dwell")
+    # What the search finds without such motion is not gained by it.
+    still = DwellRoom(0.0 * room.platform, tuple(0.0 * own for own in room.arms))
+    standing = trial.improved(still)
+    moving = standing.improved(room)
+    best = moving if _length(moving.found) < _length(standing.found) - WORTH else standing
+    return _gaining(best.found, standing.found, found)
+
+
+def _length(found: ClearedPlan) -> float:
+    return found.cleared.motion.trajectory.duration
+
+
+def _gaining(best: ClearedPlan, standing: ClearedPlan, before: ClearedPlan) -> ClearedPlan:
+    """Returns a plan with what its motion in dwells gains, and with the plan that it came from."""
+    gain = _length(standing) - _length(best)
+    motion = replace(best.cleared.motion, motion_gain=gain)
+    other = _length(before) - _length(standing)
+    notes = best.decided.notes
+    if other > SHOWN:
+        notes = (*notes, OTHER_PLAN.format(other=other))
+    return replace(
+        best,
+        cleared=replace(best.cleared, motion=motion),
+        standing=before.cleared,
+        decided=replace(best.decided, notes=notes),
+    )
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A plan and what others are compared with it by."""
+
+    problem: MethodProblem
+    numbers: SequenceProblem
+    found: ClearedPlan
+    stopping: Cleared
+    start: Leaving
+    timing: TimingSolver
+    drive: Drive
+    clearing: Clearing | None
+
+    @classmethod
+    def of(
+        cls,
+        problem: MethodProblem,
+        numbers: SequenceProblem,
+        found: ClearedPlan,
+        timing: TimingSolver,
+        *,
+        clear: bool,
+    ) -> _Trial:
+        model, job, known = problem.model, problem.job, found.known
+        stopping = found.stopping or found.cleared
+        clearing = None
+        if clear:
+            clearing = Clearing(model, job, Holding.of(job), timing, problem.seed, known)
+        return cls(
+            problem,
+            numbers,
+            found,
+            stopping,
+            leaving_of(numbers, model, stopping.plans),
+            timing,
+            Drive.of(model, job, timing, known),
+            clearing,
+        )
+
+    def room(self) -> DwellRoom | None:
+        """Returns how long platform and arms may move in each stage, None where they may nowhere."""
+        numbers, motion, job = self.numbers, self.found.cleared.motion, self.problem.job
+        platform = np.zeros(numbers.stages)
+        arms = tuple(np.zeros(numbers.stages) for _ in numbers.arms)
+        retracts = {(s.arm, s.task, s.action): s for s in motion.segments if s.kind == "retract"}
+        names = [work.name for work in numbers.arms]
+        for k, plan in enumerate(self.stopping.plans[: numbers.stages]):
+            spans = {}
+            for name, one in plan.stops.items():
+                event = motion.event_of.get((k, name))
+                if event is None or not one.stop.dwell_motion or why_not(job, one.stop):
+                    continue
+                left = retracts.get((name, event.task, event.action))
+                away = 0.0 if left is None else left.end - left.start
+                spans[name] = event.time, max(event.time, motion.stages[k].end - away)
+                arms[names.index(name)][k] = spans[name][1] - event.time
+            everyone = len(spans) == len(plan.stops) > 0
+            if everyone and (job.tool_speed is None or len(spans) == len(names)):
+                first = max(begin for begin, _ in spans.values())
+                platform[k] = max(0.0, min(end for _, end in spans.values()) - first)
+        if not numbers.turns:
+            platform[:] = 0.0
+        if not platform.any() and not any(
+            own.any() for own, work in zip(arms, numbers.arms, strict=True) if work.spare
+        ):
+            return None
+        return DwellRoom(platform, arms)
+
+    def improved(self, room: DwellRoom) -> _Trial:
+        """Returns the shortest plan with as many of the search's decisions as make it shorter and collision-free."""
+        decided = LeavingSearch(self.numbers, room).improved(self.start)
+        plan, best = self._fitted(decided, room), self
+        for _ in range(TRIES):
+            if not self._differs(plan):
+                break
+            made, worse = self._made(plan)
+            shorter = made is not None and _length(made) < _length(best.found) - WORTH
+            if made is not None and shorter and self._in_time(made):
+                best = replace(self, found=made, start=plan)
+            if not len(worse):
+                break
+            plan = plan.put(worse, self.start)
+        return best
+
+    def _differs(self, plan: Leaving) -> bool:
+        return len(self._changed(plan)) > 0
+
+    def _changed(self, plan: Leaving) -> IntArray:
+        """Returns the stages in which a plan is another one than that which it came from."""
+        changed = plan.changes | (plan.arriving.angle != self.start.arriving.angle)
+        for one, other in zip(plan.arriving.arms, self.start.arriving.arms, strict=True):
+            for name in ("psi_target", "psi_approach", "psi_retract", "yaw", "near"):
+                own = getattr(one, name) != getattr(other, name)
+                changed = changed | own.reshape(len(changed), -1).any(axis=1)
+        return np.flatnonzero(changed)
+
+    def _fitted(self, decided: Leaving, room: DwellRoom) -> Leaving:
+        """Returns decisions of which what changes at stops fits into the time that is there."""
+        plan = decided
+        for share in (*SHARES, 0.0):
+            plans = self._plans(plan)
+            late = [
+                k
+                for k in np.flatnonzero(plan.changes).tolist()
+                if not self._fits(plans[k], k, room)
+            ]
+            if not late:
+                break
+            plan = plan.put(np.array(late), decided.nearer(share))
+        return plan
+
+    def _fits(self, plan: StagePlan, k: int, room: DwellRoom) -> bool:
+        """Returns whether what moves while tools stand can be timed, and is over when they have to leave."""
+        try:
+            moves = dwell_motions(self.drive, plan)
+        except InfeasibleError:
+            return False
+        own = {
+            work.name: times[k] for work, times in zip(self.numbers.arms, room.arms, strict=True)
+        }
+        return all(
+            move.duration <= (own[move.groups[0]] if move.groups[0] in own else room.platform[k])
+            for move in moves
+        )
+
+    def _plans(self, plan: Leaving) -> list[StagePlan]:
+        return leaving_plans(
+            self.problem.model, self.problem.job, self.numbers, plan, self.stopping.plans
+        )
+
+    def _made(self, plan: Leaving) -> tuple[ClearedPlan | None, IntArray]:
+        """Returns a plan timed, blended and collision-free, or None, and the stages that should stay as they were."""
+        problem = self.problem
+        plans = self._plans(plan)
+        try:
+            motion = realise(problem.model, problem.job, plans, self.timing, self.found.known)
+            touching = [] if self.clearing is None else self.clearing.touching(plans, motion)
+            if touching:
+                return None, self._beside(plan, touching)
+            made = replace(self.found, cleared=Cleared(plans, motion, ()), stopping=None)
+            if has_blends(problem):
+                made = blended_plan(problem, made, self.timing, clear=self.clearing is not None)
+        except InfeasibleError:
+            return None, self._changed(plan)
+        longer = self._longer(made.cleared.motion)
+        return made, np.intersect1d(longer, self._changed(plan))
+
+    def _beside(self, plan: Leaving, touching: Iterable[int]) -> IntArray:
+        """Returns the stages that stages that collide depend on: themselves, or else those beside them."""
+        changed = set(self._changed(plan).tolist())
+        own = changed.intersection(touching)
+        beside = {k + d for k in touching for d in (-1, 1)} & changed
+        return np.array(sorted(own or beside or changed), dtype=np.int64)
+
+    def _longer(self, motion: Motion) -> IntArray:
+        """Returns the stages that are longer together with the next one than they were."""
+        before = self.found.cleared.motion
+        more = _lengths(motion) - _lengths(before)
+        return np.flatnonzero(more + np.append(more[1:], 0.0) > WORTH)
+
+    def _in_time(self, made: ClearedPlan) -> bool:
+        """Returns whether every task with a window is done within it."""
+        late = {task.id: task.not_after for task in self.problem.job.tasks}
+        return all(event.time <= late[event.task] for event in made.cleared.motion.events)
+
+
+def _lengths(motion: Motion) -> FloatArray:
+    return np.array([stage.end - stage.start for stage in motion.stages])
+
+
+def dwell_notes(job: Job) -> list[str]:
+    """Returns where nothing moves while tools stand, though it may, and why."""
+    found: dict[str, list[str]] = {}
+    for task in job.tasks:
+        for stop in task.stops:
+            if stop.dwell_motion and (why := why_not(job, stop)):
+                found.setdefault(why, []).append(f"{task.id} ({stop.action})")
+    notes = []
+    for why, stops in found.items():
+        some = ", ".join(stops[:3]) + (", …" if len(stops) > 3 else "")
+        notes.append(f"dwell_motion: not used at {NOT_POSSIBLE[why]}: {some}")
+    return notes

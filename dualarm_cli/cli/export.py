@@ -1,0 +1,201 @@
+"""`dualarm export`: a plan in formats that other programs read."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dualarm_cli.cli.parts.options import ReceiverInterpolation
+from dualarm_cli.cli.parts.output import (
+    JsonOption,
+    QuietOption,
+    print_json,
+    print_message,
+    stdout_console,
+)
+from dualarm_cli.errors import UsageError
+
+if TYPE_CHECKING:
+    from dualarm_cli.formats.sampling import JointLoss
+
+REPORT = "export.json"
+"""What was exported and what was lost, beside the files."""
+RATE, MAX_RATE = 100.0, 10_000.0
+"""Samples per second: by default, and at most [1/s]."""
+
+
+class Format(StrEnum):
+    """Where the plan goes."""
+
+    ros2 = "ros2"
+    mcap = "mcap"
+    csv = "csv"
+    npz = "npz"
+    parquet = "parquet"
+    perfetto = "perfetto"
+    gltf = "gltf"
+
+
+class PlatformGroup(StrEnum):
+    """Whose controller moves the platform."""
+
+    own = "own"
+    both = "both"
+    left = "left"
+    right = "right"
+
+
+def export_command(
+    plan: Annotated[
+        Path, typer.Argument(help="Folder of a plan, or a schedule file.", show_default=False)
+    ],
+    to: Annotated[Format, typer.Option("--to", help="Format.", show_default=False)],
+    out: Annotated[
+        str | None,
+        typer.Option(
+            "--out",
+            help="Folder for the files; default a folder of the format's name in the plan's.",
+            show_default=False,
+        ),
+    ] = None,
+    rate: Annotated[float, typer.Option("--rate", help="Samples per second.")] = RATE,
+    interpolation: Annotated[
+        ReceiverInterpolation,
+        typer.Option(
+            "--interpolation",
+            help="What the receiver does between points; a JointTrajectory has velocities for cubic, and "
+            "accelerations for quintic.",
+        ),
+    ] = ReceiverInterpolation.cubic,
+    platform: Annotated[
+        PlatformGroup,
+        typer.Option(
+            "--platform-with", help="Whose controller moves the platform; own: one of its own."
+        ),
+    ] = PlatformGroup.own,
+    uniform: Annotated[
+        bool,
+        typer.Option(
+            "--uniform",
+            help="No points of a JointTrajectory at the schedule's knots, only at --rate.",
+        ),
+    ] = False,
+    tasks: Annotated[
+        Path | None,
+        typer.Option(
+            "--tasks",
+            help="Task file of the plan; by default the one that it was made of, if it is found unchanged.",
+            show_default=False,
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
+    json_output: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Write a plan for ROS 2, Foxglove, NumPy and others, and say what is lost between samples.
+
+    Exit code 1 if the plan fails its verification; the files are written.
+    """
+    from dualarm_cli.cli.parts.result_files import json_bytes, refuse_folder
+    from dualarm_cli.cli.report import tasks_of
+    from dualarm_cli.exporting.schedule_reader import read_schedule
+    from dualarm_cli.exporting.whole_files import replace_all
+    from dualarm_cli.files.tasks.tasks import load_job
+    from dualarm_cli.formats import FORMATS, ExportRequest, export, lost
+    from dualarm_cli.verification import verify
+
+    if not 0.0 < rate <= MAX_RATE:
+        raise UsageError(f"--rate {rate:g}: must be above 0 and at most {MAX_RATE:g} Hz")
+    schedule = read_schedule(plan)
+    home = plan if plan.is_dir() else plan.parent
+    folder = Path(out) if out is not None else home / to.value
+    arms = schedule.robot.arms
+    if platform.value not in ("own", "both", *arms):
+        raise UsageError(
+            f"--platform-with {platform.value}: the robot has no such arm: {', '.join(arms)}"
+        )
+    job = None
+    if FORMATS[to.value].needs_job:
+        job = load_job(tasks if tasks is not None else tasks_of(schedule, home))
+    judged = verify(schedule, job)
+    unusable = [check for check in judged.failures if check.name in ("finite", "time")]
+    if unusable:
+        raise UsageError(f"{plan}: cannot be exported: {unusable[0].detail}")
+    request = ExportRequest(schedule, job, rate, interpolation.value, platform.value, uniform)
+    refuse_folder(str(folder) if out is None else out, (REPORT,), force)
+    files = export(to.value, request)
+    refuse_folder(str(folder), tuple(files), force)
+    found = lost(to.value, request)
+    document: dict[str, Any] = {"format": "dualarm.export/1", "to": to.value}
+    document["files"] = list(files)
+    if found is not None:
+        document |= {"rate": rate, "interpolation": found.interpolation}
+        document["trajectories"] = {
+            group: {
+                "samples": count,
+                "joints": {row.joint: _row(row) for row in found.joints[group]},
+            }
+            for group, count in found.samples.items()
+        }
+    for parent in {(folder / name).parent for name in files}:
+        parent.mkdir(parents=True, exist_ok=True)
+    replace_all(folder, {**files, REPORT: [json_bytes(document)]})
+    if json_output:
+        print_json(document)
+    elif not quiet:
+        if found is not None:
+            rows = found.worst()
+            stdout_console().print(_table(rows, found.interpolation, schedule.robot.sliding))
+            over = [row.joint for row in rows if not row.within_limits]
+            # Samples and scenes are for people and programs, not for controllers.
+            if over and FORMATS[to.value].motion == "trajectories":
+                knots = uniform and found.interpolation == "cubic"
+                advice = f"raise --rate{', or leave out --uniform' if knots else ''}"
+                print_message(
+                    f"warning: beyond limits under {found.interpolation} interpolation: {', '.join(over)}; {advice}"
+                )
+        print_message(f"written: {folder}: {', '.join((*files, REPORT))}")
+    if not judged.passed:
+        failed = ", ".join(check.name for check in judged.failures)
+        print_message(f"verification: FAILED: {failed}; `dualarm verify` tells more")
+        raise typer.Exit(1)
+
+
+def _row(row: JointLoss) -> dict[str, Any]:
+    return {
+        "deviation": row.deviation,
+        "time": row.time,
+        "velocity_share": row.velocity,
+        "acceleration_share": row.acceleration,
+        "jerk_share": row.jerk,
+        "beyond_position": row.beyond,
+        "within_limits": row.within_limits,
+    }
+
+
+def _table(rows: list[JointLoss], kind: str, sliding: frozenset[str]) -> Any:
+    from rich.markup import escape
+    from rich.table import Table
+
+    title = (
+        f"largest deviation from the plan between samples, {kind} interpolation; shares of limits"
+    )
+    table = Table(title=title, title_justify="left")
+    table.add_column("joint")
+    for name in ("deviation", "at s", "velocity", "acceleration", "jerk"):
+        table.add_column(name, justify="right")
+    table.add_column("limits")
+    for row in rows:
+        unit = "m" if row.joint in sliding else "rad"
+        shares = (row.velocity, row.acceleration, row.jerk)
+        table.add_row(
+            escape(row.joint),
+            f"{row.deviation:.2g} {unit}",
+            f"{row.time:.3f}",
+            *("–" if share is None else f"{share:.4f}" for share in shares),
+            "[green]kept[/]" if row.within_limits else "[bold red]exceeded[/]",
+        )
+    return table

@@ -1,0 +1,226 @@
+"""The moving cell as a scene of glTF 2.0 in one binary file."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.formats.markers import COLOURS
+from dualarm_cli.formats.request import ExportRequest
+from dualarm_cli.formats.solid_meshes import solid_mesh
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.page.scene import WORLD_BODY, DrawnHulls, bodies, poses_at, solids
+from dualarm_cli.page.things import things
+from dualarm_cli.verification.as_done import job_as_done
+
+SCENE = "scene.glb"
+FLOAT, UNSIGNED = 5126, 5125
+"""Types of components: float32 and uint32."""
+VERTICES, INDICES = 34962, 34963
+"""Targets of buffer views."""
+Y_UP = (-(0.5**0.5), 0.0, 0.0, 0.5**0.5)
+"""Turns z, which is up in a cell, to y, which is up in glTF."""
+
+
+def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
+    """Returns one file: links, tools, obstacles and parts as meshes, joints as animated nodes; lengths in m."""
+    schedule, job = request.schedule, request.job
+    assert job is not None
+    hulls, scene = DrawnHulls(), _Scene()
+    samples = request.samples()
+    kept = _distinct(samples.time)
+    frames = samples.time[kept]
+    model = pin.buildModelFromXML(job.cell.robot.urdf)
+    root = scene.node("cell", None, {"rotation": list(Y_UP)})
+    holders = {WORLD_BODY: root}
+    times = scene.array(frames[:, None], "SCALAR", extremes=True)
+    for number, body in enumerate(bodies(model, job.cell.robot, job.cell.base)):
+        placed = {"translation": body["xyz"], "rotation": body["quat"]}
+        name = body["name"] or schedule.robot.name
+        mount = scene.node(f"{name} mount" if number else name, holders[body["parent"]], placed)
+        holders[number] = mount
+        if number:
+            holders[number] = scene.node(name, mount, {})
+            positions = samples.position[kept, samples.joints.index(name)]
+            scene.animate(holders[number], times, *_motion(body, positions))
+    done = job_as_done(schedule, job)
+    for solid in solids(model, job.cell, hulls):
+        scene.solid(solid, holders[solid["body"]], solid["role"], hulls)
+    for thing in things(schedule, done, hulls):
+        if not thing["solids"]:
+            continue
+        instants = _instants(thing, frames)
+        translations, rotations = _way(thing, instants, request, model)
+        own = {"translation": translations[0].tolist(), "rotation": rotations[0].tolist()}
+        node = scene.node(thing["name"], root, own)
+        track = scene.array(instants[:, None], "SCALAR", extremes=True)
+        scene.animate(node, track, "translation", translations)
+        scene.animate(node, track, "rotation", rotations)
+        for solid in thing["solids"]:
+            scene.solid(solid | {"name": thing["name"]}, node, thing["role"], hulls)
+    return {SCENE: [scene.binary(schedule.provenance.version)]}
+
+
+def _motion(body: Mapping[str, Any], positions: FloatArray) -> tuple[str, FloatArray]:
+    """Returns what of a joint's node changes, and its values."""
+    axis = np.array(body["axis"])
+    if body["slides"]:
+        return "translation", positions[:, None] * axis
+    half = positions[:, None] / 2.0
+    return "rotation", np.column_stack([np.sin(half) * axis, np.cos(half)])
+
+
+def _instants(thing: Mapping[str, Any], frames: FloatArray) -> FloatArray:
+    """Returns the instants at which a thing's pose is stated: where it changes hands, and all while an arm carries it.
+
+    What lies, or moves with a conveyor, is straight in between.
+    """
+    steps = thing["keyframes"]
+    ends = np.array([*(step["time"] for step in steps), frames[-1]])
+    carried = [step["body"] != WORLD_BODY for step in steps]
+    index = np.clip(np.searchsorted(ends[:-1], frames, side="right") - 1, 0, None)
+    instants = np.union1d(frames[np.array(carried)[index]], np.append(ends, frames[0]))
+    instants = instants[instants <= frames[-1]]
+    return instants[_distinct(instants)]
+
+
+def _distinct(times: FloatArray) -> BoolArray:
+    """Returns which of rising times (m,) single precision tells from the one before: in glTF they must rise."""
+    single = times.astype(np.float32)
+    return np.concatenate([[True], np.diff(single) > 0.0])
+
+
+def _way(
+    thing: Mapping[str, Any], instants: FloatArray, request: ExportRequest, model: pin.Model
+) -> tuple[FloatArray, FloatArray]:
+    """Returns positions (m, 3) and quaternions (m, 4) of a thing in the world at instants (m,)."""
+    job, steps = request.job, thing["keyframes"]
+    assert job is not None
+    positions = request.schedule.trajectory.select(job.cell.robot.joints).at(instants)[0]
+    begins = np.array([step["time"] for step in steps])
+    index = np.clip(np.searchsorted(begins, instants, side="right") - 1, 0, None)
+    translations, rotations = np.empty((len(instants), 3)), np.empty((len(instants), 4))
+    for k, time in enumerate(instants):
+        step = steps[index[k]]
+        pose = pin.SE3(pin.Quaternion(np.array(step["quat"])).matrix(), np.array(step["xyz"]))
+        if step["body"] == WORLD_BODY:
+            pose.translation = pose.translation + (time - step["time"]) * np.array(step["velocity"])
+        else:
+            holders = poses_at(model, job.cell.robot, job.cell.base, positions[k])
+            pose = holders[step["body"]] * pose
+        translations[k] = pose.translation
+        rotations[k] = pin.Quaternion(pose.rotation).coeffs()
+    # q and -q are one rotation: viewers take the short way between neighbours on one side.
+    away = (rotations[1:] * rotations[:-1]).sum(axis=1) < 0.0
+    rotations[1:][np.cumsum(away) % 2 == 1] *= -1.0
+    return translations, rotations
+
+
+class _Scene:
+    """Collects nodes, meshes and arrays of one glTF file."""
+
+    def __init__(self) -> None:
+        self.nodes: list[dict[str, Any]] = []
+        self.meshes: list[dict[str, Any]] = []
+        self.materials: dict[str, int] = {}
+        self.accessors: list[dict[str, Any]] = []
+        self.views: list[dict[str, Any]] = []
+        self.samplers: list[dict[str, Any]] = []
+        self.channels: list[dict[str, Any]] = []
+        self.content = bytearray()
+
+    def node(self, name: str, parent: int | None, placed: Mapping[str, Any]) -> int:
+        """Adds a node below another one, and returns its number."""
+        number = len(self.nodes)
+        self.nodes.append({"name": name, **placed})
+        if parent is not None:
+            self.nodes[parent].setdefault("children", []).append(number)
+        return number
+
+    def array(
+        self, values: Any, kind: str, target: int | None = None, *, extremes: bool = False
+    ) -> int:
+        """Adds an array of float32 or uint32, shape (m, c), and returns its accessor."""
+        whole = np.issubdtype(np.asarray(values).dtype, np.integer)
+        rows = np.ascontiguousarray(values, dtype="<u4" if whole else "<f4")
+        view: dict[str, Any] = {"buffer": 0, "byteOffset": len(self.content)}
+        view["byteLength"] = rows.nbytes
+        if target is not None:
+            view["target"] = target
+        accessor: dict[str, Any] = {
+            "bufferView": len(self.views),
+            "componentType": UNSIGNED if whole else FLOAT,
+            "count": len(rows),
+            "type": kind,
+        }
+        if extremes:
+            accessor |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
+        self.views.append(view)
+        self.accessors.append(accessor)
+        self.content += rows.tobytes()
+        return len(self.accessors) - 1
+
+    def solid(self, solid: Mapping[str, Any], node: int, role: str, hulls: DrawnHulls) -> None:
+        """Adds a solid of the page's data below a node."""
+        corners, triangles = solid_mesh(solid, hulls)
+        attributes = {"POSITION": self.array(corners, "VEC3", VERTICES, extremes=True)}
+        indices = self.array(triangles.reshape(-1, 1), "SCALAR", INDICES)
+        primitive = {"attributes": attributes, "indices": indices, "material": self._material(role)}
+        self.meshes.append({"name": solid["name"], "primitives": [primitive]})
+        placed = {"translation": solid["xyz"], "rotation": solid["quat"]}
+        self.node(solid["name"], node, placed | {"mesh": len(self.meshes) - 1})
+
+    def _material(self, role: str) -> int:
+        return self.materials.setdefault(role, len(self.materials))
+
+    def animate(self, node: int, times: int, path: str, values: FloatArray) -> None:
+        """Adds a channel that changes a node's translation or rotation linearly between instants."""
+        kind = "VEC3" if path == "translation" else "VEC4"
+        sampler = {"input": times, "output": self.array(values, kind), "interpolation": "LINEAR"}
+        self.samplers.append(sampler)
+        target = {"node": node, "path": path}
+        self.channels.append({"sampler": len(self.samplers) - 1, "target": target})
+
+    def binary(self, version: str) -> bytes:
+        """Returns the file: a header, the scene as JSON, and the arrays."""
+        scene = {
+            "asset": {"version": "2.0", "generator": f"dualarm {version}"},
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": self.nodes,
+            "meshes": self.meshes,
+            "materials": [_material(role) for role in self.materials],
+            "animations": [
+                {"name": "schedule", "samplers": self.samplers, "channels": self.channels}
+            ],
+            "accessors": self.accessors,
+            "bufferViews": self.views,
+            "buffers": [{"byteLength": len(self.content)}],
+        }
+        scene = {key: value for key, value in scene.items() if value != []}
+        text = json.dumps(scene, ensure_ascii=False).encode("utf-8", "backslashreplace")
+        chunks = [(b"JSON", text + b" " * (-len(text) % 4)), (b"BIN\0", bytes(self.content))]
+        length = 12 + sum(8 + len(data) for _, data in chunks)
+        parts = [struct.pack("<4sII", b"glTF", 2, length)]
+        for kind, data in chunks:
+            parts += [struct.pack("<I4s", len(data), kind), data]
+        return b"".join(parts)
+
+
+def _material(role: str) -> dict[str, Any]:
+    colour: Sequence[float] = COLOURS[role]
+    about: dict[str, Any] = {
+        "name": role,
+        "doubleSided": True,
+        "pbrMetallicRoughness": {
+            "baseColorFactor": list(colour),
+            "metallicFactor": 0.1,
+            "roughnessFactor": 0.8,
+        },
+    }
+    return about | ({"alphaMode": "BLEND"} if colour[3] < 1.0 else {})

@@ -1,0 +1,40 @@
+"""Samples and events as arrays of NumPy."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from dualarm_cli.formats.request import ExportRequest
+
+ARRAYS = "schedule.npz"
+
+
+def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
+    """Returns one file whose arrays np.load reads without pickle; [s], [rad] or [m]."""
+    samples, events = request.samples(), request.schedule.events
+    arrays: dict[str, Any] = {
+        "joints": np.array(samples.joints),
+        "time": samples.time,
+        "position": samples.position,
+        "velocity": samples.velocity,
+        "acceleration": samples.acceleration,
+        "event_time": np.array([event.time for event in events]),
+        "event_dwell": np.array([event.dwell for event in events]),
+        "event_arm": np.array([event.arm for event in events], dtype=np.str_),
+        "event_task": np.array([event.task for event in events], dtype=np.str_),
+        "event_action": np.array([event.action for event in events], dtype=np.str_),
+        "event_signal": np.array([event.signal for event in events], dtype=np.str_),
+        "event_pose": np.array([event.pose.homogeneous for event in events]).reshape(-1, 4, 4),
+    }
+    buffer = io.BytesIO()
+    # np.savez writes the time of day into the archive: the same schedule would be other bytes.
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in arrays.items():
+            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w") as file:
+                np.lib.format.write_array(file, np.asanyarray(array), allow_pickle=False)
+    return {ARRAYS: [buffer.getvalue()]}

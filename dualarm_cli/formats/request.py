@@ -1,0 +1,65 @@
+"""What is asked of an export."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from dualarm_cli.formats.sampling import NANO, Samples, sampled
+from dualarm_cli.geometry.interpolation import Interpolation
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule
+
+PlatformController = Literal["own", "both", "left", "right"]
+"""Which controller moves the platform: one of its own, that of both arms, or that of one arm."""
+PLATFORM_CONTROLLERS: tuple[PlatformController, ...] = ("own", "both", "left", "right")
+BOTH = "both_arms"
+"""Name of the group of all arms."""
+PLATFORM = "platform"
+"""Name of the group of a platform with a controller of its own."""
+
+
+@dataclass(frozen=True)
+class ExportRequest:
+    """A schedule and how it is exported."""
+
+    schedule: Schedule
+    """What is exported."""
+    job: Job | None
+    """Cell and tasks of the schedule; None where the format needs neither."""
+    rate: float
+    """Samples per second [1/s]."""
+    interpolation: Interpolation
+    """What the receiver makes of the samples of a JointTrajectory."""
+    platform: PlatformController = "own"
+    """Whose controller moves the platform."""
+    uniform: bool = False
+    """Whether a JointTrajectory has points at the rate only, and none at the schedule's knots."""
+
+    def samples(self) -> Samples:
+        """Returns samples of all joints at the rate."""
+        return sampled(self.schedule, self.rate)
+
+    def points(self, joints: Sequence[str]) -> Samples:
+        """Returns the points of the JointTrajectory of some joints."""
+        return sampled(self.schedule, self.rate, joints, knots=not self.uniform)
+
+    def groups(self) -> dict[str, tuple[str, ...]]:
+        """Returns the joints of each controller by the group's name: both arms, each arm, and a platform of its own."""
+        robot = self.schedule.robot
+        found: dict[str, tuple[str, ...]] = {}
+        if len(robot.arms) > 1:
+            found[BOTH] = tuple(joint for arm in robot.arms.values() for joint in arm.joints)
+        found |= {name: arm.joints for name, arm in robot.arms.items()}
+        if robot.platform:
+            holder = {"own": PLATFORM, "both": BOTH}.get(self.platform, self.platform)
+            if self.platform == "both" and BOTH not in found:
+                holder = next(iter(robot.arms))
+            found[holder] = (*robot.platform, *found.get(holder, ()))
+        return found
+
+
+def stamp(nanoseconds: int) -> dict[str, int]:
+    """Returns a time as builtin_interfaces has it."""
+    return {"sec": nanoseconds // NANO, "nanosec": nanoseconds % NANO}

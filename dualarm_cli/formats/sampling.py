@@ -1,0 +1,172 @@
+"""Samples of a schedule, and what a receiver makes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.interpolation import Interpolation, extrema, interpolated
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.trajectory import Trajectory
+
+NANO = 1_000_000_000
+"""Nanoseconds of a second."""
+BLOCK = 2_000
+"""Pieces that are compared at a time."""
+NEAREST = 5_000
+"""Samples nearer than this to a knot give way to it [ns]."""
+SLACK = 1e-4
+"""Share of a limit, and position beyond one [rad], that rounding may add: steps may be as short as microseconds."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A schedule's motion at instants of whole nanoseconds."""
+
+    joints: tuple[str, ...]
+    """Names of the n joints, in column order."""
+    nanoseconds: np.ndarray
+    """Instants since the start [ns], rising, int64, shape (m,)."""
+    position: FloatArray
+    """[rad], shape (m, n)."""
+    velocity: FloatArray
+    """[rad/s], shape (m, n)."""
+    acceleration: FloatArray
+    """[rad/s²], shape (m, n)."""
+
+    @property
+    def time(self) -> FloatArray:
+        """The instants [s], shape (m,)."""
+        return self.nanoseconds / NANO
+
+
+def sampled(
+    schedule: Schedule, rate: float, joints: Sequence[str] = (), *, knots: bool = False
+) -> Samples:
+    """Returns samples at a rate from the start, and one at the end.
+
+    The last step is between half a step and one and a half long: a shorter one would make noise of derivatives.
+
+    Args:
+        schedule: what is sampled.
+        rate: samples per second [1/s].
+        joints: which; all of them where none is named.
+        knots: whether there are samples at the joints' knots as well, with which cubic interpolation is exact.
+    """
+    count = max(1, round(schedule.duration * rate))
+    # Rounded up: the motion is over at the last sample.
+    end = max(1, int(np.ceil(schedule.duration * NANO - 1e-3)))
+    trajectory = schedule.trajectory.select(joints or schedule.robot.limits.joints)
+    instants = np.rint(np.arange(count) * (NANO / rate)).astype(np.int64)
+    if knots:
+        exact = np.unique(np.rint(trajectory.time * NANO).astype(np.int64))
+        exact = _apart(exact[exact < end - NEAREST])
+        after = np.searchsorted(exact, instants)
+        near = np.minimum(
+            np.abs(exact[np.minimum(after, len(exact) - 1)] - instants),
+            np.abs(instants - exact[np.maximum(after - 1, 0)]),
+        )
+        instants = np.union1d(instants[near > NEAREST], exact)
+    instants = np.append(instants[instants < end], end)
+    return Samples(trajectory.joints, instants, *trajectory.at(instants / NANO))
+
+
+def _apart(instants: np.ndarray) -> np.ndarray:
+    """Returns instants without those that follow a kept one too closely [ns]."""
+    kept = [0]
+    for instant in instants.tolist():
+        if instant - kept[-1] > NEAREST:
+            kept.append(instant)
+    return np.array(kept, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class JointLoss:
+    """How one joint moves between its samples under a receiver's interpolation."""
+
+    joint: str
+    """Its name."""
+    deviation: float
+    """Largest distance from the schedule at any instant [rad]; m for a joint that slides."""
+    time: float
+    """Start of the piece of motion where it is [s]."""
+    velocity: float | None
+    """Largest share of the velocity limit that is used; None without such a limit."""
+    acceleration: float | None
+    """The same of the acceleration limit; None also for linear interpolation, whose velocity jumps."""
+    jerk: float | None
+    """The same of the jerk limit; None also for cubic interpolation, whose acceleration jumps."""
+    beyond: float
+    """How far the position goes beyond its limits [rad]."""
+
+    @property
+    def within_limits(self) -> bool:
+        """Whether every limit is kept that the joint has."""
+        shares = (self.velocity, self.acceleration, self.jerk)
+        within = all(share is None or share <= 1.0 + SLACK for share in shares)
+        return within and self.beyond <= SLACK
+
+
+def losses(schedule: Schedule, samples: Samples, kind: Interpolation) -> list[JointLoss]:
+    """Returns what is lost of every joint between samples.
+
+    Both motions are polynomials between the schedule's knots and the samples. So the largest deviation of every piece
+    is computed, not looked for at some instants.
+
+    Args:
+        schedule: the motion without loss, with the limits of its joints.
+        samples: of it.
+        kind: the receiver's interpolation.
+    """
+    time = samples.time
+    motion = interpolated(kind, time, samples.position, samples.velocity, samples.acceleration)
+    trajectory = schedule.trajectory.select(samples.joints)
+    size = max(motion.coefficients.shape[1], 4)
+    factorials = np.cumprod([1.0, *range(1, size)])[:, None]
+    worst, where = np.zeros(len(samples.joints)), np.zeros(len(samples.joints))
+    for start, length, exact in _exact_pieces(trajectory, time):
+        apart = np.zeros((len(start), size, len(samples.joints)))
+        apart[:, : motion.coefficients.shape[1]] = motion.derivatives(start)
+        apart /= factorials
+        apart[:, :4] -= exact
+        low, high = extrema(apart, length)
+        off = np.maximum(-low, high)
+        k = np.argmax(off, axis=0)
+        here = np.take_along_axis(off, k[None], axis=0)[0]
+        worst, where = np.maximum(worst, here), np.where(here > worst, start[k], where)
+    limits = schedule.robot.limits.select(samples.joints)
+    low, high = motion.extrema()
+    beyond = np.maximum(np.maximum(limits.lower - low, high - limits.upper), 0.0)
+    shares = [
+        _shares(motion.peak(order), limit)
+        for order, limit in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1)
+    ]
+    rows = zip(samples.joints, worst, where, *shares, beyond, strict=True)
+    return [JointLoss(j, float(d), float(t), v, a, k, float(b)) for j, d, t, v, a, k, b in rows]
+
+
+def _exact_pieces(
+    trajectory: Trajectory, time: FloatArray
+) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Yields starts (m,), lengths (m,) and polynomials (m, 4, n) of the schedule between knots and samples."""
+    edges = np.union1d(trajectory.time, time)
+    edges = edges[(edges >= time[0]) & (edges <= time[-1])]
+    for k in range(0, len(edges) - 1, BLOCK):
+        some = edges[k : k + BLOCK + 1]
+        start, length = some[:-1], np.diff(some)
+        # From within the piece: at its end the next one would count.
+        q, v, a = trajectory.at(start)
+        later = trajectory.at(start + 0.5 * length)[2]
+        jerk = (later - a) / (0.5 * length)[:, None]
+        yield start, length, np.stack([q, v, a / 2.0, jerk / 6.0], axis=1)
+
+
+def _shares(peak: FloatArray | None, limit: FloatArray) -> list[float | None]:
+    """Returns the shares of limits that are used; None without a limit or without a peak."""
+    if peak is None:
+        return [None] * len(limit)
+    pairs = zip(peak.tolist(), limit.tolist(), strict=True)
+    return [value / most if np.isfinite(most) else None for value, most in pairs]

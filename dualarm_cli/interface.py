@@ -1,0 +1,332 @@
+"""The Python interface: jobs read, planned, judged and compared. The commands use these functions."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+from dualarm_cli.errors import UsageError
+from dualarm_cli.exporting.cell_urdf import cell_urdf
+from dualarm_cli.exporting.files import write_schedule_set
+from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
+from dualarm_cli.exporting.whole_files import write_file
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.verification import Check, Verification
+from dualarm_cli.orders.watch import Watch
+from dualarm_cli.planning import planner
+from dualarm_cli.planning.comparison import Case, Outcome, job_cases, run_cases
+from dualarm_cli.planning.job_bound import job_bound
+from dualarm_cli.planning.redundancy_choice import with_redundancy
+from dualarm_cli.report.comparison.comparison import comparison_document, job_comparison
+from dualarm_cli.report.comparison.schedule_comparison import compare_schedules
+from dualarm_cli.report.comparison.schedule_comparison_table import schedules_sentence
+from dualarm_cli.report.printable import printable
+from dualarm_cli.report.report import build_report
+from dualarm_cli.verification import verify as judged
+from dualarm_cli.verification.budget_checks import judge_budget
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+PAGE = "report.html"
+"""Name of the page beside a schedule."""
+MAX_ROWS = 1_000_000
+"""Most rows of the CSV file: about a gigabyte for fifteen joints."""
+RATE = 250.0
+"""Sampling rate of the CSV file where none is asked for [Hz]."""
+
+Progress = Callable[[str], None]
+"""Receives what is being done, in words."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A planned job: its schedule, judged by the independent verifier."""
+
+    job: Job
+    """What was planned."""
+    schedule: Schedule
+    """The joint motion and what happens in it, with its verification."""
+
+    @classmethod
+    def judged(cls, job: Job, schedule: Schedule) -> Plan:
+        """Returns a schedule as the plan of a job, judged by the verifier with its clearance proven."""
+        return cls(job, replace(schedule, verification=judged(schedule, job, clearance=True)))
+
+    @property
+    def cycle_time(self) -> float:
+        """Length of the motion [s]; the period where it ends where it began."""
+        return float(self.schedule.duration)
+
+    @property
+    def verified(self) -> bool:
+        """Whether the verifier passes it."""
+        return self.schedule.verification is not None and self.schedule.verification.passed
+
+    @property
+    def keeps_budget(self) -> bool:
+        """Whether it keeps the budget of the task file, or there is none."""
+        return all(line.kept for line in judge_budget(self.schedule, self.job))
+
+    @cached_property
+    def report(self) -> dict[str, Any]:
+        """What `report.json` holds, JSON-ready; SI units."""
+        return build_report(self.schedule, self.job)
+
+    def write(
+        self, folder: str | Path, *, rate: float = RATE, page: bool = True, force: bool = False
+    ) -> Path:
+        """Writes what `dualarm plan` writes, each file whole or not at all, and returns the folder.
+
+        These are schedule.json, schedule.csv, report.json, and the cell as robot.urdf with its meshes.
+
+        Args:
+            folder: where; it is made.
+            rate: samples per second of the CSV [Hz].
+            page: whether report.html is written, in which the cell moves.
+            force: whether files of an earlier plan are replaced.
+
+        Raises:
+            OutputError: files are there already, or cannot be written.
+            PageNotBuiltError: this installation has no code of the page; everything else is written.
+        """
+        folder = Path(folder)
+        text = json.dumps(self.report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+        cell = cell_urdf(self.job.cell)
+        shown = replace(self.schedule, robot=replace(self.schedule.robot, urdf=cell.text))
+        write_schedule_set(
+            folder, shown, {"report.json": text.encode(), **cell.meshes}, rate, force
+        )
+        if page:
+            self.write_page(folder)
+        return folder
+
+    def write_page(self, folder: str | Path) -> Path:
+        """Writes the page, in which the cell moves, into a folder, and returns its path.
+
+        Raises:
+            OutputError: it cannot be written.
+            PageNotBuiltError: this installation has no code of the page.
+        """
+        from dualarm_cli.page.page import page_html
+        from dualarm_cli.page.page_data import page_data
+
+        page = Path(folder) / PAGE
+        write_file(page, page_html(page_data(self.schedule, self.job, self.report)), force=True)
+        return page
+
+
+def load(tasks: str | Path, changes: Mapping[str, Any] | None = None) -> Job:
+    """Returns the job of a task file, with its cell and robot.
+
+    Args:
+        tasks: the task file, or the name of a bundled job such as `04_packing`.
+        changes: values in place of those in the files, as the files would have them: by the file's role and a JSON
+            pointer, such as `tasks:/tasks/0/pick/xyz`, `cell:/clearance` or `robot:/limits/torso_b1/velocity`.
+
+    Raises:
+        InputError: all that is wrong with the files, with file, line and column (`diagnostics`).
+    """
+    return load_job(tasks, overrides=changes)
+
+
+def plan(
+    job: Job,
+    *,
+    platform: str | None = None,
+    redundancy: str | None = None,
+    timing: str = "ruckig",
+    blend: str = "lines",
+    effort: str = "normal",
+    seed: int = 0,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+) -> Plan:
+    """Returns a job's plan, judged by the verifier with its clearance proven.
+
+    A plan that fails is returned as well: look at `Plan.verified`.
+
+    Args:
+        job: what to plan.
+        platform: method that chooses platform angles and postures; None for the default.
+        redundancy: redundancy solver, or method of paths or seams; None for the one that serves the robot.
+        timing: timing solver.
+        blend: `lines`, or `none` for stops at both ends of all lines.
+        effort: quick, normal or thorough.
+        seed: of all randomness.
+        time_limit: how long orders are searched for at most [s]; None for no limit.
+        progress: receives what is being done, in words.
+
+    Raises:
+        InfeasibleError: there is no plan; it says what hinders which task.
+        UnknownSolverError: a method or solver that there is not.
+        UnsupportedError: one that does not serve this robot.
+        UsageError: another value that is not allowed.
+    """
+    for name, value, allowed in (
+        ("blend", blend, ("lines", "none")),
+        ("effort", effort, ("quick", "normal", "thorough")),
+    ):
+        if value not in allowed:
+            raise UsageError(f"{name} {value!r}: choose one of {', '.join(allowed)}")
+    if time_limit is not None and not 0.0 < time_limit < math.inf:
+        raise UsageError(f"time_limit {time_limit:g}: must be above 0 s")
+    settings = PlanSettings(
+        timing=timing, blend=blend, effort=effort, seed=seed, time_limit=time_limit
+    )
+    settings = with_redundancy(settings.naming(platform=platform), redundancy)
+    return planned(job, settings, Watch(progress or (lambda _: None), time_limit))
+
+
+def planned(
+    job: Job, settings: PlanSettings, watch: Watch | None = None, *, beside: bool = False
+) -> Plan:
+    """Returns a job's plan by settings; see `plan`.
+
+    Args:
+        job: what to plan.
+        settings: how.
+        watch: sees how the search goes, and may end it.
+        beside: whether a second process, a copy of this one, works out what does not depend on the plan.
+    """
+    watch = watch or Watch(limit=settings.time_limit)
+    schedule = planner.plan(job, settings, watch, beside=beside)
+    watch.tell("verifying")
+    return Plan.judged(job, schedule)
+
+
+def verify(
+    schedule: Schedule | Plan | str | Path, job: Job | None = None, *, clearance: bool = True
+) -> Verification:
+    """Returns the independent verifier's judgement, with that of the budget and of the files where there are some.
+
+    Args:
+        schedule: what is judged; a folder of a plan or a schedule file is read.
+        job: cell and tasks; without it targets, order and clearance are not checked. A `Plan` brings its own.
+        clearance: whether it is proven that the whole motion is collision-free.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    if isinstance(schedule, Plan) and job is None:
+        job = schedule.job
+    found = _schedule(schedule)
+    result = judged(found, job, clearance=clearance and job is not None)
+    files = _file_checks(Path(schedule), found) if isinstance(schedule, str | Path) else ()
+    return replace(result, checks=(*result.checks, *_budget_checks(found, job, result), *files))
+
+
+def compare(
+    one: Schedule | Plan | str | Path,
+    other: Schedule | Plan | str | Path,
+    names: tuple[str, str] = ("A", "B"),
+) -> dict[str, Any]:
+    """Returns what `dualarm compare schedules --json` prints: two plans stage by stage; s, rad, m.
+
+    Args:
+        one: before; a folder of a plan or a schedule file is read.
+        other: after.
+        names: what they are called.
+
+    Raises:
+        InputError: a file cannot be read.
+        UsageError: schedules that cannot be used, or that have no work in common.
+    """
+    document = compare_schedules(_schedule(one), _schedule(other), names)
+    document["sentence"] = schedules_sentence(document)
+    found: dict[str, Any] = printable(document)
+    return found
+
+
+def _schedule(given: Schedule | Plan | str | Path) -> Schedule:
+    """Returns the schedule of what is given, reading it where that is a path."""
+    if isinstance(given, Plan):
+        return given.schedule
+    return given if isinstance(given, Schedule) else read_schedule(Path(given))
+
+
+Kept = Callable[[str, Job, Iterator[Outcome]], Iterator[Outcome]]
+"""Passes on the outcomes of a job, by its name, and may keep what it likes of them."""
+
+
+def compare_solvers(
+    jobs: Job | Mapping[str, Job],
+    *,
+    cases: Mapping[str, Sequence[Case]] | None = None,
+    effort: str = "normal",
+    seed: int = 0,
+    progress: Progress | None = None,
+    kept: Kept | None = None,
+) -> dict[str, Any]:
+    """Returns what `dualarm compare solvers --json` prints: which method wins on each job, and why; SI units.
+
+    Args:
+        jobs: what is planned by all methods; by name where there are several.
+        cases: how, by the jobs' names; None for all that makes sense.
+        effort: quick, normal or thorough.
+        seed: of all randomness.
+        progress: receives what is being done, in words.
+        kept: sees each outcome with its plan, of which no more than one is kept otherwise.
+    """
+    jobs = {"job": jobs} if isinstance(jobs, Job) else jobs
+    settings = PlanSettings(effort=effort, seed=seed)
+    sections: list[dict[str, Any]] = []
+    clock: list[dict[str, Any]] = []
+    for name, job in jobs.items():
+
+        def say(text: str, name: str = name) -> None:
+            if progress is not None:
+                progress(f"{name}: {text}")
+
+        say("lower bound")
+        bound = job_bound(job, effort, blended=True)
+        # Where a stop cannot be reached at all, every row says so; a bound of nothing bounds nothing.
+        least = bound.value if bound.value and math.isfinite(bound.value) else None
+        matrix = job_cases(job) if cases is None else cases[name]
+        judge = partial(judged, clearance=True)
+        outcomes = run_cases(job, settings, matrix, least, judge, perf_counter, say)
+        if kept is not None:
+            outcomes = kept(name, job, outcomes)
+        section, timed = job_comparison(name, job, outcomes, least, bound.assumptions)
+        sections.append(section)
+        clock.extend(timed)
+    document: dict[str, Any] = printable(
+        comparison_document(sections, clock, {"effort": effort, "seed": seed})
+    )
+    return document
+
+
+def _budget_checks(schedule: Schedule, job: Job | None, result: Verification) -> Iterable[Check]:
+    """Yields checks of the task file's budget, where it has one and the numbers are usable."""
+    usable = all(check.name not in ("finite", "time") for check in result.failures)
+    if job is None or job.budget is None or not usable:
+        return
+    for line in judge_budget(replace(schedule, verification=result), job):
+        proven = line.measured is not None
+        verdict: Any = "passed" if line.kept else "failed" if proven else "not checked"
+        unit = "s" if line.name == "cycle_time" else "m"
+        name = f"budget_{line.name}"
+        yield Check(name, verdict, line.measured, line.allowed, unit, str(line))
+
+
+def _file_checks(path: Path, schedule: Schedule) -> Iterable[Check]:
+    """Yields checks of what only the file says: its length and the files it was written with."""
+    stated = schedule.extra.get("duration")
+    if isinstance(stated, int | float):
+        off = abs(float(stated) - schedule.duration)
+        verdict: Any = "passed" if off <= 1e-9 else "failed"
+        where = f"stated {stated:g} s, trajectory {schedule.duration:g} s"
+        yield Check("duration", verdict, off, 1e-9, "s", where)
+    if "files" in schedule.extra:
+        torn = torn_files(path, schedule)
+        verdict = "failed" if torn else "passed"
+        yield Check("files", verdict, float(len(torn)), 0.0, "", "; ".join(torn) or "as written")

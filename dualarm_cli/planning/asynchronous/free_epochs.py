@@ -1,0 +1,131 @@
+"""Plans in which the platform stands at several angles one after the other, each arm by its own clock meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.effort import EFFORTS
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.job import Job, Task
+from dualarm_cli.motion.builder import Motion, MotionBuilder
+from dualarm_cli.orders.asynchronous.epochs import (
+    EpochOrder,
+    EpochProblem,
+    EpochSearch,
+)
+from dualarm_cli.orders.decided_jobs import own_rules
+from dualarm_cli.orders.model.buffer_numbers import begun
+from dualarm_cli.orders.model.order_model import OrderModel
+from dualarm_cli.orders.model.tool_changes import cell_after, changes_of, with_changes
+from dualarm_cli.orders.watch import Watch
+from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
+
+HERE = "(where the platform stood before)"
+"""Name of the posture in which an epoch starts."""
+MANY = 20
+"""Of more tasks than so many, fewer are moved."""
+
+
+@dataclass(frozen=True)
+class FreeEpochs:
+    """One answer."""
+
+    job: Job
+    """The job with arms and order."""
+    epochs: tuple[tuple[FloatArray, tuple[Task, ...]], ...]
+    """By epoch the platform's angle, shape (k,), and the tasks, each arm's in their order."""
+    total: float
+    """Its cycle time as far as the search for orders knows [s]."""
+
+
+def epoch_orders(
+    order: OrderModel, effort: str, seed: int, watch: Watch, most: int
+) -> list[FreeEpochs]:
+    """Returns good answers with at least two angles, the best one first.
+
+    Args:
+        order: the job's tasks.
+        effort: one of EFFORTS.
+        seed: of all randomness.
+        watch: may end the search.
+        most: so many answers at most.
+    """
+    if len(order.angles) < 2 or len(order.job.tasks) < 2:
+        return []
+    watch.tell("choosing platform angles for the tasks")
+    some = order.reached().any(axis=(0, 1))
+    problems = {int(f): order.problem(int(f)) for f in np.flatnonzero(some)}
+    turn = order.clock.platform_times(order.angles[:, None] - order.angles[None])
+    how, n = EFFORTS[effort].epochs, len(order.job.tasks)
+    fewer = min(1.0, MANY / n)
+    how = replace(how, sets=max(2, round(how.sets * fewer)), moves=max(4, round(how.moves * fewer)))
+    search = EpochSearch(EpochProblem(problems, np.asarray(turn), seed), how, watch.stop)
+    return [_decided(order, one) for one in search.best(most)]
+
+
+def _decided(order: OrderModel, found: EpochOrder) -> FreeEpochs:
+    """Returns an answer with angles, tasks and arms for numbers."""
+    epochs: list[tuple[FloatArray, tuple[Task, ...]]] = []
+    for epoch, rows in zip(found.epochs, found.rows, strict=True):
+        own = [
+            replace(order.job.tasks[t], arm=name)
+            for name, row in zip(order.model.arms, rows, strict=True)
+            for t in row
+        ]
+        epochs.append((order.angles[epoch.angle], tuple(own)))
+    tasks = tuple(task for _, own in epochs for task in own)
+    decided = replace(order.job, tasks=tasks, order="given", pairing=None)
+    # Tools are changed while the platform stands where the next task is done, at the end where the last ones are.
+    before, end = changes_of(decided)
+    epochs = [
+        (angle, tuple(one for task in own for one in (*before[task.id], task)))
+        for angle, own in epochs
+    ]
+    epochs[-1] = (epochs[-1][0], (*epochs[-1][1], *end))
+    return FreeEpochs(with_changes(decided), tuple(epochs), found.total)
+
+
+def plan_epochs(planner: FreePlanner, found: FreeEpochs) -> Motion:
+    """Returns the motion: epoch after epoch, each from where the one before ends.
+
+    Raises:
+        InfeasibleError: an epoch that has no plan.
+    """
+    job = found.job
+    cell, record = job.cell, MotionBuilder()
+    here: FloatArray | None = None
+    done: list[Task] = []
+    for k, (angle, tasks) in enumerate(found.epochs):
+        own = own_rules(
+            replace(job, tasks=_later(tasks, record.clock), returns=False, sequences=())
+        )
+        own = begun(replace(own, cell=cell), done)
+        done += tasks
+        if here is not None:
+            own = replace(own, begin=here, start=HERE)
+        end = None
+        if job.returns and k == len(found.epochs) - 1 and record.pieces:
+            end = record.begin
+        problem = planner.problem
+        model = replace(problem.model, cell=own.cell)
+        one = replace(planner, problem=replace(problem, job=own, model=model), end=end)
+        motion = one.plan(angle)
+        record.append(motion)
+        here = np.asarray(motion.trajectory.position[-1])
+        cell = cell_after(cell, tasks)
+    return record.build(job.cell.robot)
+
+
+def _later(tasks: Sequence[Task], clock: float) -> tuple[Task, ...]:
+    """Returns tasks with their windows counted from an instant [s]."""
+    return tuple(
+        replace(
+            task,
+            not_before=max(0.0, task.not_before - clock),
+            not_after=task.not_after - clock,
+        )
+        for task in tasks
+    )

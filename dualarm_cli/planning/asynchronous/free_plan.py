@@ -1,0 +1,327 @@
+"""Plans of asynchronous arms: the platform stands where both work, each arm goes its own way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.clearing.clear_plan import (
+    ClearedPlan,
+    blended_plan,
+    has_blends,
+    quickest_clear,
+    with_room,
+)
+from dualarm_cli.clearing.stage_samples import STEP, StageSamples, which_are_clear
+from dualarm_cli.collision.clearance import CellClearance
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Segment
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.motion.builder import Motion, MotionBuilder
+from dualarm_cli.motion.transfers import PLATFORM, Drive, transfers_within_tool_speed
+from dualarm_cli.motion.waiting import SAME_TIME
+from dualarm_cli.orders.model.tool_changes import cell_after
+from dualarm_cli.planning.asynchronous.meeting_arms import ArmCoordination
+from dualarm_cli.planning.asynchronous.own_clock import OwnClock, Wait
+from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.refusals import Refusal
+from dualarm_cli.stages.method import Decided, MethodProblem
+from dualarm_cli.timing import TimingSolver
+from dualarm_cli.timing.composition import concatenate, hold
+from dualarm_cli.timing.rest_to_rest import RestToRest
+
+SPREADS = (1, 2, 4)
+"""By how many steps what is blocked is made larger, one after the other, until all is collision-free."""
+CHUNK = 4000
+"""Instants whose clearance is looked at together."""
+
+
+@dataclass(frozen=True)
+class OwnWay:
+    """One arm's way as if it were alone, and what it came from."""
+
+    clock: OwnClock
+    """With stops at both ends of all lines."""
+    problem: MethodProblem
+    """What was asked of the method."""
+    found: ClearedPlan | None
+    """What it answered, cleared; None where the arm has nothing to do."""
+
+
+@dataclass(frozen=True)
+class FreePlanner:
+    """What plans of asynchronous arms are made with."""
+
+    problem: MethodProblem
+    """The job, decided, and how hard to try."""
+    solve: Callable[[MethodProblem], Decided]
+    """How one arm's postures are chosen."""
+    timing: TimingSolver
+    """How motions are timed."""
+    tell: Callable[[str], None]
+    """Receives what is being done."""
+    clear: bool
+    """Whether anything has to be collision-free."""
+    end: FloatArray | None = None
+    """All joints at the end of the motion, where the job itself does not return [rad], shape (n,); None for wherever
+    the last tasks end."""
+
+    def plan(self, angle: FloatArray) -> Motion:
+        """Returns the motion with the platform standing at an angle (k,) while tools work.
+
+        Raises:
+            InfeasibleError: an arm has no way of its own, or no collision-free motion of both together was found.
+        """
+        job = self.problem.job
+        start = np.array(job.start_joints)
+        work = start.copy()
+        work[self.problem.model.platform_columns] = angle
+        model = replace(
+            self.problem.model, platform=replace(self.problem.model.platform, held=True)
+        )
+        ways = []
+        for name in model.arms:
+            self.tell(f"planning the {name} arm alone")
+            ways.append(self._own(model, name, work))
+        begin = work if job.start == "free" else start
+        turn = self._turn(begin, work)
+        back = None
+        if self.end is not None:
+            back = self._turn(work, self.end)
+        elif job.returns and turn.duration > 0.0:
+            back = _reversed(turn)
+        cell = None
+        if self.clear:
+            cell = CellClearance.of(job.cell, job.carried())
+        if len(ways) > 1:
+            self.tell("inserting waits between the arms")
+        found = self._together(model, work, [way.clock for way in ways], (turn, back), cell)
+        if found is not None:
+            motion, waits = found
+            if not any(has_blends(way.problem) for way in ways):
+                return motion
+            self.tell("blending lines and transfers")
+            ready = turn.duration > 0.0
+            clocks = [
+                self._blended(way, [wait.at for wait in own], ready=ready)
+                for way, own in zip(ways, waits, strict=True)
+            ]
+            quicker = self._together(model, work, clocks, (turn, back), cell)
+            gain = motion.trajectory.duration
+            if quicker is None or quicker[0].trajectory.duration >= gain:
+                return replace(motion, gain=0.0)
+            return replace(quicker[0], gain=gain - quicker[0].trajectory.duration)
+        slides = self.problem.model.platform.is_rail
+        places = (1e3 * angle if slides else np.degrees(angle)).round(1).tolist()
+        more = {"places": places, "unit": "mm" if slides else "deg"}
+        raise InfeasibleError(Refusal("asynchronous_not_clear", more=more))
+
+    def _together(
+        self,
+        model: CellModel,
+        work: FloatArray,
+        clocks: Sequence[OwnClock],
+        turns: tuple[Trajectory, Trajectory | None],
+        cell: CellClearance | None,
+    ) -> tuple[Motion, tuple[list[Wait], ...]] | None:
+        """Returns the motion of all arms together and their waits, None where none was found."""
+        job, ready = self.problem.job, turns[0].duration
+        for apart in (False, True) if ready > 0.0 else (False,):
+            leave = ready if apart else 0.0
+            meeting = ArmCoordination(model, job, work, cell, tuple(clocks), ready, leave)
+            for spread in SPREADS:
+                waits = meeting.waits(spread)
+                if waits is None:
+                    break
+                motion = self._joined(model, work, tuple(clocks), turns, waits, apart=apart)
+                if cell is None or _is_clear(job, cell, motion):
+                    return motion, waits
+        return None
+
+    def _own(self, model: CellModel, name: str, work: FloatArray) -> OwnWay:
+        """Returns one arm's way through its stops, as if it were alone, with all stops."""
+        job, arm = self.problem.job, model.arms[name]
+        tasks = tuple(task for task in job.tasks if task.arm == name)
+        if not tasks and self.end is None:
+            still = hold(arm.arm.joints, work[arm.columns], 0.0)
+            clock = OwnClock(name, still, (), (), ())
+            return OwnWay(clock, replace(self.problem, blend=False), None)
+        free = tuple(replace(task, not_before=0.0, after=()) for task in tasks)
+        alone = replace(job, begin=work, tasks=free, pairing=None, mode="paired")
+        problem = replace(self.problem, model=model, job=alone)
+        motion, found = self._still(model, work), None
+        if tasks:
+            found = quickest_clear(
+                replace(problem, blend=False),
+                with_room(problem, self.solve) if has_blends(problem) else self.solve,
+                self.timing,
+                lambda _: None,
+                clear=self.clear,
+                crossing=False,
+            )
+            motion = found.cleared.motion
+        return OwnWay(self._clock(problem, name, motion), problem, found)
+
+    def _clock(self, problem: MethodProblem, name: str, motion: Motion) -> OwnClock:
+        """Returns one arm's way with the way to where it has to be at the end."""
+        if self.end is not None:
+            motion = self._ended(problem, name, motion)
+        return OwnClock.of(motion, name, problem.model.arms[name].arm.joints)
+
+    def _blended(self, way: OwnWay, waits: Sequence[float], *, ready: bool) -> OwnClock:
+        """Returns an arm's way without stops at the outer ends of lines, but where it waits or may have to.
+
+        Args:
+            way: with all stops.
+            waits: when it waits, by its own clock [s].
+            ready: whether its first line waits for the platform.
+        """
+        if way.found is None or not has_blends(way.problem):
+            return way.clock
+        name, bound = way.clock.arm, way.clock.line_begins()
+        waiting = {task.id for task in self.problem.job.tasks if task.after or task.not_before}
+        waited = [*waits, *(bound[task] for task in waiting if task in bound)]
+        stopping = {(0, name)} if ready else set()
+        for k, stage in enumerate(way.clock.stages):
+            # What is at its end is the next stage's.
+            last = max(stage.start + SAME_TIME, stage.end - SAME_TIME)
+            if any(stage.start - SAME_TIME <= at <= last for at in waited):
+                stopping.add((k, name))
+        found = blended_plan(
+            way.problem, way.found, self.timing, stopping, clear=self.clear, crossing=False
+        )
+        return self._clock(way.problem, name, found.cleared.motion)
+
+    def _still(self, model: CellModel, work: FloatArray) -> Motion:
+        """Returns no motion at all."""
+        return Motion(hold(model.cell.robot.joints, work, 0.0), (), (), ())
+
+    def _ended(self, problem: MethodProblem, name: str, motion: Motion) -> Motion:
+        """Returns one arm's motion with its way to where it has to be at the end."""
+        assert self.end is not None  # callers have looked
+        columns = self.problem.model.arms[name].columns
+        here = np.asarray(motion.trajectory.position[-1])
+        there = here.copy()
+        there[columns] = self.end[columns]
+        if np.array_equal(here, there):
+            return motion
+        cell = cell_after(problem.job.cell, problem.job.tasks)
+        alone = replace(problem.job, cell=cell, begin=here, tasks=(), returns=False)
+        limits = cell.robot.limits.scaled(alone.speed)
+        law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+        back = StagePlan(here, there, there, {}, "return", float(law.duration(there - here)))
+        found = quickest_clear(
+            replace(problem, model=replace(problem.model, cell=cell), job=alone),
+            lambda _: Decided([back]),
+            self.timing,
+            lambda _: None,
+            clear=self.clear,
+            crossing=False,
+        )
+        both = MotionBuilder()
+        both.append(motion)
+        both.append(found.cleared.motion)
+        return both.build(cell.robot)
+
+    def _turn(self, start: FloatArray, work: FloatArray) -> Trajectory:
+        """Returns the platform's motion from the start to where it stands while tools work."""
+        model, job = self.problem.model, self.problem.job
+        robot = job.cell.robot
+        if not robot.platform:
+            return hold((), np.zeros(0), 0.0)
+        index = model.platform_columns
+        if np.array_equal(start[index], work[index]):
+            return hold(robot.platform, start[index], 0.0)
+        plan = StagePlan(start, work, work, {}, "turn", 0.0)
+        drive = Drive.of(model, job, self.timing)
+        return transfers_within_tool_speed(drive, plan).motion[PLATFORM]
+
+    def _joined(
+        self,
+        model: CellModel,
+        work: FloatArray,
+        clocks: tuple[OwnClock, ...],
+        turns: tuple[Trajectory, Trajectory | None],
+        waits: tuple[list[Wait] | tuple[()], ...],
+        *,
+        apart: bool,
+    ) -> Motion:
+        """Returns the arms' ways with their waits, and the platform's, as one motion."""
+        robot, (turn, back) = self.problem.job.cell.robot, turns
+        clocks = tuple(c.with_waits(list(w)) for c, w in zip(clocks, waits, strict=True))
+        over = max(clock.last_line() for clock in clocks)
+        home = max(clock.duration for clock in clocks)
+        groups = {clock.arm: clock.trajectory for clock in clocks}
+        length = home
+        if turn.joints:
+            pieces = [turn]
+            if back is not None and back.duration > 0.0:
+                leaves = home if apart else max(over, turn.duration)
+                pieces += [hold(turn.joints, turn.position[-1], leaves - turn.duration), back]
+                length = max(length, leaves + back.duration)
+            whole = concatenate([p for p in pieces if p.duration > 0.0] or [turn])
+            groups = {PLATFORM: whole, **groups}
+        longest = max(group.duration for group in groups.values())
+        if longest < length:
+            name, first = next(iter(groups.items()))
+            rest = hold(first.joints, first.position[-1], length - first.duration)
+            groups[name] = concatenate([first, rest])
+        stages = sorted(
+            (stage for clock in clocks for stage in clock.stages),
+            key=lambda stage: (stage.start, stage.arm),
+        )
+        platform = model.platform_angle(work)
+        return MotionBuilder(
+            {name: [group] for name, group in groups.items()},
+            [replace(stage, platform_angle=platform) for stage in stages],
+            [part for clock in clocks for part in _to_end(clock, length)],
+            [event for clock in clocks for event in clock.events],
+        ).build(robot)
+
+
+def _to_end(clock: OwnClock, length: float) -> list[Segment]:
+    """Returns an arm's segments, and that it waits at its end for the other one."""
+    parts = list(clock.segments)
+    end = max((part.end for part in parts), default=0.0)
+    if length - end > 1e-9:
+        parts.append(Segment(clock.arm, "wait", "", "", end, length, reason="partner"))
+    return parts
+
+
+def _reversed(motion: Trajectory) -> Trajectory:
+    """Returns a motion from its end to its start."""
+    return Trajectory(
+        motion.joints,
+        (motion.time[-1] - motion.time)[::-1],
+        motion.position[::-1],
+        -motion.velocity[::-1],
+        motion.acceleration[::-1],
+    )
+
+
+def _is_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
+    """Returns whether everything is clear of everything along a whole motion."""
+    duration, step = motion.trajectory.duration, STEP / job.speed
+    count = max(2, int(np.ceil(duration / step)) + 1)
+    time = np.minimum(step * np.arange(count), duration)
+    held = np.empty((count, len(cell.arms)), dtype=np.int64)
+    for a, name in enumerate(cell.arms):
+        own = OwnClock(
+            name,
+            motion.trajectory,
+            (),
+            tuple(part for part in motion.segments if part.arm == name),
+            tuple(event for event in motion.events if event.arm == name),
+        )
+        held[:, a] = own.held(time, cell, job)
+    position = motion.trajectory.at(time)[0]
+    stretches = [
+        StageSamples(position[k : k + CHUNK + 1], held[k : k + CHUNK + 1], step)
+        for k in range(0, max(1, count - 1), CHUNK)
+    ]
+    return bool(which_are_clear(cell, stretches).all())

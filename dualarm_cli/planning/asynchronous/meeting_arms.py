@@ -1,0 +1,425 @@
+"""How two asynchronous arms go their ways without touching: waits where they stand anyway."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.collision.clearance import CellClearance
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import WaitReason
+from dualarm_cli.motion.waiting import SAME_TIME
+from dualarm_cli.orders.asynchronous.coordination import Diagram, quickest_together
+from dualarm_cli.orders.model.buffer_numbers import used_buffers
+from dualarm_cli.planning.asynchronous.leaving_times import (
+    ClockSteps,
+    NotBefore,
+    Since,
+    due,
+    leaving_times,
+    waits_at,
+)
+from dualarm_cli.planning.asynchronous.own_clock import OwnClock, Wait
+
+
+@dataclass(frozen=True)
+class _Use:
+    """One stop of an arm at a buffer, in steps of its timeline."""
+
+    begins: Since
+    """When its tool is there, counted from where the arm may wait last before that."""
+    ends: Since
+    """When its dwell is over, counted likewise."""
+    event: int
+    """From where on it counts as at its target."""
+    over: int
+    """From where on its dwell counts as over."""
+    change: int
+    """1 for a part that is put in, -1 for one that is taken out."""
+
+
+def first_missed(
+    blocked: BoolArray, buffers: BoolArray, steps: tuple[int, int], at: tuple[int, int]
+) -> bool:
+    """Returns whether it is a buffer that two arms would miss first if both went on from somewhere without a wait.
+
+    Args:
+        blocked: where they must not be together for any reason, as of `Diagram.blocked`.
+        buffers: where they must not for buffers, of the same shape.
+        steps: of each timeline.
+        at: where both are.
+    """
+    (n, m), band = steps, (blocked.shape[1] - 1) // 2
+    on = np.arange(1, max(n - at[0], m - at[1], 0) + 1)
+    i, j = np.minimum(at[0] + on, n), np.minimum(at[1] + on, m)
+    column = j - i + band
+    inside = (column >= 0) & (column <= 2 * band)
+    i, column = i[inside], column[inside]
+    stops = np.flatnonzero(blocked[i, column])
+    return len(stops) > 0 and bool(buffers[i[stops[0]], column[stops[0]]])
+
+
+class MeetingBuffers:
+    """A job's buffers in the plane of two timelines.
+
+    What needs something counts from the step before its event, what gives something from the step after its dwell, and
+    not before the arm has gone on from where it may wait: so instants between steps are no matter.
+    """
+
+    def __init__(self, job: Job, clocks: Sequence[OwnClock], steps: Sequence[ClockSteps]) -> None:
+        """Counts parts along both timelines.
+
+        Args:
+            job: decided.
+            clocks: both arms' ways.
+            steps: of each timeline.
+        """
+        stops = job.stops_by_key()
+        self._names, self._job = used_buffers(job), job
+        self._steps = tuple(own.count for own in steps)
+        self._uses: list[dict[str, list[_Use]]] = []
+        for clock, grid in zip(clocks, steps, strict=True):
+            own: dict[str, list[_Use]] = {}
+            for event in clock.events:
+                stop = stops.get((clock.arm, event.task, event.action))
+                if stop is None or not stop.buffer:
+                    continue
+                over, begins = event.time + event.dwell, grid.left(event.time)
+                waits = grid.places[begins.rest] if begins.rest >= 0 else -1
+                use = _Use(
+                    begins,
+                    Since(begins.rest, begins.after + event.dwell),
+                    max(int(np.floor(event.time / grid.step + SAME_TIME)), waits + 1),
+                    min(max(int(np.ceil(over / grid.step - SAME_TIME)), waits + 1), grid.count),
+                    stop.stored,
+                )
+                own.setdefault(stop.buffer, []).append(use)
+            self._uses.append(own)
+
+    def blocked(self, band: int) -> BoolArray:
+        """Returns where parts or room are missing, shape (steps + 1, 2 band + 1), as of `Diagram.blocked`."""
+        n, m = self._steps
+        i = np.arange(n + 1)[:, None]
+        j = np.clip(i + np.arange(2 * band + 1)[None, :] - band, 0, m)
+        found: BoolArray = np.zeros((n + 1, 2 * band + 1), dtype=np.bool_)
+        for name in self._names:
+            found |= self._wrong(name, i, j)
+        return found
+
+    def rules(self, place: Callable[[int, int], int]) -> list[NotBefore]:
+        """Returns what each arm waits for so that buffers are used in the order in which they are on a way.
+
+        Args:
+            place: the step of the other arm on that way when an arm, by its number, comes to one of its steps.
+        """
+        found = []
+        for a, own in enumerate(self._uses):
+            for name, uses in own.items():
+                for use in uses:
+                    there = place(a, use.event)
+                    gives = [
+                        other
+                        for other in self._uses[1 - a].get(name, ())
+                        if other.change != use.change and other.over <= there
+                    ]
+                    if gives and use.begins.rest >= 0:
+                        lead = -use.begins.after
+                        rest = use.begins.rest
+                        found.append(NotBefore(a, rest, "buffer", lead, gives[-1].ends))
+        return found
+
+    def _wrong(self, name: str, i: IntArray, j: IntArray) -> BoolArray:
+        """Returns whether a buffer lacks parts or room where both arms are, of the shape of both together."""
+        buffer = self._job.buffers[name]
+        there = room = np.full(np.broadcast_shapes(i.shape, j.shape), buffer.initial)
+        for own, at, count in zip(self._uses, (i, j), self._steps, strict=True):
+            present, used = (np.zeros(count + 1, dtype=np.int64) for _ in range(2))
+            for use in own.get(name, ()):
+                # A part is there when its dwell is over and gone at the event; room is taken and free the other way.
+                present[use.over if use.change > 0 else use.event :] += use.change
+                used[use.event if use.change > 0 else use.over :] += use.change
+            there, room = there + present[at], room + used[at]
+        return np.asarray((there < 0) | (room > buffer.capacity))
+
+
+STEP = 0.02
+"""Time between the instants at which the arms are looked at, but for ways of minutes [s]."""
+MOST_CELLS = 3_000_000
+"""Pairs of instants at most."""
+AHEAD = (10.0, 40.0)
+"""How much farther on its way one arm may be than the other, beyond the difference of their lengths: if the first one
+does not do, the second [s]."""
+COARSE = 4
+"""Every so many instants of both are looked at first."""
+FAR = 0.4
+"""Between two coarse instants arms that have this to spare are taken to be clear [m]."""
+SOON = 60
+"""Waits so few steps before a place with a reason, which are as long as a transfer, have the same reason."""
+ROWS = 200_000
+"""Pairs of instants that are looked at together."""
+
+
+@dataclass(frozen=True)
+class ArmCoordination:
+    """Two arms' ways, and what they have to heed."""
+
+    model: CellModel
+    """The job's cell, its platform held."""
+    job: Job
+    """What is to be done, decided."""
+    start: FloatArray
+    """All joints while the platform stands where both work [rad], shape (n,)."""
+    cell: CellClearance | None
+    """What has to be collision-free; None where nothing has to."""
+    clocks: tuple[OwnClock, ...]
+    """The ways of both arms, or of the only one."""
+    ready: float
+    """When the platform is where both work [s]: before that no line begins."""
+    leave: float
+    """When arms may leave at the earliest [s]."""
+
+    def waits(self, spread: int) -> tuple[list[Wait], ...] | None:
+        """Returns each arm's waits for the quickest way of both together, None where none was found.
+
+        Args:
+            spread: by how many steps what is blocked is made larger, for what is between them.
+        """
+        if len(self.clocks) == 1:
+            (clock,) = self.clocks
+            own = ClockSteps.of(clock.rests(), clock.duration, STEP)
+            return self._exact((own,), self._opens((own,)), lambda a, rest: False)
+        for ahead in AHEAD:
+            found = self._waits(spread, ahead)
+            if found is not None:
+                return found
+        return None
+
+    def _waits(self, spread: int, ahead: float) -> tuple[list[Wait], ...] | None:
+        step = self._step([clock.duration for clock in self.clocks], ahead)
+        steps = tuple(ClockSteps.of(c.rests(), c.duration, step) for c in self.clocks)
+        counts = (steps[0].count, steps[1].count)
+        band = abs(counts[0] - counts[1]) + max(1, round(ahead / step))
+        band = min(band, max(counts))
+        blocked = self._blocked(steps, band, spread)
+        uses = MeetingBuffers(self.job, self.clocks, steps)
+        buffers = uses.blocked(band)
+        blocked |= buffers
+        opens, after, needs = self._opens(steps), *self._after(steps)
+        found = quickest_together(
+            Diagram(
+                counts,
+                (steps[0].places, steps[1].places),
+                blocked,
+                (_in_steps(steps, opens, 0), _in_steps(steps, opens, 1)),
+                needs,
+            )
+        )
+        if found is None:
+            return None
+
+        def missed(a: int, rest: int) -> bool:
+            place = steps[a].places[rest]
+            there = found.place(1 - a, found.comes(a, place))
+            return first_missed(
+                blocked, buffers, counts, (place, there) if a == 0 else (there, place)
+            )
+
+        together = [
+            NotBefore(
+                a,
+                own.places.index(place),
+                "",
+                0.0,
+                steps[1 - a].reached(
+                    min(found.place(1 - a, found.leaves(a, place)), counts[1 - a])
+                ),
+            )
+            for a, own in enumerate(steps)
+            for place, _ in found.waits[a]
+        ]
+        served = uses.rules(lambda a, place: found.place(1 - a, found.comes(a, place)))
+        rules = sorted(
+            [*opens, *after, *together, *served],
+            key=lambda rule: found.leaves(rule.arm, steps[rule.arm].places[rule.rest]),
+        )
+        return self._exact(steps, rules, missed)
+
+    def _exact(
+        self,
+        steps: Sequence[ClockSteps],
+        rules: Sequence[NotBefore],
+        missed: Callable[[int, int], bool],
+    ) -> tuple[list[Wait], ...] | None:
+        """Returns each arm's waits to the exact instants at which rules let it go, None where arms wait forever.
+
+        Args:
+            steps: both timelines.
+            rules: what is waited for.
+            missed: whether an arm, by its number, waits for a buffer at a rest, by its number.
+        """
+        leaving = leaving_times(steps, rules)
+        if leaving is None:
+            return None
+        waits = []
+        for a, own in enumerate(steps):
+            why: dict[int, tuple[float, WaitReason]] = {}
+            for rule in rules:
+                if rule.arm == a and rule.reason and rule.reason != "buffer":
+                    place = own.places[rule.rest]
+                    why[place] = max(
+                        why.get(place, (0.0, rule.reason)), (due(rule, leaving), rule.reason)
+                    )
+            waits.append(
+                [
+                    Wait(time, length, "buffer" if missed(a, k) else _reason(own.places[k], why))
+                    for k, (time, length) in enumerate(
+                        zip(own.rests, waits_at(own, leaving[a]), strict=True)
+                    )
+                    if length > SAME_TIME
+                ]
+            )
+        return tuple(waits)
+
+    def _step(self, durations: Sequence[float], ahead: float) -> float:
+        """Returns the time between instants [s], so that there are not too many pairs."""
+        scale, step = self.job.speed, STEP / self.job.speed
+        while True:
+            n, m = (duration / step for duration in durations)
+            width = min(2.0 * (abs(n - m) + ahead / step) + 1.0, 2.0 * max(n, m))
+            if n * width <= MOST_CELLS or step > 10.0 / scale:
+                return step
+            step *= 1.25
+
+    def _blocked(self, steps: Sequence[ClockSteps], band: int, spread: int) -> BoolArray:
+        """Returns where the arms touch, and what is right beside that, shape (steps + 1, 2 band + 1)."""
+        n, m = (own.count for own in steps)
+        shape = (n + 1, 2 * band + 1)
+        blocked = np.zeros(shape, dtype=np.bool_)
+        if self.cell is None:
+            return blocked
+        joints, held = [], []
+        for clock, own in zip(self.clocks, steps, strict=True):
+            time = own.times()
+            joints.append(clock.trajectory.at(time)[0])
+            held.append(clock.held(time, self.cell, self.job))
+        near = np.zeros(shape, dtype=np.bool_)
+        i, c = (
+            x.ravel() for x in np.meshgrid(np.arange(n + 1), np.arange(2 * band + 1), indexing="ij")
+        )
+        j = i + c - band
+        inside = (j >= 0) & (j <= m)
+        coarse = inside & (i % COARSE == 0) & (j % COARSE == 0)
+        margin = self._margins(joints, held, i[coarse], j[coarse])
+        close = margin < FAR
+        for a in range(-COARSE, COARSE + 1):
+            for b in range(-COARSE, COARSE + 1):
+                row, column = i[coarse][close] + a, j[coarse][close] + b
+                at = column - row + band
+                ok = (row >= 0) & (row <= n) & (at >= 0) & (at <= 2 * band)
+                near[row[ok], at[ok]] = True
+        look = near.ravel() & inside
+        touch = self._margins(joints, held, i[look], j[look]) < 0.0
+        blocked[i[look][touch], c[look][touch]] = True
+        for _ in range(spread):
+            blocked = _grown(blocked)
+        return blocked
+
+    def _margins(
+        self, joints: Sequence[FloatArray], held: Sequence[IntArray], i: IntArray, j: IntArray
+    ) -> FloatArray:
+        assert self.cell is not None  # callers have looked
+        found = np.empty(len(i))
+        columns = [self.model.arms[clock.arm].columns for clock in self.clocks]
+        for k in range(0, len(i), ROWS):
+            some = slice(k, k + ROWS)
+            position = np.tile(self.start, (len(i[some]), 1))
+            position[:, columns[0]] = joints[0][i[some]]
+            position[:, columns[1]] = joints[1][j[some]]
+            both = np.stack([held[0][i[some]], held[1][j[some]]], axis=1)
+            found[some] = self.cell.cross_margins(position, both)
+        return found
+
+    def _after(
+        self, steps: Sequence[ClockSteps]
+    ) -> tuple[list[NotBefore], tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int], ...]]]:
+        """Returns which rests an arm leaves only once a task of the other one is over, exactly and in steps."""
+        rules: list[NotBefore] = []
+        needs: list[list[tuple[int, int]]] = [[], []]
+        begins = [clock.line_begins() for clock in self.clocks]
+        ends = [clock.task_ends() for clock in self.clocks]
+        for task in self.job.tasks:
+            for a in (0, 1):
+                if task.id not in begins[a] or not task.after:
+                    continue
+                rest = steps[a].rest_at(begins[a][task.id])
+                assert rest is not None  # tasks begin where arms rest
+                for name in task.after:
+                    if name not in ends[1 - a]:
+                        continue
+                    over, other = ends[1 - a][name], steps[1 - a]
+                    # What takes no time is over when the arm goes on from where it begins.
+                    at_once = over <= begins[1 - a][name] + SAME_TIME
+                    here = other.rest_at(over)
+                    place = other.place_after(over)
+                    if here is not None:
+                        place = other.places[here] + at_once
+                    needs[a].append((steps[a].places[rest], place))
+                    since = other.left(over) if at_once else other.arrived(over)
+                    rules.append(NotBefore(a, rest, "after", 0.0, since))
+        return rules, (tuple(needs[0]), tuple(needs[1]))
+
+    def _opens(self, steps: Sequence[ClockSteps]) -> list[NotBefore]:
+        """Returns which rests an arm does not leave before an instant: for the platform's turn, and for windows."""
+        found: list[NotBefore] = []
+        windows = {task.id: task.not_before for task in self.job.tasks}
+        for a, (clock, own) in enumerate(zip(self.clocks, steps, strict=True)):
+            begins = clock.line_begins()
+            firsts = {event.task: event.time for event in reversed(clock.events)}
+            if self.leave > 0.0 and own.rests:
+                found.append(NotBefore(a, 0, "platform", self.leave))
+            if begins and self.ready > 0.0:
+                rest = own.rest_at(min(begins.values()))
+                assert rest is not None  # tasks begin where arms rest
+                found.append(NotBefore(a, rest, "platform", self.ready))
+            for name, begin in begins.items():
+                opens = windows[name] - (firsts[name] - begin)
+                rest = own.rest_at(begin)
+                if windows[name] > 0.0 and opens > 0.0 and rest is not None:
+                    found.append(NotBefore(a, rest, "window", opens))
+        return found
+
+
+def _in_steps(
+    steps: Sequence[ClockSteps], opens: Sequence[NotBefore], arm: int
+) -> tuple[tuple[int, int], ...]:
+    """Returns which rests an arm does not leave before an instant, as steps of its way and of time."""
+    own = steps[arm]
+    return tuple(
+        (own.places[rule.rest], int(np.ceil(rule.time / own.step)))
+        for rule in opens
+        if rule.arm == arm
+    )
+
+
+def _reason(place: int, why: Mapping[int, tuple[float, WaitReason]]) -> WaitReason:
+    """Returns what an arm waits for at a place: what holds there, or right after, at the next place with a reason."""
+    later = [other for other in sorted(why) if place <= other <= place + SOON]
+    return why[later[0]][1] if later else "shared_zone"
+
+
+def _grown(blocked: BoolArray) -> BoolArray:
+    """Returns what is blocked together with all that is one step beside it, of either arm or both."""
+    found = blocked.copy()
+    # The other arm one step on or back: the next column.
+    found[:, 1:] |= blocked[:, :-1]
+    found[:, :-1] |= blocked[:, 1:]
+    # Both: the next row. The first one alone: the next row, one column back.
+    found[1:] |= blocked[:-1]
+    found[:-1] |= blocked[1:]
+    found[1:, :-1] |= blocked[:-1, 1:]
+    found[:-1, 1:] |= blocked[1:, :-1]
+    return found

@@ -1,0 +1,239 @@
+"""The same work by every method: which runs there are, and what comes of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from dualarm_cli.errors import InfeasibleError, MissingDependencyError, UnsupportedError
+from dualarm_cli.kinds.planning import families, kinds_of
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.robot import Robot
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.verification import Verification
+from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.planning.redundancy_choice import with_redundancy
+from dualarm_cli.postures import REDUNDANCY_SOLVERS
+from dualarm_cli.stages.method import MethodProblem
+from dualarm_cli.stages.methods import METHODS
+from dualarm_cli.stages.serving import cell_model, own_redundancy, served_settings
+from dualarm_cli.timing import TIMING_SOLVERS
+
+Status = Literal["verified", "failed", "infeasible", "not served"]
+Judge = Callable[[Schedule, Job], Verification]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way to plan."""
+
+    method: str
+    """Name in METHODS."""
+    redundancy: str
+    """Name of the redundancy solver, or of the follower of paths."""
+    timing: str
+    """Name of the timing solver."""
+    blend: str = "lines"
+    """Where tools do not stop, as `PlanSettings` has it."""
+    named: bool = True
+    """Whether a person named the redundancy solver; otherwise it is the one that serves the robot."""
+
+    def on(self, robot: Robot) -> Case:
+        """Returns the case on a robot."""
+        if self.named:
+            return self
+        return replace(self, redundancy=own_redundancy(self.method, robot))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one case on one job."""
+
+    case: Case
+    """How it was planned."""
+    status: Status
+    """Whether there is a plan, and whether the verifier passes it."""
+    reason: str
+    """Why there is none, or what the verifier found; empty for a verified plan."""
+    schedule: Schedule | None
+    """The plan with its verification, where there is one."""
+    planning_time: float | None
+    """Wall-clock time of planning [s], the verification and the bound not counted; None where nothing was planned."""
+
+
+def cases(
+    methods: Sequence[str] = (), redundancies: Sequence[str] = (), timings: Sequence[str] = ()
+) -> list[Case]:
+    """Returns every combination of the named solvers, or of all of a family where none is named.
+
+    Where no redundancy solver is named, every method has the one that serves the robot.
+
+    Args:
+        methods: names in METHODS.
+        redundancies: names of redundancy solvers.
+        timings: names of timing solvers; none for the default one, `all` for every one.
+
+    Raises:
+        UnknownSolverError: a name that its family does not have.
+    """
+    # A name given twice is one.
+    methods = [METHODS[name].name for name in dict.fromkeys(methods or METHODS.names)]
+    redundancies = [REDUNDANCY_SOLVERS[name].name for name in dict.fromkeys(redundancies)]
+    timings = TIMING_SOLVERS.names if "all" in timings else timings or [PlanSettings().timing]
+    timings = [TIMING_SOLVERS[name].name for name in dict.fromkeys(timings)]
+    if not redundancies:
+        return [
+            Case(m, PlanSettings().redundancy, t, named=False) for m in methods for t in timings
+        ]
+    return [Case(m, r, t) for m in methods for r in redundancies for t in timings]
+
+
+def job_cases(
+    job: Job,
+    methods: Sequence[str] = (),
+    redundancies: Sequence[str] = (),
+    timings: Sequence[str] = (),
+) -> list[Case]:
+    """Returns the combinations that make sense for a job; see `cases` for one without paths and seams.
+
+    Of a job with paths or seams every follower and seam solver with the default method and, where it has stops as
+    well, every method with the file's followers (written as the redundancy solver of its stops). What is named is
+    taken in all combinations. Where nothing is named, the default method is planned with all stops as well.
+
+    Args:
+        job: what is to be planned.
+        methods: names in METHODS.
+        redundancies: names of redundancy solvers or path followers.
+        timings: names of timing solvers.
+
+    Raises:
+        UnknownSolverError: a name that its family does not have.
+    """
+    for name in redundancies:
+        with_redundancy(PlanSettings(), name)
+    own = served_settings(PlanSettings(), job.cell.robot)[0].platform
+    found = _job_cases(job, own, methods, redundancies, timings)
+    lines = any(s.approach > 0.0 or s.retract > 0.0 for task in job.tasks for s in task.stops)
+    if methods or redundancies or not lines:
+        return found
+    return found + [replace(case, blend="none") for case in found if case.method == own][:1]
+
+
+def _job_cases(
+    job: Job,
+    own: str,
+    methods: Sequence[str],
+    redundancies: Sequence[str],
+    timings: Sequence[str],
+) -> list[Case]:
+    """Returns the combinations without stops at the outer ends of lines; see `job_cases`.
+
+    Args:
+        job: what is to be planned.
+        own: the method that is taken where nobody names one.
+        methods: names in METHODS.
+        redundancies: names of redundancy solvers or path followers.
+        timings: names of timing solvers.
+    """
+    if not job.in_sections:
+        of_stops = [name for name in redundancies if name in REDUNDANCY_SOLVERS.names]
+        found = cases(methods, of_stops, timings) if of_stops or not redundancies else []
+        others = [name for name in dict.fromkeys(redundancies) if name not in of_stops]
+        return found + _with_each(others, cases(methods, (), timings))
+    if methods or redundancies:
+        names = list(dict.fromkeys(redundancies or _solvers(job)))
+        return _with_each(names, cases(methods or [own], (), timings))
+    found = _with_each(_solvers(job), cases([own], (), timings))
+    if all(task.alone for task in job.tasks):
+        return found
+    return found + [case for case in cases((), (), timings) if case.method != own]
+
+
+def _solvers(job: Job) -> list[str]:
+    """Returns the followers of paths and the seam solvers that a job asks for."""
+    own = [kind.solvers for kind in kinds_of(job) if kind.solvers is not None]
+    return [name for solvers in own for name in solvers.names]
+
+
+def _with_each(names: Sequence[str], every: Sequence[Case]) -> list[Case]:
+    return [replace(case, redundancy=name, named=True) for name in names for case in every]
+
+
+def run_cases(
+    job: Job,
+    settings: PlanSettings,
+    matrix: Sequence[Case],
+    bound: float | None,
+    judge: Judge,
+    clock: Callable[[], float],
+    progress: Callable[[str], None] = lambda _: None,
+) -> Iterator[Outcome]:
+    """Yields what comes of each case, one after the other, so that no more than one plan need be kept.
+
+    Args:
+        job: the same work for all.
+        settings: effort and seed for all.
+        matrix: how to plan.
+        bound: lower bound that every plan is compared with [s], or None.
+        judge: the verifier.
+        clock: wall clock [s].
+        progress: receives what is being done.
+    """
+    every = [case.on(job.cell.robot) for case in matrix]
+    for number, case in enumerate(every, start=1):
+        name = f"{number}/{len(matrix)} {case.method}, {case.redundancy}, {case.timing}"
+        name += "" if case.blend == PlanSettings().blend else f", blend {case.blend}"
+        if reason := _why_unserved(job, settings, case):
+            yield Outcome(case, "not served", reason, None, None)
+            continue
+        wanted = replace(
+            settings,
+            platform=case.method,
+            timing=case.timing,
+            blend=case.blend,
+            named=frozenset({"platform"}),
+        )
+        if case.redundancy not in REDUNDANCY_SOLVERS.names:
+            own = own_redundancy(case.method, job.cell.robot)
+            wanted = replace(wanted, redundancy=own)
+        wanted = with_redundancy(wanted, case.redundancy)
+        progress(f"{name}: planning")
+        begin = clock()
+        try:
+            schedule = plan_without_bound(job, wanted)
+        except InfeasibleError as error:
+            yield Outcome(case, "infeasible", str(error), None, clock() - begin)
+            continue
+        except (UnsupportedError, MissingDependencyError) as error:
+            yield Outcome(case, "not served", str(error), None, None)
+            continue
+        taken = clock() - begin
+        progress(f"{name}: verifying")
+        yield _judged(case, replace(schedule, lower_bound=bound), job, judge, taken)
+
+
+def _why_unserved(job: Job, settings: PlanSettings, case: Case) -> str | None:
+    """Returns why a case cannot be run on a job, or None."""
+    redundancy = case.redundancy
+    if redundancy not in REDUNDANCY_SOLVERS.names:
+        for kind, solvers in families():
+            if redundancy in solvers.names and kind not in kinds_of(job):
+                return f"{redundancy} {kind.does}, and the job has none"
+        redundancy = own_redundancy(case.method, job.cell.robot)
+    model = cell_model(job.cell, redundancy)
+    problem = MethodProblem(model, job, redundancy, settings.effort, settings.seed)
+    return METHODS[case.method].why_unsupported(problem) or TIMING_SOLVERS[
+        case.timing
+    ].why_unsupported(job.cell.robot.limits)
+
+
+def _judged(case: Case, schedule: Schedule, job: Job, judge: Judge, taken: float) -> Outcome:
+    """Returns the outcome of a plan: it counts only if the verifier passes it."""
+    verification = judge(schedule, job)
+    schedule = replace(schedule, verification=verification)
+    if verification.passed:
+        return Outcome(case, "verified", "", schedule, taken)
+    faults = "; ".join(f"{check.name}: {check.detail}" for check in verification.failures)
+    return Outcome(case, "failed", faults or "nothing was checked", schedule, taken)

@@ -1,0 +1,219 @@
+"""Plans of jobs whose arms are asynchronous: the best orders found are planned, the quickest plan is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.motion.builder import Motion
+from dualarm_cli.orders.decided_jobs import stage_by_stage
+from dualarm_cli.orders.free_orders import FreeOrder, FreeOrders, free_orders
+from dualarm_cli.orders.messages import check_reach, grid_gap
+from dualarm_cli.orders.model.order_model import OrderModel
+from dualarm_cli.orders.model.tool_changes import with_changes
+from dualarm_cli.orders.watch import Watch
+from dualarm_cli.planning.asynchronous.free_epochs import (
+    FreeEpochs,
+    epoch_orders,
+    plan_epochs,
+)
+from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
+from dualarm_cli.planning.ordered_plan import ESTIMATE
+
+LONG = 40
+"""Of orders of more tasks only one is planned."""
+PROMISING = 0.04
+"""Orders are planned that are estimated to be slower than the best one by less than this share."""
+WAITED = 0.1
+"""Without a platform paired arms are looked at where each waits more than this share of the time by its own clock."""
+ANGLES = 3
+"""So many orders are planned, if one of them can be."""
+EPOCHS = 2
+"""So many orders with several platform angles are planned."""
+TRIES = 6
+"""So many are tried until one can be."""
+
+
+def plan_by_own_clocks(
+    planner: FreePlanner,
+    settings: PlanSettings,
+    watch: Watch,
+    paired: Callable[[Job, Callable[[Schedule], None]], Schedule],
+    schedule: Callable[[Motion, Job], Schedule],
+) -> Schedule:
+    """Returns the quickest plan found of asynchronous arms.
+
+    The platform stands at one angle while both arms work, or at several ones after another; where neither is quicker,
+    both arms go from stage to stage together as they do where they are paired.
+
+    Args:
+        planner: makes plans with a standing platform.
+        settings: as for any plan.
+        watch: receives progress, and may end the search.
+        paired: plans the job as if it were paired; what it is given besides is given every plan.
+        schedule: makes the schedule of a decided job from its motion.
+
+    Raises:
+        InfeasibleError: neither is possible.
+    """
+    problem = planner.problem
+    watch.begin()
+    watch.tell("timing each task at every platform angle")
+    order = OrderModel.of(problem.model, problem.job, clear=planner.clear)
+    check_reach(order)
+    orders = free_orders(order, settings.effort, settings.seed, watch)
+    best: Schedule | None = None
+    total = np.inf
+    for number, one in enumerate(_worth_planning(orders)):
+        enough = watch.stop() or number >= ANGLES or (number and len(one.job.tasks) > LONG)
+        if best is not None and enough:
+            break
+        try:
+            decided = with_changes(one.job)
+            own = replace(planner, problem=replace(problem, job=decided))
+            found = schedule(own.plan(one.angle), decided)
+        except InfeasibleError:
+            continue
+        if best is None or found.duration < best.duration:
+            best = replace(found, order_grid_gap=grid_gap(orders.bound, one.total))
+            total = one.total
+            watch.keep(_noted(best, free_notes(orders, total, None)))
+    epochs, rail = None, problem.model.platform.is_rail
+    if (best is None or not watch.stop()) and _turns(problem.model):
+        most = np.inf if best is None else (1.0 + PROMISING) * orders.found[0].total
+        for several in epoch_orders(order, settings.effort, settings.seed, watch, EPOCHS):
+            if best is not None and watch.stop():
+                break
+            if several.total > most:
+                continue
+            try:
+                watch.tell(f"planning with {len(several.epochs)} platform angles")
+                found = schedule(plan_epochs(planner, several), several.job)
+            except InfeasibleError:
+                continue
+            if best is None or found.duration < best.duration:
+                best, epochs = found, several
+                watch.keep(_noted(best, epoch_notes(several, None, rail=rail)))
+    together = None
+    why = [_why_together(best)]
+    if best is None or (not watch.enough() and _may_be_quicker(problem.model, best)):
+        watch.tell("planning both arms in synchronous stages")
+        try:
+            job = stage_by_stage(with_changes(problem.job))
+            together = paired(job, lambda one: watch.keep(_noted(one, why)))
+        except InfeasibleError:
+            if best is None:
+                raise
+    if best is None or (together is not None and together.duration < best.duration):
+        assert together is not None
+        return _noted(together, why)
+    if epochs is None:
+        return _noted(best, free_notes(orders, total, together))
+    return _noted(best, epoch_notes(epochs, together, rail=rail))
+
+
+def _noted(schedule: Schedule, notes: list[str]) -> Schedule:
+    """Returns a schedule with more notes."""
+    return replace(schedule, notes=(*schedule.notes, *notes))
+
+
+def _turns(model: CellModel) -> bool:
+    """Returns whether the platform can stand at several positions for two asynchronous arms."""
+    return model.platform.is_chosen and len(model.arms) > 1
+
+
+def _why_together(own: Schedule | None) -> str:
+    """Returns why both arms go from stage to stage together although each could go by its own clock."""
+    if own is None:
+        return (
+            "mode: free: no plan was found in which the arms run asynchronously (the platform stands while tools "
+            "work there); both start each stage together"
+        )
+    return (
+        "mode: free: both arms start each stage together, as that is faster than asynchronous arms, for which the "
+        f"platform has to stand ({own.duration:.3f} s)"
+    )
+
+
+def _may_be_quicker(model: CellModel, found: Schedule) -> bool:
+    """Returns whether paired arms may be quicker: a platform's turns help them, or the others wait much."""
+    if _turns(model):
+        return True
+    waits = [
+        sum(
+            part.end - part.start
+            for part in found.segments
+            if part.arm == arm and part.kind == "wait"
+        )
+        for arm in model.arms
+    ]
+    return min(waits) > WAITED * found.duration
+
+
+def _worth_planning(orders: FreeOrders) -> list[FreeOrder]:
+    """Returns the orders at the best angles."""
+    if not orders.found:
+        return []
+    if len(orders.found[0].job.tasks) > LONG:
+        return list(orders.found[:TRIES])
+    least = orders.found[0].total
+    # Found orders come the quickest first.
+    return [
+        *(one for one in orders.found if one.total <= (1.0 + PROMISING) * least),
+        *(one for one in orders.found if one.total > (1.0 + PROMISING) * least),
+    ][:TRIES]
+
+
+def epoch_notes(found: FreeEpochs, together: Schedule | None, *, rail: bool) -> list[str]:
+    """Returns what a reader should know of a plan in which the platform stands at several angles or places."""
+    counts = [sum(not task.is_change for task in tasks) for _, tasks in found.epochs]
+    stands = ", then ".join(
+        f"at {1e3 * place[0] if rail else np.degrees(place[0]):.0f} {'mm' if rail else 'deg'} "
+        f"for {count} {'task' if count == 1 else 'tasks'}"
+        for (place, _), count in zip(found.epochs, counts, strict=True)
+    )
+    notes = [
+        f"mode: free: the platform stands {stands}; meanwhile the arms run asynchronously; {found.total:.2f} s by "
+        f"{ESTIMATE}"
+    ]
+    return notes + _together_notes(together)
+
+
+def _together_notes(together: Schedule | None) -> list[str]:
+    if together is None:
+        return []
+    return [f"mode: free: synchronous stages would take {together.duration:.3f} s"]
+
+
+def free_notes(orders: FreeOrders, total: float, together: Schedule | None) -> list[str]:
+    """Returns what a reader should know of a plan with a standing platform.
+
+    Args:
+        orders: what the search found.
+        total: of the order that was planned, by the search's own times [s].
+        together: a plan in which both arms go from stage to stage together, if there is one.
+    """
+    notes = [
+        f"mode: free: the platform stands while tools work, and the arms run asynchronously; {total:.2f} s by "
+        f"{ESTIMATE}"
+    ]
+    notes += _together_notes(together)
+    if orders.exact and total <= orders.found[0].total:
+        notes.append(
+            "order: on the grid of the search (its postures, the platform standing at one of its angles) this order "
+            "is proven to be the best; this proves nothing about plans, which leave the grid"
+        )
+    elif orders.bound is not None:
+        notes.append(
+            "order bound: on the grid of the search (its postures, the platform standing at one of its angles), where "
+            f"this order takes {total:.2f} s, no order takes less than {orders.bound:.2f} s; this proves nothing about "
+            "plans, which leave the grid"
+        )
+    return notes

@@ -1,0 +1,422 @@
+"""The main job: a job and settings in, an unverified schedule out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from dualarm_cli import __version__
+from dualarm_cli.bound.bound import LowerBound
+from dualarm_cli.clearing.clear_plan import clearance_notes, quickest_clear
+from dualarm_cli.clearing.dwell_plan import (
+    ASYNCHRONOUS,
+    CONVEYORS,
+    SENSITIVITY,
+    allows,
+    dwell_notes,
+    moving_dwells_plan,
+    without_dwell_motion,
+)
+from dualarm_cli.errors import BlockedError, InfeasibleError, InputError, UnsupportedError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinds.planning import kinds_of, with_needs
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import CHANGES, Job
+from dualarm_cli.model.joint_motion import lean
+from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.motion.builder import Motion
+from dualarm_cli.orders.decided_jobs import file_order, stage_by_stage
+from dualarm_cli.orders.watch import SeenEnoughError, Watch
+from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
+from dualarm_cli.planning.beside import Beside
+from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks
+from dualarm_cli.planning.job_bound import job_bound
+from dualarm_cli.planning.ordered_plan import plan_in_best_order
+from dualarm_cli.planning.redundancy_choice import check_follower
+from dualarm_cli.planning.section_plans import quickest_of_sections
+from dualarm_cli.planning.sections import SectionPlanner
+from dualarm_cli.postures import REDUNDANCY_SOLVERS
+from dualarm_cli.refusals import Refusal
+from dualarm_cli.stages.method import MethodProblem
+from dualarm_cli.stages.methods import METHODS
+from dualarm_cli.stages.search.problem import Decisions
+from dualarm_cli.stages.serving import (
+    cell_model,
+    served_settings,
+    why_redundancy_unserved,
+)
+from dualarm_cli.stages.stage_by_stage import StagePlan
+from dualarm_cli.timing import TIMING_SOLVERS
+
+NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
+"""Message where the user had seen enough once there was a plan."""
+OF_THE_FILE = "order: that of the file, whose plan is faster than those of the orders found"
+"""Message where a search does no better than the file."""
+T = TypeVar("T")
+UNLIMITED = "order: --time-limit has no effect, as the task file fixes the order"
+"""Message of a time limit where nothing was searched."""
+
+
+def plan(
+    job: Job, settings: PlanSettings, watch: Watch | None = None, *, beside: bool = False
+) -> Schedule:
+    """Returns the schedule of a job with its lower bound; see `plan_without_bound`.
+
+    Args:
+        job: cell and tasks.
+        settings: names of method and solvers, and tunables.
+        watch: receives what is being done, and may end a search for orders early.
+        beside: whether the bound is computed in a second process meanwhile; the result is the same.
+    """
+    watch = watch or Watch(limit=settings.time_limit)
+    blended = settings.blend != "none"
+    with Beside(
+        lambda: job_bound(job, settings.effort, blended=blended), copied=beside
+    ) as bounding:
+        schedule = plan_without_bound(job, settings, watch)
+        watch.tell("computing the lower bound")
+        bound = _until_seen_enough(watch, bounding.result) or LowerBound(None, (NOT_BOUNDED,))
+    unneeded = (UNLIMITED,) if job.is_decided and settings.time_limit is not None else ()
+    notes = (*schedule.notes, *unneeded, *bound.assumptions)
+    return replace(schedule, lower_bound=bound.value, notes=notes)
+
+
+def _until_seen_enough(watch: Watch, made: Callable[[], T]) -> T | None:
+    """Returns what is made; None where the user has seen enough before, and there is a plan to go on with."""
+    try:
+        watch.catching = True
+        found = made()
+        watch.catching = False
+        return found
+    except SeenEnoughError:
+        watch.catching = False
+        watch.stop()
+        return None
+
+
+def _in_time(schedule: Schedule, job: Job) -> Schedule:
+    """Returns a schedule after checking that nothing is done too late.
+
+    Raises:
+        InfeasibleError: a task whose window closes before it is done.
+    """
+    tasks = {task.id: task for task in job.tasks}
+    # Of a task's events the last one counts.
+    done = {e.task: e.time for e in sorted(schedule.events, key=lambda e: e.time)}
+    late = [
+        Refusal(
+            "late",
+            task.place,
+            name,
+            task.arm,
+            done[name],
+            task.not_after,
+            more={"late": done[name] - task.not_after},
+        )
+        for name, task in tasks.items()
+        if name in done and done[name] > task.not_after + 1e-9
+    ]
+    if late:
+        raise InfeasibleError(*late)
+    return schedule
+
+
+def plan_without_bound(
+    job: Job,
+    settings: PlanSettings,
+    watch: Watch | None = None,
+    *,
+    clear: bool = True,
+) -> Schedule:
+    """Returns the schedule of a job: who does what in which order, decisions by closed forms, exact motion.
+
+    Args:
+        job: cell and tasks.
+        settings: names of method and solvers, and tunables.
+        watch: receives what is being done, and may end a search for orders early.
+        clear: whether anything has to be collision-free; without, methods are compared for their speed alone.
+
+    Raises:
+        UnknownSolverError: a solver that its family does not have.
+        UnsupportedError: a robot or a limit that a chosen solver does not serve.
+        InfeasibleError: no posture reaches a target, or nothing that was found is collision-free.
+    """
+    watch = watch or Watch(limit=settings.time_limit)
+    settings, replaced = served_settings(settings, job.cell.robot)
+    timing = TIMING_SOLVERS[settings.timing]
+    REDUNDANCY_SOLVERS[settings.redundancy]  # an unknown name is refused before any work
+    method = METHODS[settings.platform]
+    robot = job.cell.robot
+    if reason := timing.why_unsupported(robot.limits):
+        raise UnsupportedError(f"--timing {timing.name} cannot plan {robot.name}: {reason}")
+    reason = why_redundancy_unserved(settings.redundancy, robot)
+    if reason and "redundancy" in settings.named:
+        raise UnsupportedError(
+            f"--redundancy {settings.redundancy} cannot plan {robot.name}: {reason}"
+        )
+    watch.kept = None
+    watch.tell("reading the robot")
+    model = cell_model(job.cell, settings.redundancy)
+    blend = settings.blend != "none"
+    if blend:
+        job = job.blended()
+    problem = MethodProblem(
+        model, job, settings.redundancy, settings.effort, settings.seed, blend=blend
+    )
+    if reason := method.why_unsupported(problem):
+        raise UnsupportedError(f"--platform {method.name} cannot plan {robot.name}: {reason}")
+    found = _until_seen_enough(
+        watch, lambda: _not_slower_than_filed(job, settings, problem, replaced, watch, clear=clear)
+    )
+    watch.end()
+    found = found or watch.kept
+    assert found is not None  # nothing else is dropped
+    found = _finished(found, job, settings, watch)
+    watch.keep(found)
+    return found
+
+
+def _finished(schedule: Schedule, job: Job, settings: PlanSettings, watch: Watch) -> Schedule:
+    """Returns the plan of a job with the notes that do not depend on how it was made."""
+    notes: list[str] = []
+    for kind in kinds_of(job):
+        if kind.add is None:
+            notes += kind.notes(job, settings, schedule.trajectory)
+        if job.mode == "free" and kind.together and not job.in_sections:
+            notes.append(kind.together)
+    if watch.stopped:
+        notes.append(
+            f"order: the search ended early, as {watch.stopped}; a longer search may find a faster plan"
+        )
+    return replace(schedule, notes=(*schedule.notes, *notes))
+
+
+def _not_slower_than_filed(
+    job: Job,
+    settings: PlanSettings,
+    problem: MethodProblem,
+    replaced: list[str],
+    watch: Watch,
+    *,
+    clear: bool,
+) -> Schedule:
+    """Returns the schedule of a job, in the order of its file where no quicker plan was found of an open one."""
+    found: Schedule | None = None
+    failure: InfeasibleError | None = None
+    try:
+        found = _planned(job, settings, problem, replaced, watch, clear=clear)
+    except InfeasibleError as error:
+        failure = error
+    filed = file_order(job)
+    if filed is not None and not filed.is_decided and isinstance(failure, BlockedError):
+        filed = None  # the search for its arms would meet the same again
+    if filed is not None and (found is None or not watch.stop()):
+        watch.tell("planning the file's order")
+        own = replace(problem, job=filed)
+        with suppress(InfeasibleError):
+            given = _planned(filed, settings, own, replaced, watch, clear=clear)
+            if found is None or given.duration < found.duration:
+                # What is proven of arms in a given order is not proven of all orders.
+                notes = [note for note in given.notes if not note.startswith("order: ")]
+                found = replace(given, order_grid_gap=None, notes=(*notes, OF_THE_FILE))
+    if found is None:
+        assert failure is not None  # nothing else leaves none
+        raise failure
+    return found
+
+
+def _planned(
+    job: Job,
+    settings: PlanSettings,
+    problem: MethodProblem,
+    replaced: list[str],
+    watch: Watch,
+    *,
+    clear: bool,
+) -> Schedule:
+    """Returns the schedule of a job by the way that serves it."""
+    model, method, timing = (
+        problem.model,
+        METHODS[settings.platform],
+        TIMING_SOLVERS[settings.timing],
+    )
+    if job.in_sections:
+        check_follower(job, settings.follower)
+        if faults := [fault for kind in kinds_of(job) for fault in kind.check(job)]:
+            raise InputError(faults)
+        return quickest_of_sections(
+            problem.model,
+            job,
+            settings.effort,
+            watch,
+            lambda one: _in_time(
+                _with_paths(one, settings, problem, replaced, watch.tell, clear=clear), job
+            ),
+        )
+
+    def decided(one: Job, start: Decisions | None = None, patient: bool = True) -> Schedule:
+        own = replace(problem, start=start, patient=patient, job=with_needs(one))
+        return _in_time(_decided_plan(own, settings, replaced, watch, clear=clear), job)
+
+    def paired(one: Job, keep: Callable[[Schedule], None] = watch.keep) -> Schedule:
+        if one.is_decided:
+            return decided(one)
+        return plan_in_best_order(one, settings, model, watch, decided, keep, clear=clear)
+
+    own = job
+    for kind in kinds_of(job):
+        own = kind.guessed(own)
+    if job.mode == "paired":
+        return paired(own)
+    if any(kind.together for kind in kinds_of(job)):
+        return paired(stage_by_stage(own))
+    planner = FreePlanner(problem, method.solve, timing, watch.tell, clear)
+
+    def schedule(motion: Motion, one: Job) -> Schedule:
+        moving = [ASYNCHRONOUS] if allows(one) else []
+        found = _schedule(one, settings, motion, (*job.notes, *replaced, *_job_notes(one), *moving))
+        return _in_time(found, job)
+
+    return plan_by_own_clocks(planner, settings, watch, paired, schedule)
+
+
+def _decided_plan(
+    problem: MethodProblem,
+    settings: PlanSettings,
+    replaced: list[str],
+    watch: Watch,
+    *,
+    clear: bool,
+) -> Schedule:
+    """Returns the schedule of a job whose arms and order are given."""
+    job, method, timing = problem.job, METHODS[settings.platform], TIMING_SOLVERS[settings.timing]
+    progress = watch.tell
+    progress(f"deciding platform angles and postures ({method.name})")
+    quickest = next((one.quickest for one in kinds_of(job) if one.quickest), quickest_clear)
+    found = quickest(problem, method.solve, timing, progress, clear=clear)
+    moving = [CONVEYORS] if allows(job) else []
+    if quickest is quickest_clear:
+        found = moving_dwells_plan(problem, found, timing, progress, clear=clear)
+        moving = dwell_notes(job)
+    stages, motion = found.cleared.plans, found.cleared.motion
+    notes = (
+        *job.notes,
+        *replaced,
+        *_job_notes(job),
+        *found.decided.notes,
+        *_platform_notes(problem.model, stages),
+        *clearance_notes([(found, 1)]),
+        *moving,
+        *([SENSITIVITY] if motion.motion_gain else []),
+    )
+    schedule = _schedule(job, settings, motion, notes)
+    return replace(
+        schedule,
+        grid_gap=found.decided.grid_gap,
+        clearance_cost=found.cost,
+    )
+
+
+def _schedule(job: Job, settings: PlanSettings, motion: Motion, notes: tuple[str, ...]) -> Schedule:
+    """Returns the schedule of a motion."""
+    robot = ScheduleRobot.of_job(job)
+    return Schedule(
+        robot=robot,
+        motion=lean(motion.trajectory, robot.groups, _named_times(motion)),
+        stages=motion.stages,
+        segments=motion.segments,
+        events=motion.events,
+        provenance=Provenance(__version__, job.inputs, settings.as_dict(), settings.seed),
+        blend_gain=motion.gain,
+        motion_gain=motion.motion_gain,
+        notes=notes,
+    )
+
+
+def _named_times(motion: Motion) -> dict[str, FloatArray]:
+    """Returns the times at which something is said of each arm [s], which are to be knots of its group."""
+    times: dict[str, list[float]] = {}
+    for event in motion.events:
+        times.setdefault(event.arm, []).append(event.time)
+    for part in motion.segments:
+        times.setdefault(part.arm, []).extend((part.start, part.end))
+    return {arm: np.array(some) for arm, some in times.items()}
+
+
+def _with_paths(
+    job: Job,
+    settings: PlanSettings,
+    problem: MethodProblem,
+    replaced: list[str],
+    progress: Callable[[str], None],
+    *,
+    clear: bool,
+) -> Schedule:
+    """Returns the schedule of a job with paths, planned section after section."""
+    method, timing = METHODS[settings.platform], TIMING_SOLVERS[settings.timing]
+    planner = SectionPlanner(
+        replace(problem, job=job),
+        settings,
+        timing,
+        progress,
+        clear,
+        method.solve,
+    )
+    planned = planner.plan()
+    if allows(job):
+        # Sections begin where the ones before end: what is quicker by itself may cost more afterwards.
+        standing = replace(planner, problem=replace(problem, job=without_dwell_motion(job))).plan()
+        if standing.motion.trajectory.duration <= planned.motion.trajectory.duration:
+            planned = replace(standing, motion=replace(standing.motion, motion_gain=0.0))
+    motion = planned.motion
+    kinds = [kind for kind in kinds_of(job) if kind.add is not None]
+    notes = (
+        *job.notes,
+        *(replaced if planned.stage_plans else ()),
+        *(note for kind in kinds for note in kind.notes(job, settings, motion.trajectory)),
+        *_job_notes(job),
+        *dict.fromkeys(planned.notes),
+        *dwell_notes(job),
+        *([SENSITIVITY] if motion.motion_gain else []),
+        *(_platform_notes(problem.model, planned.stage_plans) if planned.stage_plans else ()),
+    )
+    return replace(_schedule(job, settings, motion, notes), clearance_cost=planned.clearance_cost)
+
+
+def _job_notes(job: Job) -> list[str]:
+    """Returns what makes a cycle time look better than the cell's: picks and places that take no time."""
+    idle = [
+        f"{task.id} ({stop.action})"
+        for task in job.tasks
+        for stop in task.stops
+        if stop.action in CHANGES and stop.dwell.total == 0.0
+    ]
+    if not idle:
+        return []
+    some = ", ".join(idle[:3]) + (", …" if len(idle) > 3 else "")
+    verb = "pick or place takes" if len(idle) == 1 else "picks and places take"
+    return [f"dwell: {len(idle)} {verb} no time ({some}); check `dwell` in the task file"]
+
+
+def _platform_notes(model: CellModel, stages: list[StagePlan]) -> list[str]:
+    """Returns what a reader must know of a platform that did not do what its solver says."""
+    notes = []
+    if model.platform.joints and not model.platform.is_chosen:
+        notes.append(
+            "platform: held where it starts; a platform of one joint is moved between stages: freeze the others"
+        )
+    reached = [str(k) for k, stage in enumerate(stages, start=1) if stage.solver == "reach"]
+    if reached:
+        angles, turns, angle = "angles", "turns", "angle"
+        if model.platform.is_rail:
+            angles, turns, angle = "positions", "moves", "position"
+        notes.append(
+            f"platform: in stages {', '.join(reached)} the solver's {angles} do not let every arm reach; "
+            f"the platform {turns} to the nearest {angle} that does (platform solver: reach)"
+        )
+    return notes

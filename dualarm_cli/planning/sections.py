@@ -1,0 +1,107 @@
+"""Jobs with paths: section by section, each path with the transfer to where it begins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.clearing.clear_plan import check_start, clearance_notes, quickest_clear
+from dualarm_cli.clearing.dwell_plan import moving_dwells_plan
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinds.planning import SectionBuilder, SectionTools, kind_of, with_needs
+from dualarm_cli.model.job import Task
+from dualarm_cli.motion.builder import Motion
+from dualarm_cli.orders.decided_jobs import own_rules
+from dualarm_cli.orders.model.buffer_numbers import begun
+from dualarm_cli.orders.orders import PairedSearch
+from dualarm_cli.orders.watch import Watch
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.stages.method import Decided, MethodProblem
+
+
+@dataclass(frozen=True)
+class PlannedSections:
+    """A job with paths, planned."""
+
+    motion: Motion
+    """All of it."""
+    notes: tuple[str, ...]
+    """What a reader should know."""
+    clearance_cost: float | None
+    """How much longer it is than without clearance, its paths not counted [s]."""
+    stage_plans: list[StagePlan]
+    """The stages that are not paths."""
+
+
+@dataclass(frozen=True)
+class SectionPlanner(SectionTools):
+    """What the sections of a job are planned with."""
+
+    method: Callable[[MethodProblem], Decided]
+    """Decides the stages between paths and seams."""
+
+    def plan(self) -> PlannedSections:
+        """Returns the whole job, section after section.
+
+        Raises:
+            InfeasibleError: a section that cannot be planned, with the reason.
+        """
+        job, record = self.problem.job, SectionBuilder()
+        robot = job.cell.robot
+        if job.is_decided:
+            job = with_needs(job)
+        here = None if job.start == "free" else np.array(job.start_joints)
+        if self.clear and here is not None:
+            # What no plan can repair is refused before one is looked for.
+            check_start(self.problem, Holding.of(self.part((), here).job))
+        sections = job.sections()
+        done: list[Task] = []
+        for section, after in zip(sections, [*sections[1:], ()], strict=True):
+            kind = kind_of(section)
+            if kind is None or kind.add is None:
+                self._add_stops(record, section, here, done)
+            else:
+                kind.add(self, record, section, here, after)
+            done += section
+            here = record.end
+        first = record.begin
+        assert here is not None  # a job has at least one task
+        if job.returns and np.abs(first - here).max() > 0.0:
+            found = self.transfer(here, first)
+            record.append(found.cleared.motion)
+            record.count(found)
+        cost = record.cost if self.clear else None
+        motion = record.build(robot)
+        notes = (*record.notes, *clearance_notes(record.cleared))
+        return PlannedSections(motion, notes, cost, record.stage_plans)
+
+    def _add_stops(
+        self,
+        record: SectionBuilder,
+        section: tuple[Task, ...],
+        here: FloatArray | None,
+        done: Sequence[Task],
+    ) -> None:
+        """Appends a section of stops by the job's method; buffers hold what they do after the tasks that are done."""
+        problem = self.part(section, here)
+        problem = self._ordered(replace(problem, job=begun(problem.job, done)))
+        self.progress("deciding platform angles and postures")
+        found = quickest_clear(problem, self.method, self.timing, self.progress, clear=self.clear)
+        found = moving_dwells_plan(problem, found, self.timing, self.progress, clear=self.clear)
+        record.append(found.cleared.motion)
+        record.count(found)
+        record.stage_plans += found.cleared.plans
+
+    def _ordered(self, problem: MethodProblem) -> MethodProblem:
+        """Returns the same section with arms and order, the best ones found, where the file leaves them open."""
+        if problem.job.is_decided:
+            return problem
+        job = own_rules(problem.job)
+        watch = Watch(tell=self.progress)
+        search = PairedSearch.of(
+            problem.model, job, problem.effort, problem.seed, watch, clear=self.clear
+        )
+        return replace(problem, job=search.orders(watch).found[0].job)

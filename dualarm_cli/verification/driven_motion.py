@@ -1,0 +1,451 @@
+"""A motion as it was driven, compared with its plan: tracking errors, delays, tools at events, clearance.
+
+A joint is late by a delay d and off by the rest: q_driven(t) = q_plan(t - d) + rest(t). Least squares for d would take
+a slow rest, such as a swing of the arm, for a delay. So the rest is described by an autoregression, and d is where that
+leaves least; steps of generalised least squares then make it exact (Cochrane and Orcutt, 1949). A controller moves
+a group of joints: its delay is the median of theirs. Tracking errors are what is left without the delay of the group.
+Tools and clearance are judged without the delay that all groups have in common, so that arms that are late by
+different times are judged where they really were to each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.interpolation import Interpolation, PiecewisePolynomial, interpolated
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.logged_motion import LoggedMotion
+from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.verification import Check, Verification
+from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.as_done import job_as_done
+from dualarm_cli.verification.clearance_checks import COLLISIONS, check_clearance
+from dualarm_cli.verification.motion_checks import judge, not_checked, unit_of
+from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
+
+LONGEST_DELAY, DELAY_STEP = 1.0, 0.01
+"""Delays that are looked for [s], either way, and the step of the grid."""
+GRID_SAMPLES = 2_000
+"""Samples of a long log that the grid looks at."""
+NEARBY, FINE_STEP = 0.05, 0.002
+"""How far from the grid's best delay the fit looks, and its first step [s]."""
+SECTIONS, STEPS, ENOUGH = 12, 20, 1e-7
+"""Golden sections, steps of generalised least squares at most, and a step that is small enough [s]."""
+ORDER = 8
+"""Of the autoregression: eight samples before tell the next one."""
+GOLDEN = (5.0**0.5 - 1.0) / 2.0
+MOST_SAMPLES = 20_000
+"""Samples of a long log that the fit looks at."""
+LEAST_MOTION = 0.02
+"""Range of a joint's planned positions below which its delay is not measured [rad or m]."""
+BETWEEN = (0.0, 0.25, 0.5, 0.75)
+"""Where errors are measured between two samples, as shares of the step."""
+PER_QUINTIC = 8
+"""Cubics that stand for one quintic piece where the clearance is proven."""
+SHORTEST = 1e-7
+"""Pieces that are shorter are left out where the clearance is proven [s]."""
+
+
+@dataclass(frozen=True)
+class TrackingLimits:
+    """What a driven motion may be off."""
+
+    error: float
+    """Of joints that turn, without their delay [rad]."""
+    distance: float
+    """Of joints that slide, and of tools at events [m]."""
+    delay: float
+    """Of joints [s]."""
+
+
+@dataclass(frozen=True)
+class JointTracking:
+    """How one joint followed its plan."""
+
+    joint: str
+    """Its name."""
+    slides: bool
+    """Whether it slides: its errors are lengths."""
+    delay: float | None
+    """How late it is [s]; None where it moves too little to tell."""
+    error: float
+    """Largest distance from the plan without the delay of its group [rad or m]."""
+    time: float
+    """When that is, by the clock of the log [s]."""
+    offset: float
+    """Mean of the error, with its sign [rad or m]."""
+    as_logged: float
+    """Largest distance from the plan at the same instant [rad or m]."""
+
+
+@dataclass(frozen=True)
+class EventTracking:
+    """Where a tool was at an event."""
+
+    event: Event
+    """Of the plan."""
+    as_logged: float
+    """How far the tool was from its pose at the planned instant [m]."""
+    distance: float
+    """The same without the common delay [m]."""
+    angle: float
+    """How far it was turned away then [rad]."""
+
+
+@dataclass(frozen=True)
+class DrivenJudgement:
+    """The judgement of a driven motion."""
+
+    verification: Verification
+    """Every check, and the least clearance of every stage as driven."""
+    delay: float
+    """The delay that all groups have in common [s]."""
+    joints: tuple[JointTracking, ...]
+    """In the order of the file."""
+    events: tuple[EventTracking, ...]
+    """In the order of the plan."""
+
+
+def judge_driven(
+    schedule: Schedule,
+    job: Job,
+    logged: LoggedMotion,
+    kind: Interpolation,
+    allowed: TrackingLimits,
+    *,
+    clearance: bool = True,
+) -> DrivenJudgement:
+    """Returns the judgement of what was driven.
+
+    Args:
+        schedule: the plan, with finite numbers and rising times.
+        job: cell and tasks of the plan.
+        logged: what was driven; joints that are not in it count as driven as planned.
+        kind: how the robot moved between the samples.
+        allowed: what it may be off.
+        clearance: whether the clearance of all bodies is proven.
+
+    Raises:
+        ValueError: the interpolation needs derivatives that were not logged.
+    """
+    schedule = replace(schedule, robot=ScheduleRobot.of_job(job))
+    motion = interpolated(kind, logged.time, logged.position, logged.velocity, logged.acceleration)
+    plan = schedule.trajectory.select(logged.joints)
+    groups = _groups(schedule.robot, logged.joints)
+    delays = _delays(plan, motion)
+    late = {group: _median([delays[k] for k in columns]) for group, columns in groups.items()}
+    joints = _joints(plan, motion, groups, late, delays, schedule.robot.sliding)
+    known = [delay for delay in late.values() if delay is not None]
+    common = _common(known)
+    driven = _driven(schedule, logged.joints, motion, common)
+    events = _events(schedule, driven, common)
+    checks = [
+        _check_joints(schedule, logged),
+        _check_span(schedule, logged),
+        *_check_tracking(joints, allowed),
+        *_check_limits(schedule, motion, logged.joints, allowed),
+        _check_events(events, allowed),
+    ]
+    if not clearance:
+        why = "not requested; leave out --no-clearance"
+        checks.append(not_checked(COLLISIONS, why))
+        return DrivenJudgement(Verification(tuple(checks)), common, joints, events)
+    found, stages = check_clearance(
+        replace(schedule, motion=JointMotion.of(driven)), job_as_done(schedule, job)
+    )
+    if stages:
+        # The required clearance is there for errors such as these: what it leaves is shown, a contact fails.
+        worst = min(stages, key=lambda s: s.clearance - min(s.required, 0.0))
+        into = min(worst.required, 0.0) - worst.clearance
+        found = judge(COLLISIONS, max(into, 0.0), tol.CLEARANCE_SLACK, "m", found.detail)
+    return DrivenJudgement(Verification((*checks, found), stages), common, joints, events)
+
+
+def _groups(robot: ScheduleRobot, joints: Sequence[str]) -> dict[str, list[int]]:
+    """Returns the columns of joints that one controller moves, by the group's name."""
+    named = {name: arm.joints for name, arm in robot.arms.items()} | {"platform": robot.platform}
+    found = {
+        group: [k for k, joint in enumerate(joints) if joint in own] for group, own in named.items()
+    }
+    return {group: columns for group, columns in found.items() if columns}
+
+
+def _named(logged: LoggedMotion, columns: Sequence[int]) -> list[str]:
+    return [logged.joints[k] for k in columns]
+
+
+def _delays(plan: Trajectory, motion: PiecewisePolynomial) -> list[float | None]:
+    """Returns by how much each joint is late [s]; None of one that moves too little.
+
+    Args:
+        plan: of the joints that were logged.
+        motion: how they were driven.
+    """
+    count = int(np.clip(len(motion.time), 4 * ORDER, MOST_SAMPLES))
+    times = np.linspace(motion.time[0], motion.time[-1], count)
+    driven = motion.derivatives(times)[:, 0]
+    some = np.unique(np.linspace(0, count - 1, GRID_SAMPLES).astype(int))
+    steps = round(LONGEST_DELAY / DELAY_STEP)
+    grid = np.arange(-steps, steps + 1) * DELAY_STEP
+    rests = np.array([np.var(driven[some] - plan.at(times[some] - d)[0], axis=0) for d in grid])
+    moves = np.ptp(plan.at(times)[0], axis=0) >= LEAST_MOTION
+    best = grid[np.argmin(rests, axis=0)]
+    return [
+        _fitted(plan.select([joint]), times, driven[:, k], float(best[k])) if moves[k] else None
+        for k, joint in enumerate(plan.joints)
+    ]
+
+
+def _fitted(plan: Trajectory, times: FloatArray, driven: FloatArray, first: float) -> float:
+    """Returns the delay of one joint [s].
+
+    Args:
+        plan: of the joint.
+        times: instants at equal distances, shape (m,).
+        driven: positions then, shape (m,).
+        first: a delay nearby.
+    """
+    if np.abs(_rest(plan, times, driven, first)).max() < tol.SAME_JOINTS:
+        return first
+    nearby = first + np.arange(-NEARBY, NEARBY + FINE_STEP, FINE_STEP)
+    least = [_untold(plan, times, driven, d) for d in nearby]
+    middle = float(nearby[int(np.argmin(least))])
+    low, high = middle - FINE_STEP, middle + FINE_STEP
+    for _ in range(SECTIONS):
+        inner = (high - GOLDEN * (high - low), low + GOLDEN * (high - low))
+        if _untold(plan, times, driven, inner[0]) < _untold(plan, times, driven, inner[1]):
+            high = inner[1]
+        else:
+            low = inner[0]
+    found = delay = 0.5 * (low + high)
+    for _ in range(STEPS):
+        rest = _rest(plan, times, driven, delay)
+        if np.abs(rest).max() < tol.SAME_JOINTS:
+            break
+        weights, windows = _autoregression(rest)
+        velocity = plan.at(times - delay)[1][:, 0]
+        slope = velocity - velocity.mean()
+        slope = slope[ORDER:] - _windows(slope) @ weights
+        # What is late by d is off by -d v.
+        change = -float(slope @ (rest[ORDER:] - windows @ weights)) / float(slope @ slope)
+        delay += change
+        if abs(delay - found) > FINE_STEP:
+            return found
+        if abs(change) < ENOUGH:
+            break
+    return delay
+
+
+def _rest(plan: Trajectory, times: FloatArray, driven: FloatArray, delay: float) -> FloatArray:
+    """Returns by what a joint is off besides a delay, about its mean, shape (m,)."""
+    error = driven - plan.at(times - delay)[0][:, 0]
+    return np.asarray(error - error.mean())
+
+
+def _untold(plan: Trajectory, times: FloatArray, driven: FloatArray, delay: float) -> float:
+    """Returns the sum of squares that an autoregression leaves of the rest."""
+    rest = _rest(plan, times, driven, delay)
+    weights, windows = _autoregression(rest)
+    left = rest[ORDER:] - windows @ weights
+    return float(left @ left)
+
+
+def _autoregression(rest: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns weights (ORDER,) by which values before tell each one best, and those values (m - ORDER, ORDER)."""
+    windows = _windows(rest)
+    gram = windows.T @ windows
+    weights = np.asarray(np.linalg.lstsq(gram, windows.T @ rest[ORDER:], rcond=1e-10)[0], float)
+    return weights, windows
+
+
+def _windows(values: FloatArray) -> FloatArray:
+    return np.lib.stride_tricks.sliding_window_view(values[:-1], ORDER)
+
+
+def _median(delays: Sequence[float | None]) -> float | None:
+    known = [delay for delay in delays if delay is not None]
+    return float(np.median(known)) if known else None
+
+
+def _common(delays: Sequence[float]) -> float:
+    """Returns the delay nearest to none that all groups have; none where some are early and others late."""
+    if not delays or min(delays) <= 0.0 <= max(delays):
+        return 0.0
+    return min(delays, key=abs)
+
+
+def _joints(
+    plan: Trajectory,
+    motion: PiecewisePolynomial,
+    groups: dict[str, list[int]],
+    late: dict[str, float | None],
+    delays: Sequence[float | None],
+    sliding: frozenset[str],
+) -> tuple[JointTracking, ...]:
+    """Returns how each joint followed its plan, at the samples and between them."""
+    inner = motion.time[:-1, None] + np.diff(motion.time)[:, None] * np.array(BETWEEN)
+    times = np.append(inner.ravel(), motion.time[-1])
+    driven = motion.derivatives(times)[:, 0]
+    as_logged = np.abs(driven - plan.at(times)[0]).max(axis=0)
+    found: dict[int, JointTracking] = {}
+    for group, columns in groups.items():
+        names = [plan.joints[k] for k in columns]
+        error = driven[:, columns] - plan.select(names).at(times - (late[group] or 0.0))[0]
+        for n, k in enumerate(columns):
+            worst = int(np.argmax(np.abs(error[:, n])))
+            found[k] = JointTracking(
+                names[n],
+                names[n] in sliding,
+                delays[k],
+                float(abs(error[worst, n])),
+                float(times[worst]),
+                float(error[:, n].mean()),
+                float(as_logged[k]),
+            )
+    return tuple(found[k] for k in sorted(found))
+
+
+def _driven(
+    schedule: Schedule, joints: Sequence[str], motion: PiecewisePolynomial, delay: float
+) -> Trajectory:
+    """Returns the driven motion of all joints on the clock of the plan, as cubics between knots.
+
+    Before the first sample and after the last one joints stand. A quintic is taken apart into cubics with its
+    positions and velocities.
+
+    Args:
+        schedule: the plan, for joints that were not logged.
+        joints: that were.
+        motion: of them, by the clock of the log.
+        delay: by which that is late [s].
+    """
+    plan, duration = schedule.trajectory, schedule.duration
+    shares = np.arange(PER_QUINTIC) / PER_QUINTIC if motion.coefficients.shape[1] > 4 else [0.0]
+    inner = motion.time[:-1, None] + np.diff(motion.time)[:, None] * np.asarray(shares)
+    logged = np.append(inner.ravel(), motion.time[-1]) - delay
+    edges = np.union1d(np.union1d(logged, plan.time), [0.0, duration])
+    edges = edges[(edges >= 0.0) & (edges <= duration)]
+    edges = edges[np.append(np.diff(edges) > SHORTEST, True)]
+    middle, length = 0.5 * (edges[:-1] + edges[1:]), np.diff(edges)[:, None]
+    q, v, _ = (row.copy() for row in plan.at(edges))
+    begin, end = (row.copy() for row in (v[:-1], v[1:]))
+    columns = [plan.joints.index(joint) for joint in joints]
+    rows = motion.derivatives(edges + delay)
+    q[:, columns] = rows[:, 0]
+    if motion.coefficients.shape[1] == 2:
+        begin[:, columns] = end[:, columns] = np.diff(rows[:, 0], axis=0) / length
+    else:
+        moves = (middle + delay > motion.time[0]) & (middle + delay < motion.time[-1])
+        begin[:, columns] = rows[:-1, 1] * moves[:, None]
+        end[:, columns] = rows[1:, 1] * moves[:, None]
+    # Hermite's cubic: velocities may jump where pieces meet, so that each has knots of its own.
+    chord = np.diff(q, axis=0) / length
+    at_begin = (6.0 * chord - 4.0 * begin - 2.0 * end) / length
+    at_end = (2.0 * begin + 4.0 * end - 6.0 * chord) / length
+    time = np.column_stack([edges[:-1], edges[1:]]).ravel()
+    pairs = ((q[:-1], q[1:]), (begin, end), (at_begin, at_end))
+    rates = [np.stack(pair, axis=1).reshape(-1, q.shape[1]) for pair in pairs]
+    return Trajectory(plan.joints, time, *rates)
+
+
+def _events(schedule: Schedule, driven: Trajectory, delay: float) -> tuple[EventTracking, ...]:
+    model = ToolModel(schedule)
+    found = []
+    for event in schedule.events:
+        if event.arm not in schedule.robot.arms:
+            continue
+        late, at = (
+            model.pose(event.arm, driven.at(np.array([event.time - shift]))[0][0])
+            for shift in (delay, 0.0)
+        )
+        found.append(
+            EventTracking(
+                event,
+                float(np.linalg.norm(late.translation - event.pose.translation)),
+                float(np.linalg.norm(at.translation - event.pose.translation)),
+                float(rotation_angle(event.pose.rotation.T @ at.rotation)),
+            )
+        )
+    return tuple(found)
+
+
+def _check_joints(schedule: Schedule, logged: LoggedMotion) -> Check:
+    missing = [joint for joint in schedule.trajectory.joints if joint not in logged.joints]
+    if missing:
+        why = f"not in the file, taken as driven as planned: {', '.join(missing)}"
+        return not_checked("joints", why)
+    return judge("joints", 0.0, 0.0, "", "every joint of the robot")
+
+
+def _check_span(schedule: Schedule, logged: LoggedMotion) -> Check:
+    """Checks that the log begins and ends with the plan, to a delay and two of its steps."""
+    begin, end = float(logged.time[0]), float(logged.time[-1])
+    missing = max(begin, schedule.duration - end, 0.0)
+    where = f"{begin:.3f} to {end:.3f} s of {schedule.duration:.3f} s"
+    slack = 2.0 * float(np.diff(logged.time).max())
+    return judge("time_span", missing, slack, "s", where)
+
+
+def _check_tracking(joints: Sequence[JointTracking], allowed: TrackingLimits) -> list[Check]:
+    """Checks delays and tracking errors, each at its worst joint; all that are too large are named."""
+    timed = [(joint.joint, joint.delay) for joint in joints if joint.delay is not None]
+    if not timed:
+        checks = [not_checked("delay", "no joint moves enough to measure it")]
+    else:
+        late = [f"{name} {d * 1e3:.1f} ms" for name, d in timed if abs(d) > allowed.delay]
+        where = ", ".join(late) or "every joint"
+        worst = max(abs(delay) for _, delay in timed)
+        checks = [judge("delay", worst, allowed.delay, "s", where)]
+    for slides, limit, name in (
+        (False, allowed.error, "tracking_error"),
+        (True, allowed.distance, "tracking_distance"),
+    ):
+        own = [joint for joint in joints if joint.slides is slides]
+        if own:
+            unit, scale, shown = ("m", 1e3, "mm") if slides else ("rad", 180.0 / np.pi, "deg")
+            off = [f"{j.joint} {j.error * scale:.3g} {shown}" for j in own if j.error > limit]
+            where = ", ".join(off) or "every joint"
+            checks.append(judge(name, max(joint.error for joint in own), limit, unit, where))
+    return checks
+
+
+def _check_limits(
+    schedule: Schedule,
+    motion: PiecewisePolynomial,
+    joints: Sequence[str],
+    allowed: TrackingLimits,
+) -> list[Check]:
+    """Checks positions, velocities and accelerations of the interpolated motion."""
+    limits, sliding = schedule.robot.limits.select(joints), schedule.robot.sliding
+    low, high = motion.extrema()
+    beyond = np.maximum(np.maximum(limits.lower - low, high - limits.upper), 0.0)
+    slack = np.array([allowed.distance if j in sliding else allowed.error for j in joints])
+    k = int(np.argmax(beyond - slack))
+    unit = unit_of(joints[k], "rad", sliding)
+    checks = [judge("position", float(beyond[k]), float(slack[k]), unit, joints[k])]
+    for order, name in enumerate(("velocity", "acceleration"), start=1):
+        peak, limit = motion.peak(order), (limits.velocity, limits.acceleration)[order - 1]
+        if peak is None:
+            checks.append(not_checked(name, f"linear interpolation has no {name}"))
+            continue
+        share = np.where(np.isfinite(limit), peak / limit, 0.0)
+        k = int(np.argmax(share))
+        most = 1.0 + tol.DRIVEN_RATE_SLACK
+        where = f"{joints[k]}, limit {limit[k]:g}"
+        checks.append(judge(name, float(share[k]), most, "share of the limit", where))
+    return checks
+
+
+def _check_events(events: Sequence[EventTracking], allowed: TrackingLimits) -> Check:
+    if not events:
+        return not_checked("tool_at_events", "the plan lists no events")
+    worst = max(events, key=lambda one: one.distance)
+    event = worst.event
+    where = f"{event.task} ({event.action}) of the {event.arm} arm at {event.time:.3f} s"
+    return judge("tool_at_events", worst.distance, allowed.distance, "m", where)

@@ -1,0 +1,153 @@
+"""The order of the file among those that are found: what is found is never slower."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import pytest
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.orders.decided_jobs import file_order
+from dualarm_cli.orders.free_orders import free_orders
+from dualarm_cli.planning import free_ordered_plan, ordered_plan, planner
+from dualarm_cli.planning import sections as path_jobs
+from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.refusals import Refusal
+from dualarm_cli.verification import verify
+
+QUICK = PlanSettings(effort="quick")
+
+
+def move(name, y, **more):
+    """A bare move in front of the robot."""
+    return {
+        "id": name,
+        "arm": "any",
+        "move": {"xyz": [0.5, y, 0.85], "rpy": ["180 deg", 0, 0]},
+    } | more
+
+
+@pytest.fixture
+def made(tmp_path):
+    """Makes a job of tasks in an open order."""
+    (tmp_path / "cell.yaml").write_text("dualarm: cell/1\nrobot: sda10f\n")
+
+    def job(tasks, **changes):
+        document = {"dualarm": "tasks/1", "cell": "cell.yaml", "order": "optimise", "tasks": tasks}
+        (tmp_path / "tasks.yaml").write_text(json.dumps(document | changes))
+        return load_job(tmp_path / "tasks.yaml")
+
+    return job
+
+
+def filed(job):
+    """Arms and names in the order of the file, None where that is none."""
+    found = file_order(job)
+    return found and [(task.arm, task.id) for task in found.tasks]
+
+
+def test_tasks_stay_in_their_order_and_arms_stay_open(made):
+    tasks = [move("a", 0.1), move("b", -0.1), move("c", 0.0, arm="right")]
+    assert filed(made(tasks)) == [("any", "a"), ("any", "b"), ("right", "c")]
+
+
+def test_a_given_order_is_not_among_those_of_a_search(made):
+    assert filed(made([move("a", 0.1), move("b", -0.1)], order="given")) is None
+
+
+def test_a_sequence_that_the_file_tears_apart_is_not_kept(made):
+    """One arm does a, b and c in turn: b comes between; next to each other they stay together."""
+    tasks = [move(name, 0.1, arm="left") for name in "abc"]
+    assert filed(made(tasks, sequences=[["a", "c"]])) is None
+    assert filed(made(tasks, sequences=[["b", "c"]])) == [("left", name) for name in "abc"]
+
+
+def test_a_file_that_brings_what_waits_first_is_planned_in_another_order(made):
+    """The first task waits for one of its own arm that comes later."""
+    job = made([move("a", 0.1, arm="left", after=["b"]), move("b", 0.1, arm="left")])
+    found = plan_without_bound(job, QUICK)
+    assert verify(found, job, clearance=True).failures == ()
+
+
+@pytest.mark.parametrize("mode", ["paired", "free"])
+def test_where_the_search_finds_none_the_order_of_the_file_is_planned(made, monkeypatch, mode):
+    """On its grid there may be none; and what the file says is said to be of the file."""
+
+    def none(*_, **__):
+        raise InfeasibleError(Refusal("no_plan_on_grid"))
+
+    def none_of_the_open(order, *more):
+        found = free_orders(order, *more)
+        return found if order.job.is_decided else dataclasses.replace(found, found=())
+
+    job = made([move("a", 0.3, arm="left"), move("b", -0.3, arm="right")], mode=mode)
+    monkeypatch.setattr(ordered_plan.PairedSearch, "of", none)
+    monkeypatch.setattr(free_ordered_plan, "free_orders", none_of_the_open)
+    monkeypatch.setattr(free_ordered_plan, "epoch_orders", lambda *_: [])
+    schedule = plan_without_bound(job, QUICK)
+    assert verify(schedule, job, clearance=True).failures == ()
+    assert planner.OF_THE_FILE in schedule.notes
+    assert schedule.order_grid_gap is None
+    monkeypatch.setattr(planner, "file_order", lambda _: None)
+    with pytest.raises(InfeasibleError, match="on the grid"):
+        plan_without_bound(job, QUICK)
+
+
+def test_an_open_order_is_not_slower_than_the_same_file_with_its_order_given(made, monkeypatch):
+    """Also where the search estimates less than its plan takes: nothing better than one stop after the other."""
+
+    def one_by_one(search, orders, settings, watch, planned):
+        job = file_order(search.order.job)
+        pairing = tuple((key,) for stage in job.stages() for key in keys(stage))
+        one = ordered_plan.DecidedOrder(dataclasses.replace(job, pairing=pairing), 9.0)
+        return planned(one, orders, patient=True)
+
+    def keys(stage):
+        return [(arm, task.id, stop.action) for arm, (task, stop) in stage.items()]
+
+    tasks = [move("a", 0.3, arm="left"), move("b", -0.3, arm="right"), move("c", 0.1, arm="left")]
+    job = made(tasks, **{"return": True})
+    given = plan_without_bound(dataclasses.replace(job, order="given"), QUICK)
+    monkeypatch.setattr(ordered_plan, "_searched", one_by_one)
+    found = plan_without_bound(job, QUICK)
+    assert found.duration <= given.duration
+    assert verify(found, job, clearance=True).failures == ()
+
+
+def test_by_own_clocks_the_order_of_the_file_is_planned_as_well(made, monkeypatch):
+    """Also where the search has another one first."""
+
+    def reversed_orders(order, *more):
+        found = free_orders(order, *more)
+        if order.job.is_decided:
+            return found
+        tasks = found.found[0].job.tasks[::-1]
+        job = dataclasses.replace(found.found[0].job, tasks=tasks)
+        return dataclasses.replace(found, found=(dataclasses.replace(found.found[0], job=job),))
+
+    tasks = [move(f"m{k}", 0.6 - 0.15 * k, arm="left") for k in range(4)]
+    job = made(tasks, mode="free", start="free")
+    given = plan_without_bound(dataclasses.replace(job, order="given"), QUICK)
+    monkeypatch.setattr(free_ordered_plan, "free_orders", reversed_orders)
+    found = plan_without_bound(job, QUICK)
+    assert found.duration <= given.duration
+
+
+def test_between_paths_the_order_of_the_file_is_planned_as_well(made, monkeypatch):
+    """Also where the search for an order of what is between them finds none."""
+
+    def none(*_, **__):
+        raise InfeasibleError(Refusal("no_plan_on_grid"))
+
+    points = [{"xyz": [0.5, 0.1, 0.85], "rpy": ["180 deg", 0, 0]}, {"xyz": [0.55, 0.1, 0.85]}]
+    path = {"id": "path", "path": {"arm": "left", "speed": 0.1, "through": points}}
+    job = made([move("a", 0.3, arm="left"), move("b", -0.3, arm="right"), path])
+    given = plan_without_bound(dataclasses.replace(job, order="given"), QUICK)
+    assert plan_without_bound(job, QUICK).duration <= given.duration
+    monkeypatch.setattr(path_jobs.PairedSearch, "of", none)
+    found = plan_without_bound(job, QUICK)
+    assert found.duration == given.duration
+    assert any("the file's order of all tasks is the fastest" in note for note in found.notes)

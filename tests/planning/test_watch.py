@@ -1,0 +1,143 @@
+"""Who watches a search: when it ends, and which plan is kept when it does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+
+import dualarm_cli.orders.watch as watching
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.orders.orders import DecidedOrder, Orders
+from dualarm_cli.orders.watch import INTERRUPTED, Watch
+from dualarm_cli.planning.ordered_plan import _quickest, _Tried, order_notes
+from dualarm_cli.refusals import Refusal
+
+
+@dataclass
+class Clock:
+    """A clock that goes on when told."""
+
+    now: float = 100.0
+
+    def monotonic(self):
+        """The time [s]."""
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """The clock that watches look at."""
+    clock = Clock()
+    monkeypatch.setattr(watching, "time", clock)
+    return clock
+
+
+@dataclass
+class Plan:
+    """Something with a duration."""
+
+    duration: float
+
+
+def test_time_counts_from_the_beginning_of_the_search(clock):
+    """Ten seconds before it count nothing; what takes longer than is left is not begun."""
+    watch = Watch(limit=5.0)
+    clock.now += 10.0
+    watch.begin()
+    clock.now += 4.0
+    assert not watch.stop()
+    assert not watch.stop(0.9)
+    assert watch.stopped == ""
+    assert watch.stop(1.1)
+    assert watch.stopped == "its time limit is 5 s"
+    clock.now += 1.1
+    assert watch.stop()
+
+
+def test_without_limit_and_interruption_it_never_stops(clock):
+    """However long it takes."""
+    watch = Watch()
+    watch.begin()
+    clock.now += 1e9
+    assert not watch.stop(1e9)
+
+
+def test_a_search_can_be_ended_while_it_goes_on_and_has_something():
+    """Not before, and not after: then there is a plan, which is kept, or nothing."""
+    watch = Watch()
+    watch.found(3.0)
+    assert not watch.endable
+    watch.begin()
+    assert not watch.endable
+    watch.found(3.0)
+    assert watch.endable
+    watch.end()
+    assert not watch.endable
+    watch.keep(Plan(3.0))
+    assert watch.endable
+    watch.begin()
+    assert watch.endable
+
+
+def test_the_quickest_plan_is_kept():
+    """Whenever it comes; only where whoever makes plans goes on with it what is being done may be dropped."""
+    watch = Watch()
+    watch.catching = True
+    assert not watch.droppable
+    for duration in (9.0, 8.0, 10.0):
+        watch.keep(Plan(duration))
+    assert watch.kept == Plan(8.0)
+    assert watch.droppable
+    watch.catching = False
+    assert not watch.droppable
+
+
+def planned(durations, watch, clock=None, takes=1.0):
+    """The quickest of some plans, and which were made; negative durations have no plan."""
+    made = []
+
+    def plan(order):
+        made.append(order.job)
+        if clock is not None:
+            clock.now += takes
+        duration = durations[order.job]
+        if duration < 0.0:
+            raise InfeasibleError(Refusal("not_clear"))
+        return Plan(duration)
+
+    watch.begin()
+    watch.found(1.0)
+    orders = [DecidedOrder(k, 1.0) for k in range(len(durations))]
+    return _quickest(orders, watch, plan, _Tried(2)), made
+
+
+def test_what_is_said_of_the_planned_order_is_of_its_own_total():
+    """Also where another one is better on the grid: 1.25 s there where no order takes less than 1 s is a fifth."""
+    orders = Orders((DecidedOrder("first", 1.0), DecidedOrder("second", 1.25)), 1.0, "")
+    assert orders.gap(1.25) == pytest.approx(0.2)
+    (_, bound) = order_notes(orders, 1.25)
+    assert "where this order takes 1.25 s, no order takes less than 1.00 s" in bound
+
+
+def test_orders_are_planned_until_the_user_has_seen_enough():
+    """At least until one has a plan."""
+    watch = Watch(enough=lambda: True)
+    best, made = planned([-1.0, 9.0, 8.0], watch)
+    assert (best.duration, made) == (9.0, [0, 1])
+    assert watch.stopped == INTERRUPTED
+
+
+def test_orders_are_planned_for_as_long_as_there_is_time(clock):
+    """Plans of 2 s each within 5 s: two of them, as the third would take longer than is left."""
+    watch = Watch(limit=5.0)
+    best, made = planned([9.0, 8.0, 7.0], watch, clock, takes=2.0)
+    assert len(made) == 2
+    assert best.duration == 8.0
+    assert watch.stopped == "its time limit is 5 s"
+
+
+def test_where_no_order_has_a_plan_the_first_reason_is_given():
+    """As it was said."""
+    with pytest.raises(InfeasibleError, match="no collision-free plan"):
+        planned([-1.0, -1.0], Watch())

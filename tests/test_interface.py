@@ -1,0 +1,167 @@
+"""The Python interface: public names, one result by command and function, samples, errors, the notebook."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import dualarm_cli
+from dualarm_cli import InputError, Plan, UsageError, compare, compare_solvers, load, plan, verify
+from dualarm_cli.cli.commands import app
+
+ROOT = Path(__file__).parents[1]
+PUBLIC = {
+    "compare": "one other names",
+    "compare_solvers": "jobs cases effort seed progress kept",
+    "load": "tasks changes",
+    "plan": "job platform redundancy timing blend effort seed time_limit progress",
+    "verify": "schedule job clearance",
+}
+"""Public functions and their parameters: what is changed here is changed for users."""
+CLASSES = (
+    "Check Diagnostic DualArmError Event InfeasibleError InputError Job JointSamples MissingDependencyError "
+    "OutputError Plan Schedule UsageError Verification"
+)
+
+
+@pytest.fixture(scope="module")
+def found() -> Plan:
+    """A small job's plan."""
+    return plan(load("01_first_pick"), effort="quick")
+
+
+def test_public_names_are_these_and_documented() -> None:
+    """With their parameters."""
+    assert sorted(dualarm_cli.__all__) == sorted([*PUBLIC, *CLASSES.split(), "__version__"])
+    for name, parameters in PUBLIC.items():
+        function = getattr(dualarm_cli, name)
+        assert " ".join(inspect.signature(function).parameters) == parameters
+        assert inspect.getdoc(function)
+    for name in CLASSES.split():
+        assert inspect.getdoc(getattr(dualarm_cli, name))
+
+
+def test_importing_the_package_is_quick_and_loads_nothing() -> None:
+    """Names are loaded as they are used; `plan` stays the function when the planner's modules are there."""
+    code = (
+        "import sys, dualarm_cli; early = [m for m in ('numpy', 'pinocchio', 'yaml') if m in sys.modules]; "
+        "from dualarm_cli import plan; import dualarm_cli.planning.planner; "
+        "from dualarm_cli import plan as again; print(early, plan is again, callable(again))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split("\n")[0] == "[] True True"
+
+
+def test_the_command_writes_what_python_writes(tmp_path: Path, found: Plan) -> None:
+    """Byte for byte."""
+    found.write(tmp_path / "python", page=False)
+    arguments = ["plan", "01_first_pick", "--effort", "quick", "--no-page", "--quiet"]
+    assert CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "command")]).exit_code == 0
+    names = sorted(path.name for path in (tmp_path / "python").iterdir())
+    assert names == sorted(path.name for path in (tmp_path / "command").iterdir())
+    for name in names:
+        assert (tmp_path / "python" / name).read_bytes() == (
+            tmp_path / "command" / name
+        ).read_bytes()
+    assert verify(tmp_path / "python", found.job).passed
+    document = json.loads((tmp_path / "python" / "report.json").read_text())
+    assert document["cycle_time"] == found.cycle_time == found.report["cycle_time"]
+
+
+def test_samples_are_the_motion_at_equal_steps(found: Plan) -> None:
+    """Against the trajectory itself, and velocities against central differences of positions."""
+    schedule = found.schedule
+    samples = schedule.sample(rate=1000.0)
+    assert samples.time[-1] == schedule.duration
+    assert np.diff(samples.time)[:-1] == pytest.approx(1e-3)
+    assert samples.position == pytest.approx(schedule.trajectory.at(samples.time)[0])
+    middle = (samples.position[2:-1] - samples.position[:-3]) / 2e-3
+    assert np.abs(middle - samples.velocity[1:-2]).max() < 1e-2
+    one = schedule.joint("left_s")
+    assert one.joints == ("left_s",) and one.position.shape == (len(one.time), 1)
+    with pytest.raises(UsageError, match="has torso_b1"):
+        schedule.joint("left_x")
+    for rate in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(UsageError, match="above 0 Hz"):
+            schedule.sample(rate)
+
+
+def test_data_frames_have_the_samples(found: Plan) -> None:
+    """By time, three columns a joint."""
+    table = found.schedule.to_dataframe(rate=50.0)
+    samples = found.schedule.sample(50.0)
+    assert table.shape == (len(samples.time), 3 * len(samples.joints))
+    assert np.array_equal(
+        table["right_b_velocity"], samples.velocity[:, samples.joints.index("right_b")]
+    )
+
+
+def test_what_is_not_installed_says_how_to_install_it(
+    found: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pandas, for data frames alone."""
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(dualarm_cli.MissingDependencyError, match=r"dualarm\[dataframe\]"):
+        found.schedule.to_dataframe()
+
+
+def test_changes_are_checked_like_files_and_plans_differ(found: Plan) -> None:
+    """A target 20 mm on; a target without a z is refused at its place."""
+    said: list[str] = []
+    moved = plan(
+        load("01_first_pick", {"tasks:/tasks/0/pick/xyz/0": "470 mm"}),
+        effort="quick",
+        progress=said.append,
+    )
+    assert moved.verified and said[-1] == "verifying"
+    document = compare(found, moved, ("before", "after"))
+    assert document["difference"] == moved.cycle_time - found.cycle_time != 0.0
+    with pytest.raises(InputError) as error:
+        load("01_first_pick", {"tasks:/tasks/0/pick/xyz": [0.47, 0.3]})
+    assert error.value.diagnostics
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"effort": "much"}, {"blend": "all"}, {"platform": "best"}, {"time_limit": -1.0}]
+)
+def test_wrong_values_are_refused(found: Plan, wrong: dict[str, str]) -> None:
+    """By name, before any work."""
+    with pytest.raises(UsageError):
+        plan(found.job, **wrong)  # type: ignore[arg-type]
+
+
+def test_solvers_are_compared_as_by_the_command(found: Plan) -> None:
+    """The same winner, as both plan the same."""
+    from dualarm_cli.planning.comparison import cases
+
+    matrix = cases(["fixed", "minimum_time"])
+    document = compare_solvers(found.job, cases={"job": matrix}, effort="quick")
+    arguments = ["compare", "solvers", "01_first_pick", "--json", "--effort", "quick"]
+    methods = ["--method", "fixed", "--method", "minimum_time"]
+    printed = CliRunner().invoke(app, [*arguments, *methods]).stdout
+    mine, others = (d["comparisons"][0]["rows"] for d in (document, json.loads(printed)))
+    assert [row["cycle_time"] for row in mine] == [row["cycle_time"] for row in others]
+
+
+def test_the_notebook_runs(tmp_path: Path) -> None:
+    """As a script, from start to end, with its figure."""
+    environment = {"MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT), "PATH": ""}
+    script = ROOT / "docs" / "notebook.py"
+    done = subprocess.run(
+        [sys.executable, script],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count(" s\n") == 3
+    assert (tmp_path / "notebook.png").stat().st_size > 10_000
