@@ -106,7 +106,7 @@ def planned_files(
             job = str(tasks_folder / name / "tasks.yaml")
             with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()) as printed:
                 patch.setattr(output, "PIPE_WIDTH", 80)
-                patch.setattr(planner, "plan", lambda *_: quick_plan(name))
+                patch.setattr(planner, "plan", lambda *_, **__: quick_plan(name))
                 code = run(["plan", job, "--effort", "quick", "--no-page", "--out", str(part)])
             assert code == 0
             (part / "stdout.txt").write_text(printed.getvalue())

@@ -159,7 +159,7 @@ def test_a_rate_that_no_plan_is_short_enough_for_is_refused_before_anything_is_p
     text = (folder / "tasks.yaml").read_text().replace("return: true", "return: true\nspeed: 0.1%")
     (tmp_path / "tasks.yaml").write_text(text)
     out = tmp_path / "out"
-    monkeypatch.setattr(planner, "plan", lambda *_: pytest.fail("it is planned"))
+    monkeypatch.setattr(planner, "plan", lambda *_, **__: pytest.fail("it is planned"))
     task = str(tmp_path / "tasks.yaml")
     assert run(["plan", task, "--out", str(out), "--rate", "10000"]) == 2
     message = capsys.readouterr().err
@@ -349,9 +349,9 @@ def test_too_little_memory_is_no_bug(error, monkeypatch, capsys):
     assert "bug" not in said
 
 
-@pytest.mark.parametrize("megabytes", [100, 250, 399, 420])
+@pytest.mark.parametrize("megabytes", [100, 250, 399])
 def test_a_plan_within_too_little_memory_says_so(megabytes, tmp_path, tasks_folder):
-    """Before any library is loaded that would not end; beyond that, some library does not fit and says so itself."""
+    """Before any library is loaded that would not end."""
     most = megabytes * 1_000_000
     ended = dualarm(
         *("plan", tasks_folder / "02_two_trays/tasks.yaml", "--out", tmp_path / "out"),

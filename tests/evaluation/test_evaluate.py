@@ -127,7 +127,7 @@ def test_an_unknown_solver_a_missing_file_and_a_bug_have_their_status(
     assert gone.status == "bad_input"
     assert "cannot be read" in gone.findings[0].message
 
-    def broken(*_):
+    def broken(*_, **__):
         raise ZeroDivisionError("seven")
 
     monkeypatch.setattr(planner, "plan", broken)
@@ -139,7 +139,7 @@ def test_an_unknown_solver_a_missing_file_and_a_bug_have_their_status(
 def test_a_plan_that_the_verifier_fails_says_which_check(cells, request_for, monkeypatch):
     """A mutated schedule: its last knot is moved, so that it does not come back."""
 
-    def spoilt(job, settings, watch):
+    def spoilt(job, settings, watch, **_):
         schedule = plan(job, settings, watch)
         position = schedule.trajectory.position.copy()
         position[-1] += 0.01
@@ -169,7 +169,9 @@ def test_a_figure_that_is_none_is_an_error_and_goes_through_json(
 @pytest.mark.parametrize("bound", [None, float("inf")])
 def test_a_bound_that_is_not_known_or_infinite_is_none(cells, request_for, monkeypatch, bound):
     """An infinite one fails the verifier, and its evaluation still goes through JSON."""
-    monkeypatch.setattr(planner, "plan", lambda *given: replace(plan(*given), lower_bound=bound))
+    monkeypatch.setattr(
+        planner, "plan", lambda *given, **_: replace(plan(*given), lower_bound=bound)
+    )
     found = evaluate(request_for(cells(1)[0]))
     assert found.status == ("planned" if bound is None else "fails_verification")
     assert (found.lower_bound, found.gap) == (None, None)
