@@ -146,8 +146,6 @@ REFINED = 0.08
 """A simpler method's plan is refined only if it is slower by less than this share: refining gains 1 to 7 percent."""
 FEW_STAGES = 12
 """Up to so many stages, and with thorough effort, the refined plan of `minimum_time` competes in any case."""
-FEW_GENERAL_STAGES = 4
-"""Up to so many stages, simpler plans of arms without closed forms compete in any case: blending may gain more in them."""
 REFINED_MOVES = 0.03
 """Else it does only if its rough plan is slower by less than this share: refining it takes as long as the search."""
 LONG = 50
@@ -188,7 +186,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
             nearby.append(stage_plans(model, job, numbers, near.decisions, "sequence"))
         if nearby and EFFORTS[problem.effort].spares:
             return Decided(nearby[0], simpler=None if given else lambda: _simpler(problem))
-    # Greedy plans of arms without closed forms take as long as the search: not from these.
+    # Greedy plans of arms without closed forms take as long as the search: only where that finds none.
     general = not problem.closed_forms
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
@@ -217,8 +215,6 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     alternatives = _rivals(problem, starts, found)
     # With clearance the plan on the grid counts what that costs, which the grid's bound does not know.
     gap = _grid_gap(found) if problem.holding is None else None
-    if general and len(job.stages()) <= FEW_GENERAL_STAGES:
-        return Decided(stages, gap, (*nearby, *_simpler(problem)))
     simpler = (lambda: _simpler(problem)) if general else None
     return Decided(stages, gap, (*nearby, *alternatives), simpler=simpler)
 
