@@ -14,14 +14,10 @@ from dualarm_cli.effort import less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job, PoseTarget
 from dualarm_cli.motion.bent_passing import bent_ways, with_bent_ways
-from dualarm_cli.motion.blending import (
-    passed_targets,
-    passing_ways,
-    with_passed_targets,
-    with_ways,
-)
+from dualarm_cli.motion.blending import passing_ways, with_ways
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.motion import realise
+from dualarm_cli.motion.passed_targets import passed_targets, with_passed_targets
 from dualarm_cli.motion.transfers import Drive, Known
 from dualarm_cli.motion.waiting import transfer_ends
 from dualarm_cli.postures.holding import Holding
@@ -378,11 +374,11 @@ def blended_plan(
         clearing = Clearing(model, job, holding, timing, problem.seed, known)
     before = found.cleared.motion
     through = passed_targets(drive, found.cleared.plans, stopping)
-    passing = with_passed_targets(found.cleared.plans, through)
+    passing = with_passed_targets(drive, found.cleared.plans, through)
     ways = dict(passing_ways(drive, passing, stopping))
     touching: list[int] = []
     while ways or through:
-        plans = with_ways(with_passed_targets(found.cleared.plans, through), ways)
+        plans = with_ways(with_passed_targets(drive, found.cleared.plans, through), ways)
         try:
             motion = realise(model, job, plans, timing, known)
         except InfeasibleError:

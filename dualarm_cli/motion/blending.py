@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from dualarm_cli.motion.stop_motion import (
     timed_line,
     transfers_in_motion,
 )
-from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, tool_speed_of
+from dualarm_cli.motion.transfers import PLATFORM, Drive, tool_speed_of
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.timing.launch import CUTS, PROFILES, Launch, launches
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
@@ -48,8 +47,6 @@ STEPS = (2, 4), (1, 2), (1, 1)
 """Steps of that search through PROFILES and CUTS, one width after the other."""
 LESS = 1e-9
 """What counts as a shorter time [s]."""
-FACTORS = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0)
-"""Shares of mean velocities with which a target may be passed."""
 WORTH = 1e-4
 """What is gained by passing a line's end in motion that is worth it [s]."""
 
@@ -193,7 +190,7 @@ def passing_ways(
     found = {}
     for k, plan in enumerate(plans):
         before = plans[k - 1] if k else None
-        platform = _platform_time(drive, before, plan)
+        platform = platform_time(drive, before, plan)
         for name in drive.model.arms:
             if (k, name) in stopping or name in plan.waits or name in plan.detours:
                 continue
@@ -214,120 +211,11 @@ def with_ways(plans: Sequence[StagePlan], ways: Ways) -> list[StagePlan]:
     return found
 
 
-Through = Mapping[str, FloatArray]
-"""Velocities and accelerations, shape (2, n), with which groups pass where they are at a stage's end, by group."""
-
-
-def passed_targets(
-    drive: Drive, plans: Sequence[StagePlan], stopping: Collection[tuple[int, str]] = ()
-) -> dict[int, Through]:
-    """Returns in which motion targets of moves are passed, by stage.
-
-    Each target by itself, as if the transfers beside it came from rest and led to it. The platform moves on where all
-    arms that have a target there pass it; else it stands for the others.
-
-    Args:
-        drive: of the job.
-        plans: its stages, with all stops.
-        stopping: transfers between stops all the same, by the stage that they lead to and arm.
-    """
-    found: dict[int, Through] = {}
-    for k, (plan, after) in enumerate(pairwise(plans)):
-        if plan.waits or plan.detours or after.waits or after.detours or _waits_for_time(after):
-            continue
-        if any(one.tracked is not None for one in (*plan.stops.values(), *after.stops.values())):
-            continue
-        arms = [
-            name
-            for name, arm_stop in plan.stops.items()
-            # An arm that has nothing to do then stands.
-            if arm_stop.stop.blend
-            and (not after.stops or name in after.stops)
-            and not {(k, name), (k + 1, name)} & set(stopping)
-        ]
-        if not arms:
-            continue
-        through: Through | None = None
-        if len(arms) == len(plan.stops) and PLATFORM in drive.columns:
-            through = _through(drive, plan, after, (PLATFORM, *arms))
-        if through is None:
-            own = (_through(drive, plan, after, (name,)) for name in arms)
-            through = {name: rates for one in own if one for name, rates in one.items()}
-        if through and _passes(drive, plan, after, through):
-            found[k] = through
-    return found
-
-
-def with_passed_targets(
-    plans: Sequence[StagePlan], through: Mapping[int, Through]
-) -> list[StagePlan]:
-    """Returns stages whose targets are passed in given motion."""
-    return [
-        replace(plan, through=through[k]) if k in through else plan for k, plan in enumerate(plans)
-    ]
-
-
-def _through(
-    drive: Drive, plan: StagePlan, after: StagePlan, groups: Sequence[str]
-) -> Through | None:
-    """Returns the rates with which groups pass a stage's end together best, None where it is quicker with a stop.
-
-    The velocity is the best one of some in the directions in which joints go on: their lower mean velocity, or that of
-    the whole way, slower and faster.
-    """
-    index = [column for group in groups for column in drive.columns[group]]
-    limits = drive.limits.select([name for group in groups for name in drive.joints(group)])
-    ends = plan.start[index], plan.arrival[index], after.arrival[index]
-    ways = np.diff(np.stack(ends), axis=0)
-    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
-    least = [
-        0.0 if PLATFORM in groups else _platform_time(drive, None, one) for one in (plan, after)
-    ]
-    times = [max(float(law.duration(way)), own) for way, own in zip(ways, least, strict=True)]
-    if not ways.any(axis=1).all():
-        return None
-    transfers = [
-        MovingTransfer(TransferProblem(limits.joints, *pair, limits, own))
-        for pair, own in zip(pairwise(ends), least, strict=True)
-    ]
-    rest = np.zeros((2, len(index)))
-    means = ways / np.array(times)[:, None]
-    onwards = np.where(means[0] * means[1] > 0.0, np.sign(means[0]) * np.abs(means).min(axis=0), 0)
-    best, quickest = None, sum(times) - WORTH
-    for mean in (onwards, ways.sum(axis=0) / sum(times)):
-        for factor in FACTORS:
-            velocity = np.clip(factor * mean, -limits.velocity, limits.velocity)
-            rates = np.stack([velocity, np.zeros(len(index))])
-            time = transfers[0].duration(rest, rates, quickest)
-            time += transfers[1].duration(rates, rest, quickest)
-            if time < quickest:
-                best, quickest = rates, time
-    if best is None:
-        return None
-    parts = np.split(best, np.cumsum([len(drive.columns[group]) for group in groups])[:-1], axis=1)
-    return dict(zip(groups, parts, strict=True))
-
-
-def _passes(drive: Drive, plan: StagePlan, after: StagePlan, through: Through) -> bool:
-    """Returns whether the transfers to and from targets that are passed can be timed, within the tools' speed."""
-    plan = replace(plan, through=through)
-    try:
-        for one, transfers in (
-            (plan, transfers_in_motion(drive, plan, rates_between(drive, None, plan))),
-            (after, time_transfers(drive, after, rates_between(drive, plan, after))),
-        ):
-            if drive.cap is not None and tool_speed_of(drive, one, transfers) > drive.cap:
-                return False
-    except InfeasibleError:
-        return False
-    return True
-
-
 def _with_pass(plan: StagePlan, name: str, line: str, launch: Launch) -> StagePlan:
     return replace(plan, passes={**plan.passes, (name, line): launch})
 
 
-def _platform_time(drive: Drive, before: StagePlan | None, plan: StagePlan) -> float:
+def platform_time(drive: Drive, before: StagePlan | None, plan: StagePlan) -> float:
     """Returns how long the platform takes [s], as it leaves the stage before and arrives."""
     index = drive.columns.get(PLATFORM)
     if index is None:
@@ -355,7 +243,7 @@ def _meets_in_motion(plan: StagePlan) -> bool:
     return giver_and_taker(plan.stops) is None or not (plan.waits or plan.detours)
 
 
-def _waits_for_time(plan: StagePlan) -> bool:
+def waits_for_time(plan: StagePlan) -> bool:
     """Returns whether all may have to wait before a stage begins."""
     return any(
         one.stop.belt is not None or one.task.not_before > 0.0 for one in plan.stops.values()
@@ -412,7 +300,7 @@ def passings_beside(
         and last.stop.retract > 0.0
         and last.tracked is None
         and _ends_stage(before, name)
-        and not _waits_for_time(plan)
+        and not waits_for_time(plan)
     ):
         retract = Passings.of(drive, before, last, "retract")
     following = plan.stops.get(name)

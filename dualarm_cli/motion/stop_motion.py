@@ -65,9 +65,11 @@ def stage_of(
 
 
 def event_of(model: CellModel, plan: StagePlan, arm_stop: ArmStop, time: float) -> Event:
-    """Returns the event of one stop: the pose that was asked for, turned by the chosen yaw."""
+    """Returns the event of one stop: the pose that was asked for, turned by the chosen yaw; one beside it in motion."""
     target, name = arm_stop.stop.target, arm_stop.arm
-    if isinstance(target, PoseTarget):
+    if name in plan.through:
+        pose = model.tool_pose(name, plan.arrival)
+    elif isinstance(target, PoseTarget):
         turn = pin.SE3(pin.utils.rotate("z", arm_stop.posture.yaw), np.zeros(3))
         pose = target.pose * turn
     else:

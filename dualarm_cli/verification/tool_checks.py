@@ -169,7 +169,7 @@ def _measure(
 
 
 def check_targets(schedule: Schedule, job: Job) -> Check:
-    """Checks that every event's pose is one that the job's target allows."""
+    """Checks that every event's pose is one that the job's target allows, beside it where it is passed in motion."""
     worst = Worst()
     stops = job.stops_by_key()
     for event in schedule.events:
@@ -209,19 +209,23 @@ def _target_error(
         columns = [schedule.trajectory.joints.index(name) for name in names]
         q = schedule.trajectory.at(np.array([event.time]))[0][0, columns]
         return float(np.abs(target.configurations - q).max(axis=1).min())
-    return pose_error(target.pose, target, event.pose)
+    within = (
+        job.stops_by_key()[event.arm, event.task, event.action].blend if schedule.blends else 0.0
+    )
+    return pose_error(target.pose, target, event.pose, within)
 
 
-def pose_error(nominal: pin.SE3, target: PoseTarget, pose: pin.SE3) -> float:
+def pose_error(nominal: pin.SE3, target: PoseTarget, pose: pin.SE3, within: float = 0.0) -> float:
     """Returns how far a pose is from where a target is, within the target's freedoms [m, rad].
 
     Args:
         nominal: where the target is.
         target: whose freedoms count.
         pose: what is judged.
+        within: how far from there it may be [m].
     """
     error = nominal.actInv(pose)
-    off = float(np.linalg.norm(error.translation))
+    off = max(0.0, float(np.linalg.norm(error.translation)) - within)
     if target.free_yaw:
         tilt = np.arctan2(
             np.hypot(error.rotation[0, 2], error.rotation[1, 2]), error.rotation[2, 2]
