@@ -163,6 +163,10 @@ NO_TURNING_BOUND = "lower bound: none for arms of six axes on a platform that tu
 """Messages where there is none for the platform's sake."""
 NO_MOVING_BOUND = "lower bound: none with `dwell_motion: allowed`, as the platform need not stand while tools dwell"
 """Message where dwells do not keep the platform."""
+NO_CORNER_BOUND = (
+    "lower bound: none with `blend` at targets of moves, as tools need not come to these"
+)
+"""Message where tools pass beside targets."""
 STAGES_AS_ZERO = "lower bound: stages between paths and seams count as zero on this robot"
 """Message where only paths and seams are bounded."""
 
@@ -177,6 +181,8 @@ def job_bound(job: Job, effort: str, *, blended: bool = False) -> LowerBound:
     """
     if any(stop.dwell_motion for task in job.tasks for stop in task.stops):
         return LowerBound(None, (NO_MOVING_BOUND,))
+    if blended and any(stop.blend > 0.0 for task in job.tasks for stop in task.stops):
+        return LowerBound(None, (NO_CORNER_BOUND,))
     if not blended:
         return _job_bound(BoundMethod(effort, lambda problem: problem), job)
     found = _job_bound(BoundMethod(effort, passing), job.blended())

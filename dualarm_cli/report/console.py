@@ -17,6 +17,8 @@ NOTHING = "–"
 """What stands where there is nothing to say."""
 SHOWN = 0.0005
 """Times that differ by less are the same to the printed digit [s], and shares of less are 0.0 %."""
+SHOWN_DISTANCE = 5e-5
+"""Distances of less are nothing to the printed digit [m]."""
 SHOWN_WAIT = 0.005
 """Waits of less are nothing to the printed digit [s]."""
 SHOWN_LIMITS = 3
@@ -185,6 +187,9 @@ def blending_lines(report: dict[str, Any]) -> list[str]:
     if blending["largest_deviation"] > 0.0:
         off = 1e3 * blending["largest_deviation"]
         line += f"; beyond their straight parts tools leave the lines by at most {off:.1f} mm"
+    targets = max((corner["beside"] for corner in found if not corner["line"]), default=0.0)
+    if targets > SHOWN_DISTANCE:
+        line += f"; they pass targets of moves by at most {1e3 * targets:.1f} mm"
     return [line]
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.job import Job
-from dualarm_cli.model.schedule import Schedule, Segment
+from dualarm_cli.model.job import Job, PoseTarget, Stop
+from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.motion.waiting import MOVES, SAME_TIME
 from dualarm_cli.timing.spline import largest_rates
 from dualarm_cli.verification.tool_model import ToolModel
@@ -41,7 +41,8 @@ class Corner:
     limit: str
     """Which limit that is: velocity, acceleration or jerk."""
     beside: float
-    """How far the tool leaves the line in the part of it that need not be straight [m]."""
+    """How far the tool leaves the line in the part of it that need not be straight; of a target, how far beside it the
+    tool passes [m]."""
 
 
 def corners(schedule: Schedule, job: Job) -> list[Corner]:
@@ -87,7 +88,8 @@ def corners(schedule: Schedule, job: Job) -> list[Corner]:
                 speed = _speed(schedule, model, arm, event.time)
                 limiting = _limiting(schedule, arm, begun[0])
                 named = event.task, event.action, ""
-                found.append(Corner(arm, *named, event.time, speed, *limiting, 0.0))
+                off = _off_target(event, stops.get((arm, event.task, event.action)))
+                found.append(Corner(arm, *named, event.time, speed, *limiting, off))
     return sorted(found, key=lambda corner: (corner.time, corner.arm))
 
 
@@ -100,9 +102,16 @@ def blending_rows(schedule: Schedule, job: Job) -> dict[str, Any] | None:
     return {
         "gain": schedule.blend_gain,
         "share": schedule.blend_gain / stopping if stopping > 0.0 else 0.0,
-        "largest_deviation": max((corner.beside for corner in found), default=0.0),
+        "largest_deviation": max((one.beside for one in found if one.line), default=0.0),
         "corners": [asdict(corner) for corner in found],
     }
+
+
+def _off_target(event: Event, stop: Stop | None) -> float:
+    """Returns how far a tool is from its target at an event [m]."""
+    if stop is None or not isinstance(stop.target, PoseTarget):
+        return 0.0
+    return float(np.linalg.norm(event.pose.translation - stop.target.pose.translation))
 
 
 def _columns(schedule: Schedule, arm: str) -> list[int]:

@@ -268,7 +268,7 @@ REPORT: dict[str, tuple[str, str]] = {
     "blending.corners[].limit": ("", "Which limit that is: velocity, acceleration or jerk."),
     "blending.corners[].beside": (
         "m",
-        "How far the tool gets from the line where it need not be straight.",
+        "How far the tool gets from the line where it need not be straight, or from the target of a move.",
     ),
     "budget[].name": ("", "cycle_time or clearance: what the task file's `budget` asks for."),
     "budget[].allowed": ("s or m", "Most time, or least clearance."),

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from dualarm_cli.errors import InputError
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.job import Job
+from dualarm_cli.model.job import Job, PoseTarget
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.corners import corners
 from dualarm_cli.verification import verify
+from dualarm_cli.verification.tool_model import ToolModel
 
 CELL = """\
 dualarm: cell/1
@@ -23,6 +26,13 @@ tools:
   left: {tcp: {xyz: [0, 0, 120 mm]}}
   right: {tcp: {xyz: [0, 0, 120 mm]}}
 """
+
+
+JOINTS = [
+    [0.2, 0.5, 0.1, -0.9, 0.2, 0.3, 0.0],
+    [0.5, 0.9, 0.3, -0.6, 0.4, 0.5, 0.3],
+    [0.8, 1.0, 0.2, -0.9, 0.7, 0.6, 0.5],
+]
 
 
 def job_of(folder: Path, tasks: str, head: str = "") -> Job:
@@ -44,9 +54,9 @@ def moves(seed: int, blend: str, both: bool) -> str:
     return "".join(rows)
 
 
-def planned(job: Job, blend: str = "lines") -> Schedule:
+def planned(job: Job, blend: str = "lines", **others: Any) -> Schedule:
     """A plan that the verifier passes, clearance included."""
-    schedule = plan_without_bound(job, PlanSettings(effort="quick", blend=blend))
+    schedule = plan_without_bound(job, PlanSettings(effort="quick", blend=blend, **others))
     verdict = verify(schedule, job, clearance=True)
     assert verdict.passed, verdict.failures
     return schedule
@@ -66,11 +76,78 @@ def test_moves_that_are_passed_are_never_slower(tmp_path: Path, both: bool, head
             assert found and all(corner.speed > 0.0 for corner in found)
 
 
+def test_tools_pass_beside_their_targets_as_far_as_they_may_and_gain_by_it(tmp_path: Path) -> None:
+    """Measured on the tools' motion: within `blend`, in the target's orientation; at some of them well beside it."""
+    durations, beside = {}, []
+    for blend in (1, 30):
+        job = job_of(tmp_path, moves(0, f", blend: {blend} mm", both=True))
+        schedule = planned(job)
+        durations[blend] = schedule.duration
+        model, stops = ToolModel(schedule), job.stops_by_key()
+        for event in schedule.events:
+            target = stops[event.arm, event.task, event.action].target
+            assert isinstance(target, PoseTarget)
+            times = np.linspace(event.time - 0.1, event.time + 0.1, 2001).clip(0, schedule.duration)
+            _, p = model.poses(event.arm, schedule.trajectory.at(times)[0])
+            off = np.linalg.norm(p - target.pose.translation, axis=1).min()
+            assert off <= 1e-3 * blend + 1e-5
+            beside.append((blend, off))
+            tilt = event.pose.rotation[:, 2] @ target.pose.rotation[:, 2]
+            assert tilt == pytest.approx(1.0, abs=1e-9)
+        found = [corner for corner in corners(schedule, job) if not corner.line]
+        assert all(corner.beside <= 1e-3 * blend + 1e-6 for corner in found)
+    assert durations[30] < 0.99 * durations[1]
+    assert sum(off > 5e-3 for blend, off in beside if blend == 30) >= 3
+
+
+def test_there_is_no_bound_where_corners_may_be_cut(tmp_path: Path) -> None:
+    """Tools need not come to their targets; with all stops they do."""
+    job = job_of(tmp_path, moves(0, ", blend: 30 mm", both=True))
+    cut = job_bound(job, "quick", blended=True)
+    assert cut.value is None and "blend" in cut.assumptions[0]
+    assert 0.0 < (job_bound(job, "quick").value or 0.0) <= planned(job, "none").duration
+
+
+def test_a_tool_too_far_beside_its_target_is_found(tmp_path: Path) -> None:
+    """A plan for 30 mm, judged by a file that allows 5 mm."""
+    wide = planned(job_of(tmp_path, moves(0, ", blend: 30 mm", both=True)))
+    narrow = job_of(tmp_path, moves(0, ", blend: 5 mm", both=True))
+    assert [check.name for check in verify(wide, narrow).failures] == ["events_at_targets"]
+
+
+def test_joints_that_are_named_are_passed_exactly(tmp_path: Path) -> None:
+    """A corner of joints is not cut."""
+    rows = "".join(
+        f"  - {{id: m{k}, arm: left, move: {{joints: {q}}}, blend: 50 mm}}\n"
+        for k, q in enumerate(JOINTS)
+    )
+    schedule = planned(job_of(tmp_path, rows))
+    columns = [
+        schedule.trajectory.joints.index(name) for name in schedule.robot.arms["left"].joints
+    ]
+    times = np.array([event.time for event in schedule.events])
+    position, velocity = (one[:, columns] for one in schedule.trajectory.at(times)[:2])
+    assert np.abs(position - np.array(JOINTS)).max() < 1e-9
+    assert np.abs(velocity).max(axis=1).min() > 0.0
+
+
+def test_arms_of_any_kind_cut_corners(tmp_path: Path) -> None:
+    """Without closed forms over an arm angle: verified, and quicker than with stops."""
+    job = job_of(tmp_path, moves(1, ", blend: 30 mm", both=False))
+    cutting = planned(job, redundancy="numeric")
+    assert cutting.duration < planned(job, "none", redundancy="numeric").duration
+    found = [corner for corner in corners(cutting, job) if not corner.line]
+    assert max(corner.beside for corner in found) > 5e-3
+
+
 def test_what_is_passed_without_leave_is_found(tmp_path: Path) -> None:
     """The same motion, judged by a file that does not allow it."""
     passing = planned(job_of(tmp_path, moves(0, ", blend: 20 mm", both=True)))
     strict = job_of(tmp_path, moves(0, "", both=True))
-    assert [check.name for check in verify(passing, strict).failures] == ["stands_at_events"]
+    assert [check.name for check in verify(passing, strict).failures] == [
+        "events_at_targets",
+        "stands_at_events",
+    ]
 
 
 def test_arms_with_a_dwell_at_a_move_and_with_a_partner_that_works_stop_or_slow_down(
