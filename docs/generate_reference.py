@@ -290,8 +290,8 @@ def _members(fields: dict[str, tuple[str, str]]) -> str:
 def _schedule_page() -> str:
     return _joined(
         "# Schedule",
-        "`schedule.json` is the plan without loss, `schedule.csv` its samples, "
-        "`robot.urdf` the cell with the robot that it moves. "
+        "`schedule.json` is the plan without loss; `schedule.csv`, `events.csv` and `targets.csv` are tables of it; "
+        "`robot.urdf` is the cell with the robot that it moves. "
         "`<name>` stands for a name, `[]` for each entry of a list.",
         "## `schedule.json`",
         "Joints that are timed together are a group with knots of its own. Between two knots the jerk of every joint "
@@ -303,9 +303,19 @@ def _schedule_page() -> str:
         "Two knots at one time are a jump of acceleration. A group stands after its last knot.",
         _members(SCHEDULE),
         "## `schedule.csv`",
-        "A row for each sample at `--rate`, and one at the exact time of each event and of the end. The first column "
-        "is `time` [s]; then each joint has `<joint>_position`, `<joint>_velocity` and `<joint>_acceleration` [rad, "
-        "rad/s, rad/s²; m for joints that slide]. Reading a number gives the same double that was written.",
+        "A row for each sample at `--rate`, all steps alike; the last row is the first one that is not before the end. "
+        "The first column is `time` [s]; then each joint has `<joint>_position`, `<joint>_velocity` and "
+        "`<joint>_acceleration` [rad, rad/s, rad/s²; m for joints that slide], or what `--columns` names. Numbers have "
+        "9, 7 and 5 digits after the point.",
+        "## `events.csv`",
+        "A row for each event: `time` and `dwell` [s], `arm`, `task`, `action`, `stage` (from 1, empty where the event "
+        "is in none), `signal`, `frame`, and the pose of this frame in the world: `x`, `y`, `z` [m] and the quaternion "
+        "`qx`, `qy`, `qz`, `qw`.",
+        "## `targets.csv`",
+        "For robot programs: up to three rows for each event, whose `point` is `approach` (where the line to it "
+        "begins), `target`, or `retract` (where the line from it ends). Each has `stage`, `time`, `arm`, `task`, "
+        "`action`, the tool's pose as in `events.csv`, the platform's joints by their names, and the arm's joints as "
+        "`j1`, `j2`, … [rad; m].",
         "## `robot.urdf`",
         "Exactly the joints of the schedule move. Tools, `left_tcp` and `right_tcp`, and obstacles are links "
         "fixed to flanges and to the root link. A mesh is its convex hull, in `mesh_*.stl` beside the file. "

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 from dualarm_cli.errors import UsageError
 from dualarm_cli.exporting.cell_urdf import cell_urdf
-from dualarm_cli.exporting.files import write_schedule_set
+from dualarm_cli.exporting.files import REPORT, write_schedule_set
 from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
 from dualarm_cli.exporting.whole_files import write_file
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.formats import export
+from dualarm_cli.formats.request import COLUMNS, ExportRequest, columns_named
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
@@ -40,9 +42,9 @@ if TYPE_CHECKING:
 PAGE = "report.html"
 """Name of the page beside a schedule."""
 MAX_ROWS = 1_000_000
-"""Most rows of the CSV file: about a gigabyte for fifteen joints."""
+"""Most rows of schedule.csv: about 400 MB for fifteen joints."""
 RATE = 250.0
-"""Sampling rate of the CSV file where none is asked for [Hz]."""
+"""Sampling rate of schedule.csv where none is asked for [Hz]."""
 
 Progress = Callable[[str], None]
 """Receives what is being done, in words."""
@@ -83,19 +85,28 @@ class Plan:
         return build_report(self.schedule, self.job)
 
     def write(
-        self, folder: str | Path, *, rate: float = RATE, page: bool = True, force: bool = False
+        self,
+        folder: str | Path,
+        *,
+        rate: float = RATE,
+        columns: Sequence[str] = COLUMNS,
+        page: bool = True,
+        force: bool = False,
     ) -> Path:
         """Writes what `dualarm plan` writes, each file whole or not at all, and returns the folder.
 
-        These are schedule.json, schedule.csv, report.json, and the cell as robot.urdf with its meshes.
+        These are schedule.json; schedule.csv, events.csv, targets.csv; report.json; the cell as robot.urdf with its
+        meshes.
 
         Args:
             folder: where; it is made.
-            rate: samples per second of the CSV [Hz].
+            rate: samples per second of schedule.csv [Hz].
+            columns: what schedule.csv tells of each joint: position, velocity, acceleration.
             page: whether report.html is written, in which the cell moves.
             force: whether files of an earlier plan are replaced.
 
         Raises:
+            UsageError: a column that there is not.
             OutputError: files are there already, or cannot be written.
             PageNotBuiltError: this installation has no code of the page; everything else is written.
         """
@@ -103,9 +114,10 @@ class Plan:
         text = json.dumps(self.report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
         cell = cell_urdf(self.job.cell)
         shown = replace(self.schedule, robot=replace(self.schedule.robot, urdf=cell.text))
-        write_schedule_set(
-            folder, shown, {"report.json": text.encode(), **cell.meshes}, rate, force
-        )
+        request = ExportRequest(self.schedule, self.job, rate, columns=columns_named(columns))
+        others = {REPORT: [text.encode()], **export("csv", request)}
+        others |= {name: [mesh] for name, mesh in cell.meshes.items()}
+        write_schedule_set(folder, shown, others, force)
         if page:
             self.write_page(folder)
         return folder

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.parts.options import ReceiverInterpolation
+from dualarm_cli.cli.parts.options import COLUMNS, ColumnsOption, ReceiverInterpolation
 from dualarm_cli.cli.parts.output import (
     JsonOption,
     QuietOption,
@@ -62,6 +62,7 @@ def export_command(
         ),
     ] = None,
     rate: Annotated[float, typer.Option("--rate", help="Samples per second.")] = RATE,
+    columns: ColumnsOption = COLUMNS,
     interpolation: Annotated[
         ReceiverInterpolation,
         typer.Option(
@@ -105,10 +106,14 @@ def export_command(
     from dualarm_cli.exporting.whole_files import replace_all
     from dualarm_cli.files.tasks.tasks import load_job
     from dualarm_cli.formats import FORMATS, ExportRequest, export, lost
+    from dualarm_cli.formats.request import columns_named
     from dualarm_cli.verification import verify
 
     if not 0.0 < rate <= MAX_RATE:
         raise UsageError(f"--rate {rate:g}: must be above 0 and at most {MAX_RATE:g} Hz")
+    chosen = columns_named(columns.split(","), "--columns")
+    if to is not Format.csv and columns != COLUMNS:
+        raise UsageError(f"--columns goes with --to csv; leave it out with --to {to.value}")
     schedule = read_schedule(plan)
     home = plan if plan.is_dir() else plan.parent
     folder = Path(out) if out is not None else home / to.value
@@ -124,7 +129,9 @@ def export_command(
     unusable = [check for check in judged.failures if check.name in ("finite", "time")]
     if unusable:
         raise UsageError(f"{plan}: cannot be exported: {unusable[0].detail}")
-    request = ExportRequest(schedule, job, rate, interpolation.value, platform.value, uniform)
+    request = ExportRequest(
+        schedule, job, rate, interpolation.value, platform.value, chosen, uniform
+    )
     refuse_folder(str(folder) if out is None else out, (REPORT,), force)
     files = export(to.value, request)
     refuse_folder(str(folder), tuple(files), force)

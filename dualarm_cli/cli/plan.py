@@ -13,8 +13,10 @@ import typer
 
 from dualarm_cli.cli.parts.completion import complete_job
 from dualarm_cli.cli.parts.options import (
+    COLUMNS,
     Blend,
     BlendOption,
+    ColumnsOption,
     Effort,
     EffortOption,
     PlatformOption,
@@ -83,8 +85,9 @@ def plan_command(
     time_limit: TimeLimitOption = None,
     rate: Annotated[
         float | None,
-        typer.Option("--rate", help="Samples per second of the CSV.", show_default="250"),
+        typer.Option("--rate", help="Samples per second of schedule.csv.", show_default="250"),
     ] = None,
+    columns: ColumnsOption = COLUMNS,
     seed: SeedOption = 0,
     plot: Annotated[
         Path | None,
@@ -116,12 +119,14 @@ def plan_command(
     from dualarm_cli.exporting.files import URDF
     from dualarm_cli.exporting.schedule_json import to_json
     from dualarm_cli.exporting.whole_files import write_file
+    from dualarm_cli.formats.request import columns_named
     from dualarm_cli.interface import RATE, load
     from dualarm_cli.model.settings import PlanSettings
     from dualarm_cli.planning.redundancy_choice import with_redundancy
 
     if rate is not None and not 0.0 < rate <= MAX_RATE:
         raise UsageError(f"--rate {rate:g}: must be above 0 and at most {MAX_RATE:g} Hz")
+    chosen = columns_named(columns.split(","), "--columns")
     limit = read_time_limit(time_limit)
     if out == "":
         raise UsageError("--out '': name a folder, or leave the option out")
@@ -152,6 +157,7 @@ def plan_command(
             effort=effort,
             time_limit=time_limit,
             rate=rate,
+            columns=columns,
             seed=seed,
             plot=plot,
             page=True,
@@ -178,7 +184,7 @@ def plan_command(
     if out == STDOUT:
         write_out(Path(out), to_json(schedule, URDF, {}), force)
     else:
-        plan.write(folder, rate=rate, page=False, force=force)
+        plan.write(folder, rate=rate, columns=chosen, page=False, force=force)
         if page:
             _write_page(folder, plan)
     for file, draw in figures.items():

@@ -27,7 +27,7 @@ class ExportFormat:
 FORMATS: Mapping[str, ExportFormat] = {
     "ros2": ExportFormat("ros2_files", motion="trajectories"),
     "mcap": ExportFormat("mcap_bag", needs_job=True, motion="trajectories"),
-    "csv": ExportFormat("csv_file", motion="samples"),
+    "csv": ExportFormat("tables", motion="samples"),
     "npz": ExportFormat("npz_file", motion="samples"),
     "parquet": ExportFormat("parquet_file", motion="samples"),
     "perfetto": ExportFormat("perfetto_trace"),

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from dualarm_cli.errors import UsageError
 from dualarm_cli.formats.sampling import NANO, Samples, sampled
 from dualarm_cli.geometry.interpolation import Interpolation
 from dualarm_cli.model.job import Job
@@ -14,6 +15,9 @@ from dualarm_cli.model.schedule import Schedule
 PlatformController = Literal["own", "both", "left", "right"]
 """Which controller moves the platform: one of its own, that of both arms, or that of one arm."""
 PLATFORM_CONTROLLERS: tuple[PlatformController, ...] = ("own", "both", "left", "right")
+Column = Literal["position", "velocity", "acceleration"]
+"""What a table of samples tells of each joint."""
+COLUMNS: tuple[Column, ...] = ("position", "velocity", "acceleration")
 BOTH = "both_arms"
 """Name of the group of all arms."""
 PLATFORM = "platform"
@@ -30,10 +34,12 @@ class ExportRequest:
     """Cell and tasks of the schedule; None where the format needs neither."""
     rate: float
     """Samples per second [1/s]."""
-    interpolation: Interpolation
+    interpolation: Interpolation = "cubic"
     """What the receiver makes of the samples of a JointTrajectory."""
     platform: PlatformController = "own"
     """Whose controller moves the platform."""
+    columns: tuple[Column, ...] = COLUMNS
+    """What the CSV tells of each joint."""
     uniform: bool = False
     """Whether a JointTrajectory has points at the rate only, and none at the schedule's knots."""
 
@@ -58,6 +64,28 @@ class ExportRequest:
                 holder = next(iter(robot.arms))
             found[holder] = (*robot.platform, *found.get(holder, ()))
         return found
+
+
+def columns_named(names: Sequence[str], option: str = "columns") -> tuple[Column, ...]:
+    """Returns columns by their names.
+
+    Args:
+        names: as somebody gave them.
+        option: where.
+
+    Raises:
+        UsageError: there is none, one that there is not, or one that was named before.
+    """
+    known: dict[str, Column] = {name: name for name in COLUMNS}
+    allowed = f"choose of {', '.join(COLUMNS)}"
+    if not names:
+        raise UsageError(f"{option}: names no column; {allowed}")
+    for k, name in enumerate(names):
+        if name not in known:
+            raise UsageError(f"{option}: there is no column {name!r}; {allowed}")
+        if name in names[:k]:
+            raise UsageError(f"{option}: names {name!r} again; keep one")
+    return tuple(known[name] for name in names)
 
 
 def stamp(nanoseconds: int) -> dict[str, int]:

@@ -55,10 +55,12 @@ def test_plan_writes_its_files_and_says_what_a_reader_needs(planned):
     result, out = planned
     assert result.returncode == 0, result.stderr
     assert sorted(f.name for f in out.iterdir() if f.suffix != ".html") == [
+        "events.csv",
         "report.json",
         "robot.urdf",
         "schedule.csv",
         "schedule.json",
+        "targets.csv",
     ]
     for words in (
         "cycle time (period)",
@@ -131,6 +133,12 @@ def test_plan_as_json_is_one_document(tasks_folder, tmp_path):
         (["plan", "x.yaml", "--rate", "nan"], 2, "--rate nan"),
         (["plan", "x.yaml", "--rate", "0"], 2, "--rate 0: must be above 0"),
         (["plan", "x.yaml", "--rate", "inf"], 2, "--rate inf"),
+        (
+            ["plan", "x.yaml", "--columns", "position,torque"],
+            2,
+            "--columns: there is no column 'torque'",
+        ),
+        (["plan", "x.yaml", "--columns", ""], 2, "--columns: there is no column ''"),
         (["robot", "show", "sda10"], 2, "did you mean 'sda10f'"),
         (["frobnicate"], 2, "No such command"),
         (["platform", "--links", "70 mm"], 2, "needs 2 values, got 1"),

@@ -89,5 +89,7 @@ def schedule() -> Schedule:
 @pytest.fixture
 def folder(tmp_path, schedule):
     """The schedule, written."""
-    write_schedule_set(tmp_path / "out", schedule, {"report.json": b"{}\n"}, 10.0, False)
+    write_schedule_set(
+        tmp_path / "out", schedule, {"report.json": [b"{}\n"], "schedule.csv": [b"time\n"]}, False
+    )
     return tmp_path / "out"

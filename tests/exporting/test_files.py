@@ -18,6 +18,7 @@ from dualarm_cli.exporting.files import check_writable, write_schedule_set
 from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
 from dualarm_cli.exporting.whole_files import replace_all, write_file
 
+OTHERS = {"report.json": [b"new"], "schedule.csv": [b"time\n", b"0\n"]}
 NAMES = ["report.json", "robot.urdf", "schedule.csv", "schedule.json"]
 
 
@@ -40,7 +41,7 @@ def test_files_have_the_rights_that_the_umask_leaves(schedule, tmp_path):
     """Not the 0600 of a temporary file."""
     old = os.umask(0o027)
     try:
-        write_schedule_set(tmp_path, schedule, {}, 10.0, False)
+        write_schedule_set(tmp_path, schedule, {}, False)
     finally:
         os.umask(old)
     assert {file.stat().st_mode & 0o777 for file in tmp_path.iterdir()} == {0o640}
@@ -48,7 +49,7 @@ def test_files_have_the_rights_that_the_umask_leaves(schedule, tmp_path):
 
 def test_folders_are_made_as_needed(schedule, tmp_path):
     """Three levels."""
-    write_schedule_set(tmp_path / "a" / "b" / "c", schedule, {}, 10.0, False)
+    write_schedule_set(tmp_path / "a" / "b" / "c", schedule, {}, False)
     assert (tmp_path / "a" / "b" / "c" / "schedule.json").is_file()
 
 
@@ -57,21 +58,23 @@ def test_a_schedule_is_not_replaced_unasked(folder, schedule):
     before = contents(folder)
     for action in (
         lambda: check_writable(folder, False),
-        lambda: write_schedule_set(folder, schedule, {"report.json": b"new"}, 10.0, False),
+        lambda: write_schedule_set(folder, schedule, OTHERS, False),
     ):
         with pytest.raises(OutputError, match=r"already holds a schedule; add --force"):
             action()
     assert contents(folder) == before
-    write_schedule_set(folder, schedule, {"report.json": b"new"}, 10.0, True)
+    write_schedule_set(folder, schedule, OTHERS, True)
     assert contents(folder)["report.json"] == b"new"
 
 
-@pytest.mark.parametrize("name", ["robot.urdf", "schedule.csv", "report.json"])
+@pytest.mark.parametrize(
+    "name", ["robot.urdf", "schedule.csv", "events.csv", "targets.csv", "report.json"]
+)
 def test_no_file_of_the_users_own_is_replaced_unasked(schedule, tmp_path, name):
     """`--out .` in a project that has a robot.urdf of its own."""
     (tmp_path / name).write_text("mine")
     with pytest.raises(OutputError, match=f"already holds a file {name}; add --force"):
-        write_schedule_set(tmp_path, schedule, {"report.json": b""}, 10.0, False)
+        write_schedule_set(tmp_path, schedule, OTHERS, False)
     assert contents(tmp_path) == {name: b"mine"}
 
 
@@ -79,9 +82,9 @@ def test_a_file_in_the_way_is_named(schedule, tmp_path):
     """--out is a file, or lies below one."""
     (tmp_path / "out").write_text("mine")
     with pytest.raises(OutputError, match="is a file; name a folder"):
-        write_schedule_set(tmp_path / "out", schedule, {}, 10.0, True)
+        write_schedule_set(tmp_path / "out", schedule, {}, True)
     with pytest.raises(OutputError, match="out is a file, not a folder"):
-        write_schedule_set(tmp_path / "out" / "deeper", schedule, {}, 10.0, True)
+        write_schedule_set(tmp_path / "out" / "deeper", schedule, {}, True)
     assert contents(tmp_path) == {"out": b"mine"}
 
 
@@ -96,7 +99,7 @@ def test_a_folder_that_cannot_be_made_is_named(schedule, tmp_path):
     """A link to nowhere stands where the folder should be."""
     (tmp_path / "out").symlink_to(tmp_path / "nowhere" / "at" / "all")
     with pytest.raises(OutputError, match="cannot be made: "):
-        write_schedule_set(tmp_path / "out", schedule, {}, 10.0, False)
+        write_schedule_set(tmp_path / "out", schedule, {}, False)
 
 
 @pytest.mark.parametrize("call", [1, 2, 3, 4])
@@ -114,7 +117,7 @@ def test_a_full_disk_leaves_the_old_files_untouched_and_no_rubbish(
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OutputError, match="cannot be written: No space left on device"):
-        write_schedule_set(folder, schedule, {"report.json": b"new"}, 250.0, True)
+        write_schedule_set(folder, schedule, OTHERS, True)
     assert contents(folder) == before
 
 
@@ -143,7 +146,7 @@ def test_a_full_disk_while_writing_leaves_the_old_files_untouched(folder, schedu
 
     monkeypatch.setattr(os, "fdopen", opened)
     with pytest.raises(OutputError, match="No space left on device"):
-        write_schedule_set(folder, schedule, {"report.json": b"new"}, 250.0, True)
+        write_schedule_set(folder, schedule, OTHERS, True)
     assert contents(folder) == before
 
 
@@ -158,7 +161,7 @@ def test_an_interrupt_leaves_the_old_files_untouched_and_no_rubbish(folder, sche
 
     monkeypatch.setattr(os, "fsync", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        write_schedule_set(folder, schedule, {"report.json": b"new"}, 250.0, True)
+        write_schedule_set(folder, schedule, OTHERS, True)
     assert contents(folder) == before
 
 
@@ -168,7 +171,7 @@ def test_a_folder_where_a_file_should_be_leaves_the_old_schedule_in_force(folder
     (folder / "schedule.csv").mkdir()
     before = contents(folder)
     with pytest.raises(OutputError, match="cannot be written: Is a directory"):
-        write_schedule_set(folder, schedule, {"report.json": b"new"}, 250.0, True)
+        write_schedule_set(folder, schedule, OTHERS, True)
     after = contents(folder)
     assert after["schedule.json"] == before["schedule.json"]
     assert sorted(after) == sorted(before)
@@ -186,7 +189,7 @@ while True:
     for word in (b"a", b"b"):
         other = replace(schedule, notes=(word.decode(),))
         other = replace(other, robot=replace(other.robot, urdf=f"{schedule.robot.urdf}<!--{word.decode()}-->"))
-        write_schedule_set(folder, other, {"report.json": word * 2_000_000}, 10.0, True)
+        write_schedule_set(folder, other, {"report.json": [word * 2_000_000], "schedule.csv": [b"time"]}, True)
         print("written", flush=True)
 """
 

@@ -135,7 +135,7 @@ def test_signals_are_in_the_schedule_at_their_instants_and_survive_files(changed
     first = job.tasks[0].id
     assert found == {(first, "pick"): "left_do1", (first, "place"): "left_do2"}
     assert [c.verdict for c in verify(schedule, job).checks if c.name == "signals"] == ["passed"]
-    write_schedule_set(tmp_path / "plan", schedule, {}, 50.0, False)
+    write_schedule_set(tmp_path / "plan", schedule, {}, False)
     again = read_schedule(tmp_path / "plan")
     assert [e.signal for e in again.events] == [e.signal for e in schedule.events]
     request = ExportRequest(schedule, job, 20.0, "cubic")

@@ -65,7 +65,7 @@ def test_without_the_build_the_plan_is_whole(
     assert planned() == 0
     assert "no report.html: the page was not built" in capsys.readouterr().err
     assert sorted(p.name for p in Path("p").iterdir()) == [
-        "report.json", "robot.urdf", "schedule.csv", "schedule.json",
+        "events.csv", "report.json", "robot.urdf", "schedule.csv", "schedule.json", "targets.csv",
     ]  # fmt: skip
     assert run(["report", "p"]) == 2
     assert "was not built" in capsys.readouterr().err

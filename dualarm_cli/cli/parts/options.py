@@ -80,6 +80,12 @@ TimeLimitOption = Annotated[
         show_default="as long as --effort says",
     ),
 ]
+ColumnsOption = Annotated[
+    str,
+    typer.Option("--columns", help="What schedule.csv tells of each joint."),
+]
+COLUMNS = "position,velocity,acceleration"
+"""All of them."""
 
 
 def read_time_limit(text: str | None) -> float | None:

@@ -1,0 +1,184 @@
+"""A schedule as CSV: samples, events, and the joints of all targets; written beside a plan and exported."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.exporting.files import EVENTS, SAMPLES, TARGETS
+from dualarm_cli.formats.request import Column, ExportRequest
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.job import StopKey
+from dualarm_cli.model.schedule import Event, Schedule, Segment
+from dualarm_cli.verification.as_done import events_by_stage
+from dualarm_cli.verification.tool_model import ToolModel
+
+DECIMALS: Mapping[Column, int] = {"position": 9, "velocity": 7, "acceleration": 5}
+"""Digits after the point of [rad], [rad/s], [rad/s²]: what positions of 1e-9 rad let one see at some 100 samples per
+second."""
+PLACE = 9
+"""Digits after the point of times [s], distances [m] and quaternions."""
+BLOCK = 10_000
+"""Rows that are written at a time."""
+FORMULA = ("=", "+", "-", "@", "\t")
+"""First characters that make a spreadsheet run a cell."""
+SAME_SAMPLE = 1e-9
+"""A sample that is later than the end by less is at the end [s]."""
+SAME_TIME = 1e-6
+"""Instants that differ by less are one [s]."""
+ZEROS = re.compile(r"\.?0+(?=[,\n])")
+"""What a number with a decimal point ends with and does not need."""
+POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+"""Columns of a pose in the world: position [m], unit quaternion."""
+
+
+def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
+    """Returns the three tables, samples at the request's rate: [s], [rad], [m]."""
+    schedule = request.schedule
+    return {
+        SAMPLES: samples_table(schedule, request.rate, request.columns),
+        EVENTS: [events_table(schedule)],
+        TARGETS: [targets_table(schedule)],
+    }
+
+
+def samples_table(schedule: Schedule, rate: float, columns: Sequence[Column]) -> Iterator[bytes]:
+    """Yields, in blocks, a row every 1 / rate seconds: the time, and of each joint what is asked for.
+
+    The last row is the first one that is not before the end: all joints stand then as they do at the end.
+
+    Args:
+        schedule: what is sampled.
+        rate: samples per second [1/s].
+        columns: of DECIMALS.
+    """
+    motion = schedule.trajectory
+    start, end = float(motion.time[0]), float(motion.time[-1])
+    count = int(np.ceil((end - start - SAME_SAMPLE) * rate)) + 1
+    header = ["time", *(f"{_safe(name)}_{what}" for name in motion.joints for what in columns)]
+    yield ",".join(header).encode() + b"\n"
+    digits = [PLACE, *(DECIMALS[what] for _ in motion.joints for what in columns)]
+    # In blocks: as Python numbers, a long table would take ten times its size.
+    for k in range(0, max(count, 1), BLOCK):
+        time = start + np.arange(k, min(k + BLOCK, max(count, 1))) / rate
+        rates = dict(zip(DECIMALS, motion.at(time), strict=True))
+        over = time > end + SAME_SAMPLE
+        rates["velocity"][over] = rates["acceleration"][over] = 0.0
+        wanted = np.stack([rates[what] for what in columns], axis=2).reshape(len(time), -1)
+        yield _text(np.column_stack([time, wanted]), digits)
+
+
+def events_table(schedule: Schedule) -> bytes:
+    """Returns a row for each event: what a tool does when and in which stage, which signal is set, and the tool's pose.
+
+    Stages count from 1; the cell is empty where an event is in none.
+    """
+    stages = _stages(schedule)
+    header = ["time", "dwell", "arm", "task", "action", "stage", "signal", "frame"]
+    rows = []
+    for event in schedule.events:
+        words = event.arm, event.task, event.action, stages.get(id(event), ""), event.signal
+        times = _numbers(event.time, event.dwell)
+        rows.append([*times, *map(_safe, (*words, event.frame)), *_pose(event.pose)])
+    return _table([*header, *POSE], rows)
+
+
+def targets_table(schedule: Schedule) -> bytes:
+    """Returns rows for robot programs: where each line begins, its target, and where the retract ends.
+
+    Each with the pose of the arm's tool, the platform's joints, and the arm's joints as `j1`, `j2`, ….
+    """
+    robot, stages, model = schedule.robot, _stages(schedule), ToolModel(schedule)
+    motion, rows = schedule.trajectory, []
+    widest = max((len(arm.joints) for arm in robot.arms.values()), default=0)
+    lines = defaultdict[StopKey, list[Segment]](list)
+    for part in schedule.segments:
+        if part.kind in ("approach", "retract"):
+            lines[part.arm, part.task, part.action].append(part)
+    for event in schedule.events:
+        for point, time in _points(event, lines[event.arm, event.task, event.action]):
+            position = motion.at(np.array([time]))[0][0]
+            pose = event.pose if point == "target" else model.pose(event.arm, position)
+            words = event.arm, event.task, event.action, point
+            names = [*robot.platform, *robot.arms[event.arm].joints]
+            joints = _numbers(*(position[motion.joints.index(name)] for name in names))
+            joints += [""] * (len(robot.platform) + widest - len(names))
+            rows.append(
+                [
+                    stages.get(id(event), ""),
+                    *_numbers(time),
+                    *map(_safe, words),
+                    *_pose(pose),
+                    *joints,
+                ]
+            )
+    header = ["stage", "time", "arm", "task", "action", "point"]
+    numbered = [f"j{k + 1}" for k in range(widest)]
+    return _table([*header, *POSE, *map(_safe, robot.platform), *numbered], rows)
+
+
+def _points(event: Event, lines: Sequence[Segment]) -> list[tuple[str, float]]:
+    """Returns a stop's approach, target and retract, as far as there are, and when the arm is there [s]."""
+    before = [
+        line.start
+        for line in lines
+        if line.kind == "approach" and line.end <= event.time + SAME_TIME
+    ]
+    behind = [
+        line.end
+        for line in lines
+        if line.kind == "retract" and line.start >= event.time - SAME_TIME
+    ]
+    found = [("approach", max(before))] if before else []
+    found.append(("target", event.time))
+    return found + ([("retract", min(behind))] if behind else [])
+
+
+def _stages(schedule: Schedule) -> dict[int, str]:
+    """Returns the number of each event's stage, from 1, by the event's identity."""
+    return {
+        id(event): str(number)
+        for number, events in enumerate(events_by_stage(schedule), 1)
+        for event in events
+    }
+
+
+def _pose(pose: pin.SE3) -> list[str]:
+    turn = pin.Quaternion(pose.rotation).coeffs()
+    return _numbers(*pose.translation, *turn)
+
+
+def _numbers(*values: float) -> list[str]:
+    """Returns numbers as they are written beside words."""
+    # Rounded first, so that there is no -0.
+    texts = [f"{round(float(value), PLACE) + 0.0:.{PLACE}f}" for value in values]
+    return [text.rstrip("0").rstrip(".") for text in texts]
+
+
+def _text(rows: FloatArray, digits: Sequence[int]) -> bytes:
+    """Returns lines of numbers (m, n), each column with so many digits after the point, without zeros at the end."""
+    row = ",".join(f"%.{count}f" for count in digits) + "\n"
+    # Rounded first, so that there is no -0.
+    rounded = np.column_stack(
+        [np.round(column, count) + 0.0 for column, count in zip(rows.T, digits, strict=True)]
+    )
+    return ZEROS.sub("", "".join(row % tuple(values) for values in rounded.tolist())).encode()
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerows([header, *rows])
+    return text.getvalue().encode("utf-8", "backslashreplace")
+
+
+def _safe(text: str) -> str:
+    """Returns a name that no spreadsheet takes for a formula and that needs no quotes."""
+    plain = "".join("_" if c in ',"\r\n' else c for c in text)
+    return f"'{plain}" if plain.startswith(FORMULA) else plain
