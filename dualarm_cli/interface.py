@@ -11,6 +11,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from dualarm_cli.beside import copies
 from dualarm_cli.errors import UsageError
 from dualarm_cli.exporting.cell_urdf import cell_urdf
 from dualarm_cli.exporting.files import REPORT, write_schedule_set
@@ -208,12 +209,13 @@ def planned(
         job: what to plan.
         settings: how.
         watch: sees how the search goes, and may end it.
-        beside: whether a second process, a copy of this one, works out what does not depend on the plan.
+        beside: whether a second process, copies of this one, shares the work; the plan is the same.
     """
     watch = watch or Watch(limit=settings.time_limit)
-    schedule = planner.plan(job, settings, watch, beside=beside)
-    watch.tell("verifying")
-    return Plan.judged(job, schedule)
+    with copies(beside):
+        schedule = planner.plan(job, settings, watch)
+        watch.tell("verifying")
+        return Plan.judged(job, schedule)
 
 
 def verify(

@@ -14,11 +14,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dualarm_cli.beside import halves
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.stop_motion import (
     joints_along,
     rates_between,
+    remember_line,
     timed_line,
     transfers_in_motion,
 )
@@ -187,16 +190,51 @@ def passing_ways(
         plans: its stages, with all stops.
         stopping: transfers between stops all the same, by the stage that they lead to and arm.
     """
+
+    def of(stages: Sequence[int]) -> list[dict[str, _Passed]]:
+        return [_passed(drive, plans, k, stopping) for k in stages]
+
     found = {}
-    for k, plan in enumerate(plans):
-        before = plans[k - 1] if k else None
-        platform = platform_time(drive, before, plan)
-        for name in drive.model.arms:
-            if (k, name) in stopping or name in plan.waits or name in plan.detours:
-                continue
-            ways = _ways(drive, before, plan, name, platform)
-            if ways is not None and _holds(drive, before, plan, name, ways):
-                found[k, name] = ways
+    for k, passed in enumerate(halves(of, range(len(plans)))):
+        for name, one in passed.items():
+            found[k, name] = one.ways
+            for at, line, trajectory in one.lines:
+                launch = one.ways[line == "approach"]
+                assert launch is not None  # only lines that are passed in motion are listed
+                plan = _with_pass(plans[at], name, line, launch)
+                remember_line(drive, plan, plan.stops[name], line, trajectory)
+    return found
+
+
+@dataclass(frozen=True)
+class _Passed:
+    """How an arm passes the ends of the lines about one transfer."""
+
+    ways: tuple[Launch | None, Launch | None]
+    """Of the retract before it and of the approach after it; None: it stops there."""
+    lines: tuple[tuple[int, str, Trajectory], ...]
+    """Stage, name and motion of those that are passed in motion."""
+
+
+def _passed(
+    drive: Drive, plans: Sequence[StagePlan], k: int, stopping: Collection[tuple[int, str]]
+) -> dict[str, _Passed]:
+    """Returns how arms that need not stop pass the ends of lines about the transfers to a stage, by arm."""
+    before, plan, found = plans[k - 1] if k else None, plans[k], {}
+    platform = platform_time(drive, before, plan)
+    for name in drive.model.arms:
+        if (k, name) in stopping or name in plan.waits or name in plan.detours:
+            continue
+        ways = _ways(drive, before, plan, name, platform)
+        if ways is None or not _holds(drive, before, plan, name, ways):
+            continue
+        lines = []
+        for at, line, launch in ((k - 1, "retract", ways[0]), (k, "approach", ways[1])):
+            if launch is not None:
+                passing = _with_pass(plans[at], name, line, launch)
+                timed = timed_line(drive, passing, passing.stops[name], line)
+                lines.append((at, line, timed))
+        found[name] = _Passed(ways, tuple(lines))
     return found
 
 

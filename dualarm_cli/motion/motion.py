@@ -22,6 +22,7 @@ from dualarm_cli.motion.stop_motion import (
     rates_between,
     stage_of,
     stop_duration,
+    time_lines,
     transfers_in_motion,
 )
 from dualarm_cli.motion.transfers import (
@@ -213,6 +214,7 @@ def realise(
         clock: when the first stage begins [s], for its windows; the motion itself is from 0.
     """
     drive = Drive.of(model, job, timing, known)
+    time_lines(drive, plans)
     record = MotionBuilder({name: [] for name in drive.columns})
     before: StagePlan | None = None
     for plan, after in zip(plans, waiting_for_tasks(plans), strict=True):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
+from dualarm_cli.beside import halves
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -96,6 +97,8 @@ PATH_SAMPLES = 65
 """Exact inverse kinematics along a line."""
 KNOTS = (12, 24, 48, 96, 192, 384)
 """Numbers of knots that are tried until the tool stays within the tolerance."""
+SHARED = 16
+"""So many lines or more are timed in two processes: copying a process takes as long as timing a few."""
 CHECKS_PER_KNOT = 4
 """Instants per interval at which straightness is measured."""
 
@@ -208,14 +211,65 @@ def add_handover(
 
 def timed_line(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Trajectory:
     """Returns the timed `approach` or `retract` of a stop in its stage, which has one; see `solve_line`."""
-    launch = plan.passes.get((arm_stop.arm, line))
-    arm_stop = plan.stop_at(line, arm_stop)
-    key = (line, str(launch), *_line_key(drive.model, plan, arm_stop))
+    key = _timed_key(drive, plan, arm_stop, line)
     if key not in drive.known.lines:
+        launch = plan.passes.get((arm_stop.arm, line))
+        arm_stop = plan.stop_at(line, arm_stop)
         path = joints_along(drive, plan, arm_stop, line)
         timed = solve_line(drive, arm_stop, line, path, launch)
         drive.known.lines[key] = arm_stop.stop, timed
     return drive.known.lines[key][1]
+
+
+def time_lines(drive: Drive, plans: Sequence[StagePlan]) -> None:
+    """Times the lines of stages that are not timed yet, half of them in a second process where that is allowed.
+
+    Lines that cannot be timed are left for who needs them.
+
+    Args:
+        drive: of the job; its `known` gets the lines.
+        plans: stages; those that arms leave while a tool stands are left out, as they have other lines.
+    """
+    asked: dict[Key, tuple[StagePlan, ArmStop, str]] = {}
+    for plan in plans:
+        for arm_stop in () if plan.leaving else plan.stops.values():
+            if arm_stop.tracked is not None:
+                continue
+            for line, way in (
+                ("approach", arm_stop.stop.approach),
+                ("retract", arm_stop.stop.retract),
+            ):
+                key = _timed_key(drive, plan, arm_stop, line)
+                if way > 0.0 and key not in drive.known.lines:
+                    asked[key] = plan, arm_stop, line
+
+    def timed(some: Sequence[tuple[StagePlan, ArmStop, str]]) -> list[Trajectory | None]:
+        found: list[Trajectory | None] = []
+        for one in some:
+            try:
+                found.append(timed_line(drive, *one))
+            except InfeasibleError:
+                found.append(None)
+        return found
+
+    lines = list(asked.values())
+    for one, trajectory in zip(lines, halves(timed, lines, SHARED), strict=True):
+        if trajectory is not None:
+            remember_line(drive, *one, trajectory)
+
+
+def remember_line(
+    drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str, timed: Trajectory
+) -> None:
+    """Notes how a line of a stop in its stage is timed, as `timed_line` returned it."""
+    key = _timed_key(drive, plan, arm_stop, line)
+    drive.known.lines.setdefault(key, (arm_stop.stop, timed))
+
+
+def _timed_key(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Key:
+    """Returns all that a timed line depends on."""
+    launch = plan.passes.get((arm_stop.arm, line))
+    return (line, str(launch), *_line_key(drive.model, plan, plan.stop_at(line, arm_stop)))
 
 
 def joints_along(

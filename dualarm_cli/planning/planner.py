@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from dualarm_cli import __version__
+from dualarm_cli.beside import Beside
 from dualarm_cli.bound.bound import LowerBound
 from dualarm_cli.clearing.clear_plan import clearance_notes, quickest_clear
 from dualarm_cli.clearing.dwell_plan import (
@@ -33,7 +34,6 @@ from dualarm_cli.motion.builder import Motion
 from dualarm_cli.orders.decided_jobs import file_order, stage_by_stage
 from dualarm_cli.orders.watch import SeenEnoughError, Watch
 from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
-from dualarm_cli.planning.beside import Beside
 from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks
 from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.ordered_plan import plan_in_best_order
@@ -62,21 +62,18 @@ UNLIMITED = "order: --time-limit has no effect, as the task file fixes the order
 """Message of a time limit where nothing was searched."""
 
 
-def plan(
-    job: Job, settings: PlanSettings, watch: Watch | None = None, *, beside: bool = False
-) -> Schedule:
+def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedule:
     """Returns the schedule of a job with its lower bound; see `plan_without_bound`.
 
     Args:
         job: cell and tasks.
         settings: names of method and solvers, and tunables.
         watch: receives what is being done, and may end a search for orders early.
-        beside: whether the bound is computed in a second process meanwhile; the result is the same.
     """
     watch = watch or Watch(limit=settings.time_limit)
     blended = settings.blend != "none"
     with Beside(
-        lambda: job_bound(job, settings.effort, blended=blended), copied=beside
+        lambda: job_bound(job, settings.effort, blended=blended), yielding=True
     ) as bounding:
         schedule = plan_without_bound(job, settings, watch)
         watch.tell("computing the lower bound")

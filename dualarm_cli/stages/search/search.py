@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dualarm_cli.beside import halves
 from dualarm_cli.effort import EFFORTS, WHOLE, SearchEffort
 from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.stages.search.beam import kind_of
@@ -69,7 +70,12 @@ def search(
     how = _how(problem, effort)
     tables = tuple(StopTable.of(work) for work in problem.arms)
     exact = ExactStages(problem, tables)
-    made = [plans_on_nodes(problem, tables, mesh, how.plans, exact=exact) for mesh in how.meshes]
+    made = halves(
+        lambda meshes: [
+            plans_on_nodes(problem, tables, one, how.plans, exact=exact) for one in meshes
+        ],
+        how.meshes,
+    )
     bound = made[0].bound
     total = made[0].plans[0][0].total if made[0].plans else None
     on_nodes = [one for found in made for one in found.plans]
@@ -204,7 +210,12 @@ def _combined(
     promising = [k for k, own in enumerate(worth) if own <= (1.0 + PROMISING) * least]
     if problem.stages > WHOLE and how.spares:
         promising = sorted(promising, key=lambda k: worth[k])[:POLISHED]
-    tried = [polish(problem, tables, pool[k], how.trial_rounds, 0, seed, loose) for k in promising]
+    tried = halves(
+        lambda some: [
+            polish(problem, tables, pool[k], how.trial_rounds, 0, seed, loose) for k in some
+        ],
+        promising,
+    )
     tried.sort(key=lambda plan: _worth(problem, plan))
     others = [plan.decisions for plan in (*tried[1:], *pool)]
     return best_combination(problem, tables, tried[0], others)

@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dualarm_cli.beside import Beside, copies, halves
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.interface import planned
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.beside import Beside
 
 
 def no_child_is_left():
@@ -28,18 +28,68 @@ def no_child_is_left():
 @pytest.mark.parametrize("copied", [False, True])
 def test_a_result_is_that_of_the_function(copied):
     """Of more bytes than a pipe holds."""
-    with Beside(lambda: (os.getpid(), np.arange(1_000_000)), copied=copied) as beside:
+    with copies(copied), Beside(lambda: (os.getpid(), np.arange(1_000_000))) as beside:
         made_by, numbers = beside.result()
     assert (made_by != os.getpid()) == copied
     np.testing.assert_array_equal(numbers, np.arange(1_000_000))
     assert no_child_is_left()
 
 
+@pytest.mark.parametrize("copied", [False, True])
+@pytest.mark.parametrize("count", range(5))
+def test_halves_are_joined_in_order(copied, count):
+    """The second half is another process's, if there are two of anything."""
+
+    def made(items):
+        return [(3 * item, os.getpid()) for item in items]
+
+    with copies(copied):
+        found = halves(made, range(count))
+    assert [value for value, _ in found] == [3 * item for item in range(count)]
+    theirs = [process != os.getpid() for _, process in found]
+    assert sum(theirs) == (count // 2 if copied else 0)
+    assert theirs == sorted(theirs)
+    assert no_child_is_left()
+
+
+def test_few_items_are_not_shared_and_copies_make_no_copies():
+    def made(items):
+        inner = halves(lambda some: [os.getpid()] * len(some), range(4))
+        return [(os.getpid(), inner) for _ in items]
+
+    with copies(True):
+        assert {own for own, _ in halves(made, range(3), least=4)} == {os.getpid()}
+        own, inner = halves(made, range(2))[1]
+    assert own != os.getpid()
+    assert set(inner) == {own}
+
+
+@pytest.mark.parametrize("broken", [0, 3])
+def test_an_error_of_either_half_is_raised(broken):
+    def made(items):
+        if broken in items:
+            raise ValueError(f"item {broken}")
+        return list(items)
+
+    with copies(True), pytest.raises(ValueError, match=f"item {broken}"):
+        halves(made, range(4))
+    assert no_child_is_left()
+
+
+def test_no_copy_is_made_where_the_system_refuses_one(monkeypatch):
+    def refused():
+        raise BlockingIOError("no more processes")
+
+    monkeypatch.setattr(os, "fork", refused)
+    with copies(True), Beside(os.getpid) as beside:
+        assert beside.result() == os.getpid()
+
+
 def test_an_error_is_raised_where_the_result_is_asked_for():
     def made():
         raise ValueError("nothing reaches it")
 
-    with Beside(made, copied=True) as beside, pytest.raises(ValueError, match="reaches"):
+    with copies(True), Beside(made) as beside, pytest.raises(ValueError, match="reaches"):
         beside.result()
     assert no_child_is_left()
 
@@ -54,7 +104,7 @@ def test_a_copy_that_is_killed_is_replaced(by):
             time.sleep(60.0)
         return 7
 
-    with Beside(made, copied=True) as beside:
+    with copies(True), Beside(made) as beside:
         assert beside.result() == 7
     assert no_child_is_left()
 
@@ -64,13 +114,13 @@ def test_ctrl_c_is_left_to_the_first_process():
         os.kill(os.getpid(), signal.SIGINT)
         return os.getpid()
 
-    with Beside(made, copied=True) as beside:
+    with copies(True), Beside(made) as beside:
         assert beside.result() != os.getpid()
 
 
 def test_a_result_that_nobody_asks_for_is_not_waited_for():
     begin = time.monotonic()
-    with pytest.raises(KeyError), Beside(lambda: time.sleep(60.0), copied=True):
+    with pytest.raises(KeyError), copies(True), Beside(lambda: time.sleep(60.0)):
         raise KeyError
     assert time.monotonic() - begin < 30.0
     assert no_child_is_left()

@@ -1,0 +1,137 @@
+"""Work shared with a second process, a copy of this one, where the caller allows it; results are the same without."""
+
+from __future__ import annotations
+
+import gc
+import os
+import pickle
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from types import TracebackType
+from typing import Generic, TypeVar
+
+S = TypeVar("S")
+T = TypeVar("T")
+
+YIELDING = 10
+"""By how much the priority of a copy is lower whose result is asked for last."""
+
+_copies: ContextVar[bool] = ContextVar("copies", default=False)
+
+
+@contextmanager
+def copies(allowed: bool) -> Iterator[None]:
+    """Allows work within the `with` block to be shared with copies of this process, or forbids it.
+
+    Args:
+        allowed: whether there is a second core; else this process does everything.
+    """
+    before = _copies.set(allowed)
+    try:
+        yield
+    finally:
+        _copies.reset(before)
+
+
+class Beside(Generic[T]):
+    """A function's result. Within the `with` block a copy of this process works it out, if copies are allowed.
+
+    The result is the same with and without. Where the copy fails, of whatever, this process calls the function itself,
+    so that errors are its own.
+    """
+
+    def __init__(self, made: Callable[[], T], *, yielding: bool = False) -> None:
+        """Prepares for it.
+
+        Args:
+            made: the function; what it returns can be pickled, and it has no side effects.
+            yielding: whether other processes go first, as the result is asked for last.
+        """
+        self.made, self.yielding = made, yielding
+        self._child: int | None = None
+        self._pipe: int | None = None
+
+    def __enter__(self) -> Beside[T]:
+        """Makes the copy."""
+        if not _copies.get():
+            return self
+        self._pipe, end = os.pipe()
+        try:
+            self._child = os.fork()
+        except OSError:
+            # There is no memory or no place for another process: this one does the work.
+            os.close(end)
+            return self
+        if self._child == 0:
+            _work(self.made, end, YIELDING if self.yielding else 0)
+        os.close(end)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Ends the copy, if it still works."""
+        if self._child is not None:
+            os.kill(self._child, signal.SIGKILL)
+            self._wait()
+        if self._pipe is not None:
+            os.close(self._pipe)
+
+    def result(self) -> T:
+        """Returns the result as soon as there is one."""
+        if self._child is not None and self._pipe is not None:
+            parts = []
+            while part := os.read(self._pipe, 1 << 20):
+                parts.append(part)
+            if self._wait() == 0:
+                found: T = pickle.loads(b"".join(parts))
+                return found
+        return self.made()
+
+    def _wait(self) -> int:
+        """Returns how the copy ended: 0 where its result is whole."""
+        assert self._child is not None
+        _, status = os.waitpid(self._child, 0)
+        self._child = None
+        return status
+
+
+def halves(
+    made: Callable[[Sequence[S]], Sequence[T]], items: Sequence[S], least: int = 2
+) -> list[T]:
+    """Returns what a function makes of items, a copy of this process working out their second half where allowed.
+
+    Args:
+        made: the function, which makes one result of each item, whatever the others are; see `Beside`.
+        items: in any number.
+        least: fewer of them are not worth a copy.
+    """
+    if not _copies.get() or len(items) < max(2, least):
+        return list(made(items))
+    middle = (len(items) + 1) // 2
+    with Beside(lambda: list(made(items[middle:]))) as rest:
+        first = made(items[:middle])
+        return [*first, *rest.result()]
+
+
+def _work(made: Callable[[], T], end: int, yielding: int) -> None:
+    """Writes a function's result to one end of a pipe and ends the process, without anything that is done at exit."""
+    status = 1
+    try:
+        # Ctrl-C is answered by the process that was copied.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        os.nice(yielding)
+        _copies.set(False)
+        # What was there before is not looked through: each page that is touched would be copied.
+        gc.freeze()
+        with os.fdopen(end, "wb") as pipe:
+            pipe.write(pickle.dumps(made(), pickle.HIGHEST_PROTOCOL))
+        status = 0
+    finally:
+        os._exit(status)
