@@ -11,7 +11,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from dualarm_cli.beside import copies
+from dualarm_cli.beside import Beside
 from dualarm_cli.errors import UsageError
 from dualarm_cli.exporting.cell_urdf import cell_urdf
 from dualarm_cli.exporting.files import REPORT, write_schedule_set
@@ -118,9 +118,12 @@ class Plan:
         request = ExportRequest(self.schedule, self.job, rate, columns=columns_named(columns))
         others = {REPORT: [text.encode()], **export("csv", request)}
         others |= {name: [mesh] for name, mesh in cell.meshes.items()}
-        write_schedule_set(folder, shown, others, force)
-        if page:
-            self.write_page(folder)
+        if not page:
+            write_schedule_set(folder, shown, others, force)
+            return folder
+        with Beside(self._page) as made:
+            write_schedule_set(folder, shown, others, force)
+            write_file(folder / PAGE, made.result(), force=True)
         return folder
 
     def write_page(self, folder: str | Path) -> Path:
@@ -130,12 +133,20 @@ class Plan:
             OutputError: it cannot be written.
             PageNotBuiltError: this installation has no code of the page.
         """
+        page = Path(folder) / PAGE
+        write_file(page, self._page(), force=True)
+        return page
+
+    def _page(self) -> bytes:
+        """Returns what report.html holds.
+
+        Raises:
+            PageNotBuiltError: this installation has no code of the page.
+        """
         from dualarm_cli.page.page import page_html
         from dualarm_cli.page.page_data import page_data
 
-        page = Path(folder) / PAGE
-        write_file(page, page_html(page_data(self.schedule, self.job, self.report)), force=True)
-        return page
+        return page_html(page_data(self.schedule, self.job, self.report))
 
 
 def load(tasks: str | Path, changes: Mapping[str, Any] | None = None) -> Job:
@@ -200,22 +211,18 @@ def plan(
     return planned(job, settings, Watch(progress or (lambda _: None), time_limit))
 
 
-def planned(
-    job: Job, settings: PlanSettings, watch: Watch | None = None, *, beside: bool = False
-) -> Plan:
+def planned(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Plan:
     """Returns a job's plan by settings; see `plan`.
 
     Args:
         job: what to plan.
         settings: how.
         watch: sees how the search goes, and may end it.
-        beside: whether a second process, copies of this one, shares the work; the plan is the same.
     """
     watch = watch or Watch(limit=settings.time_limit)
-    with copies(beside):
-        schedule = planner.plan(job, settings, watch)
-        watch.tell("verifying")
-        return Plan.judged(job, schedule)
+    schedule = planner.plan(job, settings, watch)
+    watch.tell("verifying")
+    return Plan.judged(job, schedule)
 
 
 def verify(

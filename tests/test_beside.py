@@ -131,6 +131,10 @@ def test_a_plan_is_the_same_with_a_second_process(tasks_folder):
     job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
     job = replace(job, tasks=job.tasks[:2])
     settings = PlanSettings(effort="quick")
-    one, other = (planned(job, settings, beside=beside) for beside in (False, True))
+    found = []
+    for copied in (False, True):
+        with copies(copied):
+            found.append(planned(job, settings))
+    one, other = found
     assert one.schedule.lower_bound is not None
     assert one.report == other.report

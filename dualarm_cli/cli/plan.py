@@ -115,13 +115,16 @@ def plan_command(
 
     Exit code 1 if the verifier fails the plan, or if it misses the task file's budget; its files are written.
     """
+    from dualarm_cli.beside import copies
     from dualarm_cli.cli.parts.watching import keep_planning
+    from dualarm_cli.evaluation.crew import usable_cores
     from dualarm_cli.exporting.files import URDF
     from dualarm_cli.exporting.schedule_json import to_json
     from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.formats.request import columns_named
     from dualarm_cli.interface import RATE, load
     from dualarm_cli.model.settings import PlanSettings
+    from dualarm_cli.page.page import PageNotBuiltError
     from dualarm_cli.planning.redundancy_choice import with_redundancy
 
     if rate is not None and not 0.0 < rate <= MAX_RATE:
@@ -184,9 +187,12 @@ def plan_command(
     if out == STDOUT:
         write_out(Path(out), to_json(schedule, URDF, {}), force)
     else:
-        plan.write(folder, rate=rate, columns=chosen, page=False, force=force)
-        if page:
-            _write_page(folder, plan)
+        try:
+            with copies(usable_cores() > 1):
+                plan.write(folder, rate=rate, columns=chosen, page=page, force=force)
+        except PageNotBuiltError as error:
+            # The plan is whole without it.
+            print_message(f"no {PAGE}: {error}")
     for file, draw in figures.items():
         write_file(file, draw(schedule, job, file.suffix.lower().lstrip(".")), force=True)
     if json_output:
@@ -197,16 +203,6 @@ def plan_command(
             stdout_console().print(f"written: {folder}", markup=False)
     if not plan.verified or not plan.keeps_budget:
         raise typer.Exit(1)
-
-
-def _write_page(folder: Path, plan: Plan) -> None:
-    """Writes the page beside a schedule, or says why there is none: the plan is whole without it."""
-    from dualarm_cli.page.page import PageNotBuiltError
-
-    try:
-        plan.write_page(folder)
-    except PageNotBuiltError as error:
-        print_message(f"no {PAGE}: {error}")
 
 
 def figures_of(plot: Path, job: Job) -> dict[Path, Draw]:
@@ -258,6 +254,7 @@ def refuse_existing(folder: Path, force: bool) -> None:
 def _planned(job: Job, settings: PlanSettings, quiet: bool) -> Plan:
     from contextlib import nullcontext
 
+    from dualarm_cli.beside import copies
     from dualarm_cli.cli.parts.interrupts import Interrupts
     from dualarm_cli.cli.parts.status_line import StatusLine
     from dualarm_cli.evaluation.crew import usable_cores
@@ -270,8 +267,9 @@ def _planned(job: Job, settings: PlanSettings, quiet: bool) -> Plan:
     with (
         console.status(StatusLine(watch, "planning")) if shown else nullcontext(),
         Interrupts(watch, quiet=quiet),
+        copies(usable_cores() > 1),
     ):
-        return planned(job, settings, watch, beside=usable_cores() > 1)
+        return planned(job, settings, watch)
 
 
 def _print(report: dict[str, Any], console: Console) -> None:

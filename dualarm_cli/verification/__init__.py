@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.beside import Beside
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import WITHIN_TOLERANCE, Job, StopKey
@@ -123,31 +122,8 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
     spans = () if done is None else line_spans(known, done, model)
     moving = moving_dwells(known, done)
     evidence = Evidence(schedule, known, stated, job, done, model, spans)
-    if not clearance:
-        checks = _quick_checks(evidence, numbers, stops, moving)
-        return Verification((*checks, not_checked(COLLISIONS, NOT_ASKED)))
-    with Beside(lambda: check_clearance(schedule, done)) as proof:
-        checks = _quick_checks(evidence, numbers, stops, moving)
-        collisions, clearances = proof.result()
-    shapes = check_shapes(done) if done is not None else []
-    return Verification((*checks, collisions, *shapes), clearances)
-
-
-def _quick_checks(
-    evidence: Evidence, numbers: list[Check], stops: Schedule, moving: Collection[StopKey]
-) -> list[Check]:
-    """Returns all checks but those of clearance.
-
-    Args:
-        evidence: what is judged.
-        numbers: the checks before.
-        stops: the schedule with the events that have the tolerance of all.
-        moving: stops that platform and arms leave while the tool stands.
-    """
-    schedule, known, job = evidence.schedule, evidence.known, evidence.job
-    done, model, spans = evidence.done, evidence.model, evidence.spans
-    trajectory, sliding = schedule.trajectory, schedule.robot.sliding
-    return [
+    sliding = schedule.robot.sliding
+    checks: list[Check] = [
         *numbers,
         *check_agreement(trajectory, sliding),
         *check_limits(trajectory, schedule.robot.limits.select(trajectory.joints), sliding),
@@ -166,6 +142,11 @@ def _quick_checks(
         check_bound(schedule),
         *_job_checks(evidence),
     ]
+    if not clearance:
+        return Verification((*checks, not_checked(COLLISIONS, NOT_ASKED)))
+    collisions, clearances = check_clearance(schedule, done)
+    shapes = check_shapes(done) if done is not None else []
+    return Verification((*checks, collisions, *shapes), clearances)
 
 
 def _still_spans(
