@@ -296,7 +296,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         search=SearchEffort(
             (Mesh(np.radians(15.0), 12, 1500, 20),), 2, 4, 0, (), LOCAL, begun=12, local_from=13
         ),
-        bound=Resolution(np.radians(20.0), 9, 2),
+        bound=Resolution(np.radians(15.0), 9, 3),
         ipopt=NonlinearEffort(100, (np.inf, 0.3)),
         continuous=NonlinearEffort(60, (0.1, 0.02)),
         hopeless_orders=2,
@@ -319,7 +319,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             (Mesh(np.radians(8.0), 22, 3000, 200, 8), Mesh(np.radians(10.0), 18, 3000, 100, 8)),
             LOCAL,
         ),
-        bound=Resolution(np.radians(15.0), 9, 3),
+        bound=Resolution(np.radians(8.0), 24, 3),
         ipopt=NonlinearEffort(300, (np.inf, 0.6, 0.3, 0.1)),
         continuous=NonlinearEffort(150, (0.3, 0.1, 0.03, 0.01)),
         hopeless_orders=4,

@@ -1,0 +1,74 @@
+"""How far lower bounds are below plans, and what they cost: random sequences, with all stops and blended, by effort.
+
+python benchmarks/bounds.py --sequences 20 --stages 24 --efforts quick,normal,thorough
+
+Random sequences of `long_sequences.py` on the SDA10F, lines of 80 mm, dwells of 0.15 s. Printed are gaps (how far the
+bound is below the plan of the same effort), medians and the least and largest, and the bound's processor time as a
+share of the planning's. No bound may be above its plan: the command fails if one is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+from multiprocessing import Pool
+
+import numpy as np
+from blended_cycles import sequence_job
+
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.job_bound import job_bound
+from dualarm_cli.planning.planner import plan_without_bound
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One sequence, with one effort and one kind of blending."""
+
+    gap: float
+    """How far the bound is below the plan, as a share of the plan."""
+    cost: float
+    """Processor time of the bound as a share of the planning's."""
+
+
+def measured(given: tuple[int, int, str, str]) -> Measured:
+    """Returns what a seed's sequence of so many stages gives, by effort and `--blend`."""
+    seed, stages, effort, blend = given
+    job = sequence_job(seed, stages)
+    begin = time.process_time()
+    schedule = plan_without_bound(job, PlanSettings(blend=blend, effort=effort))
+    planned = time.process_time()
+    bound = job_bound(job, effort, blended=blend != "none").value or 0.0
+    bounded = time.process_time()
+    return Measured(1.0 - bound / schedule.duration, (bounded - planned) / (planned - begin))
+
+
+def main() -> int:
+    """Measures and prints; returns 1 if a bound is above its plan."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--sequences", type=int, default=20)
+    parser.add_argument("--stages", type=int, default=24)
+    parser.add_argument("--efforts", default="quick,normal")
+    parser.add_argument("--processes", type=int, default=2)
+    options = parser.parse_args()
+    good = True
+    with Pool(options.processes) as pool:
+        for effort in options.efforts.split(","):
+            for blend in ("none", "lines"):
+                seeds = range(1, options.sequences + 1)
+                rows = pool.map(measured, [(s, options.stages, effort, blend) for s in seeds], 1)
+                gaps, costs = (np.array([getattr(r, k) for r in rows]) for k in ("gap", "cost"))
+                print(
+                    f"{effort}, --blend {blend}: bound {np.median(gaps):.1%} below the plan "
+                    f"({gaps.min():.1%} to {gaps.max():.1%}), in {np.median(costs):.2f} of the planning's time",
+                    flush=True,
+                )
+                good &= bool((gaps >= 0.0).all())
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
