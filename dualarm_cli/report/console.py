@@ -223,8 +223,9 @@ def bound_line(report: dict[str, Any]) -> str:
     if report["tool_speed_cap"] is not None:
         line += "; neither the bound nor the search includes the limit of the tools' speed"
     elif report["grid_gap"] is not None:
+        before = "refinement" if report["blending"] is None else "refinement and blending"
         line += (
-            f"; before refinement {report['grid_gap']:.1%} above the bound of the search's own grid"
+            f"; before {before} {report['grid_gap']:.1%} above the bound of the search's own grid"
         )
     if report["order_grid_gap"] is not None:
         # Plans leave the grid, each by another amount: of them this proves nothing.

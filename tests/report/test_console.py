@@ -34,7 +34,8 @@ def test_bound_and_gap_are_said_with_the_effort(job, schedule):
     assert report["gap"] == pytest.approx(0.25)
     (line,) = [line for line in summary_lines(report) if line.startswith("lower bound")]
     assert f"is faster than {bounded.lower_bound:.3f} s; at most 25.0% could be saved" in line
-    assert "before refinement 3.1% above the bound of the search's own grid" in line
+    what = "refinement" if report["blending"] is None else "refinement and blending"
+    assert f"before {what} 3.1% above the bound of the search's own grid" in line
     assert line.endswith("effort: normal")
 
 
