@@ -15,9 +15,6 @@ from typing import Generic, TypeVar
 S = TypeVar("S")
 T = TypeVar("T")
 
-YIELDING = 10
-"""By how much the priority of a copy is lower whose result is asked for last."""
-
 _copies: ContextVar[bool] = ContextVar("copies", default=False)
 
 
@@ -42,14 +39,13 @@ class Beside(Generic[T]):
     so that errors are its own.
     """
 
-    def __init__(self, made: Callable[[], T], *, yielding: bool = False) -> None:
+    def __init__(self, made: Callable[[], T]) -> None:
         """Prepares for it.
 
         Args:
             made: the function; what it returns can be pickled, and it has no side effects.
-            yielding: whether other processes go first, as the result is asked for last.
         """
-        self.made, self.yielding = made, yielding
+        self.made = made
         self._child: int | None = None
         self._pipe: int | None = None
 
@@ -65,7 +61,7 @@ class Beside(Generic[T]):
             os.close(end)
             return self
         if self._child == 0:
-            _work(self.made, end, YIELDING if self.yielding else 0)
+            _work(self.made, end)
         os.close(end)
         return self
 
@@ -119,14 +115,13 @@ def halves(
         return [*first, *rest.result()]
 
 
-def _work(made: Callable[[], T], end: int, yielding: int) -> None:
+def _work(made: Callable[[], T], end: int) -> None:
     """Writes a function's result to one end of a pipe and ends the process, without anything that is done at exit."""
     status = 1
     try:
         # Ctrl-C is answered by the process that was copied.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        os.nice(yielding)
         _copies.set(False)
         # What was there before is not looked through: each page that is touched would be copied.
         gc.freeze()

@@ -72,9 +72,7 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
     """
     watch = watch or Watch(limit=settings.time_limit)
     blended = settings.blend != "none"
-    with Beside(
-        lambda: job_bound(job, settings.effort, blended=blended), yielding=True
-    ) as bounding:
+    with Beside(lambda: job_bound(job, settings.effort, blended=blended)) as bounding:
         schedule = plan_without_bound(job, settings, watch)
         watch.tell("computing the lower bound")
         bound = _until_seen_enough(watch, bounding.result) or LowerBound(None, (NOT_BOUNDED,))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dualarm_cli.beside import halves
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.stages.search.candidates import CandidatePostures
 from dualarm_cli.stages.search.problem import SequenceProblem
@@ -315,6 +316,8 @@ def _ends(found: CandidatePostures, rates: Slopes) -> list[tuple[FloatArray, Flo
     ]
 
 
+SHARED = 10
+"""So many windows or more are improved in two processes."""
 WINDOW = 24
 """Stages that are improved together; the windows of the next round lie half a window further on."""
 
@@ -386,12 +389,14 @@ def _solve(
     inner_of = np.split(
         np.argsort(of_variable, kind="stable"), np.bincount(of_variable, minlength=n).cumsum()
     )
-    for first, end in windows:
+
+    def solved(window: tuple[int, int]) -> FloatArray | None:
+        first, end = window
         # The stage after a window starts from it; the last window has the return.
         past = end + 1
         inner = np.concatenate(inner_of[first:end])
         if not len(inner):
-            continue
+            return None
         times = _time_columns(n, len(problem.arms), first, past)
         columns = np.concatenate([inner, v + times])
         local[columns] = np.arange(len(columns))
@@ -409,8 +414,12 @@ def _solve(
         )
         cost = np.concatenate([np.zeros(len(inner)), times <= n])
         result = linprog(cost, A_ub=matrix, b_ub=bound, bounds=limits, method="highs")
-        if result.status == 0:
-            step[inner] = result.x[: len(inner)]
+        return np.asarray(result.x[: len(inner)]) if result.status == 0 else None
+
+    found = halves(lambda some: [solved(window) for window in some], windows, SHARED)
+    for (first, end), own in zip(windows, found, strict=True):
+        if own is not None:
+            step[np.concatenate(inner_of[first:end])] = own
     return step
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dualarm_cli.beside import halves
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.effort import Mesh
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
@@ -135,6 +136,8 @@ def _repaired(
     return rows
 
 
+SHARED = 48
+"""Of so many stages or more the arms' nodes are made in two processes."""
 BANS = 12
 """How often the beam is repeated without nodes whose lines turned out to be impossible."""
 
@@ -201,7 +204,12 @@ def plans_on_nodes(
             partner = nodes(1 - a, k) if stop is not None and k in problem.together else None
             yield None if stop is None else taking_turns(nodes(a, k), partner)
 
-    arms = tuple(arm_layers(problem, a, angles, of_stages(a)) for a in range(len(problem.arms)))
+    def layers(some: Sequence[int]) -> list[ArmLayers]:
+        return [arm_layers(problem, a, angles, of_stages(a)) for a in some]
+
+    # Few stages' nodes are made faster than a process is copied.
+    least = 2 if problem.stages >= SHARED else len(problem.arms) + 1
+    arms = tuple(halves(layers, range(len(problem.arms)), least))
     own: set[int] = set()
     bound: float | None = None
     for _ in range(BANS):

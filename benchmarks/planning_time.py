@@ -1,0 +1,135 @@
+"""Whole `dualarm plan` commands of this checkout against those of another commit, in one run, one after the other.
+
+python benchmarks/planning_time.py --against COMMIT [--stages 24 100] [--efforts quick normal] [--seeds 1 2 3]
+    [--repeats 5] [--cores 2] [--options="--blend none"]
+
+The other commit is checked out into a git worktree that is removed afterwards. Every command is a process of its own,
+from its start to its files written. Jobs are those of `long_sequences.py`; a job for which the other commit has no plan
+is left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+from long_sequences import write_sequence
+
+HERE = Path(__file__).resolve().parent.parent
+ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One command."""
+
+    wall: float
+    """From its start to its end [s]."""
+    processor: float
+    """Processor time of all its processes [s]."""
+    cycle: float
+    """Of its plan [s]."""
+
+
+def planned(checkout: Path, tasks: Path, out: Path, options: list[str]) -> Run | None:
+    """Returns what planning a job with a checkout took, None where it has no verified plan."""
+    command = [sys.executable, "-m", "dualarm_cli", "plan", str(tasks), "--out", str(out)]
+    before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    done = subprocess.run(
+        [*command, "--force", "--quiet", *options],
+        cwd=checkout,
+        env=os.environ | ONE_THREAD | {"PYTHONPATH": str(checkout)},
+        capture_output=True,
+        check=False,
+    )
+    wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode != 0:
+        return None
+    report = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return Run(wall, used, report["cycle_time"])
+
+
+def compared(
+    checkouts: tuple[Path, Path], tasks: Path, folder: Path, options: list[list[str]], repeats: int
+) -> tuple[list[Run], list[Run]] | None:
+    """Returns the runs of a job with the other commit and with this one, by turns; None without a plan."""
+    runs: tuple[list[Run], list[Run]] = ([], [])
+    for _ in range(repeats):
+        for mine, checkout, own in zip(runs, checkouts, options, strict=True):
+            run = planned(checkout, tasks, folder / "plan", own)
+            if run is None:
+                return None
+            mine.append(run)
+    return runs
+
+
+def main() -> None:
+    """Prints one row per number of stages and effort."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--against", required=True, help="the other commit")
+    parser.add_argument("--stages", type=int, nargs="+", default=[24, 100])
+    parser.add_argument("--efforts", nargs="+", default=["quick", "normal"])
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--cores", type=int, default=2)
+    parser.add_argument("--options", default="", help="further options of this checkout's command")
+    given = parser.parse_args()
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[-given.cores :])
+    print("| stages | effort | jobs | wall before | now | ratio | processor | cycle |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    with tempfile.TemporaryDirectory() as name:
+        folder, other = Path(name), Path(name) / "other"
+        git = ["git", "-C", str(HERE), "worktree"]
+        subprocess.run(
+            [*git, "add", "--detach", str(other), given.against], check=True, capture_output=True
+        )
+        try:
+            for stages in given.stages:
+                for effort in given.efforts:
+                    _row(given, stages, effort, folder, (other, HERE))
+        finally:
+            subprocess.run([*git, "remove", "--force", str(other)], check=True)
+
+
+def _row(
+    given: argparse.Namespace,
+    stages: int,
+    effort: str,
+    folder: Path,
+    checkouts: tuple[Path, Path],
+) -> None:
+    """Prints medians over seeds of medians over repeats."""
+    before, now, ratios, used, cycles = [], [], [], [], []
+    options = [["--effort", effort], ["--effort", effort, *given.options.split()]]
+    for seed in given.seeds:
+        write_sequence("sda10f", stages, seed, folder / "job")
+        found = compared(checkouts, folder / "job" / "tasks.yaml", folder, options, given.repeats)
+        if found is None:
+            continue
+        walls = [median(run.wall for run in runs) for runs in found]
+        works = [median(run.processor for run in runs) for runs in found]
+        before.append(walls[0])
+        now.append(walls[1])
+        ratios.append(walls[1] / walls[0])
+        used.append(works[1] / works[0])
+        cycles.append(found[1][0].cycle / found[0][0].cycle)
+    if before:
+        print(
+            f"| {stages} | {effort} | {len(before)} | {median(before):.1f} s | {median(now):.1f} s | "
+            f"{median(ratios):.2f} | {median(used):.2f} | {median(cycles):.4f} |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
