@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -56,7 +57,7 @@ def corners(schedule: Schedule, job: Job) -> list[Corner]:
     stops = job.stops_by_key()
     whole = {key: {"approach": s.approach, "retract": s.retract} for key, s in stops.items()}
     for arm in schedule.robot.arms:
-        parts = [part for part in schedule.segments if part.arm == arm]
+        parts = sorted((p for p in schedule.segments if p.arm == arm), key=lambda p: p.start)
         for k, part in enumerate(parts):
             if part.kind not in ("approach", "retract"):
                 continue
@@ -80,11 +81,14 @@ def corners(schedule: Schedule, job: Job) -> list[Corner]:
                     _beside(schedule, model, (part, beside[0]), length),
                 )
             )
+        starts = [part.start for part in parts]
         for event in schedule.events:
-            begun = [p for p in parts if p.kind in MOVES and abs(p.start - event.time) <= SAME_TIME]
-            if (event.arm, event.action) != (arm, "move") or not begun:
+            if (event.arm, event.action) != (arm, "move"):
                 continue
-            if _moves(schedule, arm, event.time):
+            first = bisect_left(starts, event.time - SAME_TIME)
+            last = bisect_right(starts, event.time + SAME_TIME)
+            begun = [part for part in parts[first:last] if part.kind in MOVES]
+            if begun and _moves(schedule, arm, event.time):
                 speed = _speed(schedule, model, arm, event.time)
                 limiting = _limiting(schedule, arm, begun[0])
                 named = event.task, event.action, ""

@@ -61,9 +61,9 @@ def check_agreement(trajectory: Trajectory, sliding: Collection[str] = ()) -> li
         q, v, a = one.position, one.velocity, one.acceleration
         dt = np.diff(one.time)[:, None]
         off = q[1:] - (q[:-1] + dt * (v[:-1] + dt * (2.0 * a[:-1] + a[1:]) / 6.0))
-        by_position.append(_worst_knot(_with_drift(off, tol.POSITION_AGREEMENT)))
+        by_position.append(_worst_knot(_with_drift(off, one.time, tol.POSITION_AGREEMENT)))
         off = v[1:] - (v[:-1] + dt * (a[:-1] + a[1:]) / 2.0)
-        by_velocity.append(_worst_knot(_with_drift(off, tol.VELOCITY_AGREEMENT)))
+        by_velocity.append(_worst_knot(_with_drift(off, one.time, tol.VELOCITY_AGREEMENT)))
     return [
         _judge_knots(name, worst, allowed, unit, trajectory, sliding)
         for name, worst, allowed, unit in (
@@ -81,13 +81,24 @@ def _worst_knot(error: FloatArray) -> tuple[float, int]:
     return float(error[knot, 0]), knot + 1
 
 
-def _with_drift(error: FloatArray, allowed: float) -> FloatArray:
-    """Returns the size of each knot's error or, where all are allowed, of all errors up to it.
+def _with_drift(error: FloatArray, time: FloatArray, allowed: float) -> FloatArray:
+    """Returns the size of each knot's error or, where all are allowed, of all errors up to it since a while ago.
 
-    Any number of knots may stand within an instant: each by itself agrees, together they would move a joint.
+    Any number of knots may stand within an instant: each by itself agrees, together they would move a joint. Over a
+    long time rounding of times adds up as well, the more the later it is: the sums begin anew every DRIFT_TIME.
+
+    Args:
+        error: of the knots but the first, shape (k-1, 1).
+        time: of the knots [s], shape (k,).
+        allowed: largest error of one knot.
     """
     size = np.abs(error)
-    return size if size.max(initial=0.0) > allowed else np.abs(np.cumsum(error, axis=0))
+    if size.max(initial=0.0) > allowed:
+        return size
+    total = np.concatenate([np.zeros((1, 1)), np.cumsum(error, axis=0)])
+    begun = time[0] + tol.DRIFT_TIME * np.floor((time[1:] - time[0]) / tol.DRIFT_TIME)
+    first = np.minimum(np.searchsorted(time, begun), np.arange(len(error)))
+    return np.abs(total[1:] - total[first])
 
 
 def check_limits(

@@ -6,6 +6,8 @@ POSITION_AGREEMENT = 1e-8
 """Difference of a knot's position from the integral of the knot before [rad]."""
 VELOCITY_AGREEMENT = 1e-7
 """Difference of a knot's velocity from the integral of the knot before [rad/s]."""
+DRIFT_TIME = 60.0
+"""How long errors of knots are added up [s]; in two stretches that meet they may add up to twice what is allowed."""
 POSITION_SLACK = 1e-9
 """How far a joint may be beyond its position limit by rounding [rad]."""
 RATE_SLACK = 1e-9

@@ -177,7 +177,8 @@ def check_targets(schedule: Schedule, job: Job) -> Check:
         if stop is None or stop.moves or not isinstance(stop.target, PoseTarget | JointTarget):
             continue  # check_order names it; other targets and what moves have checks of their own
         where = f"{event.task} ({event.action})"
-        worst.add(_target_error(schedule, job, event, stop.target), where)
+        within = stop.blend if schedule.blends else 0.0
+        worst.add(_target_error(schedule, job, event, stop.target, within), where)
     nothing = "no event is one of the job's"
     return worst.judge("events_at_targets", tol.POSE_DISTANCE, "m, rad", nothing)
 
@@ -201,17 +202,14 @@ def check_stands(schedule: Schedule, job: Job) -> Check:
 
 
 def _target_error(
-    schedule: Schedule, job: Job, event: Event, target: PoseTarget | JointTarget
+    schedule: Schedule, job: Job, event: Event, target: PoseTarget | JointTarget, within: float
 ) -> float:
-    """Returns how far an event is from its target within the target's freedoms [m, rad]."""
+    """Returns how far an event is from its target, or a pose from `within` [m] of it, within its freedoms [m, rad]."""
     if isinstance(target, JointTarget):
         names = job.cell.robot.arm(event.arm).joints
         columns = [schedule.trajectory.joints.index(name) for name in names]
         q = schedule.trajectory.at(np.array([event.time]))[0][0, columns]
         return float(np.abs(target.configurations - q).max(axis=1).min())
-    within = (
-        job.stops_by_key()[event.arm, event.task, event.action].blend if schedule.blends else 0.0
-    )
     return pose_error(target.pose, target, event.pose, within)
 
 

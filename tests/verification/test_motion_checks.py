@@ -14,6 +14,7 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.motion_checks import (
+    check_agreement,
     check_limits,
     check_time,
     judge,
@@ -89,6 +90,15 @@ def test_a_position_that_is_a_microradian_off_names_joint_and_time(clean, moved,
         found = failing(moved(clean.schedule, **arrays), clean.job)
         assert set(found) == expected
         assert found.get("position_agreement", "l2 at 2.4").startswith("l2 at 2.")
+
+
+@pytest.mark.parametrize(("step", "verdict"), [(1e-12, "passed"), (1e-10, "failed")])
+def test_rounding_in_hours_is_not_added_up(step, verdict):
+    """In five hours 360,000 knots with 1e-12 rad each are 3.6e-7 rad, in a minute 1.2e-9; with 1e-10 rad 1.2e-7 there."""
+    time = 0.05 * np.arange(360_000)
+    position, zero = step * np.arange(len(time))[:, None], np.zeros((len(time), 1))
+    found = check_agreement(Trajectory(("a",), time, position, zero, zero))
+    assert [check.verdict for check in found] == [verdict, "passed"]
 
 
 def test_a_velocity_that_is_off_names_joint_and_time(clean, moved, failing):
