@@ -94,7 +94,7 @@ def test_a_position_that_is_a_microradian_off_names_joint_and_time(clean, moved,
 
 @pytest.mark.parametrize(("step", "verdict"), [(1e-12, "passed"), (1e-10, "failed")])
 def test_rounding_in_hours_is_not_added_up(step, verdict):
-    """In five hours 360,000 knots with 1e-12 rad each are 3.6e-7 rad, in a minute 1.2e-9; with 1e-10 rad 1.2e-7 there."""
+    """In five hours knots with 1e-12 rad each are 3.6e-7 rad, in a minute 1.2e-9; with 1e-10 rad 1.2e-7 there."""
     time = 0.05 * np.arange(360_000)
     position, zero = step * np.arange(len(time))[:, None], np.zeros((len(time), 1))
     found = check_agreement(Trajectory(("a",), time, position, zero, zero))
