@@ -331,7 +331,9 @@ def test_the_bound_over_all_orders_has_the_fewest_visits_in_it(kit):
         tasks=tuple(dataclasses.replace(t, tool="fingers" if t.tool else "") for t in kit.tasks),
     )
     without = shared_bound(BOUNDS, model, screws).value
-    assert without + 4 * 0.8 <= bound < 20.5
+    # Bounds are rounded down by a hundred-thousandth.
+    assert without + 4 * 0.8 <= bound * (1.0 + 2e-5)
+    assert bound < 20.5
 
 
 def test_a_tool_that_reaches_into_its_stand_is_told_before_any_search(kit):
