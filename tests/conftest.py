@@ -18,6 +18,8 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from dualarm_cli import beside
+
 # As the command does for itself, and before numpy is loaded: small matrices, one thread.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -50,6 +52,15 @@ def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         if os.environ.get("PYTHONDONTWRITEBYTECODE"):
             patch.delenv("PYTHONDONTWRITEBYTECODE")
             patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("bytecode")))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_process() -> Iterator[None]:
+    """Commands that tests run in their own process make no copies of it: other tests have the other cores."""
+    with pytest.MonkeyPatch.context() as patch:
+        forbidding = beside.copies
+        patch.setattr(beside, "copies", lambda _: forbidding(False))
         yield
 
 

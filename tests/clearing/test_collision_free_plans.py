@@ -281,6 +281,7 @@ def test_a_part_is_turned_where_only_one_of_its_turns_fits(tasks_folder):
     assert across < 1e-6
 
 
+@pytest.mark.slow
 def test_detours_keep_a_cap_on_the_tools_speed_and_cost_little(tasks_folder, monkeypatch):
     """Shelves with 0.5 m/s: curves about them, timed so that no tool is faster; a quarter longer at most.
 

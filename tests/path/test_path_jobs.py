@@ -549,6 +549,7 @@ def test_corners_that_are_rounded_more_than_allowed_fail(tmp_path: Path) -> None
             assert "path_corners" in {check.name for check in verdict.failures}
 
 
+@pytest.mark.slow
 def test_a_bend_that_takes_longer_than_a_stop_is_not_taken(tmp_path: Path) -> None:
     """0.5 mm at 1 m/s: the same cycle as with stops, and the plan is as good."""
     job = _square(tmp_path, "0.5 mm", speed=1000)

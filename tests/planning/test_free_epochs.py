@@ -86,6 +86,7 @@ def test_stage_by_stage_it_would_take_longer(plan):
     assert plan.duration < paired - 1.0
 
 
+@pytest.mark.slow
 def test_windows_count_from_the_beginning_of_all(job, plan):
     """A task of the second epoch that must wait waits until the file's instant, not from its epoch's beginning."""
     last = max(plan.events, key=lambda event: event.time).task
