@@ -1,6 +1,7 @@
-"""Hatch's build hook: the page's code is bundled when the package is built, with the Node that pip brings.
+"""Hatch's build hook: C is compiled, and the page's code bundled, when the package is built.
 
-Where Node's packages cannot be reached the package is built without the page: everything else works.
+The compiler (Zig's, for C) and Node come as packages that pip brings, so that no machine needs its own. Where Node's
+packages cannot be reached the package is built without the page: everything else works.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +17,34 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 TIME_LIMIT = 300
 """How long npm and the bundler may take each [s]."""
+PLATFORM = "manylinux_2_28_x86_64"
+"""Where the wheel runs: any x86-64 Linux with the C library of 2018 or later, with any Python."""
+COMPILER = [
+    *("-m", "ziglang", "cc", "-target", "x86_64-linux-gnu.2.28", "-mcpu=x86_64_v2"),
+    *(
+        "-std=c11",
+        "-O3",
+        "-ffp-contract=off",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-shared",
+        "-fPIC",
+        "-s",
+    ),
+]
+"""The C compiler, for instructions of all processors since 2009, and floating point as written on all of them."""
 
 
-class PageBuildHook(BuildHookInterface):
-    """Bundles the page before the wheel is put together."""
+class BuildHook(BuildHookInterface):
+    """Compiles and bundles before the wheel is put together."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Bundles the page, and adds it to the wheel."""
+        """Adds the compiled functions and the page to the wheel."""
+        _compile(Path(self.root) / "dualarm_cli" / "compiled")
+        build_data["pure_python"] = False
+        build_data["tag"] = f"py3-none-{PLATFORM}"
+        build_data["artifacts"].append("dualarm_cli/compiled/built/*")
         web = Path(self.root) / "dualarm_cli" / "page" / "web"
         if not _is_fresh(web):
             try:
@@ -30,6 +53,26 @@ class PageBuildHook(BuildHookInterface):
                 self.app.display_warning(f"dualarm is built without its page: {error}")
                 return
         build_data["artifacts"].append("dualarm_cli/page/built/*")
+
+
+def _compile(folder: Path) -> None:
+    """Compiles the C of a folder's `src` into one library, unless there is a younger one.
+
+    Raises:
+        subprocess.CalledProcessError: it cannot be compiled.
+    """
+    sources = sorted((folder / "src").glob("*.c"))
+    library = folder / "built" / "libdualarm.so"
+    newest = max(path.stat().st_mtime for path in [*sources, Path(__file__)])
+    if library.is_file() and library.stat().st_mtime > newest:
+        return
+    library.parent.mkdir(exist_ok=True)
+    # Whole or not at all: another process may be loading it.
+    made = library.with_suffix(f".{os.getpid()}")
+    names = [str(path) for path in sources]
+    command = [sys.executable, *COMPILER, "-o", str(made), *names, "-lm"]
+    subprocess.run(command, check=True, timeout=TIME_LIMIT)
+    made.replace(library)
 
 
 def _is_fresh(web: Path) -> bool:

@@ -12,7 +12,10 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.stages.search.candidates import Nodes
 from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, SequenceProblem
 from dualarm_cli.stages.search.times import TransferChain
-from dualarm_cli.stages.search.transfer_table import ROWS, Coordinates, TransferTable
+from dualarm_cli.stages.search.transfer_table import Coordinates, TransferTable
+
+ROWS = 48
+"""Rows of a block of pairs: small enough for the cache."""
 
 Times = NDArray[np.float32]
 

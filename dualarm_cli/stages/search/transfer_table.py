@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dualarm_cli.compiled.transfer_times import Laws, boxes, gap_times
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
@@ -16,10 +17,9 @@ STEPS = 32_000
 """Steps of the table over the widest joint's range; differences of coordinates then fit 16 bits."""
 WIDEST = 4.0 * np.pi
 """Range of a joint without position limits beyond which the table does not distinguish [rad]."""
-ROWS = 48
-"""Rows of a block of pairs: small enough for the cache."""
 
 Coordinates = NDArray[np.int16]
+"""Joints in steps of a table, coordinate first."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,8 @@ class TransferTable:
     """Middle of each joint's range [rad], shape (c,)."""
     classes: tuple[_Class, ...]
     """Joints by law."""
+    _laws: dict[tuple[int, ...], Laws] = field(default_factory=dict, compare=False, repr=False)
+    """The table for the compiled functions, by the coordinates that do not count."""
 
     @classmethod
     def of(cls, laws: list[RestToRest], lower: FloatArray, upper: FloatArray) -> TransferTable:
@@ -121,21 +123,7 @@ class TransferTable:
             goal_high: highest ones.
             without: coordinates that do not count.
         """
-        n, m = low.shape[1], goal_low.shape[1]
-        result = np.zeros((n, m), dtype=np.float32)
-        for k in range(0, n, ROWS):
-            rows = slice(k, k + ROWS)
-            for group in self.classes:
-                columns = [c for c in group.columns if c not in without]
-                if not columns:
-                    continue
-                gap = np.zeros((min(ROWS, n - k), m), dtype=np.int16)
-                for c in columns:
-                    np.maximum(gap, goal_low[c] - high[c, rows, None], out=gap)
-                    np.maximum(gap, low[c, rows, None] - goal_high[c], out=gap)
-                time = np.take(group.time, gap, mode="clip")
-                np.maximum(result[rows], time, out=result[rows])
-        return result
+        return gap_times(self.laws(without), boxes(low, high), boxes(goal_low, goal_high))
 
     def times(
         self, start: Coordinates, goal: Coordinates, without: tuple[int, ...] = ()
@@ -147,23 +135,21 @@ class TransferTable:
             goal: in steps, shape (c, m).
             without: coordinates that do not count.
         """
-        longest = None
-        work = np.empty((start.shape[1], goal.shape[1]), dtype=np.int16)
-        for group in self.classes:
-            columns = [c for c in group.columns if c not in without]
-            if not columns:
-                continue
-            most = np.subtract(start[columns[0], :, None], goal[columns[0]])
-            np.abs(most, out=most)
-            for c in columns[1:]:
-                np.subtract(start[c, :, None], goal[c], out=work)
-                np.abs(work, out=work)
-                np.maximum(most, work, out=most)
-            time = np.take(group.time, most, mode="clip")
-            longest = time if longest is None else np.maximum(longest, time, out=longest)
-        if longest is None:
-            return np.zeros((start.shape[1], goal.shape[1]), dtype=np.float32)
-        return longest
+        return self.gap_times(start, start, goal, goal, without)
+
+    def laws(self, without: tuple[int, ...] = ()) -> Laws:
+        """Returns the table for the compiled functions.
+
+        Args:
+            without: coordinates that do not count.
+        """
+        if without not in self._laws:
+            kept = [[c for c in group.columns if c not in without] for group in self.classes]
+            tables = np.stack([group.time for group in self.classes])
+            columns = np.array([c for own in kept for c in own], dtype=np.int32)
+            ends = np.cumsum([len(own) for own in kept], dtype=np.int32)
+            self._laws[without] = Laws.of(tables, columns, ends)
+        return self._laws[without]
 
 
 def rows_of(coordinates: Coordinates, rows: IntArray) -> Coordinates:

@@ -1,0 +1,43 @@
+"""The compiled functions: loops over so many small numbers that calling numpy for each would take longer than they do.
+
+`src` has their C; the package's build compiles it with the compiler that pip brings, for any x86-64 processor. All
+arithmetic is that of IEEE 754 in the order written, so results do not depend on the machine.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from dualarm_cli.errors import DualArmError
+
+LIBRARY = Path(__file__).parent / "built" / "libdualarm.so"
+"""What the build makes of `src`."""
+
+
+@lru_cache(maxsize=1)
+def library() -> ctypes.CDLL:
+    """Returns the compiled functions.
+
+    Raises:
+        DualArmError: they were not built.
+    """
+    try:
+        return ctypes.CDLL(str(LIBRARY))
+    except OSError as error:
+        raise DualArmError(
+            f"the compiled functions cannot be loaded ({error}); install dualarm again with pip, which builds them"
+        ) from error
+
+
+def pointer(array: np.ndarray) -> ctypes.c_void_p:
+    """Returns where the numbers of a contiguous array are, as an argument of a compiled function.
+
+    Args:
+        array: has to outlive the call.
+    """
+    assert array.flags.c_contiguous  # rows are expected one after the other
+    return ctypes.c_void_p(array.ctypes.data)

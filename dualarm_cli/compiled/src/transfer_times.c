@@ -1,0 +1,185 @@
+/* Rest-to-rest times between boxes of joint coordinates, looked up in tables; what bounds and potentials are made of.
+
+   Coordinates are steps of a table (int16), coordinate first: x[c * count + i]. Joints with laws in the same proportions
+   form a class with one table; a transfer takes the longest of all classes' times over their largest gaps. */
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+typedef struct {
+    const float *table;    /* times of every number of steps, class by class, (classes, steps) */
+    const int32_t *column; /* coordinates of all classes, one class after the other */
+    const int32_t *end;    /* where each class ends in `column`, (classes,) */
+    int32_t classes, steps;
+} Laws;
+
+typedef struct {
+    const int16_t *low, *high; /* of every box, (coordinates, count) */
+    int64_t count;
+} Boxes;
+
+typedef struct {
+    Boxes cells;
+    const int64_t *group; /* platform cell of each, ascending, (count,) */
+    Boxes runs;           /* around cells next to each other in one group */
+    const int64_t *first; /* first cell of each run, and the number of cells, (runs + 1,) */
+} Side;
+
+enum { TILE = 512 };
+
+/* Times from box i to `count` boxes from `begin` on; at most TILE of them. */
+static void row_times(const Laws *laws, Boxes from, int64_t i, Boxes to, int64_t begin, int64_t count, float *time)
+{
+    int16_t gap[TILE];
+    int32_t c = 0;
+    for (int32_t k = 0; k < laws->classes; k++) {
+        for (int64_t j = 0; j < count; j++)
+            gap[j] = 0;
+        for (; c < laws->end[k]; c++) {
+            const int64_t column = laws->column[c];
+            const int16_t low = from.low[column * from.count + i], high = from.high[column * from.count + i];
+            const int16_t *goal_low = to.low + column * to.count + begin;
+            const int16_t *goal_high = to.high + column * to.count + begin;
+            for (int64_t j = 0; j < count; j++) {
+                const int16_t over = (int16_t)(goal_low[j] - high), under = (int16_t)(low - goal_high[j]);
+                const int16_t most = over > under ? over : under;
+                gap[j] = gap[j] > most ? gap[j] : most;
+            }
+        }
+        const float *table = laws->table + (int64_t)k * laws->steps;
+        for (int64_t j = 0; j < count; j++) {
+            const float own = table[gap[j]];
+            time[j] = k == 0 || own > time[j] ? own : time[j];
+        }
+    }
+}
+
+/* Times of all pairs, (from.count, to.count). */
+void gap_times(const Laws *laws, const Boxes *from, const Boxes *to, float *time)
+{
+    for (int64_t i = 0; i < from->count; i++)
+        for (int64_t j = 0; j < to->count; j += TILE) {
+            const int64_t count = to->count - j < TILE ? to->count - j : TILE;
+            row_times(laws, *from, i, *to, j, count, time + i * to->count + j);
+        }
+}
+
+typedef struct {
+    float bound;
+    int32_t run;
+} Promise;
+
+static int by_bound(const void *one, const void *other)
+{
+    const Promise *a = one, *b = other;
+    if (a->bound != b->bound)
+        return a->bound < b->bound ? -1 : 1;
+    return a->run - b->run;
+}
+
+static float least_of(const float *value, int64_t begin, int64_t end)
+{
+    float least = INFINITY;
+    for (int64_t j = begin; j < end; j++)
+        least = value[j] < least ? value[j] : least;
+    return least;
+}
+
+/* The least of transfer and `work` (of each cell of `to`) for every pair of groups, (groups, groups); infinite at first.
+   Returns 0, or 1 without memory. */
+int least_by_groups(const Laws *laws, const Side *from, const Side *to, const float *work, int64_t groups, float *least)
+{
+    const int64_t goals = to->runs.count;
+    Promise *promise = malloc(sizeof(Promise) * (size_t)(goals + 1));
+    float *bound = malloc(sizeof(float) * (size_t)(2 * goals + 1)), *least_work = bound + goals, time[TILE];
+    if (!promise || !bound) {
+        free(promise);
+        free(bound);
+        return 1;
+    }
+    for (int64_t r = 0; r < goals; r++)
+        least_work[r] = least_of(work, to->first[r], to->first[r + 1]);
+    for (int64_t k = 0; k < from->runs.count; k++) {
+        float *best = least + from->group[from->first[k]] * groups;
+        for (int64_t r = 0; r < goals; r += TILE)
+            row_times(laws, from->runs, k, to->runs, r, goals - r < TILE ? goals - r : TILE, bound + r);
+        int64_t promising = 0;
+        for (int64_t r = 0; r < goals; r++) {
+            const float own = bound[r] + least_work[r];
+            if (own < best[to->group[to->first[r]]])
+                promise[promising++] = (Promise){own, (int32_t)r};
+        }
+        qsort(promise, (size_t)promising, sizeof(Promise), by_bound);
+        for (int64_t p = 0; p < promising; p++) {
+            const int64_t r = promise[p].run, begin = to->first[r], count = to->first[r + 1] - begin;
+            float *here = best + to->group[begin];
+            for (int64_t i = from->first[k]; i < from->first[k + 1] && promise[p].bound < *here; i++) {
+                row_times(laws, from->cells, i, to->cells, begin, count, time);
+                for (int64_t j = 0; j < count; j++) {
+                    const float sum = time[j] + work[begin + j];
+                    *here = sum < *here ? sum : *here;
+                }
+            }
+        }
+    }
+    free(promise);
+    free(bound);
+    return 0;
+}
+
+/* From every cell of `from` the least over all cells of `to` of max(transfer + own, floor + beyond), (from.count,):
+   own and beyond are of each cell where a transfer ends, floor of each pair of groups, (groups, groups).
+   Returns 0, or 1 without memory. */
+int least_from(const Laws *laws, const Side *from, const Side *to, const float *own, const float *floor,
+               const float *beyond, int64_t groups, float *least)
+{
+    const int64_t goals = to->runs.count;
+    Promise *promise = malloc(sizeof(Promise) * (size_t)(goals + 1));
+    float *bound = malloc(sizeof(float) * (size_t)(3 * goals + 1)), time[TILE];
+    float *least_own = bound + goals, *least_beyond = bound + 2 * goals;
+    if (!promise || !bound) {
+        free(promise);
+        free(bound);
+        return 1;
+    }
+    for (int64_t r = 0; r < goals; r++) {
+        least_own[r] = least_of(own, to->first[r], to->first[r + 1]);
+        least_beyond[r] = least_of(beyond, to->first[r], to->first[r + 1]);
+    }
+    for (int64_t k = 0; k < from->runs.count; k++) {
+        const int64_t begin = from->first[k], end = from->first[k + 1];
+        const float *floors = floor + from->group[begin] * groups;
+        for (int64_t i = begin; i < end; i++)
+            least[i] = INFINITY;
+        for (int64_t r = 0; r < goals; r += TILE)
+            row_times(laws, from->runs, k, to->runs, r, goals - r < TILE ? goals - r : TILE, bound + r);
+        for (int64_t r = 0; r < goals; r++) {
+            const float one = bound[r] + least_own[r], other = floors[to->group[to->first[r]]] + least_beyond[r];
+            promise[r] = (Promise){one > other ? one : other, (int32_t)r};
+        }
+        qsort(promise, (size_t)goals, sizeof(Promise), by_bound);
+        for (int64_t p = 0; p < goals; p++) {
+            const int64_t r = promise[p].run, goal = to->first[r], count = to->first[r + 1] - goal;
+            const float here = floors[to->group[goal]];
+            int better = 0;
+            for (int64_t i = begin; i < end; i++) {
+                if (promise[p].bound >= least[i])
+                    continue;
+                better = 1;
+                row_times(laws, from->cells, i, to->cells, goal, count, time);
+                for (int64_t j = 0; j < count; j++) {
+                    const float one = time[j] + own[goal + j], other = here + beyond[goal + j];
+                    const float sum = one > other ? one : other;
+                    least[i] = sum < least[i] ? sum : least[i];
+                }
+            }
+            if (!better)
+                break;
+        }
+    }
+    free(promise);
+    free(bound);
+    return 0;
+}

@@ -1,0 +1,153 @@
+"""What the compiled functions of `src/transfer_times.c` take, as they take it."""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import byref
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dualarm_cli.compiled import library, pointer
+
+_pointer, _int32, _int64 = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64
+
+
+class _Held(ctypes.Structure):
+    """A structure of pointers that keeps the arrays they point into."""
+
+    held: tuple[object, ...] = ()
+
+
+class Laws(_Held):
+    """Tables of times: `Laws` in C."""
+
+    _fields_ = (
+        ("table", _pointer),
+        ("column", _pointer),
+        ("end", _pointer),
+        ("classes", _int32),
+        ("steps", _int32),
+    )
+
+    @classmethod
+    def of(
+        cls, table: NDArray[np.float32], column: NDArray[np.int32], end: NDArray[np.int32]
+    ) -> Laws:
+        """Returns the tables of classes of joints.
+
+        Args:
+            table: time of every number of steps [s], class by class, shape (classes, steps).
+            column: coordinates of all classes, one class after the other.
+            end: where each class ends in `column`, shape (classes,).
+        """
+        own = cls(pointer(table), pointer(column), pointer(end), *table.shape)
+        own.held = table, column, end
+        return own
+
+
+class Boxes(_Held):
+    """Boxes of coordinates: `Boxes` in C."""
+
+    _fields_ = (("low", _pointer), ("high", _pointer), ("count", _int64))
+
+
+def boxes(low: NDArray[np.int16], high: NDArray[np.int16]) -> Boxes:
+    """Returns boxes.
+
+    Args:
+        low: lowest coordinates, shape (c, n).
+        high: highest ones, shape (c, n).
+    """
+    held = np.ascontiguousarray(low), np.ascontiguousarray(high)
+    own = Boxes(pointer(held[0]), pointer(held[1]), low.shape[1])
+    own.held = held
+    return own
+
+
+class Side(_Held):
+    """Cells in runs, where transfers begin or end: `Side` in C."""
+
+    _fields_ = (("cells", Boxes), ("group", _pointer), ("runs", Boxes), ("first", _pointer))
+
+    @classmethod
+    def of(
+        cls, cells: Boxes, group: NDArray[np.int64], runs: Boxes, first: NDArray[np.int64]
+    ) -> Side:
+        """Returns cells in runs.
+
+        Args:
+            cells: n boxes.
+            group: group of each of them, ascending, shape (n,).
+            runs: b boxes around cells next to each other, each within one group.
+            first: first cell of each run, and n, shape (b + 1,).
+        """
+        own = cls(cells, pointer(group), runs, pointer(first))
+        own.held = cells, group, runs, first
+        return own
+
+
+def gap_times(laws: Laws, before: Boxes, after: Boxes) -> NDArray[np.float32]:
+    """Returns the least times between all pairs of boxes [s], shape (n, m).
+
+    Args:
+        laws: tables of times.
+        before: n boxes where transfers begin.
+        after: m boxes where they end.
+    """
+    found = np.empty((before.count, after.count), dtype=np.float32)
+    library().gap_times(byref(laws), byref(before), byref(after), pointer(found))
+    return found
+
+
+def least_by_groups(
+    laws: Laws, before: Side, after: Side, work: NDArray[np.float32], least: NDArray[np.float32]
+) -> None:
+    """Lowers `least` to the least of transfer and work for every pair of groups.
+
+    Args:
+        laws: tables of times.
+        before: where transfers begin.
+        after: where they end, m cells.
+        work: of each of these [s], shape (m,).
+        least: [s], shape (g, g).
+
+    Raises:
+        MemoryError: there is none.
+    """
+    work = np.ascontiguousarray(work)
+    arguments = byref(laws), byref(before), byref(after), pointer(work), _int64(len(least))
+    _checked(library().least_by_groups(*arguments, pointer(least)))
+
+
+def least_from(
+    laws: Laws,
+    before: Side,
+    after: Side,
+    own: NDArray[np.float32],
+    floor: NDArray[np.float32],
+    beyond: NDArray[np.float32],
+    least: NDArray[np.float32],
+) -> None:
+    """Sets `least` to the minima over the cells of `after` of max(transfer + own, floor + beyond).
+
+    Args:
+        laws: tables of times.
+        before: where transfers begin, n cells.
+        after: where they end, m cells.
+        own: of each of these [s], shape (m,).
+        floor: of each pair of groups [s], shape (g, g).
+        beyond: of each cell of `after` [s], shape (m,).
+        least: [s], shape (n,).
+
+    Raises:
+        MemoryError: there is none.
+    """
+    held = tuple(np.ascontiguousarray(array) for array in (own, floor, beyond))
+    arguments = *map(byref, (laws, before, after)), *map(pointer, held), _int64(len(floor))
+    _checked(library().least_from(*arguments, pointer(least)))
+
+
+def _checked(failed: int) -> None:
+    if failed:
+        raise MemoryError
