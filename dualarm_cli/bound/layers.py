@@ -159,7 +159,7 @@ def _least_time(
     shoulder: tuple[FloatArray, FloatArray],
     wrist: tuple[FloatArray, FloatArray],
 ) -> FloatArray:
-    """Returns the least T at which joints 1 to 4, and 7 to 5, can turn far enough, or up to a step of `RestToRest.reach` less."""
+    """Returns the least T at which joints 1 to 4, and 7 to 5, can turn far enough; less than a step of a table less."""
     step, way = work.law.reach
     low, high = np.zeros((2, len(bend)), dtype=np.int64)
     high += way.shape[1] - 1

@@ -21,10 +21,10 @@ SCAN_STEP = np.radians(1.0)
 """Spacing of the platform angles that are looked at, besides those within the arm's reach [rad]."""
 WITHIN_REACH = 65
 """Platform angles that are looked at along each arc from which a stop is within reach."""
-HALVINGS = 40
-"""How often the bracket about an end of an interval is halved: to 1e-12 of it."""
-COARSE_STEP, FEW_HALVINGS = np.radians(3.0), 6
-"""The same for arms without closed forms, of which it takes long to know."""
+ROUNDS, PARTS = 8, 32
+"""How often the bracket about an end of an interval is cut, and into how many parts at once: to 1e-12 of it."""
+COARSE_STEP, FEW_ROUNDS = np.radians(3.0), 2
+"""The same for arms without closed forms, of which it takes long to know: to 1e-3."""
 FREE_YAWS = 8
 """Yaws that are looked at where any will do."""
 SHARES = np.array([0.1, 0.5, 0.9])
@@ -194,7 +194,7 @@ def _intervals(
     if not has_closed_form(problem.arms[a]):
         step = problem.platform.spacing(COARSE_STEP, *around)
         angles = np.append(np.arange(*around, step), around[1])
-        return _runs(angles, has_nodes, FEW_HALVINGS)
+        return _runs(angles, has_nodes, FEW_ROUNDS)
     yaws = _yaws(problem, a, stage)
 
     def feasible(angles: FloatArray) -> BoolArray:
@@ -237,7 +237,7 @@ def _arcs(
 
 
 def _runs(
-    angles: FloatArray, feasible: Callable[[FloatArray], BoolArray], halvings: int = HALVINGS
+    angles: FloatArray, feasible: Callable[[FloatArray], BoolArray], rounds: int = ROUNDS
 ) -> list[Interval]:
     """Returns the intervals in which something is feasible, from where it is among ascending angles (n,)."""
     ok = feasible(angles)
@@ -250,10 +250,13 @@ def _runs(
     outer = np.concatenate(
         [angles[np.maximum(begins - 1, 0)], angles[np.minimum(ends + 1, len(angles) - 1)]]
     )
-    for _ in range(halvings):
-        middle = 0.5 * (inner + outer)
-        within = feasible(middle)
-        inner, outer = np.where(within, middle, inner), np.where(within, outer, middle)
+    share, rows = np.arange(PARTS + 1) / PARTS, np.arange(len(inner))
+    for _ in range(rounds):
+        between = inner[:, None] + share * (outer - inner)[:, None]
+        within = feasible(between[:, 1:].ravel()).reshape(len(inner), PARTS)
+        # The last one before the first that is not; where all are, the outer end is no end.
+        last = np.where(within.all(axis=1), PARTS, within.argmin(axis=1))
+        inner, outer = between[rows, last], between[rows, np.minimum(last + 1, PARTS)]
     low, high = np.split(inner, 2)
     return list(zip(low.tolist(), high.tolist(), strict=True))
 
