@@ -21,8 +21,8 @@ SCAN_STEP = np.radians(1.0)
 """Spacing of the platform angles that are looked at, besides those within the arm's reach [rad]."""
 WITHIN_REACH = 65
 """Platform angles that are looked at along each arc from which a stop is within reach."""
-ROUNDS, PARTS = 8, 32
-"""How often the bracket about an end of an interval is cut, and into how many parts at once: to 1e-12 of it."""
+ROUNDS, PARTS = 4, 32
+"""How often the bracket about an end of an interval is cut, and into how many parts at once: to 1e-6 of it."""
 COARSE_STEP, FEW_ROUNDS = np.radians(3.0), 2
 """The same for arms without closed forms, of which it takes long to know: to 1e-3."""
 FREE_YAWS = 8
