@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -25,7 +24,7 @@ from dualarm_cli.motion.transfers import (
     transfers_within_tool_speed,
 )
 from dualarm_cli.postures import StopProblem
-from dualarm_cli.postures.candidates import line_path
+from dualarm_cli.postures.candidates import line_paths
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.postures.tracked import Tracked
 from dualarm_cli.refusals import Refusal
@@ -125,15 +124,13 @@ def solve_line(
     (q, length), away = path, line == "retract"
     limits = drive.limits.select(drive.model.arms[arm_stop.arm].arm.joints)
     # A launch is given from the target outwards.
-    asked = LineProblem(
-        limits.joints, q if away or launch is None else q[::-1], length, limits, drive.cap
-    )
+    along = q if away or launch is None else q[::-1]
     for knots in KNOTS:
-        finer = replace(asked, knots=knots)
+        asked = LineProblem(limits.joints, along, length, limits, drive.cap, knots)
         if launch is None:
-            trajectory = drive.timing.line(finer)
+            trajectory = drive.timing.line(asked)
         else:
-            outwards = solve_launch(finer, launch)
+            outwards = solve_launch(asked, launch)
             trajectory = outwards if away else reversed_in_time(outwards)
         distance, angle = line_deviation(arm_stop.problem, q, trajectory)
         if max(distance, angle) <= LINE_TOLERANCE:
@@ -153,20 +150,16 @@ def line_deviation(
         q: exact joints along the line [rad], shape (m, 7); the ends are what matters.
         trajectory: the motion to be judged.
     """
-    share = np.arange(CHECKS_PER_KNOT) / CHECKS_PER_KNOT
-    times = (trajectory.time[:-1, None] + np.diff(trajectory.time)[:, None] * share).ravel()
-    R_end, p_end = problem.arm.forward(np.stack([q[0], q[-1]]))
-    tip_in_flange = -problem.R_tool_flange.T @ problem.p_tool_flange
-    ends = p_end + R_end @ tip_in_flange
-    R, p = problem.arm.forward(trajectory.at(times)[0])
-    tip = p + R @ tip_in_flange
+    # Both ends of the line and the instants in one call of the kinematics.
+    R, p = problem.arm.forward(np.concatenate([q[[0, -1]], trajectory.between(CHECKS_PER_KNOT)]))
+    tip = p - R @ (problem.R_tool_flange.T @ problem.p_tool_flange)
+    ends, tip, R_begin, R = tip[:2], tip[2:], R[0], R[2:]
     direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     offset = tip - ends[0]
     beside = offset - (offset @ direction)[:, None] * direction
     # |R - R0| in the Frobenius norm is 2 sqrt(2) sin(angle/2); no loss of digits near zero.
-    gap = np.linalg.norm(R - R_end[0], axis=(1, 2)) / (2.0 * np.sqrt(2.0))
-    angle = 2.0 * np.arcsin(np.clip(gap, 0.0, 1.0))
-    return float(np.linalg.norm(beside, axis=1).max()), float(angle.max())
+    gap = np.sqrt(((R - R_begin) ** 2).sum(axis=(1, 2)).max() / 8.0)
+    return float(np.sqrt((beside**2).sum(axis=1).max())), float(2.0 * np.arcsin(min(gap, 1.0)))
 
 
 def add_handover(
@@ -209,6 +202,20 @@ def add_handover(
     return {taker.arm: gripped - begin, giver.arm: away - begin}
 
 
+Line = tuple[StagePlan, ArmStop, str]
+"""A stage, a stop in it, and `approach` or `retract`."""
+
+
+def lines_of(plan: StagePlan) -> list[Line]:
+    """Returns the lines of a stage's stops at targets that stand."""
+    return [
+        (plan, one, line)
+        for one in plan.stops.values()
+        for line, way in (("approach", one.stop.approach), ("retract", one.stop.retract))
+        if one.tracked is None and way > 0.0
+    ]
+
+
 def timed_line(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Trajectory:
     """Returns the timed `approach` or `retract` of a stop in its stage, which has one; see `solve_line`."""
     key = _timed_key(drive, plan, arm_stop, line)
@@ -230,20 +237,14 @@ def time_lines(drive: Drive, plans: Sequence[StagePlan]) -> None:
         drive: of the job; its `known` gets the lines.
         plans: stages; those that arms leave while a tool stands are left out, as they have other lines.
     """
-    asked: dict[Key, tuple[StagePlan, ArmStop, str]] = {}
+    asked: dict[Key, Line] = {}
     for plan in plans:
-        for arm_stop in () if plan.leaving else plan.stops.values():
-            if arm_stop.tracked is not None:
-                continue
-            for line, way in (
-                ("approach", arm_stop.stop.approach),
-                ("retract", arm_stop.stop.retract),
-            ):
-                key = _timed_key(drive, plan, arm_stop, line)
-                if way > 0.0 and key not in drive.known.lines:
-                    asked[key] = plan, arm_stop, line
+        for one in () if plan.leaving else lines_of(plan):
+            key = _timed_key(drive, *one)
+            if key not in drive.known.lines:
+                asked[key] = one
 
-    def timed(some: Sequence[tuple[StagePlan, ArmStop, str]]) -> list[Trajectory | None]:
+    def timed(some: Sequence[Line]) -> list[Trajectory | None]:
         found: list[Trajectory | None] = []
         for one in some:
             try:
@@ -253,6 +254,7 @@ def time_lines(drive: Drive, plans: Sequence[StagePlan]) -> None:
         return found
 
     lines = list(asked.values())
+    find_paths(drive, lines)
     for one, trajectory in zip(lines, halves(timed, lines, SHARED), strict=True):
         if trajectory is not None:
             remember_line(drive, *one, trajectory)
@@ -275,14 +277,35 @@ def _timed_key(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> K
 def joints_along(
     drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns the joints along a line of a stop in its stage, and the lengths travelled; see `line_path`."""
-    arm_stop = plan.stop_at(line, arm_stop)
-    key = (line, *_line_key(drive.model, plan, arm_stop))
+    """Returns the joints along a line of a stop in its stage, and the lengths travelled; see `line_paths`."""
+    key = _path_key(drive, plan, arm_stop, line)
     if key not in drive.known.paths:
-        q, length = line_path(arm_stop.problem, arm_stop.posture, line, PATH_SAMPLES)
-        drive.known.paths[key] = arm_stop.stop, q, length
+        find_paths(drive, [(plan, arm_stop, line)])
     _, q, length = drive.known.paths[key]
     return q, length
+
+
+def find_paths(drive: Drive, lines: Sequence[Line]) -> None:
+    """Finds the joints along lines that are not known yet, which takes little longer for many than for one.
+
+    Lines that are worked on in two processes have to be found before: both must have the same to the last digit.
+
+    Args:
+        drive: of the job; its `known` gets the paths.
+        lines: which.
+    """
+    asked = {}
+    for plan, arm_stop, line in lines:
+        key = _path_key(drive, plan, arm_stop, line)
+        if key not in drive.known.paths:
+            asked[key] = plan.stop_at(line, arm_stop), line
+    made = [(one.problem, one.posture, line) for one, line in asked.values()]
+    for (key, (one, _)), path in zip(asked.items(), line_paths(made, PATH_SAMPLES), strict=True):
+        drive.known.paths[key] = one.stop, *path
+
+
+def _path_key(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Key:
+    return (line, *_line_key(drive.model, plan, plan.stop_at(line, arm_stop)))
 
 
 def rates_between(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Rates:

@@ -1,0 +1,175 @@
+"""What the compiled functions of `src/lines.c` and `src/splines.c` take, as they take it."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from ctypes import byref
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dualarm_cli.compiled import library, pointer
+
+Array = NDArray[np.float64]
+Knots = tuple[Array, Array, Array, Array]
+"""Times (k,), positions, velocities and accelerations, (k, n) each, at k knots of n joints."""
+
+_pointer, _int64 = ctypes.c_void_p, ctypes.c_int64
+MORE_KNOTS = 16
+"""Lines have no more knots beyond those that are asked for."""
+
+
+class Path(ctypes.Structure):
+    """A sampled path and the limits of its joints: `Path` in C."""
+
+    _fields_ = (
+        ("position", _pointer),
+        ("velocity", _pointer),
+        ("acceleration", _pointer),
+        ("jerk", _pointer),
+        ("samples", _int64),
+        ("joints", _int64),
+    )
+    held: tuple[object, ...] = ()
+
+    @classmethod
+    def of(cls, position: Array, limits: Sequence[Array]) -> Path:
+        """Returns a path.
+
+        Args:
+            position: joints at equidistant gridpoints [rad], shape (m, n), m at least 8.
+            limits: of velocity, acceleration and jerk, which may be infinite, shape (n,) each.
+        """
+        arrays = [np.ascontiguousarray(array, dtype=np.float64) for array in (position, *limits)]
+        own = cls(*map(pointer, arrays), *position.shape)
+        own.held = tuple(arrays)
+        return own
+
+
+class _Motion(ctypes.Structure):
+    _fields_ = tuple((name, _pointer) for name in ("time", "position", "velocity", "acceleration"))
+
+
+class _Launch(ctypes.Structure):
+    _fields_ = tuple((name, ctypes.c_double) for name in ("constant", "cruise", "inner", "cut"))
+
+
+def rest_line(path: Path, knots: int) -> Knots:
+    """Returns the fastest profile of a family from rest to rest.
+
+    Args:
+        path: the line.
+        knots: how many knots at least.
+
+    Raises:
+        MemoryError: there is none.
+    """
+    arrays, motion = _motion(path, knots)
+    count = library().rest_line(byref(path), _int64(knots), byref(motion))
+    return _cut(arrays, count)
+
+
+def launched_line(
+    path: Path, shape: tuple[float, float, float, float], coordinate: int, knots: int
+) -> Knots:
+    """Returns a profile from rest that passes the far end in motion.
+
+    Args:
+        path: the line.
+        shape: constant, cruise, inner and cut, see `timing.launch.Launch`.
+        coordinate: the path coordinate that it shapes.
+        knots: about how many knots.
+
+    Raises:
+        MemoryError: there is none.
+    """
+    arrays, motion = _motion(path, knots)
+    arguments = byref(_Launch(*shape)), _int64(coordinate), _int64(knots), byref(motion)
+    return _cut(arrays, library().launched_line(byref(path), *arguments))
+
+
+def launches(
+    path: Path, profiles: Array, cuts: Array, compared: int
+) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    """Returns estimates of profiles that pass a line's far end, each with all cuts.
+
+    Args:
+        path: the line, of n joints.
+        profiles: constant, cruise and inner, shape (p, 3).
+        cuts: shape (c,).
+        compared: the cut, as an index, with which path coordinates are compared.
+
+    Returns:
+        The fastest coordinate of each profile, (p,); times [s], (p, c); velocities and accelerations at the far end,
+        (p, c, n).
+
+    Raises:
+        MemoryError: there is none.
+    """
+    counts = len(profiles), len(cuts)
+    coordinate = np.zeros(len(profiles), dtype=np.int64)
+    time, velocity, acceleration = (
+        np.empty(shape) for shape in (counts, (*counts, path.joints), (*counts, path.joints))
+    )
+    asked = pointer(profiles), _int64(counts[0]), pointer(cuts), _int64(counts[1])
+    found = map(pointer, (coordinate, time, velocity, acceleration))
+    if library().launches(byref(path), *asked, _int64(compared), *found):
+        raise MemoryError
+    return coordinate, time, velocity, acceleration
+
+
+def cubic_spline(
+    time: Array, position: Array, first: Array | None, last: Array | None
+) -> tuple[Array, Array, Array]:
+    """Returns positions, velocities, accelerations at the knots of a C2 cubic spline.
+
+    Args:
+        time: knots [s], increasing, shape (k,).
+        position: what to interpolate [rad], shape (k, n).
+        first: velocities at the start [rad/s], shape (n,); None: at rest, and the second knot gives way.
+        last: the same at the end.
+
+    Raises:
+        MemoryError: there is none.
+    """
+    q = np.array(position, dtype=np.float64, order="C")
+    v, a = np.empty_like(q), np.empty_like(q)
+    held = [
+        None if x is None else np.ascontiguousarray(x, dtype=np.float64)
+        for x in (time, first, last)
+    ]
+    times, *ends = (None if x is None else pointer(x) for x in held)
+    found = map(pointer, (q, v, a))
+    if library().cubic_spline(times, *map(_int64, q.shape), *ends, *found):
+        raise MemoryError
+    return q, v, a
+
+
+def largest_rates(time: Array, velocity: Array, acceleration: Array) -> Array:
+    """Returns the largest |velocity|, |acceleration| and |jerk| of each joint between all knots, shape (3, n).
+
+    Args:
+        time: knots [s], shape (k,).
+        velocity: at the knots [rad/s], shape (k, n).
+        acceleration: at the knots [rad/s²], shape (k, n).
+    """
+    largest = np.empty((3, velocity.shape[1]))
+    held = [np.ascontiguousarray(x, dtype=np.float64) for x in (time, velocity, acceleration)]
+    library().largest_rates(*map(pointer, held), *map(_int64, velocity.shape), pointer(largest))
+    return largest
+
+
+def _motion(path: Path, knots: int) -> tuple[Knots, _Motion]:
+    """Returns arrays for a line's knots, and where they are."""
+    room, n = knots + MORE_KNOTS, path.joints
+    arrays = np.empty(room), np.empty((room, n)), np.empty((room, n)), np.empty((room, n))
+    return arrays, _Motion(*map(pointer, arrays))
+
+
+def _cut(arrays: Knots, count: int) -> Knots:
+    """Returns the knots that there are."""
+    if count == 0:
+        raise MemoryError
+    time, q, v, a = arrays
+    return time[:count], q[:count], v[:count], a[:count]
