@@ -39,7 +39,7 @@ def test_ends_of_groups_of_digits(value):
     assert table_text(rows, DIGITS) == lines(rows)
 
 
-@pytest.mark.parametrize("value", [1e6, -1e300, np.inf, np.nan])
+@pytest.mark.parametrize("value", [1e6, -1e250, np.inf, np.nan])
 def test_numbers_of_any_size_are_written(value):
     """As of a schedule that the verifier would refuse."""
     rows = np.full((1, 5), value)
