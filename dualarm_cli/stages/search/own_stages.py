@@ -33,8 +33,10 @@ INSET = 0.05
 """How far from the end of such an interval lines end, as a share of it."""
 ARM_ANGLES = 24
 """Arm angles around the circle for lines to given configurations."""
-CANDIDATES = 12_000
-"""Most nodes whose lines are looked at."""
+CANDIDATES = 3
+"""So many times more nodes than there may be have their lines looked at, as not all lines can be followed."""
+EVERY_NODE = 12_000
+"""More nodes than are needed to see whether there are any."""
 
 Interval = tuple[float, float]
 
@@ -114,7 +116,8 @@ def exact_nodes(
     psi_approach = _nearest(psi, found.start[m, 1, branch], found.end[m, 1, branch])
     psi_retract = _nearest(psi, found.start[m, 2, branch], found.end[m, 2, branch])
     rows = np.flatnonzero(np.isfinite(psi_approach) & np.isfinite(psi_retract))
-    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), CANDIDATES)).astype(np.int64)]
+    looked_at = min(len(rows), CANDIDATES * most)
+    rows = rows[np.linspace(0, len(rows) - 1, looked_at).astype(np.int64)]
     n = len(rows)
     candidates = ArmDecisions(
         np.zeros(n, dtype=np.int64),
@@ -188,7 +191,7 @@ def _intervals(
         return [around]
 
     def has_nodes(angles: FloatArray) -> BoolArray:
-        nodes = grid_nodes(problem, a, table, stage, Grid(angles, ARM_ANGLES, CANDIDATES))
+        nodes = grid_nodes(problem, a, table, stage, Grid(angles, ARM_ANGLES, EVERY_NODE))
         return np.bincount(nodes.angle_index, minlength=len(angles)) > 0
 
     if not has_closed_form(problem.arms[a]):
