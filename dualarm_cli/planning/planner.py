@@ -24,6 +24,7 @@ from dualarm_cli.clearing.dwell_plan import (
 )
 from dualarm_cli.errors import BlockedError, InfeasibleError, InputError, UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinds import of_kinds
 from dualarm_cli.kinds.planning import kinds_of, with_needs
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import CHANGES, Job
@@ -72,6 +73,8 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
     """
     watch = watch or Watch(limit=settings.time_limit)
     blended = settings.blend != "none"
+    # Both processes need them: loaded by each, they would take the time of two.
+    of_kinds("planning")
     with Beside(lambda: job_bound(job, settings.effort, blended=blended)) as bounding:
         schedule = plan_without_bound(job, settings, watch)
         watch.tell("computing the lower bound")
