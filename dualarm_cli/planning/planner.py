@@ -34,13 +34,9 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.orders.decided_jobs import file_order, stage_by_stage
 from dualarm_cli.orders.watch import SeenEnoughError, Watch
-from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
-from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks
 from dualarm_cli.planning.job_bound import job_bound
-from dualarm_cli.planning.ordered_plan import plan_in_best_order
 from dualarm_cli.planning.redundancy_choice import check_follower
 from dualarm_cli.planning.section_plans import quickest_of_sections
-from dualarm_cli.planning.sections import SectionPlanner
 from dualarm_cli.postures import REDUNDANCY_SOLVERS
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import MethodProblem
@@ -264,6 +260,9 @@ def _planned(
     def paired(one: Job, keep: Callable[[Schedule], None] = watch.keep) -> Schedule:
         if one.is_decided:
             return decided(one)
+        # The searches for orders are many modules, which jobs in the order of their file do without.
+        from dualarm_cli.planning.ordered_plan import plan_in_best_order
+
         return plan_in_best_order(one, settings, model, watch, decided, keep, clear=clear)
 
     own = job
@@ -273,6 +272,9 @@ def _planned(
         return paired(own)
     if any(kind.together for kind in kinds_of(job)):
         return paired(stage_by_stage(own))
+    from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
+    from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks
+
     planner = FreePlanner(problem, method.solve, timing, watch.tell, clear)
 
     def schedule(motion: Motion, one: Job) -> Schedule:
@@ -357,6 +359,8 @@ def _with_paths(
 ) -> Schedule:
     """Returns the schedule of a job with paths, planned section after section."""
     method, timing = METHODS[settings.platform], TIMING_SOLVERS[settings.timing]
+    from dualarm_cli.planning.sections import SectionPlanner
+
     planner = SectionPlanner(
         replace(problem, job=job),
         settings,
