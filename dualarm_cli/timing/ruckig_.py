@@ -26,6 +26,8 @@ SAME_END = 1e-12
 """How far from its goal a joint of a transfer in motion may end, in s, rad, rad/s and rad/s²."""
 CORRECTIONS = 5
 """Steps in which such a joint's phases are corrected at most."""
+SHORT_ENOUGH = 1e-6
+"""Share by which a transfer is shorter than what would take a joint to a limit of position at full speed."""
 SHORTEST_PHASE = 1e-6
 """Phases that are not longer [s] make a profile unusable: knots a nanosecond apart become one."""
 
@@ -46,13 +48,14 @@ def solve_transfer(problem: TransferProblem) -> Trajectory:
         return hold(problem.joints, problem.start, problem.minimum_duration)
     law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
     duration = max(float(law.duration(problem.goal - problem.start)), problem.minimum_duration)
-    phases = double_s.fastest_phases(problem.goal - problem.start, law).slowed(duration)
-    rows = {name: np.array(getattr(phases, name)) for name in ("duration", "acceleration", "jerk")}
-    for joint, profile in _calculate(problem, moving, duration).items():
-        rows["duration"][joint] = profile.t
-        rows["acceleration"][joint] = profile.a[:PHASES]
-        rows["jerk"][joint] = profile.j
-    return transfer_trajectory(problem, Phases(**rows), duration)
+    profiles = _calculate(problem, moving, duration)
+    phases = np.zeros((3, len(problem.joints), PHASES))
+    if len(profiles) < moving.size:
+        slowed = double_s.fastest_phases(problem.goal - problem.start, law).slowed(duration)
+        phases[:] = slowed.duration, slowed.acceleration, slowed.jerk
+    for joint, profile in profiles.items():
+        phases[:, joint] = profile.t, profile.a[:PHASES], profile.j
+    return transfer_trajectory(problem, Phases(*phases), duration)
 
 
 def solve_moving_transfer(problem: TransferProblem) -> Trajectory | None:
@@ -171,6 +174,11 @@ class MovingTransfer:
         ends = np.stack([problem.start, problem.goal])
         self._lower = np.minimum(limits.lower, ends.min(axis=0))
         self._upper = np.maximum(limits.upper, ends.max(axis=0))
+        # With less time than this, no joint can go so far beyond both its ends, whatever it does.
+        room = np.minimum(
+            2.0 * self._upper - ends.sum(axis=0), ends.sum(axis=0) - 2.0 * self._lower
+        )
+        self._short = float((room / limits.velocity).min()) * (1.0 - SHORT_ENOUGH)
         self._solver = ruckig.Ruckig(n)
         self._answer = ruckig.Trajectory(n)
         self._good = (ruckig.Result.Working, ruckig.Result.Finished)
@@ -205,6 +213,8 @@ class MovingTransfer:
 
     def is_within(self, trajectory: Any) -> bool:
         """Returns whether every joint keeps its limits of position on the way; ruckig's own extrema miss some."""
+        if trajectory.duration <= self._short:
+            return True
         profiles = trajectory.profiles[0]
         dt, j = (np.array([getattr(one, name) for one in profiles]) for name in ("t", "j"))
         q, v, a = (
