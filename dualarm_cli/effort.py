@@ -83,7 +83,7 @@ class SearchEffort:
     """Plans of every grid that are polished: different in branches, targets or yaws."""
     near: Mesh = NEAR
     """The grid around a plan that collides."""
-    begun: float = WHOLE
+    begun: float = 12
     """Sequences of so many stages or fewer are searched from simpler methods' plans as well; longer ones only where no
     grid has a plan."""
     spares: bool = True
@@ -294,7 +294,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         clocks=FreeEffort(60, 1500, 1, 1.0),
         epochs=EpochEffort(3, 20, 20, 400),
         search=SearchEffort(
-            (Mesh(np.radians(15.0), 12, 1500, 20),), 2, 4, 0, (), LOCAL, begun=12, local_from=13
+            (Mesh(np.radians(15.0), 12, 1500, 20),), 2, 4, 0, (), LOCAL, local_from=13
         ),
         bound=Resolution(np.radians(15.0), 9, 3),
         ipopt=NonlinearEffort(100, (np.inf, 0.3)),

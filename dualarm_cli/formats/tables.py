@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
@@ -12,8 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.exporting.files import EVENTS, SAMPLES, TARGETS
+from dualarm_cli.formats.decimals import table_text
 from dualarm_cli.formats.request import Column, ExportRequest
-from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import StopKey
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.verification.as_done import events_by_stage
@@ -32,8 +31,6 @@ SAME_SAMPLE = 1e-9
 """A sample that is later than the end by less is at the end [s]."""
 SAME_TIME = 1e-6
 """Instants that differ by less are one [s]."""
-ZEROS = re.compile(r"\.?0+(?=[,\n])")
-"""What a number with a decimal point ends with and does not need."""
 POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 """Columns of a pose in the world: position [m], unit quaternion."""
 
@@ -71,7 +68,7 @@ def samples_table(schedule: Schedule, rate: float, columns: Sequence[Column]) ->
         over = time > end + SAME_SAMPLE
         rates["velocity"][over] = rates["acceleration"][over] = 0.0
         wanted = np.stack([rates[what] for what in columns], axis=2).reshape(len(time), -1)
-        yield _text(np.column_stack([time, wanted]), digits)
+        yield table_text(np.column_stack([time, wanted]), digits)
 
 
 def events_table(schedule: Schedule) -> bytes:
@@ -159,16 +156,6 @@ def _numbers(*values: float) -> list[str]:
     # Rounded first, so that there is no -0.
     texts = [f"{round(float(value), PLACE) + 0.0:.{PLACE}f}" for value in values]
     return [text.rstrip("0").rstrip(".") for text in texts]
-
-
-def _text(rows: FloatArray, digits: Sequence[int]) -> bytes:
-    """Returns lines of numbers (m, n), each column with so many digits after the point, without zeros at the end."""
-    row = ",".join(f"%.{count}f" for count in digits) + "\n"
-    # Rounded first, so that there is no -0.
-    rounded = np.column_stack(
-        [np.round(column, count) + 0.0 for column, count in zip(rows.T, digits, strict=True)]
-    )
-    return ZEROS.sub("", "".join(row % tuple(values) for values in rounded.tolist())).encode()
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> bytes:

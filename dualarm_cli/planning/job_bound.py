@@ -10,6 +10,7 @@ import numpy as np
 from dualarm_cli.bound.bound import ASSUMPTIONS, LowerBound, lower_bound
 from dualarm_cli.bound.passing import passing
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.linear_programs import least_cost
 from dualarm_cli.kinds.planning import kind_of, kinds_of
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.closed_arm import ClosedArm
@@ -131,22 +132,22 @@ def _least_makespan(times: FloatArray, besides: FloatArray) -> float:
         times: of every task on every arm [s], infinite where an arm cannot, shape (arms, n).
         besides: what every arm does besides [s], shape (arms,).
     """
-    from scipy.optimize import linprog
-
     arms, n = times.shape
     can = np.isfinite(times)
     if not can.any(axis=0).all():
         return np.inf
+    task, arm = np.tile(np.arange(n), arms), np.repeat(np.arange(arms), n)
+    column, last = np.arange(arms * n), np.full(arms, arms * n)
+    # Each arm's load is at most T, the last variable; all shares of a task are at least the task.
+    matrix = (
+        np.concatenate([arm, np.arange(arms), arms + task]),
+        np.concatenate([column, last, column]),
+        np.concatenate([np.where(can, times, 0.0).ravel(), -np.ones(arms), -np.ones(arms * n)]),
+    )
     cost = np.append(np.zeros(arms * n), 1.0)
-    load = np.zeros((arms, arms * n + 1))
-    share = np.zeros((n, arms * n + 1))
-    for a in range(arms):
-        load[a, a * n : (a + 1) * n] = np.where(can[a], times[a], 0.0)
-        load[a, -1] = -1.0
-        share[np.arange(n), a * n + np.arange(n)] = 1.0
-    spans = [(0.0, 1.0 if one else 0.0) for one in can.ravel()] + [(0.0, None)]
-    found = linprog(cost, load, -besides, share, np.ones(n), spans, method="highs")
-    return float(found.fun) if found.success else 0.0
+    most = np.append(can.ravel().astype(np.float64), np.inf)
+    found = least_cost(cost, matrix, np.append(-besides, -np.ones(n)), np.zeros(arms * n + 1), most)
+    return 0.0 if found is None else float(found[-1])
 
 
 PATH_BOUND = (

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+
+REACH_STEPS = 1 << 14
+"""Steps of the table `RestToRest.reach`."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,15 @@ class RestToRest:
         distance = np.where(duration <= self._t_a, jerk * duration**3 / 32.0, medium)
         full = self.velocity * (duration - self._t_v)
         return np.where(duration >= 2.0 * self._t_v, full, distance)
+
+    @cached_property
+    def reach(self) -> tuple[float, FloatArray]:
+        """A step of time [s], and how far each joint gets in 0, 1, … REACH_STEPS of them [rad], (n, REACH_STEPS + 1).
+
+        All together are long enough for half a turn of every joint.
+        """
+        step = float(self.duration(np.full(len(self.velocity), np.pi))) / REACH_STEPS
+        return step, readonly(self.reachable_distance(step * np.arange(REACH_STEPS + 1)[:, None]).T)
 
 
 def rest_to_rest_duration(

@@ -144,7 +144,7 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
     ]
     if not clearance:
         return Verification((*checks, not_checked(COLLISIONS, NOT_ASKED)))
-    collisions, clearances = check_clearance(schedule, done)
+    collisions, clearances = check_clearance(schedule, done, spans)
     shapes = check_shapes(done) if done is not None else []
     return Verification((*checks, collisions, *shapes), clearances)
 

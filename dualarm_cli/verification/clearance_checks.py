@@ -73,7 +73,7 @@ Span = tuple[float, float]
 
 
 def check_clearance(
-    schedule: Schedule, job: Job | None
+    schedule: Schedule, job: Job | None, spans: Sequence[LineSpan] | None = None
 ) -> tuple[Check, tuple[StageClearance, ...]]:
     """Checks the clearance of all pairs of bodies, and returns the least of every stage.
 
@@ -86,10 +86,11 @@ def check_clearance(
     Args:
         schedule: with finite numbers and rising times.
         job: cell and tasks, each with the arm that did it; without them nothing is checked.
+        spans: of the job's stops (`line_spans`), with the job's robot; measured where they are not given.
     """
     if job is None:
         return not_checked(COLLISIONS, NO_JOB), ()
-    model, solids, pairs, windows = watched_pairs(schedule, job)
+    model, solids, pairs, windows = watched_pairs(schedule, job, spans)
     if not pairs:
         return not_checked(COLLISIONS, "no two bodies can touch: nothing has a shape"), ()
     # Parts that may lie on something have no clearance to speak of: they count where they reach into it.
@@ -118,19 +119,21 @@ def check_clearance(
 
 
 def watched_pairs(
-    schedule: Schedule, job: Job
+    schedule: Schedule, job: Job, spans: Sequence[LineSpan] | None = None
 ) -> tuple[pin.Model, list[Solid], list[Pair], list[Windows]]:
     """Returns the robot's model, the solids of the cell, the pairs that must keep apart, and when each pair counts.
 
     Args:
         schedule: with finite numbers and rising times.
         job: cell and tasks, each with the arm that did it.
+        spans: see `check_clearance`.
     """
     # Robot and tools are the job's, whatever the schedule states.
     schedule = replace(schedule, robot=ScheduleRobot.of_job(job))
     model = pin.buildModelFromXML(job.cell.robot.urdf)
     solids = cell_solids(job.cell, model, job.carried())
-    spans = line_spans(schedule, job, ToolModel(schedule))
+    if spans is None:
+        spans = line_spans(schedule, job, ToolModel(schedule))
     return model, solids, *_pairs_and_windows(model, solids, schedule, job, spans)
 
 

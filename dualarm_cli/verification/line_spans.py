@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,8 +16,11 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.job import Job, Stop
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.verification import tolerances as tol
-from dualarm_cli.verification.tool_checks import dense_times
+from dualarm_cli.verification.dense_times import AT_ONCE, dense_spans
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
+
+FIRST_INSTANTS = 128
+"""Instants of a line that are looked at first: more than most lines have."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,7 @@ def line_spans(schedule: Schedule, job: Job, model: ToolModel) -> tuple[LineSpan
     for arm in schedule.robot.arms:
         own = [k for k, event in enumerate(schedule.events) if event.arm == arm]
         own.sort(key=lambda k: schedule.events[k].time)
+        numbers, lines = [], []
         for place, k in enumerate(own):
             event = schedule.events[k]
             stop = stops.get((arm, event.task, event.action))
@@ -69,47 +74,104 @@ def line_spans(schedule: Schedule, job: Job, model: ToolModel) -> tuple[LineSpan
             last = schedule.trajectory.time[-1]
             if place + 1 < len(own):
                 last = schedule.events[own[place + 1]].time
-            found[k] = LineSpan(
-                event,
-                stop,
-                _line_end(schedule, model, event, stop, (event.time, min(first, event.time))),
-                _line_end(schedule, model, event, stop, (over, max(last, over))),
-            )
+            numbers.append(k)
+            lines.append(_Line(event, stop, event.time, min(first, event.time)))
+            lines.append(_Line(event, stop, over, max(last, over)))
+        ends = _line_ends(schedule, model, lines)
+        for k, line, start, end in zip(numbers, lines[::2], ends[::2], ends[1::2], strict=True):
+            found[k] = LineSpan(line.event, line.stop, start, end)
     return tuple(found[k] for k in sorted(found))
 
 
-def _line_end(
-    schedule: Schedule, model: ToolModel, event: Event, stop: Stop, times: tuple[float, float]
-) -> float:
-    """Returns when a tool is at the outer end of a line, from where it is at the target towards a limit [s]."""
-    near, limit = times
-    length = stop.approach if limit < near else stop.retract
-    if length <= 0.0 or limit == near:
-        return near
-    instants = dense_times(schedule.trajectory.time, min(times), max(times))
-    instants = instants[::-1] if limit < near else instants
-    depth, on_line = _on_line(schedule, model, event, stop, instants)
-    left = np.flatnonzero(~on_line | (depth > length + tol.LINE_DISTANCE))
-    count = int(left[0]) if len(left) else len(instants)
-    if count == 0:
-        return near
-    # Beyond the end that is asked for a transfer may go on the same way.
-    outermost = depth[:count] >= min(depth[:count].max(), length) - tol.SAME_PLACE
-    return float(instants[int(np.argmax(outermost))])
+@dataclass(frozen=True)
+class _Line:
+    """The line of a stop on one side of it in time."""
+
+    event: Event
+    stop: Stop
+    near: float
+    """When the tool is at the target [s]."""
+    limit: float
+    """Where in time the line's outer end is looked for at most [s]."""
+
+    @property
+    def length(self) -> float:
+        """As the job asks [m]."""
+        return self.stop.approach if self.limit < self.near else self.stop.retract
 
 
-def _on_line(
-    schedule: Schedule, model: ToolModel, event: Event, stop: Stop, times: FloatArray
-) -> tuple[FloatArray, BoolArray]:
-    """Returns how far out a tool is along its line (m,) [m], and whether it is on it at all (m,)."""
-    R, p = model.poses(event.arm, schedule.trajectory.at(np.append(event.time, times))[0])
-    moved = p[1:] - p[0] - (times - event.time)[:, None] * np.array(stop.velocity)
-    local = moved @ R[0]
-    turned = rotation_angle(R[0].T @ R[1:])
-    beside = np.hypot(local[:, 0], local[:, 1])
+def _line_ends(schedule: Schedule, model: ToolModel, lines: Sequence[_Line]) -> list[float]:
+    """Returns when the tool of one arm is at the outer end of each line, from its target towards the limit [s]."""
+    ends = [line.near for line in lines]
+    left = [k for k, line in enumerate(lines) if line.length > 0.0 and line.limit != line.near]
+    # Most lines are short: few need all instants up to their limit.
+    count = FIRST_INSTANTS
+    while left:
+        longer = []
+        for k in range(0, len(left), AT_ONCE):
+            some = left[k : k + AT_ONCE]
+            found = _ends_among(schedule, model, [lines[number] for number in some], count)
+            for number, end in zip(some, found, strict=True):
+                if end is None:
+                    longer.append(number)
+                else:
+                    ends[number] = end
+        left, count = longer, 4 * count
+    return ends
+
+
+def _ends_among(
+    schedule: Schedule, model: ToolModel, lines: Sequence[_Line], count: int
+) -> list[float | None]:
+    """Returns the outer ends [s]; None for a line that goes on beyond the first `count` instants."""
+    near, limit = np.array([(line.near, line.limit) for line in lines]).T
+    times, first = dense_spans(
+        schedule.trajectory.time, np.minimum(near, limit), np.maximum(near, limit)
+    )
+    all_instants = [
+        times[i:j] if line.limit > line.near else times[i:j][::-1]
+        for line, (i, j) in zip(lines, pairwise(first), strict=True)
+    ]
+    some = [instants[:count] for instants in all_instants]
+    depths, on_lines = _on_lines(schedule, model, lines, some)
+    found: list[float | None] = []
+    for line, every, instants, depth, on_line in zip(
+        lines, all_instants, some, depths, on_lines, strict=True
+    ):
+        off = np.flatnonzero(~on_line | (depth > line.length + tol.LINE_DISTANCE))
+        if not len(off) and len(instants) < len(every):
+            found.append(None)
+            continue
+        on = int(off[0]) if len(off) else len(instants)
+        if on == 0:
+            found.append(line.near)
+            continue
+        # Beyond the end that is asked for a transfer may go on the same way.
+        outermost = depth[:on] >= min(depth[:on].max(), line.length) - tol.SAME_PLACE
+        found.append(float(instants[int(np.argmax(outermost))]))
+    return found
+
+
+def _on_lines(
+    schedule: Schedule, model: ToolModel, lines: Sequence[_Line], instants: Sequence[FloatArray]
+) -> tuple[list[FloatArray], list[BoolArray]]:
+    """Returns for each line, at its instants (m,), how far out the tool is [m], and whether it is on it at all."""
+    arm, events = lines[0].event.arm, np.array([line.event.time for line in lines])
+    line = np.repeat(np.arange(len(lines)), [len(some) for some in instants])
+    times = np.concatenate(instants)
+    R, p = model.poses(arm, schedule.trajectory.at(times)[0])
+    R_event, p_event = model.poses(arm, schedule.trajectory.at(events)[0])
+    velocity = np.array([line.stop.velocity for line in lines])
+    moved = p - p_event[line] - (times - events[line])[:, None] * velocity[line]
+    turn = R_event.transpose(0, 2, 1)[line]
+    local = (turn @ moved[:, :, None])[:, :, 0]
     depth = -local[:, 2]
-    on_line: BoolArray = (beside <= tol.LINE_DISTANCE) & (turned <= tol.LINE_ANGLE)
-    return depth, on_line & (depth >= -tol.LINE_DISTANCE)
+    on_line = (np.hypot(local[:, 0], local[:, 1]) <= tol.LINE_DISTANCE) & (
+        rotation_angle(turn @ R) <= tol.LINE_ANGLE
+    )
+    on_line &= depth >= -tol.LINE_DISTANCE
+    ends = np.cumsum([len(some) for some in instants])[:-1]
+    return np.split(depth, ends), np.split(on_line, ends)
 
 
 def spans_of(spans: Sequence[LineSpan], arm: str, task: str, action: str) -> list[LineSpan]:

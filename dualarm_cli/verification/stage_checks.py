@@ -13,9 +13,10 @@ from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import contains, events_by_stage, in_time, stages_of_arm
+from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.line_spans import LineSpan
 from dualarm_cli.verification.motion_checks import judge, not_checked
-from dualarm_cli.verification.tool_checks import Worst, dense_times, tool_left
+from dualarm_cli.verification.tool_checks import Worst, tool_left
 from dualarm_cli.verification.tool_model import ToolModel
 
 NAME = "segment_kinds"

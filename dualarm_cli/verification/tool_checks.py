@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +14,7 @@ from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, StopKey
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.dense_times import AT_ONCE, dense_spans, dense_times, tool_spans
 from dualarm_cli.verification.motion_checks import judge, not_checked
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
@@ -69,10 +71,6 @@ def _speeds(schedule: Schedule, model: ToolModel, times: FloatArray) -> dict[str
     return speeds
 
 
-PER_INTERVAL = 4
-"""Instants looked at between two knots."""
-
-
 @dataclass
 class Worst:
     """The worst of many measurements and where it was."""
@@ -124,6 +122,11 @@ def check_events(
     distance, angle, knot = Worst(), Worst(), Worst()
     still_distance, still_angle = Worst(), Worst()
     held_distance, held_angle = Worst(), Worst()
+    # What moves has checks of its own.
+    dwelling = [event for event in schedule.events if event.dwell > 0 and not event.moves]
+    dwells = tool_spans(
+        schedule.trajectory, model, [(e.arm, e.time, e.time + e.dwell) for e in dwelling]
+    )
     knots = schedule.trajectory.time
     for event in schedule.events:
         where = f"{event.task} ({event.action}) at {event.time:.6f} s"
@@ -133,12 +136,12 @@ def check_events(
         pose = model.pose(event.arm, schedule.trajectory.at(np.array([event.time]))[0][0])
         distance.add(float(np.linalg.norm(pose.translation - event.pose.translation)), where)
         angle.add(float(rotation_angle(event.pose.rotation.T @ pose.rotation)), where)
-        # What moves has checks of its own.
         if event.dwell > 0 and not event.moves:
-            times = dense_times(knots, event.time, event.time + event.dwell)
+            R, p = next(dwells)
             held = (event.arm, event.task, event.action) in moving
-            worst = (held_distance, held_angle) if held else (still_distance, still_angle)
-            _measure(schedule, model, event, times, worst, where)
+            off, turned = (held_distance, held_angle) if held else (still_distance, still_angle)
+            off.add(float(np.linalg.norm(p - event.pose.translation, axis=1).max()), where)
+            turned.add(float(rotation_angle(event.pose.rotation.T @ R).max()), where)
     none, short = "the schedule lists no events", "no event has a dwell in which the tool stands"
     held_checks = [
         held_distance.judge("tool_held_in_dwells", tol.DWELL_DISTANCE, "m", short),
@@ -152,20 +155,6 @@ def check_events(
         still_angle.judge("tool_steady_in_dwells", tol.POSE_ANGLE, "rad", short),
         *(held_checks if held_distance.count else ()),
     ]
-
-
-def _measure(
-    schedule: Schedule,
-    model: ToolModel,
-    event: Event,
-    times: FloatArray,
-    worst: tuple[Worst, Worst],
-    where: str,
-) -> None:
-    """Adds the tool's distance and angle from an event's pose at some times."""
-    R, p = model.poses(event.arm, schedule.trajectory.at(times)[0])
-    worst[0].add(float(np.linalg.norm(p - event.pose.translation, axis=1).max()), where)
-    worst[1].add(float(rotation_angle(event.pose.rotation.T @ R).max()), where)
 
 
 def check_targets(schedule: Schedule, job: Job) -> Check:
@@ -246,6 +235,10 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
     for segment in schedule.segments:
         if segment.kind == "wait":
             waits.setdefault((segment.arm, segment.task, segment.action), []).append(segment)
+    # A line is straight in the frame of its target: where that moves, it has checks of its own.
+    still = [s for s in lines if (s.arm, s.task, s.action) in events]
+    still = [s for s in still if not events[s.arm, s.task, s.action].moves]
+    tools = tool_spans(schedule.trajectory, model, [(s.arm, s.start, s.end) for s in still])
     for segment in lines:
         key = (segment.arm, segment.task, segment.action)
         where = f"{segment.kind} of {segment.task} ({segment.action}) at {segment.start:.3f} s"
@@ -254,10 +247,8 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
             continue
         event = events[key]
         if event.moves:
-            continue  # straight in the frame of its target, which has checks of its own
-        _measure_line(
-            schedule, model, segment, event, stops.get(key), (beside, turned, length), where
-        )
+            continue
+        _measure_line(next(tools), segment, event, stops.get(key), (beside, turned, length), where)
         apart.add(_apart(segment, event, waits.get(key, [])), where)
     missing = _missing_lines(lines, stops)
     if missing:
@@ -286,16 +277,14 @@ def _apart(line: Segment, event: Event, waits: Sequence[Segment]) -> float:
 
 
 def _measure_line(
-    schedule: Schedule,
-    model: ToolModel,
+    tool: tuple[FloatArray, FloatArray],
     segment: Segment,
     event: Event,
     stop: Stop | None,
     worst: tuple[Worst, Worst, Worst],
     where: str,
 ) -> None:
-    times = dense_times(schedule.trajectory.time, segment.start, segment.end)
-    R, p = model.poses(segment.arm, schedule.trajectory.at(times)[0])
+    R, p = tool
     # In the target's own frame the line is the negative z axis.
     local = (p - event.pose.translation) @ event.pose.rotation
     worst[0].add(float(np.hypot(local[:, 0], local[:, 1]).max()), where)
@@ -321,16 +310,6 @@ def _missing_lines(lines: list[Segment], stops: dict[tuple[str, str, str], Stop]
             if length > 0 and (arm, task, action, kind) not in there:
                 return f"{kind} of {task} ({action}) is missing"
     return ""
-
-
-def dense_times(knots: FloatArray, start: float, end: float) -> FloatArray:
-    """Returns the knots between two instants, the ends, and instants between all of them."""
-    first, last = np.searchsorted(knots, [start + tol.SAME_TIME, end - tol.SAME_TIME])
-    inside = knots[first:last]
-    edges = np.unique(np.concatenate([[start], inside, [end]]))
-    share = np.arange(PER_INTERVAL) / PER_INTERVAL
-    times = (edges[:-1, None] + np.diff(edges)[:, None] * share).ravel()
-    return np.append(times, end)
 
 
 def tool_left(schedule: Schedule, model: ToolModel, event: Event, end: float) -> float:
@@ -362,7 +341,6 @@ def check_platform_still(
     robot, trajectory = schedule.robot, schedule.trajectory
     if not robot.platform:
         return not_checked("platform_still", "the robot has no platform")
-    columns = [trajectory.joints.index(name) for name in robot.platform]
     spans = [
         (s.start, s.end, f"{s.kind} of {s.task}")
         for s in schedule.segments
@@ -376,13 +354,16 @@ def check_platform_still(
         for e in schedule.events
         if e.dwell and (e.arm, e.task, e.action) not in moving
     ]
-    worst = Worst()
-    for start, end, what in spans:
-        q, v, _ = (
-            rate[:, columns] for rate in trajectory.at(dense_times(trajectory.time, start, end))
-        )
-        moved = max(float(np.abs(v[1:-1]).max(initial=0.0)), float(np.abs(q - q[0]).max()))
-        worst.add(moved, f"{what} at {start:.3f} s")
+    worst, platform = Worst(), trajectory.select(robot.platform)
+    for k in range(0, len(spans), AT_ONCE):
+        some = spans[k : k + AT_ONCE]
+        starts, ends, names = zip(*some, strict=True)
+        times, first = dense_spans(trajectory.time, starts, ends)
+        position, velocity, _ = platform.at(times)
+        for start, what, (i, j) in zip(starts, names, pairwise(first), strict=True):
+            q, v = position[i:j], velocity[i:j]
+            moved = max(float(np.abs(v[1:-1]).max(initial=0.0)), float(np.abs(q - q[0]).max()))
+            worst.add(moved, f"{what} at {start:.3f} s")
     nothing = "the schedule lists no lines and no dwells"
     unit = "m, m/s" if robot.platform_slides else "rad, rad/s"
     return worst.judge("platform_still", tol.SAME_JOINTS, unit, nothing)

@@ -6,7 +6,6 @@ import numpy as np
 
 from dualarm_cli.kinematics.srs.arm_angle_intervals import (
     ArmAngleIntervals,
-    _cuts,
     feasible_arm_angles,
 )
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
@@ -171,13 +170,3 @@ def test_planar_targets_with_exact_coincidences_agree_with_a_scan(chains):
     found = feasible_arm_angles(arm, R, p)
     per_target = ArmAngleIntervals(found.start[:, None], found.end[:, None], found.count[:, None])
     np.testing.assert_array_equal(per_target.contains(psi), feasible_by_scan(arm, R, p, psi))
-
-
-def test_cuts_are_apart_all_around_the_circle(arm):
-    """Round angles put roots at ±pi and on each other; what remains is distinct and ascending."""
-    grid = np.deg2rad([-90.0, 0.0, 45.0, 90.0])
-    q = np.array(np.meshgrid([0.0], grid, [0.0], grid, [0.0], grid, grid)).reshape(7, -1).T
-    cuts, number = _cuts(arm, arm.curves(*arm.forward(q)))
-    for column, n in zip(cuts.T, number, strict=True):
-        around = np.append(column[:n], column[0] + TURN)
-        assert np.isinf(column[n:]).all() and np.diff(around).min() >= 1e-12

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.kinematics.srs.arm_angle_curves import reference_directions
+from dualarm_cli.kinematics.srs.arm_angle_curves import flips, reference_directions
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 
 EXACT = 1e-9
@@ -229,3 +229,23 @@ def test_reach_holds_over_a_dense_scan_of_joint_four(arm):
     a1, a2 = arm.geometry.upper, arm.geometry.fore
     # Law of cosines, with the interior angle.
     np.testing.assert_allclose(d**2, a1**2 + a2**2 - 2 * a1 * a2 * np.cos(interior), atol=1e-12)
+
+
+def test_compiled_postures_are_those_of_the_curves(arm):
+    """Two implementations, random targets and targets with round angles: the same joints of all branches."""
+    random, grid = np.random.default_rng(31), np.deg2rad([-90.0, 0.0, 45.0])
+    round_angles = np.array(np.meshgrid(*[grid] * 7)).reshape(7, -1).T
+    q = np.concatenate([random.uniform(-np.pi, np.pi, (2000, 7)), round_angles])
+    R, p = arm.forward(q)
+    psi = random.uniform(-np.pi, np.pi, len(q))
+    curves = arm.curves(R, p)
+    pairs = np.array(curves.pairs(np.sin(psi), np.cos(psi)))
+    found = arm.solve(R, p, psi)
+    assert found.reachable.all()
+    for branch in range(8):
+        flip = [int(flips(joint, np.array(branch))) for joint in range(7)]
+        expected = pairs[np.arange(7), flip].T
+        difference = found.q[:, branch] - expected
+        difference -= 2.0 * np.pi * np.round(difference / (2.0 * np.pi))
+        well = np.abs(np.sin(expected[:, [1, 5]] + arm.canonical.offset[[1, 5]])).min(axis=1) > 1e-6
+        assert np.abs(difference[well]).max() < 1e-9

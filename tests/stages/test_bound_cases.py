@@ -336,7 +336,7 @@ def _random_boxes(
     return PostureBoxes(index, kind, low, high, np.zeros(n, dtype=np.float32))
 
 
-def test_pruned_pairs_give_the_minima_of_all_pairs(monkeypatch) -> None:
+def test_pruned_pairs_give_the_minima_of_all_pairs() -> None:
     """Random boxes, floors and work: both minima written out in full, bit by bit the same."""
     random = np.random.default_rng(13)
     law = RestToRest(np.array([1.0, 2.0, 3.0]), np.array([4.0, 8.0, 3.0]), np.full(3, 60.0))
@@ -348,7 +348,6 @@ def test_pruned_pairs_give_the_minima_of_all_pairs(monkeypatch) -> None:
         floor = random.uniform(0.0, 1.5, (5, 5)).astype(np.float32)
         without = (1,) if trial % 2 else ()
         times = table.gap_times(before.low, before.high, after.low, after.high, without)
-        monkeypatch.setattr(bound_pairs, "FEW", 0 if trial < 4 else 10**6)
         pairs = Pairs(table, before, after, without)
         sums = np.maximum(times + own, floor[before.index][:, after.index] + beyond)
         assert (pairs.least_from(own, floor, beyond) == sums.min(axis=1)).all()

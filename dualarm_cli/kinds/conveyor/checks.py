@@ -11,8 +11,9 @@ from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.kind_checks import KindChecks
-from dualarm_cli.verification.tool_checks import Worst, dense_times, pose_error
+from dualarm_cli.verification.tool_checks import Worst, pose_error
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 STEP = 1e-5

@@ -16,9 +16,10 @@ from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.kind_checks import KindChecks
 from dualarm_cli.verification.motion_checks import NO_TASKS, not_checked
-from dualarm_cli.verification.tool_checks import Worst, dense_times
+from dualarm_cli.verification.tool_checks import Worst
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 NAME = "path_torque"

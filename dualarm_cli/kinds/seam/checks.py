@@ -15,10 +15,11 @@ from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.seam import SeamWork, longest_ramp
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.kind_checks import KindChecks, Touch
 from dualarm_cli.verification.line_spans import LineSpan, spans_of
 from dualarm_cli.verification.motion_checks import NO_TASKS, not_checked
-from dualarm_cli.verification.tool_checks import Worst, dense_times
+from dualarm_cli.verification.tool_checks import Worst
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 ROUNDS = 12

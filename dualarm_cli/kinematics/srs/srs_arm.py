@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from dualarm_cli.compiled import srs as compiled
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
 from dualarm_cli.geometry.joint_axes import SrsGeometry
@@ -15,7 +16,6 @@ from dualarm_cli.kinematics.srs.arm_angle_curves import (
     REACH_SLACK,
     ArmAngleCurves,
     ArmPlane,
-    flips,
     reference_directions,
 )
 from dualarm_cli.kinematics.srs.srs_canonical import SrsCanonical
@@ -29,8 +29,7 @@ class SrsSolutions:
     """All postures of many targets."""
 
     q: FloatArray
-    """Joints [rad] in (-pi, pi], shape (..., 8, 7); zeros where out of reach. A view of an array
-    with the joints first in memory: fast to compute with, copied when it is reshaped."""
+    """Joints [rad] in (-pi, pi], shape (..., 8, 7); zeros where out of reach."""
     reachable: BoolArray
     """Whether the target is within reach, joint limits apart, shape (...)."""
 
@@ -78,6 +77,16 @@ class SrsArm:
     def canonical(self) -> SrsCanonical:
         """Signs, offsets and frames that make the arm a chain Z Y Z Y Z Y Z."""
         return SrsCanonical.of(self.geometry)
+
+    @cached_property
+    def numbers(self) -> FloatArray:
+        """The arm for the compiled functions: `Arm` of `compiled/src/srs.c`."""
+        own, geometry = self.canonical, self.geometry
+        parts = (own.B.ravel(), own.C.ravel(), geometry.shoulder, geometry.p_flange_wrist)
+        links = [geometry.upper, geometry.fore]
+        return readonly(
+            np.concatenate([*parts, links, own.sign, own.offset, self.lower, self.upper])
+        )
 
     @cached_property
     def _to_canonical(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -191,17 +200,9 @@ class SrsArm:
             p: flange positions in the base frame [m], shape (..., 3).
             psi: arm angles [rad], broadcast against (...).
         """
-        curves = self.curves(R, p)
-        pairs = curves.pairs(np.sin(psi), np.cos(psi))
-        shape = pairs[0][0].shape
-        q = np.empty((8, 7, *shape))
-        for joint, pair in enumerate(pairs):
-            for branch, flip in enumerate(flips(joint, np.arange(8))):
-                q[branch, joint] = pair[int(flip)]
-        reachable = np.broadcast_to(curves.plane.reachable, shape)
-        if not reachable.all():
-            q[:, :, ~reachable] = 0.0
-        return SrsSolutions(np.moveaxis(q, (0, 1), (-2, -1)), reachable)
+        target, angle, shape = _targets(R, p, psi)
+        q, reachable = compiled.postures(self.numbers, *target, *angle)
+        return SrsSolutions(q.reshape(*shape, 8, 7), reachable.reshape(shape))
 
     def solve_branch(
         self, R: FloatArray, p: FloatArray, psi: FloatArray | float, branch: IntArray
@@ -214,17 +215,10 @@ class SrsArm:
             psi: arm angles [rad], broadcast against (...).
             branch: branch of each element, broadcast against (...).
         """
-        curves = self.curves(R, p)
-        pairs = curves.pairs(np.sin(psi), np.cos(psi))
-        branch = np.asarray(branch)
-        shape = np.broadcast_shapes(pairs[0][0].shape, branch.shape)
-        q = np.empty((7, *shape))
-        for joint, (plain, flipped) in enumerate(pairs):
-            q[joint] = np.where(flips(joint, branch), flipped, plain)
-        reachable = np.broadcast_to(curves.plane.reachable, shape)
-        if not reachable.all():
-            q[:, ~reachable] = 0.0
-        return np.moveaxis(q, 0, -1), reachable
+        target, angle, shape = _targets(R, p, psi, np.shape(branch))
+        branch = np.broadcast_to(branch, shape).ravel().astype(np.int64)
+        q, reachable = compiled.postures(self.numbers, *target, *angle, branch)
+        return q.reshape(*shape, 7), reachable.reshape(shape)
 
     def branch(self, q: FloatArray) -> IntArray:
         """Returns the branch of postures (..., 7), shape (...)."""
@@ -246,6 +240,27 @@ class SrsArm:
         # For a positive bend the elbow's axis is -u × h = r sin psi - t cos psi.
         psi = np.arctan2((normal * r).sum(axis=0), -(normal * t).sum(axis=0))
         return srs_limits.wrap(psi).reshape(q.shape[:-1])
+
+
+def _targets(
+    R: FloatArray, p: FloatArray, psi: FloatArray | float, also: tuple[int, ...] = ()
+) -> tuple[tuple[FloatArray, FloatArray], tuple[IntArray, FloatArray], tuple[int, ...]]:
+    """Returns flange poses in a row, pose and arm angle of every element in a row, and the shape of all elements.
+
+    Args:
+        R: flange rotations, shape (..., 3, 3).
+        p: flange positions, shape (..., 3).
+        psi: arm angles, shape (...); all three are broadcast.
+        also: a further shape to broadcast against.
+    """
+    own = np.broadcast_shapes(np.shape(R)[:-2], np.shape(p)[:-1])
+    shape = np.broadcast_shapes(own, np.shape(psi), also)
+    poses = (
+        np.broadcast_to(R, (*own, 3, 3)).reshape(-1, 3, 3),
+        np.broadcast_to(p, (*own, 3)).reshape(-1, 3),
+    )
+    index = np.broadcast_to(np.arange(len(poses[0])).reshape(own), shape).ravel()
+    return poses, (index, np.broadcast_to(psi, shape).astype(np.float64).ravel()), shape
 
 
 def closed_form(arm: object) -> SrsArm:

@@ -6,6 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 
+from dualarm_cli.compiled import srs as compiled
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.stages.search.candidates import (
     FREE_YAWS,
@@ -80,55 +81,32 @@ def _postures(
     row = table.first[stage] + candidates.target
     position = platform_positions(problem, angle)
     R, p, z = flange_poses(problem.platform, work, table, row, candidates.yaw, position)
-    share = np.linspace(1.0, 0.0, LINE_SAMPLES)
-    # Approach start, ..., target, ..., retract end: both lines in one sweep.
-    depth = np.concatenate(
-        [table.approach[stage, None] * share, table.retract[stage, None] * share[-2::-1]], axis=1
+    length = np.stack([table.approach[stage], table.retract[stage]], axis=1)
+    psi = np.stack([candidates.psi_target, candidates.psi_approach, candidates.psi_retract], axis=1)
+    q, ok = compiled.joints_along_lines(
+        work.closed_form.numbers,
+        (R, p, z),
+        candidates.branch,
+        psi,
+        length,
+        np.broadcast_to(candidates.near, (n, 7)),
+        LARGEST_STEP,
+        LINE_SAMPLES,
     )
-    swing = np.concatenate(
-        [
-            _swing(candidates.psi_approach, candidates, table.approach[stage]) * share,
-            _swing(candidates.psi_retract, candidates, table.retract[stage]) * share[-2::-1],
-        ],
-        axis=1,
-    )
-    lines = bool(depth.any())
-    if not lines:
-        depth, swing = depth[:, :1], swing[:, :1]
-    points = p[:, None, :] - z[:, None, :] * depth[:, :, None]
-    psi = candidates.psi_target[:, None] + swing
-    q, reachable = work.closed_form.solve_branch(
-        R[:, None], points, psi, candidates.branch[:, None]
-    )
+    lines = q.shape[1] > 1
     middle = MIDDLE if lines else 0
-    first = work.closed_form.nearest_turns(q[:, middle], candidates.near)
-    ok = np.asarray(reachable.all(axis=1))
-    bulge = np.zeros((n, 1, 7))
-    if lines:
-        steps = np.diff(q, axis=1)
-        steps -= 2.0 * np.pi * np.round(steps / (2.0 * np.pi))
-        ok &= np.abs(steps).max(axis=(1, 2)) <= LARGEST_STEP
-        q = np.concatenate([np.zeros_like(q[:, :1]), np.cumsum(steps, axis=1)], axis=1)
-        q += (first - q[:, middle])[:, None]
-        bulge = bulges(steps)
-    else:
-        q = first[:, None]
+    bulge = bulges(np.diff(q, axis=1)) if lines else np.zeros((n, 1, 7))
     carried = table.carried[row]
     if carried.any():
-        q, ok = _at_configurations(table, row, carried, depth, q, ok, middle)
+        q, ok = _at_configurations(table, row, carried, length, q, ok, middle)
     return timed_postures(work, q, ok, bulge, table.dwell[stage])
-
-
-def _swing(psi_end: FloatArray, candidates: ArmDecisions, length: FloatArray) -> FloatArray:
-    """Returns the change of the arm angle to a line's outer end [rad], shape (n, 1); 0 without a line."""
-    return np.where(length > 0, psi_end - candidates.psi_target, 0.0)[:, None]
 
 
 def _at_configurations(
     table: StopTable,
     row: IntArray,
     carried: BoolArray,
-    depth: FloatArray,
+    length: FloatArray,
     q: FloatArray,
     ok: BoolArray,
     middle: int,
@@ -140,7 +118,7 @@ def _at_configurations(
     given = np.where(carried[:, None], table.configuration[row], q[:, middle])
     turn = 2.0 * np.pi * np.round((given - q[:, middle]) / (2.0 * np.pi))
     q = q + turn[:, None]
-    still = depth.max(axis=1) == 0.0
+    still = length.max(axis=1) == 0.0
     same = np.abs(q[:, middle] - given).max(axis=1) < SAME_POSTURE
     ok = np.where(carried, (ok & same) | still, ok)
     q[still] = given[still, None]
@@ -173,37 +151,27 @@ def grid_nodes(
     points = p[:, None, :] - z[:, None, :] * depths[:, None]
     reachable = (work.closed_form.reach_miss(R[:, None], points) == 0.0).all(axis=1)
     f, y, R, points = f[reachable], y[reachable], R[reachable], points[reachable]
-    same = stop.approach == stop.retract
-    if same:
-        points = points[:, :2]
-    psi = np.linspace(-np.pi, np.pi, 2 * grid.arm_angles, endpoint=False)
-    q = work.closed_form.solve(R[:, None, None], points[:, :, None], psi).q
-    q_target = work.closed_form.nearest_turns(q[:, 0, ::2], work.middle_of_ranges)
-    inside = work.closed_form.within_limits(q_target)
-    if free_last:
-        low, high = work.limits.lower.copy(), work.limits.upper.copy()
-        low[6], high[6] = -np.inf, np.inf
-        inside = np.asarray(((q_target >= low) & (q_target <= high)).all(axis=-1))
-    else:
-        low, high = work.limits.lower, work.limits.upper
-    r, i, b = np.nonzero(inside)
-    target, speed = q_target[r, i, b], work.limits.velocity
-    swing_a, q_a = _least_swing(q[:, 1], (r, i, b), target, low, high, speed)
-    swing_r, q_r = (swing_a, q_a)
-    if not same:
-        swing_r, q_r = _least_swing(q[:, 2], (r, i, b), target, low, high, speed)
-    ok = np.isfinite(q_a[:, 0]) & np.isfinite(q_r[:, 0])
-    r, i, b, target = r[ok], i[ok], b[ok], target[ok]
-    q_a, q_r, swing_a, swing_r = q_a[ok], q_r[ok], swing_a[ok], swing_r[ok]
+    r, i, b, swing, q = compiled.nodes(
+        work.closed_form.numbers,
+        R,
+        points,
+        grid.arm_angles,
+        work.middle_of_ranges,
+        work.limits.velocity,
+        6 if free_last else 7,
+        SWING_STEPS,
+        LARGEST_TURN,
+    )
+    target, q_a, q_r = q[:, 0], q[:, 1], q[:, 2]
     step = np.pi / grid.arm_angles
-    psi_target = psi[2 * i]
+    psi_target = 2.0 * step * i - np.pi
     decisions = ArmDecisions(
         np.zeros(len(r), dtype=np.int64),
         y[r],
-        b.astype(np.int64),
+        b,
         psi_target,
-        psi_target + swing_a * step,
-        psi_target + swing_r * step,
+        psi_target + swing[:, 0] * step,
+        psi_target + swing[:, 1] * step,
         target,
     )
     lines = LINE_FACTOR * (work.law.duration(q_a - target) + work.law.duration(q_r - target))
@@ -217,44 +185,6 @@ def _yaws(stop: StopTarget, free_last: bool) -> FloatArray:
     if stop.free_yaw:
         return np.linspace(-np.pi, np.pi, FREE_YAWS, endpoint=False)
     return stop.yaw
-
-
-def _least_swing(
-    q_end: FloatArray,
-    index: tuple[IntArray, IntArray, IntArray],
-    target: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    speed: FloatArray,
-) -> tuple[IntArray, FloatArray]:
-    """Returns the swing (in half steps) whose joints move least, and the joints there; NaN for none.
-
-    Args:
-        q_end: joints at a line's outer end [rad], by pose, half step of the arm angle, branch.
-        index: pose, step of the arm angle and branch of each target, three of shape (k,).
-        target: joints at the targets [rad], shape (k, 7).
-        low: lower limits [rad], shape (7,).
-        high: upper limits [rad], shape (7,).
-        speed: largest rates [rad/s], shape (7,).
-    """
-    r, i, b = index
-    count = q_end.shape[1]
-    best = np.full(len(r), np.inf)
-    swing = np.zeros(len(r), dtype=np.int64)
-    q = np.full((len(r), 7), np.nan)
-    inverse = 1.0 / speed
-    for k in sorted(range(-SWING_STEPS, SWING_STEPS + 1), key=abs):
-        end = q_end[r, (2 * i + k) % count, b]
-        moved = end - target
-        moved -= 2.0 * np.pi * np.round(moved / (2.0 * np.pi))
-        size = np.abs(moved * inverse).max(axis=1)
-        reached = target + moved
-        inside = ((reached >= low) & (reached <= high)).all(axis=1)
-        inside &= np.abs(moved).max(axis=1) <= LARGEST_TURN
-        size = np.where(inside, size, np.inf)
-        better = size < best
-        best[better], swing[better], q[better] = size[better], k, reached[better]
-    return swing, q
 
 
 def _configuration_nodes(

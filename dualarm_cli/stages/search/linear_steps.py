@@ -8,6 +8,7 @@ import numpy as np
 
 from dualarm_cli.beside import halves
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.linear_programs import least_cost
 from dualarm_cli.stages.search.candidates import CandidatePostures
 from dualarm_cli.stages.search.problem import SequenceProblem
 from dualarm_cli.stages.search.stops import StopTable
@@ -377,9 +378,6 @@ def _solve(
     radius: FloatArray,
 ) -> FloatArray:
     """Returns the best step of every window on its own [rad]."""
-    from scipy.optimize import linprog
-    from scipy.sparse import csc_matrix
-
     n, v = problem.stages, variables.count
     of_variable = _stage_of_variable(variables)
     lower, upper = _bounds(problem, variables, best, radius[of_variable])
@@ -402,19 +400,13 @@ def _solve(
         local[columns] = np.arange(len(columns))
         row, column, value, bound = program.within(first, past)
         kept = local[column] >= 0
-        matrix = csc_matrix(
-            (value[kept], (row[kept], local[column[kept]])), shape=(len(bound), len(columns))
-        )
+        matrix = row[kept], local[column[kept]], value[kept]
         local[columns] = -1
-        limits = np.column_stack(
-            [
-                np.concatenate([lower[inner], np.zeros(len(times))]),
-                np.concatenate([upper[inner], np.full(len(times), np.inf)]),
-            ]
-        )
+        least = np.concatenate([lower[inner], np.zeros(len(times))])
+        most = np.concatenate([upper[inner], np.full(len(times), np.inf)])
         cost = np.concatenate([np.zeros(len(inner)), times <= n])
-        result = linprog(cost, A_ub=matrix, b_ub=bound, bounds=limits, method="highs")
-        return np.asarray(result.x[: len(inner)]) if result.status == 0 else None
+        found = least_cost(cost, matrix, bound, least, most)
+        return None if found is None else found[: len(inner)]
 
     found = halves(lambda some: [solved(window) for window in some], windows, SHARED)
     for (first, end), own in zip(windows, found, strict=True):

@@ -21,10 +21,10 @@ SCAN_STEP = np.radians(1.0)
 """Spacing of the platform angles that are looked at, besides those within the arm's reach [rad]."""
 WITHIN_REACH = 65
 """Platform angles that are looked at along each arc from which a stop is within reach."""
-HALVINGS = 40
-"""How often the bracket about an end of an interval is halved: to 1e-12 of it."""
-COARSE_STEP, FEW_HALVINGS = np.radians(3.0), 6
-"""The same for arms without closed forms, of which it takes long to know."""
+ROUNDS, PARTS = 4, 32
+"""How often the bracket about an end of an interval is cut, and into how many parts at once: to 1e-6 of it."""
+COARSE_STEP, FEW_ROUNDS = np.radians(3.0), 2
+"""The same for arms without closed forms, of which it takes long to know: to 1e-3."""
 FREE_YAWS = 8
 """Yaws that are looked at where any will do."""
 SHARES = np.array([0.1, 0.5, 0.9])
@@ -33,8 +33,10 @@ INSET = 0.05
 """How far from the end of such an interval lines end, as a share of it."""
 ARM_ANGLES = 24
 """Arm angles around the circle for lines to given configurations."""
-CANDIDATES = 12_000
-"""Most nodes whose lines are looked at."""
+CANDIDATES = 3
+"""So many times more nodes than there may be have their lines looked at, as not all lines can be followed."""
+EVERY_NODE = 12_000
+"""More nodes than are needed to see whether there are any."""
 
 Interval = tuple[float, float]
 
@@ -114,7 +116,8 @@ def exact_nodes(
     psi_approach = _nearest(psi, found.start[m, 1, branch], found.end[m, 1, branch])
     psi_retract = _nearest(psi, found.start[m, 2, branch], found.end[m, 2, branch])
     rows = np.flatnonzero(np.isfinite(psi_approach) & np.isfinite(psi_retract))
-    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), CANDIDATES)).astype(np.int64)]
+    looked_at = min(len(rows), CANDIDATES * most)
+    rows = rows[np.linspace(0, len(rows) - 1, looked_at).astype(np.int64)]
     n = len(rows)
     candidates = ArmDecisions(
         np.zeros(n, dtype=np.int64),
@@ -188,13 +191,13 @@ def _intervals(
         return [around]
 
     def has_nodes(angles: FloatArray) -> BoolArray:
-        nodes = grid_nodes(problem, a, table, stage, Grid(angles, ARM_ANGLES, CANDIDATES))
+        nodes = grid_nodes(problem, a, table, stage, Grid(angles, ARM_ANGLES, EVERY_NODE))
         return np.bincount(nodes.angle_index, minlength=len(angles)) > 0
 
     if not has_closed_form(problem.arms[a]):
         step = problem.platform.spacing(COARSE_STEP, *around)
         angles = np.append(np.arange(*around, step), around[1])
-        return _runs(angles, has_nodes, FEW_HALVINGS)
+        return _runs(angles, has_nodes, FEW_ROUNDS)
     yaws = _yaws(problem, a, stage)
 
     def feasible(angles: FloatArray) -> BoolArray:
@@ -237,7 +240,7 @@ def _arcs(
 
 
 def _runs(
-    angles: FloatArray, feasible: Callable[[FloatArray], BoolArray], halvings: int = HALVINGS
+    angles: FloatArray, feasible: Callable[[FloatArray], BoolArray], rounds: int = ROUNDS
 ) -> list[Interval]:
     """Returns the intervals in which something is feasible, from where it is among ascending angles (n,)."""
     ok = feasible(angles)
@@ -250,10 +253,13 @@ def _runs(
     outer = np.concatenate(
         [angles[np.maximum(begins - 1, 0)], angles[np.minimum(ends + 1, len(angles) - 1)]]
     )
-    for _ in range(halvings):
-        middle = 0.5 * (inner + outer)
-        within = feasible(middle)
-        inner, outer = np.where(within, middle, inner), np.where(within, outer, middle)
+    share, rows = np.arange(PARTS + 1) / PARTS, np.arange(len(inner))
+    for _ in range(rounds):
+        between = inner[:, None] + share * (outer - inner)[:, None]
+        within = feasible(between[:, 1:].ravel()).reshape(len(inner), PARTS)
+        # The last one before the first that is not; where all are, the outer end is no end.
+        last = np.where(within.all(axis=1), PARTS, within.argmin(axis=1))
+        inner, outer = between[rows, last], between[rows, np.minimum(last + 1, PARTS)]
     low, high = np.split(inner, 2)
     return list(zip(low.tolist(), high.tolist(), strict=True))
 

@@ -1,0 +1,46 @@
+"""Linear programs, by HiGHS: small ones, many of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+
+
+def least_cost(
+    cost: FloatArray,
+    matrix: tuple[IntArray, IntArray, FloatArray],
+    bound: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+) -> FloatArray | None:
+    """Returns the x of least cost @ x with matrix @ x <= bound and lower <= x <= upper, shape (n,); None for none.
+
+    Args:
+        cost: shape (n,).
+        matrix: row, column and value of each entry; those of one row and column count together.
+        bound: shape (m,).
+        lower: shape (n,), -inf allowed.
+        upper: shape (n,), inf allowed.
+    """
+    import highspy
+
+    m, n = len(bound), len(cost)
+    place, same = np.unique(matrix[0] * n + matrix[1], return_inverse=True)
+    solver = highspy.Highs()
+    # The simplex method needs no presolve for programs that it solves in milliseconds.
+    for name, value in (("output_flag", False), ("presolve", "off"), ("threads", 1)):
+        solver.setOptionValue(name, value)
+    program = highspy.HighsLp()
+    program.num_col_, program.num_row_ = n, m
+    program.col_cost_, program.col_lower_, program.col_upper_ = cost, lower, upper
+    program.row_lower_, program.row_upper_ = np.full(m, -np.inf), bound
+    program.a_matrix_.format_ = highspy.MatrixFormat.kRowwise
+    program.a_matrix_.start_ = np.searchsorted(place, n * np.arange(m + 1))
+    program.a_matrix_.index_ = place % n
+    program.a_matrix_.value_ = np.bincount(same, weights=matrix[2], minlength=len(place))
+    solver.passModel(program)
+    solver.run()
+    if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal:
+        return None
+    return np.array(solver.getSolution().col_value)
