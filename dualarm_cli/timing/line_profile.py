@@ -1,11 +1,11 @@
 """Lines: a jerk-limited double-S profile along the path, as fast as every joint's limits allow.
 
-A joint that alone decides moves fastest if its own angle follows a double S. So a good coordinate of a path rises with the
-deciding joint's angle rather than with the path length. Three coordinates are tried. The first is the path length. For the
-second, each joint's speed along the path is weighted by the joint's own least time over its whole way, and the 8-norm over
-the joints is the slope: high, so that the slowest joint decides; even, so that it stays smooth. The third rises by the
-least time that velocity, acceleration and jerk limits allow each bit of the path at a steady pace, which matters where
-the path bends sharply in joint space. Our own derivation.
+A joint that alone decides moves fastest if its own angle follows a double S. So a good coordinate of a path rises with
+the deciding joint's angle rather than with the path length. Three coordinates are tried. The first is the path length.
+For the second, each joint's speed along the path is weighted by the joint's own least time over its whole way, and the
+8-norm over the joints is the slope: high, so that the slowest joint decides; even, so that it stays smooth. The third
+rises by the least time that velocity, acceleration and jerk limits allow each bit of the path at a steady pace, which
+matters where the path bends sharply in joint space. Our own derivation.
 
 The search is compiled (`compiled/src/paths.c`, `rest_lines.c`).
 """
