@@ -19,9 +19,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.stop_motion import (
-    find_paths,
     joints_along,
-    lines_of,
     rates_between,
     remember_line,
     timed_line,
@@ -192,7 +190,6 @@ def passing_ways(
         plans: its stages, with all stops.
         stopping: transfers between stops all the same, by the stage that they lead to and arm.
     """
-    find_paths(drive, [line for plan in plans for line in lines_of(plan)])
 
     def of(stages: Sequence[int]) -> list[dict[str, _Passed]]:
         return [_passed(drive, plans, k, stopping) for k in stages]
