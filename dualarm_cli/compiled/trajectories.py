@@ -155,6 +155,18 @@ def transfer_knots(
     return _cut(arrays, library().transfer_knots(byref(asked), byref(motion)))
 
 
+def stays_between(phases: Array, lower: Array, upper: Array) -> bool:
+    """Returns whether joints stay between positions in all their phases of constant jerk.
+
+    Args:
+        phases: lengths, and positions, velocities, accelerations and jerks at the starts, shape (n, 5, 7).
+        lower: least positions, shape (n,).
+        upper: greatest positions, shape (n,).
+    """
+    held = [np.ascontiguousarray(x, dtype=np.float64) for x in (phases, lower, upper)]
+    return bool(library().stays_between(*map(pointer, held), _int64(len(phases))))
+
+
 def cubic_spline(
     time: Array, position: Array, first: Array | None, last: Array | None
 ) -> tuple[Array, Array, Array]:

@@ -122,7 +122,7 @@ def solve_line(
         InfeasibleError: the tool cannot be kept within the tolerance.
     """
     (q, length), away = path, line == "retract"
-    limits = drive.limits.select(drive.model.arms[arm_stop.arm].arm.joints)
+    limits = drive.own_limits[arm_stop.arm]
     # A launch is given from the target outwards.
     along = q if away or launch is None else q[::-1]
     for knots in KNOTS:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing import double_s
@@ -26,8 +27,6 @@ SAME_END = 1e-12
 """How far from its goal a joint of a transfer in motion may end, in s, rad, rad/s and rad/s²."""
 CORRECTIONS = 5
 """Steps in which such a joint's phases are corrected at most."""
-SHORT_ENOUGH = 1e-6
-"""Share by which a transfer is shorter than what would take a joint to a limit of position at full speed."""
 SHORTEST_PHASE = 1e-6
 """Phases that are not longer [s] make a profile unusable: knots a nanosecond apart become one."""
 
@@ -174,11 +173,6 @@ class MovingTransfer:
         ends = np.stack([problem.start, problem.goal])
         self._lower = np.minimum(limits.lower, ends.min(axis=0))
         self._upper = np.maximum(limits.upper, ends.max(axis=0))
-        # With less time than this, no joint can go so far beyond both its ends, whatever it does.
-        room = np.minimum(
-            2.0 * self._upper - ends.sum(axis=0), ends.sum(axis=0) - 2.0 * self._lower
-        )
-        self._short = float((room / limits.velocity).min()) * (1.0 - SHORT_ENOUGH)
         self._solver = ruckig.Ruckig(n)
         self._answer = ruckig.Trajectory(n)
         self._good = (ruckig.Result.Working, ruckig.Result.Finished)
@@ -213,14 +207,13 @@ class MovingTransfer:
 
     def is_within(self, trajectory: Any) -> bool:
         """Returns whether every joint keeps its limits of position on the way; ruckig's own extrema miss some."""
-        if trajectory.duration <= self._short:
-            return True
-        profiles = trajectory.profiles[0]
-        dt, j = (np.array([getattr(one, name) for one in profiles]) for name in ("t", "j"))
-        q, v, a = (
-            np.array([getattr(one, name)[:PHASES] for one in profiles]) for name in ("p", "v", "a")
+        phases = np.array(
+            [
+                (one.t, one.p[:PHASES], one.v[:PHASES], one.a[:PHASES], one.j)
+                for one in trajectory.profiles[0]
+            ]
         )
-        return _stays(dt, np.stack([q, v, a, j]), self._lower[:, None], self._upper[:, None])
+        return trajectories.stays_between(phases, self._lower, self._upper)
 
     def is_kept(self, phases: FloatArray, start: FloatArray, joint: int) -> bool:
         """Returns whether a joint keeps its limits of position, velocity and acceleration.
@@ -235,34 +228,12 @@ class MovingTransfer:
         turns = a[:-1] * a[1:] < 0.0
         inside = v[:-1][turns] - a[:-1][turns] ** 2 / (2.0 * jerk[turns])
         most = 1.0 + SAME_LIMIT
-        begins = np.stack([q[:-1], v[:-1], a[:-1], jerk])
+        begins = np.stack([time, q[:-1], v[:-1], a[:-1], jerk])[None]
         return bool(
             np.abs(a).max() <= self._request.max_acceleration[joint] * most
             and np.abs([*v, *inside]).max() <= self._request.max_velocity[joint] * most
-            and _stays(time, begins, self._lower[joint], self._upper[joint])
+            and trajectories.stays_between(begins, self._lower[[joint]], self._upper[[joint]])
         )
-
-
-def _stays(dt: FloatArray, begins: FloatArray, low: FloatArray, high: FloatArray) -> bool:
-    """Returns whether phases stay between positions.
-
-    Args:
-        dt: lengths of the phases [s], shape (..., 7).
-        begins: position, velocity, acceleration and jerk at their starts, shape (4, ..., 7).
-        low: least positions, broadcast against the phases.
-        high: greatest positions.
-    """
-    q, v, a, j = begins
-    # v + a t + j t²/2 = 0, in the form that divides by neither a small j nor a small difference.
-    root = np.sqrt(np.maximum(a * a - 2.0 * j * v, 0.0))
-    large = -(a + np.where(a < 0.0, -root, root))
-    for numerator, denominator in ((large, j), (2.0 * v, large)):
-        t = np.divide(numerator, denominator, out=np.zeros_like(v), where=denominator != 0.0)
-        t = np.where((t > 0.0) & (t < dt), t, 0.0)
-        at = q + t * (v + t * (a / 2.0 + t * j / 6.0))
-        if not ((at >= low) & (at <= high)).all():
-            return False
-    return True
 
 
 def _calculate(problem: TransferProblem, moving: IntArray, duration: float) -> dict[int, Any]:

@@ -133,3 +133,24 @@ int64_t transfer_knots(const Transfer *asked, const Motion *found)
     free(edge);
     return knots;
 }
+
+/* Whether phases stay between positions, from their lengths and positions, velocities, accelerations and jerks at their
+   starts, (joints, 5, 7): at the starts and where the velocity is none. */
+int stays_between(const double *phases, const double *lower, const double *upper, int64_t joints)
+{
+    for (int64_t k = 0; k < joints; k++)
+        for (int p = 0; p < PHASES; p++) {
+            const double *at = phases + k * 5 * PHASES + p;
+            const State from = {at[PHASES], at[2 * PHASES], at[3 * PHASES], at[4 * PHASES]};
+            const double v = from.speed, a = from.acceleration, j = from.jerk;
+            /* v + a t + j t^2 / 2 = 0, in the form that divides by neither a small j nor a small difference. */
+            const double root = sqrt(larger(a * a - 2.0 * j * v, 0.0)), large = -(a + (a < 0.0 ? -root : root));
+            const double turn[2] = {j != 0.0 ? large / j : 0.0, large != 0.0 ? 2.0 * v / large : 0.0};
+            for (int i = 0; i < 2; i++) {
+                const double q = advanced(from, turn[i] > 0.0 && turn[i] < at[0] ? turn[i] : 0.0).way;
+                if (!(q >= lower[k] && q <= upper[k]))
+                    return 0;
+            }
+        }
+    return 1;
+}
