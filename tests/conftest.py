@@ -157,6 +157,12 @@ def wrist_arms() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def line_reference() -> ModuleType:
+    """The method of lines and launches in numpy."""
+    return _module("line_reference")
+
+
+@pytest.fixture(scope="session")
 def plain_motion() -> ModuleType:
     """Joint motion of schedule.json, read without this program."""
     return _module("plain_motion")

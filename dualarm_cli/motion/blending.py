@@ -19,15 +19,13 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.stop_motion import (
-    find_paths,
     joints_along,
-    lines_of,
     rates_between,
     remember_line,
     timed_line,
     transfers_in_motion,
 )
-from dualarm_cli.motion.transfers import PLATFORM, Drive, tool_speed_of
+from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, tool_speed_of
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.timing.launch import CUTS, PROFILES, Launch, launches
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
@@ -84,7 +82,7 @@ class Passings:
     @classmethod
     def of(cls, drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Passings:
         """Returns those of a stop's `approach` or `retract`."""
-        own = drive.limits.select(drive.model.arms[arm_stop.arm].arm.joints)
+        own = drive.own_limits[arm_stop.arm]
         q, length = joints_along(drive, plan, arm_stop, line)
         away = line == "retract"
         problem = LineProblem(own.joints, q if away else q[::-1], length, own, drive.cap)
@@ -192,7 +190,6 @@ def passing_ways(
         plans: its stages, with all stops.
         stopping: transfers between stops all the same, by the stage that they lead to and arm.
     """
-    find_paths(drive, [line for plan in plans for line in lines_of(plan)])
 
     def of(stages: Sequence[int]) -> list[dict[str, _Passed]]:
         return [_passed(drive, plans, k, stopping) for k in stages]
@@ -261,7 +258,7 @@ def platform_time(drive: Drive, before: StagePlan | None, plan: StagePlan) -> fl
     index = drive.columns.get(PLATFORM)
     if index is None:
         return 0.0
-    limits = drive.limits.select(drive.joints(PLATFORM))
+    limits = drive.own_limits[PLATFORM]
     start, goal = plan.start[index], plan.arrival[index]
     rest = np.zeros((2, len(index)))
     leaving = rest if before is None else before.through.get(PLATFORM, rest)
@@ -296,7 +293,7 @@ def _ways(
 ) -> tuple[Launch | None, Launch | None] | None:
     """Returns how an arm passes the ends of the lines about its transfer, None where it stops at both."""
     arm = drive.model.arms[name]
-    index, limits = arm.columns, drive.limits.select(arm.arm.joints)
+    index, limits = arm.columns, drive.own_limits[name]
     start, goal = plan.start[index], plan.arrival[index]
     retract, approach = passings_beside(drive, before, plan, name)
     platform = max(platform, _giver_time(drive, plan, name))
@@ -319,7 +316,7 @@ def _giver_time(drive: Drive, plan: StagePlan, name: str) -> float:
     if pair is None or pair[1].arm != name:
         return 0.0
     index = drive.columns[pair[0].arm]
-    limits = drive.limits.select(drive.joints(pair[0].arm))
+    limits = drive.own_limits[pair[0].arm]
     law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
     return float(law.duration(plan.arrival[index] - plan.start[index]))
 
@@ -370,6 +367,9 @@ def _holds(
         plan = _with_pass(plan, name, "approach", approach)
     try:
         rates = rates_between(drive, before, plan)
+        if drive.cap is None and not plan.through and giver_and_taker(plan.stops) is None:
+            time_transfers(drive, plan, rates, resting=False)
+            return True
         transfers = transfers_in_motion(drive, plan, rates)
     except InfeasibleError:
         return False

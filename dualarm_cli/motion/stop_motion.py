@@ -24,7 +24,7 @@ from dualarm_cli.motion.transfers import (
     transfers_within_tool_speed,
 )
 from dualarm_cli.postures import StopProblem
-from dualarm_cli.postures.candidates import line_paths
+from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.postures.tracked import Tracked
 from dualarm_cli.refusals import Refusal
@@ -122,7 +122,7 @@ def solve_line(
         InfeasibleError: the tool cannot be kept within the tolerance.
     """
     (q, length), away = path, line == "retract"
-    limits = drive.limits.select(drive.model.arms[arm_stop.arm].arm.joints)
+    limits = drive.own_limits[arm_stop.arm]
     # A launch is given from the target outwards.
     along = q if away or launch is None else q[::-1]
     for knots in KNOTS:
@@ -202,20 +202,6 @@ def add_handover(
     return {taker.arm: gripped - begin, giver.arm: away - begin}
 
 
-Line = tuple[StagePlan, ArmStop, str]
-"""A stage, a stop in it, and `approach` or `retract`."""
-
-
-def lines_of(plan: StagePlan) -> list[Line]:
-    """Returns the lines of a stage's stops at targets that stand."""
-    return [
-        (plan, one, line)
-        for one in plan.stops.values()
-        for line, way in (("approach", one.stop.approach), ("retract", one.stop.retract))
-        if one.tracked is None and way > 0.0
-    ]
-
-
 def timed_line(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Trajectory:
     """Returns the timed `approach` or `retract` of a stop in its stage, which has one; see `solve_line`."""
     key = _timed_key(drive, plan, arm_stop, line)
@@ -237,14 +223,20 @@ def time_lines(drive: Drive, plans: Sequence[StagePlan]) -> None:
         drive: of the job; its `known` gets the lines.
         plans: stages; those that arms leave while a tool stands are left out, as they have other lines.
     """
-    asked: dict[Key, Line] = {}
+    asked: dict[Key, tuple[StagePlan, ArmStop, str]] = {}
     for plan in plans:
-        for one in () if plan.leaving else lines_of(plan):
-            key = _timed_key(drive, *one)
-            if key not in drive.known.lines:
-                asked[key] = one
+        for arm_stop in () if plan.leaving else plan.stops.values():
+            if arm_stop.tracked is not None:
+                continue
+            for line, way in (
+                ("approach", arm_stop.stop.approach),
+                ("retract", arm_stop.stop.retract),
+            ):
+                key = _timed_key(drive, plan, arm_stop, line)
+                if way > 0.0 and key not in drive.known.lines:
+                    asked[key] = plan, arm_stop, line
 
-    def timed(some: Sequence[Line]) -> list[Trajectory | None]:
+    def timed(some: Sequence[tuple[StagePlan, ArmStop, str]]) -> list[Trajectory | None]:
         found: list[Trajectory | None] = []
         for one in some:
             try:
@@ -254,7 +246,6 @@ def time_lines(drive: Drive, plans: Sequence[StagePlan]) -> None:
         return found
 
     lines = list(asked.values())
-    find_paths(drive, lines)
     for one, trajectory in zip(lines, halves(timed, lines, SHARED), strict=True):
         if trajectory is not None:
             remember_line(drive, *one, trajectory)
@@ -277,35 +268,14 @@ def _timed_key(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> K
 def joints_along(
     drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns the joints along a line of a stop in its stage, and the lengths travelled; see `line_paths`."""
-    key = _path_key(drive, plan, arm_stop, line)
+    """Returns the joints along a line of a stop in its stage, and the lengths travelled; see `line_path`."""
+    arm_stop = plan.stop_at(line, arm_stop)
+    key = (line, *_line_key(drive.model, plan, arm_stop))
     if key not in drive.known.paths:
-        find_paths(drive, [(plan, arm_stop, line)])
+        q, length = line_path(arm_stop.problem, arm_stop.posture, line, PATH_SAMPLES)
+        drive.known.paths[key] = arm_stop.stop, q, length
     _, q, length = drive.known.paths[key]
     return q, length
-
-
-def find_paths(drive: Drive, lines: Sequence[Line]) -> None:
-    """Finds the joints along lines that are not known yet, which takes little longer for many than for one.
-
-    Lines that are worked on in two processes have to be found before: both must have the same to the last digit.
-
-    Args:
-        drive: of the job; its `known` gets the paths.
-        lines: which.
-    """
-    asked = {}
-    for plan, arm_stop, line in lines:
-        key = _path_key(drive, plan, arm_stop, line)
-        if key not in drive.known.paths:
-            asked[key] = plan.stop_at(line, arm_stop), line
-    made = [(one.problem, one.posture, line) for one, line in asked.values()]
-    for (key, (one, _)), path in zip(asked.items(), line_paths(made, PATH_SAMPLES), strict=True):
-        drive.known.paths[key] = one.stop, *path
-
-
-def _path_key(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Key:
-    return (line, *_line_key(drive.model, plan, plan.stop_at(line, arm_stop)))
 
 
 def rates_between(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Rates:

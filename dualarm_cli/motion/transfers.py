@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -108,6 +109,11 @@ class Drive:
         known = Known() if known is None else known
         return Drive(model, columns, robot.limits.scaled(job.speed), timing, job.tool_speed, known)
 
+    @cached_property
+    def own_limits(self) -> Mapping[str, JointLimits]:
+        """Limits of each group's joints."""
+        return {group: self.limits.select(self.joints(group)) for group in self.columns}
+
     def joints(self, group: str) -> tuple[str, ...]:
         """Returns the names of a group's joints."""
         return tuple(self.limits.joints[i] for i in self.columns[group])
@@ -122,6 +128,8 @@ def time_transfers(
     plan: StagePlan,
     rates: Rates | None = None,
     longer: Mapping[str, float] | None = None,
+    *,
+    resting: bool = True,
 ) -> Transfers:
     """Returns the transfers of one stage.
 
@@ -134,6 +142,7 @@ def time_transfers(
         plan: the stage.
         rates: of arms that leave or arrive in motion.
         longer: how long transfers of such arms take at least [s].
+        resting: whether those of the others are wanted, which there are in any case.
 
     Raises:
         InfeasibleError: no transfer leaves and arrives in such motion.
@@ -150,11 +159,10 @@ def time_transfers(
     motion = {}
 
     def problem(group: str, length: float) -> TransferProblem:
-        index, names = columns[group], drive.joints(group)
-        own = limits.select(names)
+        index, own = columns[group], drive.own_limits[group]
         leaving, arriving = (rates or {}).get(group, (None, None))
         return TransferProblem(
-            names, plan.start[index], plan.arrival[index], own, length, leaving, arriving
+            own.joints, plan.start[index], plan.arrival[index], own, length, leaving, arriving
         )
 
     lengths = {g: max(platform, times[g]) for g in times if g != PLATFORM}
@@ -173,7 +181,7 @@ def time_transfers(
         lengths = dict.fromkeys(times, max(times.values()))
     elif PLATFORM in times and PLATFORM not in motion:
         lengths[PLATFORM] = min(lengths[name] for name in plan.stops)
-    for group in columns:
+    for group in columns if resting else ():
         if group not in motion and (times[group] > 0 or group in plan.stops):
             motion[group] = drive.timing.transfer(problem(group, lengths[group]))
     joint_times = dict(zip(limits.joints, alone.tolist(), strict=True))

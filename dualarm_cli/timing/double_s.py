@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
-from dualarm_cli.model.joint_motion import SAME_TIME, distinct_times
+from dualarm_cli.compiled import trajectories
+from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.problem import TransferProblem
@@ -46,74 +46,22 @@ class Phases:
 def transfer_trajectory(problem: TransferProblem, phases: Phases, duration: float) -> Trajectory:
     """Returns the transfer that its joints' phases make.
 
-    The last knot is exactly the goal: what rounding left over is below 1e-12 of the way. Knots nearer than
-    SAME_TIME become one. Only accelerations of joints without a jerk limit jump, at two knots at one time.
+    The last knot is exactly the goal: what rounding left over is below 1e-12 of the way. Knots nearer than 1e-9 s
+    become one. Only accelerations of joints without a jerk limit jump, at two knots at one time.
 
     Args:
         problem: the transfer.
         phases: of all its joints.
         duration: when every motion ends [s].
     """
-    edges, states = _states(problem, phases, duration)
-    time = distinct_times(np.append(edges.ravel(), [0.0, duration]))[0]
-    right = _evaluate(edges, states, time, SAME_TIME)
-    before = _evaluate(edges, states, time, -SAME_TIME)
-    # Before its first knot every joint is as the problem says.
-    before[0, 0] = problem.start
-    before[1:, 0] = problem.rates()[0]
-    jumps: BoolArray = np.isinf(problem.limits.jerk) & (before[2] != right[2])
-    left = np.where(jumps, before, right)
-    index = np.repeat(np.arange(len(time)), 1 + jumps.any(axis=1))
-    first_of_two = np.zeros((len(index), 1), dtype=np.bool_)
-    first_of_two[:-1, 0] = index[:-1] == index[1:]
-    return Trajectory(
-        problem.joints,
-        time[index],
-        *np.where(first_of_two, left[:, index], right[:, index]),
-    )
-
-
-def _states(
-    problem: TransferProblem, phases: Phases, duration: float
-) -> tuple[FloatArray, FloatArray]:
-    """Returns starts of all phases, (n, 8), with q, v, a, j there, (4, n, 8); the eighth is the goal."""
-    n = len(problem.joints)
-    edges, states = np.zeros((n, PHASES + 1)), np.zeros((4, n, PHASES + 1))
-    np.cumsum(phases.duration, axis=1, out=edges[:, 1:])
-    moving = edges[:, -1] > 0.0
-    # Every motion ends at one instant exactly; phases of no length end there with it.
-    ends = (edges >= edges[:, -1:]) & moving[:, None]
-    edges[ends] = duration
-    q, v, a, j = states
-    a[:, :-1], j[:, :-1] = phases.acceleration, phases.jerk
-    q[:, 0] = problem.start
     leaving, arriving = problem.rates()
-    v[:, 0] = leaving[0]
-    for k in range(PHASES):
-        d = phases.duration[:, k]
-        q[:, k + 1] = q[:, k] + d * (v[:, k] + d * (a[:, k] / 2.0 + d * j[:, k] / 6.0))
-        v[:, k + 1] = v[:, k] + d * (a[:, k] + d * j[:, k] / 2.0)
-    q[:, -1], v[:, -1], a[:, -1] = problem.goal, *arriving
-    return edges, states
-
-
-def _evaluate(edges: FloatArray, states: FloatArray, time: FloatArray, shift: float) -> FloatArray:
-    """Returns q, v, a at times, (3, k, n), in the phases of the times moved by `shift` [s]."""
-    begun = (edges <= (time + shift)[:, None, None]).sum(axis=2)
-    phase: IntArray = np.maximum(begun - 1, 0)
-    joint = np.arange(len(edges))
-    dt = time[:, None] - edges[joint, phase]
-    q, v, a, j = states[:, joint, phase]
-    # A knot that stands in for the beginning of a phase a moment later has that phase's velocity and acceleration: led
-    # back along the phase, they could exceed their limits.
-    ahead = np.maximum(dt, 0.0)
-    return np.stack(
-        [
-            q + dt * (v + dt * (a / 2.0 + dt * j / 6.0)),
-            v + ahead * (a + ahead * j / 2.0),
-            a + ahead * j,
-        ]
+    knots = trajectories.transfer_knots(
+        (problem.start, leaving, problem.goal, arriving),
+        problem.limits.jerk,
+        (phases.duration, phases.acceleration, phases.jerk),
+        duration,
     )
+    return Trajectory(problem.joints, *knots)
 
 
 def solve_transfer(problem: TransferProblem) -> Trajectory:

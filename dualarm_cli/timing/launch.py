@@ -8,10 +8,11 @@ family: minimum time from event to event is in general none of its members.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
-from dualarm_cli.compiled import lines
+from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing.line_profile import path_of, trajectory_of
@@ -68,6 +69,12 @@ class Launches:
     """Joints' accelerations there [rad/s²], shape (g, n)."""
 
 
+@cache
+def _all_cuts(profile: int, coordinate: int) -> tuple[Launch, ...]:
+    """Returns one of PROFILES with all CUTS."""
+    return tuple(Launch(*PROFILES[profile], cut, coordinate) for cut in CUTS)
+
+
 def launches(problem: LineProblem) -> Launches:
     """Returns the ways of passing a line's far end, from rest at its first gridpoint: all CUTS of all PROFILES.
 
@@ -77,13 +84,13 @@ def launches(problem: LineProblem) -> Launches:
         problem: the line; its cap on the tool's speed counts.
     """
     n = len(problem.joints)
-    coordinate, time, velocity, acceleration = lines.launches(
+    coordinate, time, velocity, acceleration = trajectories.launches(
         path_of(problem), np.array(PROFILES), np.array(CUTS), COMPARED
     )
     ways = [
-        Launch(*profile, cut, along)
-        for profile, along in zip(PROFILES, coordinate.tolist(), strict=True)
-        for cut in CUTS
+        way
+        for profile, along in enumerate(coordinate.tolist())
+        for way in _all_cuts(profile, along)
     ]
     rates = (rate.reshape(len(ways), -1)[:, :n] for rate in (velocity, acceleration))
     return Launches(tuple(ways), time.ravel(), *rates)
@@ -100,7 +107,7 @@ def solve_launch(problem: LineProblem, launch: Launch) -> Trajectory:
         launch: how it passes its far end.
     """
     shape = launch.constant, launch.cruise, launch.inner, launch.cut
-    found = lines.launched_line(path_of(problem), shape, launch.coordinate, problem.knots)
+    found = trajectories.launched_line(path_of(problem), shape, launch.coordinate, problem.knots)
     return trajectory_of(problem, found)
 
 

@@ -1,11 +1,11 @@
 """Lines: a jerk-limited double-S profile along the path, as fast as every joint's limits allow.
 
-A joint that alone decides moves fastest if its own angle follows a double S. So a good coordinate of a path rises with the
-deciding joint's angle rather than with the path length. Three coordinates are tried. The first is the path length. For the
-second, each joint's speed along the path is weighted by the joint's own least time over its whole way, and the 8-norm over
-the joints is the slope: high, so that the slowest joint decides; even, so that it stays smooth. The third rises by the
-least time that velocity, acceleration and jerk limits allow each bit of the path at a steady pace, which matters where
-the path bends sharply in joint space. Our own derivation.
+A joint that alone decides moves fastest if its own angle follows a double S. So a good coordinate of a path rises with
+the deciding joint's angle rather than with the path length. Three coordinates are tried. The first is the path length.
+For the second, each joint's speed along the path is weighted by the joint's own least time over its whole way, and the
+8-norm over the joints is the slope: high, so that the slowest joint decides; even, so that it stays smooth. The third
+rises by the least time that velocity, acceleration and jerk limits allow each bit of the path at a steady pace, which
+matters where the path bends sharply in joint space. Our own derivation.
 
 The search is compiled (`compiled/src/paths.c`, `rest_lines.c`).
 """
@@ -16,7 +16,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from dualarm_cli.compiled import lines
+from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
@@ -52,7 +52,7 @@ def solve_line(problem: LineProblem) -> Trajectory:
     """
     if problem.tool_speed is None and (problem.position == problem.position[0]).all():
         return hold(problem.joints, problem.position[0], 0.0)
-    return trajectory_of(problem, lines.rest_line(path_of(problem), problem.knots))
+    return trajectory_of(problem, trajectories.rest_line(path_of(problem), problem.knots))
 
 
 def estimate_line_durations(
@@ -129,21 +129,21 @@ def estimate_operators(samples: int) -> tuple[FloatArray, FloatArray, FloatArray
     )
 
 
-def path_of(problem: LineProblem) -> lines.Path:
+def path_of(problem: LineProblem) -> trajectories.Path:
     """Returns path and limits, with the path length as one more joint where its speed is capped."""
     own = problem.limits
     limits = own.velocity, own.acceleration, own.jerk
     if problem.tool_speed is None:
-        return lines.Path.of(problem.position, limits)
+        return trajectories.Path.of(problem.position, limits)
     cap = problem.tool_speed * (1.0 - SPEED_MARGIN)
     more = cap, UNLIMITED * cap, UNLIMITED**2 * cap
-    return lines.Path.of(
+    return trajectories.Path.of(
         np.column_stack([problem.position, problem.length]),
         [np.append(limit, one) for limit, one in zip(limits, more, strict=True)],
     )
 
 
-def trajectory_of(problem: LineProblem, knots: lines.Knots) -> Trajectory:
+def trajectory_of(problem: LineProblem, knots: trajectories.Knots) -> Trajectory:
     """Returns the motion of a line's joints by its knots, without the path length."""
     time, *rows = knots
     return Trajectory(problem.joints, time, *(row[:, : len(problem.joints)] for row in rows))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing import double_s
@@ -46,13 +47,14 @@ def solve_transfer(problem: TransferProblem) -> Trajectory:
         return hold(problem.joints, problem.start, problem.minimum_duration)
     law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
     duration = max(float(law.duration(problem.goal - problem.start)), problem.minimum_duration)
-    phases = double_s.fastest_phases(problem.goal - problem.start, law).slowed(duration)
-    rows = {name: np.array(getattr(phases, name)) for name in ("duration", "acceleration", "jerk")}
-    for joint, profile in _calculate(problem, moving, duration).items():
-        rows["duration"][joint] = profile.t
-        rows["acceleration"][joint] = profile.a[:PHASES]
-        rows["jerk"][joint] = profile.j
-    return transfer_trajectory(problem, Phases(**rows), duration)
+    profiles = _calculate(problem, moving, duration)
+    phases = np.zeros((3, len(problem.joints), PHASES))
+    if len(profiles) < moving.size:
+        slowed = double_s.fastest_phases(problem.goal - problem.start, law).slowed(duration)
+        phases[:] = slowed.duration, slowed.acceleration, slowed.jerk
+    for joint, profile in profiles.items():
+        phases[:, joint] = profile.t, profile.a[:PHASES], profile.j
+    return transfer_trajectory(problem, Phases(*phases), duration)
 
 
 def solve_moving_transfer(problem: TransferProblem) -> Trajectory | None:
@@ -205,12 +207,13 @@ class MovingTransfer:
 
     def is_within(self, trajectory: Any) -> bool:
         """Returns whether every joint keeps its limits of position on the way; ruckig's own extrema miss some."""
-        profiles = trajectory.profiles[0]
-        dt, j = (np.array([getattr(one, name) for one in profiles]) for name in ("t", "j"))
-        q, v, a = (
-            np.array([getattr(one, name)[:PHASES] for one in profiles]) for name in ("p", "v", "a")
+        phases = np.array(
+            [
+                (one.t, one.p[:PHASES], one.v[:PHASES], one.a[:PHASES], one.j)
+                for one in trajectory.profiles[0]
+            ]
         )
-        return _stays(dt, np.stack([q, v, a, j]), self._lower[:, None], self._upper[:, None])
+        return trajectories.stays_between(phases, self._lower, self._upper)
 
     def is_kept(self, phases: FloatArray, start: FloatArray, joint: int) -> bool:
         """Returns whether a joint keeps its limits of position, velocity and acceleration.
@@ -225,34 +228,12 @@ class MovingTransfer:
         turns = a[:-1] * a[1:] < 0.0
         inside = v[:-1][turns] - a[:-1][turns] ** 2 / (2.0 * jerk[turns])
         most = 1.0 + SAME_LIMIT
-        begins = np.stack([q[:-1], v[:-1], a[:-1], jerk])
+        begins = np.stack([time, q[:-1], v[:-1], a[:-1], jerk])[None]
         return bool(
             np.abs(a).max() <= self._request.max_acceleration[joint] * most
             and np.abs([*v, *inside]).max() <= self._request.max_velocity[joint] * most
-            and _stays(time, begins, self._lower[joint], self._upper[joint])
+            and trajectories.stays_between(begins, self._lower[[joint]], self._upper[[joint]])
         )
-
-
-def _stays(dt: FloatArray, begins: FloatArray, low: FloatArray, high: FloatArray) -> bool:
-    """Returns whether phases stay between positions.
-
-    Args:
-        dt: lengths of the phases [s], shape (..., 7).
-        begins: position, velocity, acceleration and jerk at their starts, shape (4, ..., 7).
-        low: least positions, broadcast against the phases.
-        high: greatest positions.
-    """
-    q, v, a, j = begins
-    # v + a t + j t²/2 = 0, in the form that divides by neither a small j nor a small difference.
-    root = np.sqrt(np.maximum(a * a - 2.0 * j * v, 0.0))
-    large = -(a + np.where(a < 0.0, -root, root))
-    for numerator, denominator in ((large, j), (2.0 * v, large)):
-        t = np.divide(numerator, denominator, out=np.zeros_like(v), where=denominator != 0.0)
-        t = np.where((t > 0.0) & (t < dt), t, 0.0)
-        at = q + t * (v + t * (a / 2.0 + t * j / 6.0))
-        if not ((at >= low) & (at <= high)).all():
-            return False
-    return True
 
 
 def _calculate(problem: TransferProblem, moving: IntArray, duration: float) -> dict[int, Any]:

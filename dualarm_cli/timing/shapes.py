@@ -1,4 +1,4 @@
-"""Normalised double-S shapes of the way along a path, and values of a sampled path anywhere on it."""
+"""Normalised double-S shapes of the way along a path, and polynomials through samples of a path."""
 
 from __future__ import annotations
 
@@ -6,33 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
-
-STENCIL = 8
-"""Neighbouring samples in the local interpolation of a path: polynomials of seventh degree."""
-_NODES = np.arange(STENCIL, dtype=np.float64)
-_OFFSETS = np.arange(STENCIL)
-
-
-def interpolate_samples(values: FloatArray, share: FloatArray) -> FloatArray:
-    """Returns a path at shares of its length, by local polynomials, shape (k, n).
-
-    Both ends of the path come back exactly.
-
-    Args:
-        values: the path at equidistant samples, shape (m, n), m at least STENCIL.
-        share: places in [0, 1], shape (k,).
-    """
-    last = len(values) - 1
-    place = share * last
-    first = place.astype(np.int64) - (STENCIL // 2 - 1)
-    first = np.minimum(np.maximum(first, 0), last + 1 - STENCIL)
-    basis = _products_of_others(_NODES, place - first) / _STENCIL_GAPS
-    neighbours = values[first[:, None] + _OFFSETS]
-    found: FloatArray = (basis[:, None, :] @ neighbours)[:, 0]
-    found[share == 0.0] = values[0]
-    found[share == 1.0] = values[-1]
-    return found
+from dualarm_cli.geometry.arrays import FloatArray, readonly
 
 
 def lagrange_basis(nodes: FloatArray, x: FloatArray) -> FloatArray:
@@ -69,9 +43,6 @@ def differentiation_matrix(nodes: FloatArray) -> FloatArray:
     # A constant has no derivative.
     np.fill_diagonal(D, -D.sum(axis=1))
     return D
-
-
-_STENCIL_GAPS = _products_of_gaps(_NODES)
 
 
 @dataclass(frozen=True)
@@ -134,17 +105,6 @@ class Shapes:
         j[:, 0], j[:, 2], j[:, 4], j[:, 6] = a1 / x1, -a1 / x1, -a2 / x2, a2 / x2
         return state
 
-    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Returns way, speed, acceleration and jerk, each of shape (g, k).
-
-        Args:
-            time: instants of each shape in [0, 1], shape (g, k).
-        """
-        edges = self.breakpoints()
-        phase = (time[:, :, None] >= edges[:, None, 1:7]).sum(axis=2)
-        row = np.arange(len(edges))[:, None]
-        return _advance(self.phases()[:, row, phase], time - edges[row, phase])
-
     def within_phases(
         self, per_phase: int
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -165,11 +125,6 @@ class Shapes:
             acceleration.reshape(g, -1),
             np.repeat(jerk[..., 0], per_phase, axis=1),
         )
-
-    def take(self, index: int | IntArray) -> Shapes:
-        """Returns one of the shapes as a family of one, or several as a family."""
-        rows = np.atleast_1d(index)
-        return Shapes(self.start[rows], self.start_jerk[rows], self.end[rows], self.end_jerk[rows])
 
 
 def _advance(

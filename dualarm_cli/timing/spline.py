@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dualarm_cli.compiled import lines
+from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray
 
 
@@ -19,7 +19,7 @@ def rest_to_rest_spline(
         time: knots [s], increasing, shape (k,), k at least 5.
         position: what to interpolate [rad], shape (k, n).
     """
-    return lines.cubic_spline(time, position, None, None)
+    return trajectories.cubic_spline(time, position, None, None)
 
 
 def clamped_spline(
@@ -35,7 +35,7 @@ def clamped_spline(
         first: velocities at the start [rad/s], shape (n,).
         last: velocities at the end [rad/s], shape (n,).
     """
-    return lines.cubic_spline(time, position, first, last)
+    return trajectories.cubic_spline(time, position, first, last)
 
 
 def largest_rates(
@@ -49,5 +49,5 @@ def largest_rates(
         acceleration: at the knots [rad/s²], shape (k, n); linear in between. A jump, two knots at one
             time, is no jerk.
     """
-    speed, largest, jerk = lines.largest_rates(time, velocity, acceleration)
+    speed, largest, jerk = trajectories.largest_rates(time, velocity, acceleration)
     return speed, largest, jerk

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from dualarm_cli.compiled.trajectories import cubic_spline
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.timing.launch import CUTS, PROFILES, launches, reversed_in_time, solve_launch
 from dualarm_cli.timing.problem import LineProblem
-from dualarm_cli.timing.spline import launch_spline
 
 JOINTS = ("s", "l", "e", "u", "r", "b", "t")
 
@@ -136,7 +136,7 @@ def test_a_launch_spline_is_scipy_s_through_its_own_second_knot(count):
     rng = np.random.default_rng(count)
     time = np.concatenate([[0.0], np.cumsum(rng.uniform(0.01, 0.3, count - 1))])
     goal, last = rng.normal(size=(count, 3)), rng.normal(size=3)
-    q, v, a = launch_spline(time, goal, last)
+    q, v, a = cubic_spline(time, goal, None, last)
     kept = [0, *range(2, count)]
     np.testing.assert_array_equal(q[kept], goal[kept])
     expected = CubicSpline(time, q, bc_type=((1, np.zeros(3)), (1, last)))

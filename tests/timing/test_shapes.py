@@ -32,25 +32,25 @@ def test_each_rate_is_the_integral_of_the_next():
         assert (np.abs(integral[:, -1:] - end) / scale).max() < 1e-12
 
 
-def test_instants_and_phases_agree():
-    """`at` finds the phase that `within_phases` is in, and both start and end at rest."""
+def test_instants_within_phases_begin_and_end_with_them():
+    """Three instants in each: at its start, in its middle by Taylor's series from there, at the start of the next."""
     shapes = random_shapes()
-    edges = shapes.breakpoints()
-    middle = (edges[:, :-1] + edges[:, 1:]) / 2
-    in_phases = [rate.reshape(-1, 7, 3)[:, :, 1] for rate in shapes.within_phases(3)]
-    # A phase of no length has no middle of its own.
-    real = np.diff(edges, axis=1) > 1e-9
-    for found, expected in zip(shapes.at(middle), in_phases, strict=True):
-        assert found[real] == pytest.approx(expected[real], rel=1e-9, abs=1e-9)
-    ends = np.tile([0.0, 1.0], (len(edges), 1))
-    way, speed, _, _ = shapes.at(ends)
-    assert np.abs(way - [0, 1]).max() < 1e-12
-    assert np.abs(speed).max() < 1e-12
+    half = np.diff(shapes.breakpoints(), axis=1) / 2.0
+    s, v, a, j = shapes.phases()
+    middle = (s + half * (v + half * (a / 2 + half * j / 6)), v + half * (a + half * j / 2))
+    found = [rate.reshape(-1, 7, 3) for rate in shapes.within_phases(3)[:2]]
+    for rate, expected, start in zip(found, middle, (s, v), strict=True):
+        np.testing.assert_allclose(rate[:, :, 1], expected, atol=1e-12)
+        np.testing.assert_array_equal(rate[:, :, 0], start)
+        np.testing.assert_allclose(rate[:, :-1, 2], start[:, 1:], atol=1e-12)
+    assert np.abs(found[0][:, -1, 2] - 1.0).max() < 1e-12
+    assert np.abs(found[1][:, [0, -1], [0, 2]]).max() < 1e-12
 
 
 def test_the_symmetric_shape_is_the_one_by_hand():
     """Ramp 1/3, jerk share 1/2: peak 1 / (1 - 1/3) = 1.5; acceleration 1.5 / (1/3 - 1/6) = 9."""
     shape = symmetric_grid(np.array([1 / 3]), np.array([0.5]))
-    _, speed, acceleration, _ = shape.at(np.array([[1 / 6, 0.5]]))
-    assert acceleration[0, 0] == pytest.approx(9.0)
-    assert speed[0] == pytest.approx([0.75, 1.5])
+    _, speed, acceleration, _ = shape.within_phases(2)
+    # The first jerk phase ends after a sixth of the time; the fourth phase has the peak speed.
+    assert acceleration[0, 1] == pytest.approx(9.0)
+    assert [speed[0, 1], speed[0, 6]] == pytest.approx([0.75, 1.5])

@@ -1,4 +1,4 @@
-"""What the compiled functions of `src/lines.c` and `src/splines.c` take, as they take it."""
+"""Lines, transfers and splines: what the compiled functions for them take, as they take it."""
 
 from __future__ import annotations
 
@@ -51,6 +51,20 @@ class _Motion(ctypes.Structure):
     _fields_ = tuple((name, _pointer) for name in ("time", "position", "velocity", "acceleration"))
 
 
+class _Transfer(ctypes.Structure):
+    _fields_ = (
+        *(
+            (name, _pointer)
+            for name in (
+                *("start", "leaving", "goal", "arriving"),
+                *("limit", "length", "acceleration", "jerk"),
+            )
+        ),
+        ("duration", ctypes.c_double),
+        ("joints", _int64),
+    )
+
+
 class _Launch(ctypes.Structure):
     _fields_ = tuple((name, ctypes.c_double) for name in ("constant", "cruise", "inner", "cut"))
 
@@ -65,7 +79,7 @@ def rest_line(path: Path, knots: int) -> Knots:
     Raises:
         MemoryError: there is none.
     """
-    arrays, motion = _motion(path, knots)
+    arrays, motion = _motion(knots + MORE_KNOTS, path.joints)
     count = library().rest_line(byref(path), _int64(knots), byref(motion))
     return _cut(arrays, count)
 
@@ -84,7 +98,7 @@ def launched_line(
     Raises:
         MemoryError: there is none.
     """
-    arrays, motion = _motion(path, knots)
+    arrays, motion = _motion(knots + MORE_KNOTS, path.joints)
     arguments = byref(_Launch(*shape)), _int64(coordinate), _int64(knots), byref(motion)
     return _cut(arrays, library().launched_line(byref(path), *arguments))
 
@@ -117,6 +131,40 @@ def launches(
     if library().launches(byref(path), *asked, _int64(compared), *found):
         raise MemoryError
     return coordinate, time, velocity, acceleration
+
+
+def transfer_knots(
+    ends: tuple[Array, Array, Array, Array], limit: Array, phases: Sequence[Array], duration: float
+) -> Knots:
+    """Returns the knots of a transfer of n joints by phases of constant jerk.
+
+    Args:
+        ends: positions at the start [rad], shape (n,), velocities and accelerations there, shape (2, n), and the same
+            at the goal, where all end exactly.
+        limit: of the jerk, shape (n,); only where it is infinite accelerations jump, at two knots at one time.
+        phases: lengths [s], accelerations at their starts and jerks throughout, shape (n, 7) each.
+        duration: when every motion ends [s].
+
+    Raises:
+        MemoryError: there is none.
+    """
+    held = [np.ascontiguousarray(x, dtype=np.float64) for x in (*ends, limit, *phases)]
+    n = len(limit)
+    arrays, motion = _motion(2 * (8 * n + 2), n)
+    asked = _Transfer(*map(pointer, held), duration, n)
+    return _cut(arrays, library().transfer_knots(byref(asked), byref(motion)))
+
+
+def stays_between(phases: Array, lower: Array, upper: Array) -> bool:
+    """Returns whether joints stay between positions in all their phases of constant jerk.
+
+    Args:
+        phases: lengths, and positions, velocities, accelerations and jerks at the starts, shape (n, 5, 7).
+        lower: least positions, shape (n,).
+        upper: greatest positions, shape (n,).
+    """
+    held = [np.ascontiguousarray(x, dtype=np.float64) for x in (phases, lower, upper)]
+    return bool(library().stays_between(*map(pointer, held), _int64(len(phases))))
 
 
 def cubic_spline(
@@ -160,9 +208,9 @@ def largest_rates(time: Array, velocity: Array, acceleration: Array) -> Array:
     return largest
 
 
-def _motion(path: Path, knots: int) -> tuple[Knots, _Motion]:
-    """Returns arrays for a line's knots, and where they are."""
-    room, n = knots + MORE_KNOTS, path.joints
+def _motion(room: int, joints: int) -> tuple[Knots, _Motion]:
+    """Returns arrays for so many knots, and where they are."""
+    n = joints
     arrays = np.empty(room), np.empty((room, n)), np.empty((room, n)), np.empty((room, n))
     return arrays, _Motion(*map(pointer, arrays))
 
