@@ -19,7 +19,6 @@ from dualarm_cli.postures.platform_reach import (
     shape_rates,
 )
 
-
 ROUNDING = 1e-6
 """What enclosures are widened by, since they are computed in floating point [rad]; the compiled ones as well."""
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
-from tests import posture_cells_numpy as in_numpy
 import pytest
 from scipy.optimize import brentq
 
@@ -27,6 +26,7 @@ from dualarm_cli.postures.platform_reach import (
     turned,
 )
 from dualarm_cli.stages.search.problem import ArmWork, SequenceProblem
+from tests import posture_cells_numpy as in_numpy
 
 Problems = Callable[..., SequenceProblem]
 
