@@ -31,7 +31,7 @@ from dualarm_cli.bound.layers import (
     stop_boxes,
     stop_work,
 )
-from dualarm_cli.compiled.transfer_times import Side, boxes, least_by_groups, least_from
+from dualarm_cli.compiled.transfer_times import CellRuns, boxes, least_by_groups, least_from
 from dualarm_cli.effort import EFFORTS, Resolution
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.stages.search.potentials import platform_columns, transfer_table
@@ -44,7 +44,7 @@ RUN = 32
 """Most cells of one run."""
 
 
-def side_of(cells: PostureBoxes) -> Side:
+def side_of(cells: PostureBoxes) -> CellRuns:
     """Returns cells for the compiled functions, in runs of cells next to each other in platform cell, branch, angle.
 
     Args:
@@ -58,7 +58,7 @@ def side_of(cells: PostureBoxes) -> Side:
     low = np.minimum.reduceat(cells.low, first, axis=1)
     high = np.maximum.reduceat(cells.high, first, axis=1)
     index = np.ascontiguousarray(cells.index, dtype=np.int64)
-    return Side.of(boxes(cells.low, cells.high), index, boxes(low, high), np.append(first, n))
+    return CellRuns.of(boxes(cells.low, cells.high), index, boxes(low, high), np.append(first, n))
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Pairs:
     """Coordinates that do not count."""
 
     @cached_property
-    def sides(self) -> tuple[Side, Side]:
+    def sides(self) -> tuple[CellRuns, CellRuns]:
         """Both sides for the compiled functions."""
         return side_of(self.before), side_of(self.after)
 

@@ -107,14 +107,11 @@ def pose_cells(
     rates = shape_rates(arm, wrist, intervals)
     found = compiled.posture_cells(
         arm.numbers,
-        R,
-        p,
-        intervals.index // finer,
-        (intervals.low, intervals.high),
+        (R, p),
+        (intervals.index // finer, intervals.low, intervals.high),
         [getattr(rates, field.name) for field in fields(ShapeRates)],
         lines(intervals),
-        resolution.arm_angles,
-        finer,
+        (resolution.arm_angles, finer),
         free_last,
     )
     return Cells(*found)

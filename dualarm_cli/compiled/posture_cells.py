@@ -41,28 +41,23 @@ class _Cells(ctypes.Structure):
 
 def posture_cells(
     arm: FloatArray,
-    R: FloatArray,
-    p: FloatArray,
-    cell: IntArray,
-    interval: tuple[FloatArray, FloatArray],
+    pose: tuple[FloatArray, FloatArray],
+    intervals: tuple[IntArray, FloatArray, FloatArray],
     rates: Sequence[FloatArray],
     line: FloatArray,
-    parts: int,
-    finer: int,
+    circle: tuple[int, int],
     free_last: bool,
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
     """Returns cells around all postures, in order of their platform cell, branch and part of the circle; n of them.
 
     Args:
         arm: `SrsArm.numbers`.
-        R: flange rotation in the carried frame at platform angle zero, shape (3, 3).
-        p: flange position there [m], shape (3,).
-        cell: platform cell of each of c intervals of its angle, ascending, shape (c,).
-        interval: where they begin and end [rad], shape (c,) each.
+        pose: flange rotation, (3, 3), and position [m], (3,), in the carried frame at platform angle zero.
+        intervals: platform cell of each of c intervals of its angle, ascending, and where they begin and end [rad],
+            shape (c,) each.
         rates: the fields of `ShapeRates`, shape (c,) each.
         line: what comes with each interval's postures, the least of which a cell gets, shape (c,).
-        parts: into how many the circle of elbows is cut.
-        finer: into how many parts these are cut for enclosures.
+        circle: into how many parts the circle of elbows is cut, and each of these for enclosures.
         free_last: whether joint 7 is free.
 
     Returns:
@@ -72,20 +67,19 @@ def posture_cells(
     Raises:
         MemoryError: there is none.
     """
-    held = [np.ascontiguousarray(x) for x in (cell, *interval, *rates, line)]
+    held = [np.ascontiguousarray(x) for x in (*intervals, *rates, line)]
     pointers = [pointer(x) for x in held]
-    intervals = _Intervals(
-        *pointers[:3], (_pointer * 8)(*(x.value for x in pointers[3:11])), pointers[11], len(cell)
-    )
-    pose = [np.ascontiguousarray(x) for x in (arm, R, p)]
-    numbers = _int64(parts), _int64(finer), _int64(free_last)
-    most = PER_PART * len(np.unique(cell)) * 8 * parts
+    rows = (_pointer * 8)(*(x.value for x in pointers[3:11]))
+    given = _Intervals(*pointers[:3], rows, pointers[11], len(line))
+    whose = [np.ascontiguousarray(x) for x in (arm, *pose)]
+    numbers = *map(_int64, circle), _int64(free_last)
+    most = PER_PART * len(np.unique(intervals[0])) * 8 * circle[0]
     while True:
         index, branch = (np.empty(most, dtype=np.int64) for _ in range(2))
         low, high, least = np.empty((most, 8)), np.empty((most, 8)), np.empty(most)
         arrays = (index, branch, low, high, least)
         found = _Cells(*map(pointer, arrays), most, 0)
-        call = *map(pointer, pose), byref(intervals), *numbers, byref(found)
+        call = *map(pointer, whose), byref(given), *numbers, byref(found)
         if library().posture_cells(*call):
             raise MemoryError
         if found.count <= most:

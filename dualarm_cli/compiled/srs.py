@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 from ctypes import byref
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -49,15 +50,24 @@ def postures(
     return q, reachable
 
 
+@dataclass(frozen=True)
+class LinePair:
+    """Approach and retract of n candidates."""
+
+    pose: tuple[FloatArray, FloatArray, FloatArray]
+    """Flange at the target, and the lines' direction: (n, 3, 3), (n, 3) [m] and (n, 3)."""
+    branch: IntArray
+    """Branches, shape (n,)."""
+    psi: FloatArray
+    """Arm angles at target, approach and retract [rad], shape (n, 3)."""
+    length: FloatArray
+    """Of approach and retract [m], shape (n, 2)."""
+    near: FloatArray
+    """Joints to be near to at the target [rad], shape (n, 7)."""
+
+
 def joints_along_lines(
-    arm: FloatArray,
-    pose: tuple[FloatArray, FloatArray, FloatArray],
-    branch: IntArray,
-    psi: FloatArray,
-    length: FloatArray,
-    near: FloatArray,
-    largest: float,
-    samples: int,
+    arm: FloatArray, lines: LinePair, largest: float, samples: int
 ) -> tuple[FloatArray, BoolArray]:
     """Returns joints along approach and retract [rad], (n, 2 samples - 1, 7), and whether they can be followed (n,).
 
@@ -66,19 +76,16 @@ def joints_along_lines(
 
     Args:
         arm: the arm.
-        pose: flange at the target, and the lines' direction: (n, 3, 3), (n, 3) [m] and (n, 3).
-        branch: branches, shape (n,).
-        psi: arm angles at target, approach and retract [rad], shape (n, 3).
-        length: of approach and retract [m], shape (n, 2).
-        near: joints to be near to at the target [rad], shape (n, 7).
+        lines: of which candidates.
         largest: what a joint may turn between two samples [rad].
         samples: of one line.
     """
-    n, lines = len(branch), bool(length.any())
-    q = np.empty((n, 2 * samples - 1 if lines else 1, 7))
+    n, any_line = len(lines.branch), bool(lines.length.any())
+    q = np.empty((n, 2 * samples - 1 if any_line else 1, 7))
     ok = np.empty(n, dtype=np.bool_)
-    held = [np.ascontiguousarray(x) for x in (arm, *pose, branch, psi, length, near)]
-    numbers = _double(largest), _int64(samples), _int64(lines), _int64(n)
+    parts = (arm, *lines.pose, lines.branch, lines.psi, lines.length, lines.near)
+    held = [np.ascontiguousarray(x) for x in parts]
+    numbers = _double(largest), _int64(samples), _int64(any_line), _int64(n)
     library().srs_lines(*map(pointer, held), *numbers, pointer(q), pointer(ok))
     return q, ok
 
@@ -89,16 +96,26 @@ class _Rows(ctypes.Structure):
     _fields_ = tuple((name, ctypes.c_void_p) for name in ("pose", "step", "branch", "swing", "q"))
 
 
+@dataclass(frozen=True)
+class ArmAngleGrid:
+    """How nodes of a stop are set over the arm angle."""
+
+    steps: int
+    """Arm angles around the circle, from -pi."""
+    reference: FloatArray
+    """Joints to be near to at the target [rad], shape (7,)."""
+    speed: FloatArray
+    """Largest joint speeds [rad/s], shape (7,): joints count by the time they need."""
+    joints: int
+    """So many of them have limits that count."""
+    swings: int
+    """Half steps of the arm angle by which a line may swing to either side."""
+    largest: float
+    """What a joint may turn along a line [rad]."""
+
+
 def nodes(
-    arm: FloatArray,
-    R: FloatArray,
-    points: FloatArray,
-    steps: int,
-    reference: FloatArray,
-    speed: FloatArray,
-    joints: int,
-    swings: int,
-    largest: float,
+    arm: FloatArray, R: FloatArray, points: FloatArray, grid: ArmAngleGrid
 ) -> tuple[IntArray, IntArray, IntArray, IntArray, FloatArray]:
     """Returns postures within limits on a grid of arm angles, with the swings along the lines that move joints least.
 
@@ -106,34 +123,29 @@ def nodes(
         arm: the arm.
         R: flange rotations in the base frame, shape (m, 3, 3).
         points: flange positions at target, approach and retract [m], shape (m, 3, 3).
-        steps: arm angles around the circle, from -pi.
-        reference: joints to be near to at the target [rad], shape (7,).
-        speed: largest joint speeds [rad/s], shape (7,): joints count by the time they need.
-        joints: so many of them have limits that count.
-        swings: half steps of the arm angle by which a line may swing to either side.
-        largest: what a joint may turn along a line [rad].
+        grid: of the arm angles.
 
     Returns:
         Pose, arm angle and branch of each posture, shape (n,) each; half steps along approach and retract, shape
         (n, 2); joints at target, approach and retract [rad], shape (n, 3, 7).
     """
-    assert steps <= 256  # as many as the compiled function keeps
-    most = len(R) * steps * 8
+    assert grid.steps <= 256  # as many as the compiled function keeps
+    most = len(R) * grid.steps * 8
     pose, step, branch = (np.empty(most, dtype=np.int64) for _ in range(3))
     swing, q = np.empty((most, 2), dtype=np.int64), np.empty((most, 3, 7))
     rows = _Rows(*map(pointer, (pose, step, branch, swing, q)))
     ends = 1 if np.array_equal(points[:, 1], points[:, 2]) else 2
-    held = [np.ascontiguousarray(x) for x in (arm, R, points, reference, speed)]
+    held = [np.ascontiguousarray(x) for x in (arm, R, points, grid.reference, grid.speed)]
     call = library().srs_nodes
     call.restype = _int64
     n = call(
         *map(pointer, held[:3]),
         _int64(len(R)),
-        _int64(steps),
+        _int64(grid.steps),
         *map(pointer, held[3:]),
-        _int64(joints),
-        _int64(swings),
-        _double(largest),
+        _int64(grid.joints),
+        _int64(grid.swings),
+        _double(grid.largest),
         _int64(ends),
         byref(rows),
     )

@@ -46,13 +46,13 @@ class Laws(_Held):
         return own
 
 
-class Boxes(_Held):
+class CoordinateBoxes(_Held):
     """Boxes of coordinates: `Boxes` in C."""
 
     _fields_ = (("low", _pointer), ("high", _pointer), ("count", _int64))
 
 
-def boxes(low: NDArray[np.int16], high: NDArray[np.int16]) -> Boxes:
+def boxes(low: NDArray[np.int16], high: NDArray[np.int16]) -> CoordinateBoxes:
     """Returns boxes.
 
     Args:
@@ -60,20 +60,29 @@ def boxes(low: NDArray[np.int16], high: NDArray[np.int16]) -> Boxes:
         high: highest ones, shape (c, n).
     """
     held = np.ascontiguousarray(low), np.ascontiguousarray(high)
-    own = Boxes(pointer(held[0]), pointer(held[1]), low.shape[1])
+    own = CoordinateBoxes(pointer(held[0]), pointer(held[1]), low.shape[1])
     own.held = held
     return own
 
 
-class Side(_Held):
+class CellRuns(_Held):
     """Cells in runs, where transfers begin or end: `Side` in C."""
 
-    _fields_ = (("cells", Boxes), ("group", _pointer), ("runs", Boxes), ("first", _pointer))
+    _fields_ = (
+        ("cells", CoordinateBoxes),
+        ("group", _pointer),
+        ("runs", CoordinateBoxes),
+        ("first", _pointer),
+    )
 
     @classmethod
     def of(
-        cls, cells: Boxes, group: NDArray[np.int64], runs: Boxes, first: NDArray[np.int64]
-    ) -> Side:
+        cls,
+        cells: CoordinateBoxes,
+        group: NDArray[np.int64],
+        runs: CoordinateBoxes,
+        first: NDArray[np.int64],
+    ) -> CellRuns:
         """Returns cells in runs.
 
         Args:
@@ -87,7 +96,7 @@ class Side(_Held):
         return own
 
 
-def gap_times(laws: Laws, before: Boxes, after: Boxes) -> NDArray[np.float32]:
+def gap_times(laws: Laws, before: CoordinateBoxes, after: CoordinateBoxes) -> NDArray[np.float32]:
     """Returns the least times between all pairs of boxes [s], shape (n, m).
 
     Args:
@@ -101,7 +110,11 @@ def gap_times(laws: Laws, before: Boxes, after: Boxes) -> NDArray[np.float32]:
 
 
 def least_by_groups(
-    laws: Laws, before: Side, after: Side, work: NDArray[np.float32], least: NDArray[np.float32]
+    laws: Laws,
+    before: CellRuns,
+    after: CellRuns,
+    work: NDArray[np.float32],
+    least: NDArray[np.float32],
 ) -> None:
     """Lowers `least` to the least of transfer and work for every pair of groups.
 
@@ -122,8 +135,8 @@ def least_by_groups(
 
 def least_from(
     laws: Laws,
-    before: Side,
-    after: Side,
+    before: CellRuns,
+    after: CellRuns,
     own: NDArray[np.float32],
     floor: NDArray[np.float32],
     beyond: NDArray[np.float32],

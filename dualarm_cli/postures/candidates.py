@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.compiled.srs import joints_along_lines
+from dualarm_cli.compiled.srs import LinePair, joints_along_lines
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.continuation import SKELETON, FlangeLines, follow_lines
 from dualarm_cli.kinematics.general_arm import GeneralArm
@@ -41,11 +41,13 @@ def line_path(
     reference = batch.configurations(row, target) if batch.given else batch.start
     both, _ = joints_along_lines(
         problem.arm.numbers,
-        (poses.R, poses.p, poses.z),
-        np.array([posture.branch]),
-        np.array([[posture.psi_target, psi_end, psi_end]]),
-        np.array([[0.0, length] if away else [length, 0.0]]),
-        reference,
+        LinePair(
+            (poses.R, poses.p, poses.z),
+            np.array([posture.branch]),
+            np.array([[posture.psi_target, psi_end, psi_end]]),
+            np.array([[0.0, length] if away else [length, 0.0]]),
+            reference,
+        ),
         LARGEST_STEP,
         samples,
     )

@@ -85,11 +85,9 @@ def _postures(
     psi = np.stack([candidates.psi_target, candidates.psi_approach, candidates.psi_retract], axis=1)
     q, ok = compiled.joints_along_lines(
         work.closed_form.numbers,
-        (R, p, z),
-        candidates.branch,
-        psi,
-        length,
-        np.broadcast_to(candidates.near, (n, 7)),
+        compiled.LinePair(
+            (R, p, z), candidates.branch, psi, length, np.broadcast_to(candidates.near, (n, 7))
+        ),
         LARGEST_STEP,
         LINE_SAMPLES,
     )
@@ -155,12 +153,14 @@ def grid_nodes(
         work.closed_form.numbers,
         R,
         points,
-        grid.arm_angles,
-        work.middle_of_ranges,
-        work.limits.velocity,
-        6 if free_last else 7,
-        SWING_STEPS,
-        LARGEST_TURN,
+        compiled.ArmAngleGrid(
+            grid.arm_angles,
+            work.middle_of_ranges,
+            work.limits.velocity,
+            6 if free_last else 7,
+            SWING_STEPS,
+            LARGEST_TURN,
+        ),
     )
     target, q_a, q_r = q[:, 0], q[:, 1], q[:, 2]
     step = np.pi / grid.arm_angles
