@@ -25,7 +25,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 import dualarm_cli
-from dualarm_cli.cli.commands import app
+from dualarm_cli.cli.commands import command_line
 from dualarm_cli.cli.parts.families import families
 from dualarm_cli.explanations import EXPLANATIONS
 from dualarm_cli.files.cells.schema_cell import PairSection
@@ -353,7 +353,7 @@ def _commands_page() -> str:
             ]
         ),
     ]
-    for path, command in _commands(typer.main.get_command(app), "dualarm"):
+    for path, command in _commands(typer.main.get_command(command_line()), "dualarm"):
         arguments = [p for p in command.params if p.param_type_name == "argument"]
         options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]
         usage = " ".join([path, *map(_argument, arguments)])

@@ -319,7 +319,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             (Mesh(np.radians(8.0), 22, 3000, 200, 8), Mesh(np.radians(10.0), 18, 3000, 100, 8)),
             LOCAL,
         ),
-        bound=Resolution(np.radians(8.0), 24, 3),
+        bound=Resolution(np.radians(7.0), 26, 3),
         ipopt=NonlinearEffort(300, (np.inf, 0.6, 0.3, 0.1)),
         continuous=NonlinearEffort(150, (0.3, 0.1, 0.03, 0.01)),
         hopeless_orders=4,

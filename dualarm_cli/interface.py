@@ -26,12 +26,8 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning import planner
-from dualarm_cli.planning.comparison import Case, Outcome, job_cases, run_cases
 from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.redundancy_choice import with_redundancy
-from dualarm_cli.report.comparison.comparison import comparison_document, job_comparison
-from dualarm_cli.report.comparison.schedule_comparison import compare_schedules
-from dualarm_cli.report.comparison.schedule_comparison_table import schedules_sentence
 from dualarm_cli.report.printable import printable
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify as judged
@@ -39,6 +35,8 @@ from dualarm_cli.verification.budget_checks import judge_budget
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
+    from dualarm_cli.planning.comparison import Case, Outcome
 
 PAGE = "report.html"
 """Name of the page beside a schedule."""
@@ -262,6 +260,9 @@ def compare(
         InputError: a file cannot be read.
         UsageError: schedules that cannot be used, or that have no work in common.
     """
+    from dualarm_cli.report.comparison.schedule_comparison import compare_schedules
+    from dualarm_cli.report.comparison.schedule_comparison_table import schedules_sentence
+
     document = compare_schedules(_schedule(one), _schedule(other), names)
     document["sentence"] = schedules_sentence(document)
     found: dict[str, Any] = printable(document)
@@ -275,7 +276,7 @@ def _schedule(given: Schedule | Plan | str | Path) -> Schedule:
     return given if isinstance(given, Schedule) else read_schedule(Path(given))
 
 
-Kept = Callable[[str, Job, Iterator[Outcome]], Iterator[Outcome]]
+Kept = Callable[[str, Job, "Iterator[Outcome]"], "Iterator[Outcome]"]
 """Passes on the outcomes of a job, by its name, and may keep what it likes of them."""
 
 
@@ -298,6 +299,9 @@ def compare_solvers(
         progress: receives what is being done, in words.
         kept: sees each outcome with its plan, of which no more than one is kept otherwise.
     """
+    from dualarm_cli.planning.comparison import job_cases, run_cases
+    from dualarm_cli.report.comparison.comparison import comparison_document, job_comparison
+
     jobs = {"job": jobs} if isinstance(jobs, Job) else jobs
     settings = PlanSettings(effort=effort, seed=seed)
     sections: list[dict[str, Any]] = []

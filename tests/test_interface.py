@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import dualarm_cli
 from dualarm_cli import InputError, Plan, UsageError, compare, compare_solvers, load, plan, verify
-from dualarm_cli.cli.commands import app
+from dualarm_cli.cli.commands import command_line
 
 ROOT = Path(__file__).parents[1]
 PUBLIC = {
@@ -63,7 +63,12 @@ def test_the_command_writes_what_python_writes(tmp_path: Path, found: Plan) -> N
     """Byte for byte."""
     found.write(tmp_path / "python", page=False)
     arguments = ["plan", "01_first_pick", "--effort", "quick", "--no-page", "--quiet"]
-    assert CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "command")]).exit_code == 0
+    assert (
+        CliRunner()
+        .invoke(command_line(), [*arguments, "--out", str(tmp_path / "command")])
+        .exit_code
+        == 0
+    )
     names = sorted(path.name for path in (tmp_path / "python").iterdir())
     assert names == sorted(path.name for path in (tmp_path / "command").iterdir())
     for name in names:
@@ -145,7 +150,7 @@ def test_solvers_are_compared_as_by_the_command(found: Plan) -> None:
     document = compare_solvers(found.job, cases={"job": matrix}, effort="quick")
     arguments = ["compare", "solvers", "01_first_pick", "--json", "--effort", "quick"]
     methods = ["--method", "fixed", "--method", "minimum_time"]
-    printed = CliRunner().invoke(app, [*arguments, *methods]).stdout
+    printed = CliRunner().invoke(command_line(), [*arguments, *methods]).stdout
     mine, others = (d["comparisons"][0]["rows"] for d in (document, json.loads(printed)))
     assert [row["cycle_time"] for row in mine] == [row["cycle_time"] for row in others]
 

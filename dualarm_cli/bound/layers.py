@@ -173,7 +173,7 @@ def _least_time(
         )
         high = np.where(fits, middle, high)
         low = np.where(fits, low, middle)
-    return step * low
+    return step * low.astype(np.float64)
 
 
 Times = NDArray[np.float32]

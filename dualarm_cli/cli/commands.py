@@ -2,46 +2,67 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from importlib import import_module
 from typing import Annotated
 
 import typer
 
-from dualarm_cli import __version__
-from dualarm_cli.cli.calibrate import calibrate_command
-from dualarm_cli.cli.check import check_command
-from dualarm_cli.cli.compare import compare_app
-from dualarm_cli.cli.curve import curve_command
-from dualarm_cli.cli.explain import explain_command
-from dualarm_cli.cli.export import export_command
-from dualarm_cli.cli.init import init_command
-from dualarm_cli.cli.plan import plan_command
-from dualarm_cli.cli.platform import platform_command
-from dualarm_cli.cli.report import report_command
-from dualarm_cli.cli.robot import robot_app
-from dualarm_cli.cli.schema import schema_command
-from dualarm_cli.cli.score import score_command
-from dualarm_cli.cli.solvers import solvers_command
-from dualarm_cli.cli.sweep import sweep_command
-from dualarm_cli.cli.verify import verify_command
+COMMANDS: Mapping[str, str] = {
+    "init": "init.init_command",
+    "plan": "plan.plan_command",
+    "platform": "platform.platform_command",
+    "curve": "curve.curve_command",
+    "compare": "compare.compare_app",
+    "sweep": "sweep.sweep_command",
+    "robot": "robot.robot_app",
+    "calibrate": "calibrate.calibrate_command",
+    "score": "score.score_command",
+    "check": "check.check_command",
+    "verify": "verify.verify_command",
+    "report": "report.report_command",
+    "export": "export.export_command",
+    "solvers": "solvers.solvers_command",
+    "explain": "explain.explain_command",
+    "schema": "schema.schema_command",
+}
+"""Modules and names of commands and of groups of commands, in the order of the help."""
 
-app = typer.Typer(
-    name="dualarm",
-    help="How fast can this dual-arm cell run? Cell + tasks in, verified joint schedule out.",
-    no_args_is_help=True,
-    add_completion=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+
+def command_line(only: str = "") -> typer.Typer:
+    """Returns the whole command line.
+
+    Args:
+        only: the command that will be run; if it is one of COMMANDS, no other is loaded.
+    """
+    app = typer.Typer(
+        name="dualarm",
+        help="How fast can this dual-arm cell run? Cell + tasks in, verified joint schedule out.",
+        no_args_is_help=True,
+        add_completion=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(root)
+    for name in [only] if only in COMMANDS else COMMANDS:
+        module, _, attribute = COMMANDS[name].partition(".")
+        command = getattr(import_module(f"dualarm_cli.cli.{module}"), attribute)
+        if isinstance(command, typer.Typer):
+            app.add_typer(command)
+        else:
+            app.command(name)(command)
+    return app
 
 
 def _print_version(wanted: bool) -> None:
     if wanted:
+        from dualarm_cli import __version__
+
         typer.echo(f"dualarm {__version__}")
         raise typer.Exit
 
 
-@app.callback()
 def root(
     _: Annotated[
         bool,
@@ -51,23 +72,3 @@ def root(
     ] = False,
 ) -> None:
     """How fast can this dual-arm cell run? Cell + tasks in, verified joint schedule out."""
-
-
-app.command("init")(init_command)
-app.command("plan")(plan_command)
-app.command("platform")(platform_command)
-app.command("curve")(curve_command)
-app.add_typer(compare_app)
-app.command("sweep")(sweep_command)
-app.add_typer(robot_app)
-app.command("calibrate")(calibrate_command)
-app.command("score")(score_command)
-app.command("check")(check_command)
-app.command("verify")(verify_command)
-app.command("report")(report_command)
-app.command("export")(export_command)
-app.command("solvers")(solvers_command)
-app.command("explain")(explain_command)
-app.command("schema")(schema_command)
-
-__all__ = ["app"]

@@ -128,9 +128,9 @@ def _open_closed_streams() -> None:
 
 
 def _run_command(arguments: list[str]) -> int:
-    from dualarm_cli.cli.commands import app
+    from dualarm_cli.cli.commands import command_line
 
-    command = typer.main.get_command(app)
+    command = typer.main.get_command(command_line(arguments[0] if arguments else ""))
     result = command.main(args=arguments, prog_name="dualarm", standalone_mode=False)
     if result == SIGINT_EXIT:
         raise KeyboardInterrupt  # typer makes an exit code of it

@@ -24,6 +24,7 @@ from dualarm_cli.clearing.dwell_plan import (
 )
 from dualarm_cli.errors import BlockedError, InfeasibleError, InputError, UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinds import of_kinds
 from dualarm_cli.kinds.planning import kinds_of, with_needs
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import CHANGES, Job
@@ -33,13 +34,9 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.orders.decided_jobs import file_order, stage_by_stage
 from dualarm_cli.orders.watch import SeenEnoughError, Watch
-from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
-from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks
 from dualarm_cli.planning.job_bound import job_bound
-from dualarm_cli.planning.ordered_plan import plan_in_best_order
 from dualarm_cli.planning.redundancy_choice import check_follower
 from dualarm_cli.planning.section_plans import quickest_of_sections
-from dualarm_cli.planning.sections import SectionPlanner
 from dualarm_cli.postures import REDUNDANCY_SOLVERS
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import MethodProblem
@@ -72,6 +69,8 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
     """
     watch = watch or Watch(limit=settings.time_limit)
     blended = settings.blend != "none"
+    # Both processes need them: loaded by each, they would take the time of two.
+    of_kinds("planning")
     with Beside(lambda: job_bound(job, settings.effort, blended=blended)) as bounding:
         schedule = plan_without_bound(job, settings, watch)
         watch.tell("computing the lower bound")
@@ -261,6 +260,9 @@ def _planned(
     def paired(one: Job, keep: Callable[[Schedule], None] = watch.keep) -> Schedule:
         if one.is_decided:
             return decided(one)
+        # The searches for orders are many modules, which jobs in the order of their file do without.
+        from dualarm_cli.planning.ordered_plan import plan_in_best_order
+
         return plan_in_best_order(one, settings, model, watch, decided, keep, clear=clear)
 
     own = job
@@ -270,6 +272,9 @@ def _planned(
         return paired(own)
     if any(kind.together for kind in kinds_of(job)):
         return paired(stage_by_stage(own))
+    from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
+    from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks
+
     planner = FreePlanner(problem, method.solve, timing, watch.tell, clear)
 
     def schedule(motion: Motion, one: Job) -> Schedule:
@@ -354,6 +359,8 @@ def _with_paths(
 ) -> Schedule:
     """Returns the schedule of a job with paths, planned section after section."""
     method, timing = METHODS[settings.platform], TIMING_SOLVERS[settings.timing]
+    from dualarm_cli.planning.sections import SectionPlanner
+
     planner = SectionPlanner(
         replace(problem, job=job),
         settings,

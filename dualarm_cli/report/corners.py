@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -19,6 +20,8 @@ AT_REST = 1e-6
 """Joints that are slower stand, but for the rounding of instants [rad/s or m/s]."""
 INSTANTS = 200
 """Instants at which a tool is looked at beyond the straight part of a line."""
+AT_ONCE = 64
+"""Lines that are looked at together."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,20 @@ class Corner:
     tool passes [m]."""
 
 
+@dataclass(frozen=True)
+class _Candidate:
+    """Where an arm passes a corner, if it does not stand there."""
+
+    time: float
+    """When the tool is there [s]."""
+    transfer: Segment
+    """The transfer beside it, of a target the one that leaves it."""
+    line: Segment | None = None
+    """The approach or retract whose outer end it is."""
+    event: Event | None = None
+    """The target of a move that it is."""
+
+
 def corners(schedule: Schedule, job: Job) -> list[Corner]:
     """Returns the corners of a schedule in order of time.
 
@@ -53,48 +70,50 @@ def corners(schedule: Schedule, job: Job) -> list[Corner]:
         schedule: a planned one.
         job: what it was planned for, its lines whole.
     """
-    model, found = ToolModel(schedule), []
-    stops = job.stops_by_key()
-    whole = {key: {"approach": s.approach, "retract": s.retract} for key, s in stops.items()}
+    model, stops = ToolModel(schedule), job.stops_by_key()
+    found = []
     for arm in schedule.robot.arms:
-        parts = sorted((p for p in schedule.segments if p.arm == arm), key=lambda p: p.start)
-        for k, part in enumerate(parts):
-            if part.kind not in ("approach", "retract"):
-                continue
-            out = part.kind == "retract"
-            beside = parts[k + 1 : k + 2] if out else parts[max(0, k - 1) : k]
-            time = part.end if out else part.start
-            if not beside or beside[0].kind not in MOVES or not _moves(schedule, arm, time):
-                continue
-            length = whole.get((arm, part.task, part.action), {}).get(part.kind, 0.0)
-            joint, limit = _limiting(schedule, arm, beside[0])
-            found.append(
-                Corner(
-                    arm,
-                    part.task,
-                    part.action,
-                    part.kind,
-                    time,
-                    _speed(schedule, model, arm, time),
-                    joint,
-                    limit,
-                    _beside(schedule, model, (part, beside[0]), length),
-                )
-            )
-        starts = [part.start for part in parts]
-        for event in schedule.events:
-            if (event.arm, event.action) != (arm, "move"):
-                continue
-            first = bisect_left(starts, event.time - SAME_TIME)
-            last = bisect_right(starts, event.time + SAME_TIME)
-            begun = [part for part in parts[first:last] if part.kind in MOVES]
-            if begun and _moves(schedule, arm, event.time):
-                speed = _speed(schedule, model, arm, event.time)
-                limiting = _limiting(schedule, arm, begun[0])
-                named = event.task, event.action, ""
-                off = _off_target(event, stops.get((arm, event.task, event.action)))
-                found.append(Corner(arm, *named, event.time, speed, *limiting, off))
+        passed = _passed(schedule, arm)
+        speeds = _speeds(schedule, model, arm, [one.time for one in passed])
+        limiting = _limiting(schedule, arm, [one.transfer for one in passed])
+        besides = _besides(schedule, model, arm, passed)
+        for one, speed, named in zip(passed, speeds, limiting, strict=True):
+            work = one.line or one.event
+            assert work is not None
+            stop = stops.get((arm, work.task, work.action))
+            if one.line is not None:
+                kind: str = one.line.kind
+                length = 0.0 if stop is None else getattr(stop, kind)
+                off = _largest_beside(*next(besides), length)
+            else:
+                kind, off = "", _off_target(one.event, stop)
+            found.append(Corner(arm, work.task, work.action, kind, one.time, speed, *named, off))
     return sorted(found, key=lambda corner: (corner.time, corner.arm))
+
+
+def _passed(schedule: Schedule, arm: str) -> list[_Candidate]:
+    """Returns the corners of an arm at which it is in motion."""
+    parts = sorted((p for p in schedule.segments if p.arm == arm), key=lambda p: p.start)
+    near = []
+    for k, part in enumerate(parts):
+        if part.kind not in ("approach", "retract"):
+            continue
+        out = part.kind == "retract"
+        beside = parts[k + 1 : k + 2] if out else parts[max(0, k - 1) : k]
+        if beside and beside[0].kind in MOVES:
+            near.append(_Candidate(part.end if out else part.start, beside[0], line=part))
+    starts = [part.start for part in parts]
+    for event in schedule.events:
+        if (event.arm, event.action) != (arm, "move"):
+            continue
+        first = bisect_left(starts, event.time - SAME_TIME)
+        last = bisect_right(starts, event.time + SAME_TIME)
+        begun = [part for part in parts[first:last] if part.kind in MOVES]
+        if begun:
+            near.append(_Candidate(event.time, begun[0], event=event))
+    velocity = schedule.trajectory.at(np.array([one.time for one in near]))[1]
+    moves = np.abs(velocity[:, _columns(schedule, arm)]).max(axis=1) > AT_REST
+    return [one for one, moving in zip(near, moves, strict=True) if moving]
 
 
 def blending_rows(schedule: Schedule, job: Job) -> dict[str, Any] | None:
@@ -111,9 +130,9 @@ def blending_rows(schedule: Schedule, job: Job) -> dict[str, Any] | None:
     }
 
 
-def _off_target(event: Event, stop: Stop | None) -> float:
+def _off_target(event: Event | None, stop: Stop | None) -> float:
     """Returns how far a tool is from its target at an event [m]."""
-    if stop is None or not isinstance(stop.target, PoseTarget):
+    if event is None or stop is None or not isinstance(stop.target, PoseTarget):
         return 0.0
     return float(np.linalg.norm(event.pose.translation - stop.target.pose.translation))
 
@@ -122,63 +141,72 @@ def _columns(schedule: Schedule, arm: str) -> list[int]:
     return [schedule.trajectory.joints.index(name) for name in schedule.robot.arms[arm].joints]
 
 
-def _moves(schedule: Schedule, arm: str, time: float) -> bool:
-    velocity = schedule.trajectory.at(np.array([time]))[1][0, _columns(schedule, arm)]
-    return bool(np.abs(velocity).max() > AT_REST)
-
-
-def _speed(schedule: Schedule, model: ToolModel, arm: str, time: float) -> float:
-    """Returns a tool's speed at an instant [m/s], by a central difference."""
+def _speeds(schedule: Schedule, model: ToolModel, arm: str, times: Sequence[float]) -> list[float]:
+    """Returns a tool's speeds at instants [m/s], by central differences."""
     step = 1e-5
-    _, p = model.poses(arm, schedule.trajectory.at(np.array([time - step, time + step]))[0])
-    return float(np.linalg.norm(p[1] - p[0]) / (2.0 * step))
+    around = np.array(times)[:, None] + np.array([-step, step])
+    _, p = model.poses(arm, schedule.trajectory.at(around.ravel())[0])
+    return [float(np.linalg.norm(way)) / (2.0 * step) for way in p[1::2] - p[::2]]
 
 
-def _limiting(schedule: Schedule, arm: str, part: Segment) -> tuple[str, str]:
-    """Returns the joint that uses the largest share of a limit in a part, and which limit it is."""
+def _limiting(schedule: Schedule, arm: str, parts: Sequence[Segment]) -> list[tuple[str, str]]:
+    """Returns the joint that uses the largest share of a limit in each part, and which limit it is."""
     limits = schedule.robot.limits.select(schedule.robot.arms[arm].joints)
-    motion = schedule.trajectory
-    low, high = np.searchsorted(motion.time, (part.start - 1e-9, part.end + 1e-9))
-    rows, columns = slice(int(low), int(high)), _columns(schedule, arm)
-    rates = largest_rates(
-        motion.time[rows], motion.velocity[rows][:, columns], motion.acceleration[rows][:, columns]
-    )
-    # Times: by how much the part could be played faster for each limit alone.
-    shares = np.stack(
-        [
-            rates[0] / limits.velocity,
-            np.sqrt(rates[1] / limits.acceleration),
-            np.cbrt(rates[2] / limits.jerk),
-        ]
-    )
-    which, joint = np.unravel_index(int(np.argmax(shares)), shares.shape)
-    return limits.joints[int(joint)], ("velocity", "acceleration", "jerk")[int(which)]
+    motion = schedule.trajectory.select(limits.joints)
+    # A transfer between two lines has a corner at both ends.
+    found: dict[tuple[float, float], tuple[str, str]] = {}
+    for part in parts:
+        if (part.start, part.end) in found:
+            continue
+        low, high = np.searchsorted(motion.time, (part.start - 1e-9, part.end + 1e-9))
+        rows = slice(int(low), int(high))
+        rates = largest_rates(motion.time[rows], motion.velocity[rows], motion.acceleration[rows])
+        # Times: by how much the part could be played faster for each limit alone.
+        shares = np.stack(
+            [
+                rates[0] / limits.velocity,
+                np.sqrt(rates[1] / limits.acceleration),
+                np.cbrt(rates[2] / limits.jerk),
+            ]
+        )
+        which, joint = divmod(int(np.argmax(shares)), shares.shape[1])
+        limit = ("velocity", "acceleration", "jerk")[which]
+        found[part.start, part.end] = limits.joints[joint], limit
+    return [found[part.start, part.end] for part in parts]
 
 
-def _beside(
-    schedule: Schedule, model: ToolModel, parts: tuple[Segment, Segment], length: float
-) -> float:
+def _besides(
+    schedule: Schedule, model: ToolModel, arm: str, passed: Sequence[_Candidate]
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yields how far out along its line the tool is and how far beside it [m], for each candidate that has a line.
+
+    Each first at the outer end of the line's straight part, then from there at instants of the transfer, shape (m,).
+    """
+    lines = [(one.line, one.transfer) for one in passed if one.line is not None]
+    for k in range(0, len(lines), AT_ONCE):
+        times = []
+        for line, transfer in lines[k : k + AT_ONCE]:
+            along = np.linspace(transfer.start, transfer.end, INSTANTS)
+            if line.kind == "retract":
+                times.append([line.start, line.end, *along])
+            else:
+                times.append([line.end, line.start, *along[::-1]])
+        R, p = model.poses(arm, schedule.trajectory.at(np.ravel(times))[0])
+        for rotation, place in zip(R[:: INSTANTS + 2], p.reshape(-1, INSTANTS + 2, 3), strict=True):
+            local = (place - place[0]) @ rotation
+            yield -local[1:, 2], np.hypot(local[1:, 0], local[1:, 1])
+
+
+def _largest_beside(depth: FloatArray, beside: FloatArray, length: float) -> float:
     """Returns how far a tool gets from its line while it is no farther out than the whole line's end [m].
 
     Args:
-        schedule: the plan.
-        model: where its tools are.
-        parts: the line and the transfer beside it.
+        depth: see `_besides`.
+        beside: see `_besides`.
         length: of the whole line [m].
     """
-    line, transfer = parts
-    out = line.kind == "retract"
-    inner, outer = (line.start, line.end) if out else (line.end, line.start)
-    times = np.linspace(transfer.start, transfer.end, INSTANTS)
-    R, p = model.poses(line.arm, schedule.trajectory.at(np.append([inner, outer], times))[0])
-    local: FloatArray = (p - p[0]) @ R[0]
-    depth = -local[2:, 2] if out else -local[:1:-1, 2]
-    off = (
-        np.hypot(local[2:, 0], local[2:, 1]) if out else np.hypot(local[:1:-1, 0], local[:1:-1, 1])
-    )
-    straight = -float(local[1, 2])
-    if straight >= length - 1e-6:
+    if depth[0] >= length - 1e-6:
         return 0.0
-    gone = np.flatnonzero(depth > length)
-    within = off[: int(gone[0])] if len(gone) else off
+    gone = np.flatnonzero(depth[1:] > length)
+    within = beside[1 : 1 + int(gone[0])] if len(gone) else beside[1:]
     return float(within.max(initial=0.0))

@@ -103,7 +103,8 @@ class RestToRest:
         All together are long enough for half a turn of every joint.
         """
         step = float(self.duration(np.full(len(self.velocity), np.pi))) / REACH_STEPS
-        return step, readonly(self.reachable_distance(step * np.arange(REACH_STEPS + 1)[:, None]).T)
+        times: FloatArray = step * np.arange(REACH_STEPS + 1, dtype=np.float64)[:, None]
+        return step, readonly(self.reachable_distance(times).T)
 
 
 def rest_to_rest_duration(

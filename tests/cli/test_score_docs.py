@@ -12,7 +12,7 @@ import pytest
 import typer
 import yaml
 
-from dualarm_cli.cli.commands import app
+from dualarm_cli.cli.commands import command_line
 from dualarm_cli.scoring.verdict import STATES
 
 ROOT = Path(__file__).parents[2]
@@ -23,7 +23,7 @@ HOOKS = ROOT / ".pre-commit-hooks.yaml"
 
 def options(words):
     """Parses the words after `dualarm score` as the command line would, and runs nothing."""
-    command = typer.main.get_command(app).commands["score"]
+    command = typer.main.get_command(command_line()).commands["score"]
     return command.make_context("score", list(words)).params
 
 
@@ -73,7 +73,7 @@ def test_hooks_name_commands_that_there_are_and_files_that_matter():
     for hook in hooks.values():
         assert {"id", "name", "entry", "language", "files"} <= set(hook)
         assert hook["language"] == "python"
-        assert hook["entry"].split()[1] in typer.main.get_command(app).commands
+        assert hook["entry"].split()[1] in typer.main.get_command(command_line()).commands
     check, score = hooks["dualarm-check"], hooks["dualarm-score"]
     for name in ("cells/a/tasks.yaml", "cell.yml", "robots/x/robot.yaml", "cells/a/study.yaml"):
         assert re.search(check["files"], name)

@@ -30,7 +30,7 @@ import typer
 import yaml
 from jsonschema import Draft202012Validator
 
-from dualarm_cli.cli.commands import app
+from dualarm_cli.cli.commands import command_line
 from dualarm_cli.cli.run import run
 from dualarm_cli.files.source.text_source import read_text
 from dualarm_cli.files.source.yaml_source import parse_yaml
@@ -112,7 +112,7 @@ def check_set_up(line: str) -> None:
 def check_usage(line: str) -> None:
     """A command with placeholders is one that the command line can parse."""
     words = shlex.split(line.replace("…", ""), comments=True)[1:]
-    command = typer.main.get_command(app)
+    command = typer.main.get_command(command_line())
     while hasattr(command, "commands"):
         command = command.commands[words.pop(0)]
     command.make_context("dualarm", words)

@@ -16,7 +16,7 @@ import pytest
 import typer
 from pydantic import ValidationError
 
-from dualarm_cli.cli.commands import app
+from dualarm_cli.cli.commands import command_line
 from dualarm_cli.cli.parts.families import families
 from dualarm_cli.cli.run import run
 from dualarm_cli.explanations import EXPLANATIONS
@@ -68,7 +68,7 @@ def test_the_committed_pages_are_what_the_code_says(pages: dict[str, str]) -> No
 def test_every_command_option_method_and_code_is_in_a_page(pages: dict[str, str]) -> None:
     """Read from typer, the registries and the table of codes, and not by way of the script."""
     commands = pages["commands.md"]
-    root = typer.main.get_command(app)
+    root = typer.main.get_command(command_line())
     todo = [("dualarm", root)]
     while todo:
         path, command = todo.pop()

@@ -9,10 +9,10 @@ import pinocchio as pin
 import pytest
 from scipy.optimize import brentq
 
-from dualarm_cli.bound import cells as bound_enclosures
 from dualarm_cli.bound.bound import platform_edges
-from dualarm_cli.bound.cells import Cells, _merged, enclosures
+from dualarm_cli.bound.cells import Cells, pose_cells
 from dualarm_cli.bound.layers import _variation, line_bounds
+from dualarm_cli.effort import Resolution
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
@@ -26,6 +26,7 @@ from dualarm_cli.postures.platform_reach import (
     turned,
 )
 from dualarm_cli.stages.search.problem import ArmWork, SequenceProblem
+from tests import posture_cells_numpy as in_numpy
 
 Problems = Callable[..., SequenceProblem]
 
@@ -200,7 +201,7 @@ def test_every_joint_lies_in_its_enclosure(arm, width, parts):
         R, p = arm.forward(q)
         wrist = arm.wrist_center(R, p)
         every = reachable_cells(arm, wrist, np.linspace(-0.5, 0.5, int(1.0 / width) + 1))
-        found = enclosures(arm, R, p, every, shape_rates(arm, wrist, every), parts)
+        found = in_numpy.enclosures(arm, R, p, every, shape_rates(arm, wrist, every), parts)
         cell = random.integers(0, len(every.index), 150)
         share = random.choice([0.0, 0.5, 1.0], 150) + random.uniform(-1e-3, 1e-3, 150)
         share = np.where(random.random(150) < 0.5, np.clip(share, 0.0, 1.0), random.random(150))
@@ -250,11 +251,8 @@ def test_the_arm_plane_is_carried_along_by_the_smallest_rotation(arm):
         if then[0] @ now[0] < -0.9:
             continue
         carried = smallest_rotation(then[0], now[0]) @ then[1]
-        found = bound_enclosures._carried_along(
-            *(
-                bound_enclosures._directions(arm, R, p, x + np.zeros(1))
-                for x in (middle, middle + turn)
-            ),
+        found = in_numpy._carried_along(
+            *(in_numpy._directions(arm, R, p, x + np.zeros(1)) for x in (middle, middle + turn)),
             turn,
         )
         expected = np.arctan2(carried @ now[2], carried @ now[1])
@@ -265,8 +263,8 @@ def test_azimuths_and_sines_within_a_cap_are_those_of_its_rim():
     """Rims of caps about the corner nearest to a pole, point by point; over a pole nothing is known."""
     random = np.random.default_rng(27)
     theta, away = random.uniform(0.05, np.pi - 0.05, (4, 60, 1)), random.uniform(0.01, 1.2, (60, 1))
-    cap = bound_enclosures._cap(theta, away)
-    sine = bound_enclosures._least_sine(theta, away)
+    cap = in_numpy._cap(theta, away)
+    sine = in_numpy._least_sine(theta, away)
     round_it = np.linspace(0.0, 2.0 * np.pi, 3601)
     for k in range(60):
         pole = np.minimum(theta[:, k, 0], np.pi - theta[:, k, 0]).min()
@@ -289,10 +287,10 @@ def test_near_a_pole_nothing_is_divided_by_a_sine(pole, near, told):
     towards = 1.0 if pole == 0.0 else -1.0
     theta, away = np.full((4, 1, 1), np.pi / 2), np.full((1, 1), 0.3)
     theta[1] = pole + towards * (near + 0.3)
-    sine = bound_enclosures._least_sine(theta, away)[0, 0]
+    sine = in_numpy._least_sine(theta, away)[0, 0]
     assert sine == (pytest.approx(np.sin(near)) if told else 0.0)
     theta[1], away = pole + towards * abs(near), np.full((1, 1), 1e-5)
-    cap = bound_enclosures._cap(theta, away)[0, 0]
+    cap = in_numpy._cap(theta, away)[0, 0]
     known = np.arcsin(np.sin(1e-5) / np.sin(abs(near)))
     assert cap == (np.inf if near == 0.9e-3 else pytest.approx(known))
 
@@ -311,7 +309,7 @@ def test_at_one_platform_angle_the_elbow_s_circle_alone_widens_enclosures(arm, p
         R, p = arm.forward(random.uniform(np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0)))
         cell = one_cell(0.0, 0.0)
         rates = shape_rates(arm, arm.wrist_center(R, p), cell)
-        found = enclosures(arm, R, p, cell, rates, parts)
+        found = in_numpy.enclosures(arm, R, p, cell, rates, parts)
         curves = arm.curves(R, p)
         edges = np.linspace(-np.pi, np.pi, parts + 1)
         corners = np.abs(np.array(curves.angles(np.sin(edges), np.cos(edges)))[[1, 5]])
@@ -364,8 +362,8 @@ def test_a_turn_of_the_platform_widens_enclosures_by_the_rates_of_the_shape(arm,
         R, p = arm.forward(random.uniform(np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0)))
         cell = one_cell(-half, half)
         rates = shape_rates(arm, arm.wrist_center(R, p), cell)
-        found = enclosures(arm, R, p, cell, rates, parts)
-        corners = bound_enclosures._corners(arm, R, p, cell, parts)[:, :, 0]
+        found = in_numpy.enclosures(arm, R, p, cell, rates, parts)
+        corners = in_numpy._corners(arm, R, p, cell, parts)[:, :, 0]
         h = np.pi / parts
         for (outer, middle, along), a_1, a_2, b in (
             ((0, 1, 2), rates.shoulder_first, rates.shoulder_second, rates.sin_upper),
@@ -414,8 +412,8 @@ def test_enclosures_shrink_to_the_corners_with_the_square_of_their_cells(arm):
         for half, parts in ((0.01, 160), (0.005, 320)):
             cell = one_cell(-half, half)
             rates = shape_rates(arm, wrist, cell)
-            found = enclosures(arm, R, p, cell, rates, parts)
-            corners = bound_enclosures._corners(arm, R, p, cell, parts)[:, [0, 2, 4, 6], 0]
+            found = in_numpy.enclosures(arm, R, p, cell, rates, parts)
+            corners = in_numpy._corners(arm, R, p, cell, parts)[:, [0, 2, 4, 6], 0]
             step = np.abs(np.mod(np.diff(corners, axis=0) + np.pi, 2.0 * np.pi) - np.pi)
             own = np.maximum(step[0] + step[1], step.max(axis=0))
             widths = (found.high - found.low)[[0, 2, 4, 6], 0, 0]
@@ -542,7 +540,7 @@ def test_cells_are_merged_where_turns_and_branch_are_the_same():
         np.column_stack([joint + 0.05, rest]),
         np.array([2.0, 1.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]),
     )
-    found = _merged(cells, np.zeros(9, dtype=np.int64))
+    found = in_numpy._merged(cells, np.zeros(9, dtype=np.int64))
     rows = sorted(zip(found.kind, found.low[:, 0], found.high[:, 0], found.line, strict=True))
     expected = [
         [0, 0.05, 0.25, 1.0],
@@ -554,3 +552,28 @@ def test_cells_are_merged_where_turns_and_branch_are_the_same():
         [4, 0.55, 1.25, 8.0],
     ]
     assert np.array(rows) == pytest.approx(np.array(expected))
+
+
+@pytest.mark.parametrize("free_last", [False, True])
+@pytest.mark.parametrize("finer", [1, 3])
+def test_compiled_cells_are_those_of_numpy(arm, finer, free_last):
+    """Random poses, also at the ends of the reach and with a stretched arm: the same cells in the same order."""
+    random = np.random.default_rng(41)
+    edges = np.linspace(-np.pi, np.pi, 25)
+    resolution = Resolution(np.radians(15.0), 9, finer)
+    for trial in range(12):
+        q = random.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi))
+        if trial % 3 == 1:
+            q[3] = (1e-3, 1e-6, 0.0)[trial % 4 % 3]
+        R, p = arm.forward(q)
+        lines = lambda intervals: 0.1 + 0.01 * np.arange(len(intervals.index))  # noqa: E731
+        both = [
+            make(arm, R, p, edges, resolution, free_last, lines)
+            for make in (pose_cells, in_numpy.pose_cells)
+        ]
+        found, expected = both
+        assert np.array_equal(found.index, expected.index)
+        assert np.array_equal(found.kind, expected.kind)
+        assert np.array_equal(found.line, expected.line)
+        for name in ("low", "high"):
+            assert np.allclose(getattr(found, name), getattr(expected, name), atol=1e-7)

@@ -4,30 +4,13 @@
 #include <math.h>
 #include <stdint.h>
 
-#define PI 3.141592653589793
-#define TURN (2.0 * PI)
+#include "srs.h"
 
-enum { JOINTS = 7, BRANCHES = 8, MOST_HALF_STEPS = 512, MOST_SAMPLES = 16, MOST_CUTS = 32 };
+enum { MOST_HALF_STEPS = 512, MOST_CUTS = 32 };
 
 static const double REACH_SLACK = 1e-11, STRETCHED = 1e-14, ON_AXIS = 1e-12, NEAR_SINGULAR = 1e-4, SINGULAR = 1e-12,
                     LIMIT_SLACK = 1e-10;
 static const int TURNING[4] = {0, 2, 4, 6};
-static const int FLIPPED_BY[JOINTS] = {2, 2, 6, 4, 5, 1, 1};
-
-/* An arm: numbers only, so that Python hands it over as one array. */
-typedef struct {
-    double B[9], C[9];                    /* frames of the canonical chain */
-    double shoulder[3], flange_wrist[3];  /* shoulder in the base, wrist in the flange */
-    double upper_arm, fore_arm;           /* lengths of the links */
-    double sign[JOINTS], offset[JOINTS];  /* of the canonical joints */
-    double lower[JOINTS], upper[JOINTS];  /* limits */
-} Arm;
-
-typedef struct {
-    double u[3], r[3], t[3], cos_a, sin_a, cos_f, sin_f, bend, R[9];
-    double turning[4][2][3], bending[2][3];
-    int reachable;
-} Curves;
 
 static double wrap(double angle)
 {
@@ -35,17 +18,6 @@ static double wrap(double angle)
     if (wrapped <= -PI)
         return PI;
     return wrapped < PI ? wrapped : PI;
-}
-
-static double dot(const double *a, const double *b)
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static int flips(int joint, int branch)
-{
-    const int bits = branch & FLIPPED_BY[joint];
-    return ((bits >> 2) ^ (bits >> 1) ^ bits) & 1;
 }
 
 static void set(double *row, double a, double b, double c)
@@ -70,8 +42,7 @@ static void overwrite(double turning[2][2][3], const double rows[2][3], double t
         set(turning[1][k], rows[k][0], rows[k][1], rows[k][2]);
 }
 
-/* Joints as functions of the arm angle (`ArmPlane`, `ArmAngleCurves`), of a flange pose in the base frame. */
-static void curves_of(const Arm *arm, const double *R, const double *p, Curves *c)
+void curves_of(const Arm *arm, const double *R, const double *p, Curves *c)
 {
     double wrist[3], w[3], RC[9];
     for (int i = 0; i < 3; i++)
@@ -185,10 +156,9 @@ static void resolve(const Arm *arm, const Curves *c, int triple, double sine, do
     middle[triple] = atan2(o * M[0][2] + s * M[1][2], M[2][2]);
 }
 
-/* Both values of every joint at an arm angle: as it is, and flipped. */
-static void pairs_at(const Arm *arm, const Curves *c, double sine, double cosine, double pair[JOINTS][2])
+void angles_at(const Arm *arm, const Curves *c, double sine, double cosine, double q[4], double middle[2])
 {
-    double q[4], middle[2], size[2];
+    double size[2];
     for (int i = 0; i < 4; i++) {
         const double num = at(c->turning[i][0], sine, cosine), den = at(c->turning[i][1], sine, cosine);
         q[i] = atan2(num, den);
@@ -202,6 +172,13 @@ static void pairs_at(const Arm *arm, const Curves *c, double sine, double cosine
     for (int j = 0; j < 2; j++)
         if (size[j] < NEAR_SINGULAR)
             resolve(arm, c, j, sine, cosine, q, middle);
+}
+
+/* Both values of every joint at an arm angle: as it is, and flipped. */
+static void pairs_at(const Arm *arm, const Curves *c, double sine, double cosine, double pair[JOINTS][2])
+{
+    double q[4], middle[2];
+    angles_at(arm, c, sine, cosine, q, middle);
     for (int i = 0; i < 4; i++) {
         const double opposite = q[i] - (q[i] > 0.0 ? PI : -PI);
         pair[TURNING[i]][0] = q[i];

@@ -46,7 +46,9 @@ def refuse(message: str, key: str = "", code: str = "E200") -> PydanticCustomErr
 class Section(BaseModel):
     """A mapping of an input file: no conversions, no unknown keys, frozen."""
 
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        strict=True, extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True
+    )
 
 
 @dataclass(frozen=True)

@@ -164,7 +164,7 @@ def grid_nodes(
     )
     target, q_a, q_r = q[:, 0], q[:, 1], q[:, 2]
     step = np.pi / grid.arm_angles
-    psi_target = 2.0 * step * i - np.pi
+    psi_target: FloatArray = 2.0 * step * i.astype(np.float64) - np.pi
     decisions = ArmDecisions(
         np.zeros(len(r), dtype=np.int64),
         y[r],
