@@ -65,6 +65,10 @@ class _Transfer(ctypes.Structure):
     )
 
 
+class _Chain(ctypes.Structure):
+    _fields_ = (("steps", _pointer), ("slides", _pointer), ("tip", _pointer), ("joints", _int64))
+
+
 class _Launch(ctypes.Structure):
     _fields_ = tuple((name, ctypes.c_double) for name in ("constant", "cruise", "inner", "cut"))
 
@@ -148,10 +152,11 @@ def transfer_knots(
     Raises:
         MemoryError: there is none.
     """
-    held = [np.ascontiguousarray(x, dtype=np.float64) for x in (*ends, limit, *phases)]
-    n = len(limit)
+    numbers = np.concatenate([x.ravel() for x in (*ends, limit, *phases)])
+    n, begin = len(limit), numbers.ctypes.data
+    first = (begin + numbers.itemsize * n * k for k in (0, 1, 3, 4, 6, 7, 14, 21))
     arrays, motion = _motion(2 * (8 * n + 2), n)
-    asked = _Transfer(*map(pointer, held), duration, n)
+    asked = _Transfer(*first, duration, n)
     return _cut(arrays, library().transfer_knots(byref(asked), byref(motion)))
 
 
@@ -165,6 +170,32 @@ def stays_between(phases: Array, lower: Array, upper: Array) -> bool:
     """
     held = [np.ascontiguousarray(x, dtype=np.float64) for x in (phases, lower, upper)]
     return bool(library().stays_between(*map(pointer, held), _int64(len(phases))))
+
+
+def line_deviation(
+    chain: tuple[Array, NDArray[np.bool_], Array], ends: Array, knots: Knots, parts: int
+) -> tuple[float, float]:
+    """Returns how far a tool leaves the line between two postures [m], and how far it turns from the first one [rad].
+
+    Args:
+        chain: of n joints along or about their z axes: rotation and position [m] of each joint at zero in the one
+            before, and of the flange in the last one, (n + 1, 3, 4); which of them slide, (n,); the tool in the flange
+            [m], (3,).
+        ends: joints at the line's ends [rad], shape (2, n).
+        knots: of the motion.
+        parts: how many instants of each interval are looked at.
+
+    Raises:
+        MemoryError: there is none.
+    """
+    held = [np.ascontiguousarray(x) for x in (*chain, ends, *knots)]
+    steps, slides, tip, ends_at, *at = map(pointer, held)
+    joints, motion = _Chain(steps, slides, tip, len(chain[1])), _Motion(*at)
+    distance, angle = ctypes.c_double(), ctypes.c_double()
+    arguments = byref(joints), ends_at, byref(motion), _int64(len(knots[0])), _int64(parts)
+    if library().line_deviation(*arguments, byref(distance), byref(angle)):
+        raise MemoryError
+    return distance.value, angle.value
 
 
 def cubic_spline(
@@ -210,9 +241,11 @@ def largest_rates(time: Array, velocity: Array, acceleration: Array) -> Array:
 
 def _motion(room: int, joints: int) -> tuple[Knots, _Motion]:
     """Returns arrays for so many knots, and where they are."""
-    n = joints
-    arrays = np.empty(room), np.empty((room, n)), np.empty((room, n)), np.empty((room, n))
-    return arrays, _Motion(*map(pointer, arrays))
+    n, block = joints, np.empty(room * (1 + 3 * joints))
+    q, v, a = block[room:].reshape(3, room, n)
+    begin = block.ctypes.data
+    rows = (begin + block.itemsize * room * (1 + k * n) for k in range(3))
+    return (block[:room], q, v, a), _Motion(begin, *rows)
 
 
 def _cut(arrays: Knots, count: int) -> Knots:

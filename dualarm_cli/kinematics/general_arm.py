@@ -197,6 +197,17 @@ class GeneralArm:
         steps[:, 3, 3] = 1.0
         return readonly(steps)
 
+    @cached_property
+    def chain(self) -> tuple[FloatArray, BoolArray]:
+        """Constant steps from joint to joint, shape (n + 1, 3, 4), and which joints slide, shape (n,).
+
+        Rotation and position [m] of each joint at zero in the one before, and of the flange in the last one. Joints
+        slide along their z axes or turn about them.
+        """
+        slides = np.zeros(self.axes, dtype=np.bool_)
+        slides[list(self.slides)] = True
+        return readonly(self._steps[:, :3]), slides
+
     def _chain_of_few(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         n, steps = self.axes, self._steps
         c, s = self._turned(q)

@@ -82,20 +82,6 @@ class Trajectory:
             a + dt * jerk,
         )
 
-    def between(self, parts: int) -> FloatArray:
-        """Returns positions at equal parts of every interval, without the last knot's, shape ((k - 1) parts, n).
-
-        Args:
-            parts: into how many each interval is cut.
-        """
-        dt = (np.diff(self.time)[:, None] * (np.arange(parts) / parts))[..., None]
-        q, v, a, j = (
-            row[:, None]
-            for row in (self.position[:-1], self.velocity[:-1], self.acceleration[:-1], self.jerk)
-        )
-        found: FloatArray = q + dt * (v + dt * (a / 2 + dt * j / 6))
-        return found.reshape(-1, len(self.joints))
-
     def select(self, joints: Sequence[str]) -> Trajectory:
         """Returns the motion of some of the joints, in the order given."""
         index = [self.joints.index(joint) for joint in joints]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -154,20 +155,22 @@ def quickest_pair(
     return before.index(*pair[0]), after.index(*pair[1]), best
 
 
-def _moves(profiles: int, cuts: int) -> list[tuple[Place, Place]]:
+@cache
+def _moves(profiles: int, cuts: int) -> tuple[tuple[Place, Place], ...]:
     """Returns the changes of a pair that are tried, for steps through profiles and cuts."""
     still, ways = (0, 0), (-1, 1)
     single = [(0, k * cuts) for k in ways]
     both = [(p * profiles, k * cuts) for k in (0, *ways) for p in ways]
     return (
-        [(one, still) for one in single]
-        + [(still, one) for one in single]
-        + [(one, other) for one in single for other in single]
-        + [(one, still) for one in both]
-        + [(still, one) for one in both]
+        *((one, still) for one in single),
+        *((still, one) for one in single),
+        *((one, other) for one in single for other in single),
+        *((one, still) for one in both),
+        *((still, one) for one in both),
     )
 
 
+@cache
 def _moved(place: Place, by: Place) -> Place:
     profile, cut = place[0] + by[0], place[1] + by[1]
     return min(max(profile, 0), len(PROFILES) - 1), min(max(cut, 0), len(CUTS))

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.beside import halves
+from dualarm_cli.compiled import trajectories
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -150,16 +151,11 @@ def line_deviation(
         q: exact joints along the line [rad], shape (m, 7); the ends are what matters.
         trajectory: the motion to be judged.
     """
-    # Both ends of the line and the instants in one call of the kinematics.
-    R, p = problem.arm.forward(np.concatenate([q[[0, -1]], trajectory.between(CHECKS_PER_KNOT)]))
-    tip = p - R @ (problem.R_tool_flange.T @ problem.p_tool_flange)
-    ends, tip, R_begin, R = tip[:2], tip[2:], R[0], R[2:]
-    direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-    offset = tip - ends[0]
-    beside = offset - (offset @ direction)[:, None] * direction
-    # |R - R0| in the Frobenius norm is 2 sqrt(2) sin(angle/2); no loss of digits near zero.
-    gap = np.sqrt(((R - R_begin) ** 2).sum(axis=(1, 2)).max() / 8.0)
-    return float(np.sqrt((beside**2).sum(axis=1).max())), float(2.0 * np.arcsin(min(gap, 1.0)))
+    tip = -problem.R_tool_flange.T @ problem.p_tool_flange
+    knots = trajectory.time, trajectory.position, trajectory.velocity, trajectory.acceleration
+    return trajectories.line_deviation(
+        (*problem.arm.chain, tip), q[[0, -1]], knots, CHECKS_PER_KNOT
+    )
 
 
 def add_handover(

@@ -89,6 +89,31 @@ class SrsArm:
         )
 
     @cached_property
+    def chain(self) -> tuple[FloatArray, BoolArray]:
+        """Constant steps from joint to joint, shape (8, 3, 4), and that no joint slides, shape (7,).
+
+        Rotation and position [m] of each joint at zero in the one before, and of the flange in the last one. All turn
+        about their z axes: Y(q + offset) of the canonical form is M Z(q + offset) M^T.
+        """
+        own, geometry = self.canonical, self.geometry
+        # M takes z to y; a half turn about x reverses the turn about z.
+        M, reverse = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.diag([1.0, -1.0, -1.0])
+        ways = {3: geometry.upper, 5: geometry.fore}
+        steps, before = np.zeros((8, 3, 4)), own.B
+        steps[0, :, 3] = geometry.shoulder
+        for k, (sign, offset) in enumerate(zip(own.sign, own.offset, strict=True)):
+            swap = M if k % 2 else np.eye(3)
+            half = reverse if sign < 0.0 else np.eye(3)
+            steps[k, :, :3] = before @ swap @ half
+            if k in ways:
+                steps[k, :, 3] = before @ np.array([0.0, 0.0, ways[k]])
+            c, s = np.cos(offset), np.sin(offset)
+            before = half @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ swap.T
+        steps[7, :, :3] = before @ own.C
+        steps[7, :, 3] = -steps[7, :, :3] @ geometry.p_flange_wrist
+        return readonly(steps), np.zeros(7, dtype=np.bool_)
+
+    @cached_property
     def _to_canonical(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Linear maps on flattened flange rotations: to canonical ones and to wrist centres."""
         B, C = self.canonical.B, self.canonical.C
