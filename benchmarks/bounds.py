@@ -1,10 +1,12 @@
 """How far lower bounds are below plans, and what they cost: random sequences, with all stops and blended, by effort.
 
 python benchmarks/bounds.py --sequences 20 --stages 24 --efforts quick,normal,thorough
+python benchmarks/bounds.py --perturbed 10000
 
 Random sequences of `long_sequences.py` on the SDA10F, lines of 80 mm, dwells of 0.15 s. Printed are gaps (how far the
 bound is below the plan of the same effort), medians and the least and largest, and the bound's processor time as a
-share of the planning's. No bound may be above its plan: the command fails if one is.
+share of the planning's. No bound may be above its plan: the command fails if one is. With `--perturbed` so many plans
+are compared instead: plans of the search whose platform angles and arm angles are moved at random, a little or a lot.
 """
 
 from __future__ import annotations
@@ -17,9 +19,16 @@ from multiprocessing import Pool
 import numpy as np
 from blended_cycles import sequence_job
 
+from dualarm_cli.bound.bound import lower_bound
+from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.stages.search.search import search
+from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.search.times import evaluate
+from dualarm_cli.stages.search.variables import Variables
+from dualarm_cli.stages.sequence_problem import sequence_problem
 
 
 @dataclass(frozen=True)
@@ -44,6 +53,29 @@ def measured(given: tuple[int, int, str, str]) -> Measured:
     return Measured(1.0 - bound / schedule.duration, (bounded - planned) / (planned - begin))
 
 
+def perturbed(given: tuple[int, int, int]) -> tuple[int, float]:
+    """Returns how many plans about one of a seed's sequence are possible, and the bound over the shortest of them.
+
+    Args:
+        given: seed, stages, and how many plans are tried.
+    """
+    seed, stages, count = given
+    job, random = sequence_job(seed, stages), np.random.default_rng(seed)
+    problem = sequence_problem(CellModel.from_cell(job.cell), job)
+    bound = lower_bound(problem, "normal").value or 0.0
+    found = search(problem, [], "quick", seed)
+    assert found is not None  # these sequences have plans
+    variables, tables = Variables.of(problem), tuple(StopTable.of(arm) for arm in problem.arms)
+    lengths = []
+    for _ in range(count):
+        step = 10.0 ** random.uniform(-3.0, 0.0) * random.normal(size=variables.count)
+        step *= random.random(variables.count) < random.uniform(0.02, 1.0)
+        plan = evaluate(problem, tables, variables.moved(found.best.decisions, step))
+        if np.isfinite(plan.total):
+            lengths.append(plan.total)
+    return len(lengths), bound / min(lengths)
+
+
 def main() -> int:
     """Measures and prints; returns 1 if a bound is above its plan."""
     parser = argparse.ArgumentParser(
@@ -53,9 +85,19 @@ def main() -> int:
     parser.add_argument("--stages", type=int, default=24)
     parser.add_argument("--efforts", default="quick,normal")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--perturbed", type=int, default=0)
     options = parser.parse_args()
     good = True
     with Pool(options.processes) as pool:
+        if options.perturbed:
+            each = options.perturbed // options.sequences
+            seeds = range(1, options.sequences + 1)
+            pairs = pool.map(perturbed, [(s, options.stages, each) for s in seeds], 1)
+            most = max(ratio for _, ratio in pairs)
+            print(
+                f"{sum(n for n, _ in pairs)} possible plans; the bound is at most {most:.3f} of one"
+            )
+            return 0 if most <= 1.0 else 1
         for effort in options.efforts.split(","):
             for blend in ("none", "lines"):
                 seeds = range(1, options.sequences + 1)

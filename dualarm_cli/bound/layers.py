@@ -160,7 +160,7 @@ def _least_time(
     wrist: tuple[FloatArray, FloatArray],
 ) -> FloatArray:
     """Returns the least T at which joints 1 to 4, and 7 to 5, can turn far enough; less than a step of a table less."""
-    step, way = work.law.reach
+    step, way = work.law.reach_table
     low, high = np.zeros((2, len(bend)), dtype=np.int64)
     high += way.shape[1] - 1
     while (high - low > 1).any():

@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 
 REACH_STEPS = 1 << 14
-"""Steps of the table `RestToRest.reach`."""
+"""Steps of `RestToRest.reach_table`."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class RestToRest:
         return np.where(duration >= 2.0 * self._t_v, full, distance)
 
     @cached_property
-    def reach(self) -> tuple[float, FloatArray]:
+    def reach_table(self) -> tuple[float, FloatArray]:
         """A step of time [s], and how far each joint gets in 0, 1, … REACH_STEPS of them [rad], (n, REACH_STEPS + 1).
 
         All together are long enough for half a turn of every joint.
