@@ -346,9 +346,9 @@ class TaskReader:
             blend = section.blend if section.blend is not None else self.defaults.blend
             if blend is not None and action == "move" and not (any(around[:2]) or around[2].total):
                 stop = replace(stop, blend=blend)
-            allowed = section.dwell_motion or self.defaults.dwell_motion
-            if allowed == "allowed":
-                stop = replace(stop, dwell_motion=True)
+            for key in ("dwell_motion", "line_motion"):
+                if (getattr(section, key) or getattr(self.defaults, key)) == "allowed":
+                    stop = replace(stop, **{key: True})
             for kind in self._kinds:
                 stop = kind.stop(self, target_section, place, stop)
             stops.append(stop)
