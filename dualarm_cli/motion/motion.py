@@ -249,7 +249,13 @@ def _transfers(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Trans
     if before is not None:
         passed += [f"{name} {rate.tolist()}" for name, rate in before.through.items()]
     # Where the platform turns on the approach, it arrives together with the arms.
-    key: Key = (*plan.stops, "approach" in plan.turned, plan.start.tobytes(), plan.arrival.tobytes(), *passed)
+    key: Key = (
+        *plan.stops,
+        "approach" in plan.turned,
+        plan.start.tobytes(),
+        plan.arrival.tobytes(),
+        *passed,
+    )
     if key not in drive.known.transfers:
         drive.known.transfers[key] = transfers_within_tool_speed(drive, plan, rates)
     return drive.known.transfers[key]

@@ -157,10 +157,12 @@ def time_transfers(
             names, plan.start[index], plan.arrival[index], own, length, leaving, arriving
         )
 
-    if "approach" in plan.turned:
-        # Platform and arms begin that line together.
+    if "approach" in plan.turned or (not plan.stops and PLATFORM in (rates or {})):
+        # Platform and arms begin that line together, or are back together.
         motion = _all_together(drive, plan, rates or {}, times)
-        return Transfers(motion, times, dict(zip(limits.joints, alone.tolist(), strict=True)), slowest)
+        return Transfers(
+            motion, times, dict(zip(limits.joints, alone.tolist(), strict=True)), slowest
+        )
     lengths = {g: max(platform, times[g]) for g in times if g != PLATFORM}
     # The platform first: arms may wait for it.
     for group in sorted(rates or {}, key=lambda group: group != PLATFORM):

@@ -13,6 +13,7 @@ from dualarm_cli import __version__
 from dualarm_cli.beside import Beside
 from dualarm_cli.bound.bound import LowerBound
 from dualarm_cli.clearing.clear_plan import clearance_notes, quickest_clear
+from dualarm_cli.clearing.line_plan import allows_lines, line_notes, turned_lines_plan
 from dualarm_cli.clearing.dwell_plan import (
     ASYNCHRONOUS,
     CONVEYORS,
@@ -297,7 +298,8 @@ def _decided_plan(
     moving = [CONVEYORS] if allows(job) else []
     if quickest is quickest_clear:
         found = moving_dwells_plan(problem, found, timing, progress, clear=clear)
-        moving = dwell_notes(job)
+        found = turned_lines_plan(problem, found, timing, progress, clear=clear)
+        moving = [*dwell_notes(job), *line_notes(job)]
     stages, motion = found.cleared.plans, found.cleared.motion
     notes = (
         *job.notes,
