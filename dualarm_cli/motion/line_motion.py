@@ -58,16 +58,21 @@ def with_turned_line(
     away = line == "retract"
     outer = np.array(plan.end if away else plan.arrival)
     outer[drive.model.platform_columns] = platform
-    end = "end" if away else "arrival"
-    plan = replace(plan, **{end: outer}, turned={**plan.turned, line: target})
+    plan = _ending(replace(plan, turned={**plan.turned, line: target}), line, outer)
     outer = np.array(outer)
     stops, leaving = dict(plan.stops), dict(plan.leaving)
     for name in plan.stops:
         own = leaving if away and name in leaving else stops
-        q = _arm_path(drive, plan, own[name], line)[-1]
+        q, made = _arm_path(drive, plan, own[name], line)[-1], own[name].posture
         outer[drive.columns[name]] = q
-        own[name] = replace(own[name], posture=replace(own[name].posture, **{f"q_{line}": q}))
-    return replace(plan, **{end: outer}, stops=stops, leaving=leaving)
+        made = replace(made, q_retract=q) if away else replace(made, q_approach=q)
+        own[name] = replace(own[name], posture=made)
+    return replace(_ending(plan, line, outer), stops=stops, leaving=leaving)
+
+
+def _ending(plan: StagePlan, line: str, outer: FloatArray) -> StagePlan:
+    """Returns a stage with all joints at the outer end of a line [rad or m], shape (n,)."""
+    return replace(plan, end=outer) if line == "retract" else replace(plan, arrival=outer)
 
 
 def turned_path(drive: Drive, plan: StagePlan, line: str) -> FloatArray:

@@ -13,7 +13,6 @@ from dualarm_cli import __version__
 from dualarm_cli.beside import Beside
 from dualarm_cli.bound.bound import LowerBound
 from dualarm_cli.clearing.clear_plan import clearance_notes, quickest_clear
-from dualarm_cli.clearing.line_plan import allows_lines, line_notes, turned_lines_plan
 from dualarm_cli.clearing.dwell_plan import (
     ASYNCHRONOUS,
     CONVEYORS,
@@ -23,6 +22,7 @@ from dualarm_cli.clearing.dwell_plan import (
     moving_dwells_plan,
     without_dwell_motion,
 )
+from dualarm_cli.clearing.line_plan import line_notes, turned_lines_plan
 from dualarm_cli.errors import BlockedError, InfeasibleError, InputError, UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import kinds_of, with_needs
