@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dualarm_cli.clearing.clear_plan import ClearedPlan, blended_plan, has_blends
+from dualarm_cli.clearing.permissions import permitted, why_not
 from dualarm_cli.clearing.repairs import Cleared, Clearing
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.model.job import Job, PoseTarget, Stop
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.dwell_motion import dwell_motions
 from dualarm_cli.motion.motion import realise
@@ -37,44 +37,6 @@ SHARES = (1.0, 0.85, 0.7, 0.5)
 """Shares of what changes at a stop that are tried until it fits into the time that is there."""
 TRIES = 12
 """So often stages are taken back that collide or become longer."""
-NOT_POSSIBLE = {
-    "handover": "hand-overs",
-    "joints": "targets given as joints",
-    "passed": "targets that tools pass in motion",
-    "none": "stops without a dwell",
-}
-"""Where nothing moves while tools stand, in words."""
-ASYNCHRONOUS = "dwell_motion: not used, as the arms run asynchronously"
-"""Message of asynchronous arms."""
-CONVEYORS = "dwell_motion: not used in tasks with conveyors"
-"""Message of jobs with targets on conveyors."""
-SENSITIVITY = "sensitivity: motion in dwells is taken to fit into them with other limits too"
-"""Message of assumed limits."""
-
-
-def allows(job: Job) -> bool:
-    """Returns whether platform and arms may move in any dwell of a job."""
-    return any(stop.dwell_motion for task in job.tasks for stop in task.stops)
-
-
-def without_dwell_motion(job: Job) -> Job:
-    """Returns a job in which nothing may move in dwells."""
-    tasks = tuple(
-        replace(task, stops=tuple(replace(stop, dwell_motion=False) for stop in task.stops))
-        for task in job.tasks
-    )
-    return replace(job, tasks=tasks)
-
-
-def why_not(job: Job, stop: Stop) -> str:
-    """Returns why nothing moves in a stop's dwell though it may, as a key of NOT_POSSIBLE; empty where it can."""
-    if stop.action in ("give", "take"):
-        return "handover"
-    if not isinstance(stop.target, PoseTarget):
-        return "joints"
-    if stop.blend > 0.0:
-        return "passed"
-    return "" if stop.dwell.total > 0.0 else "none"
 
 
 def moving_dwells_plan(
@@ -96,7 +58,7 @@ def moving_dwells_plan(
         progress: receives what is being done.
         clear: whether anything has to be collision-free.
     """
-    if not allows(problem.job):
+    if "dwell_motion" not in permitted(problem.job):
         return found
     numbers = sequence_problem(problem.model, problem.job)
     trial = _Trial.of(problem, numbers, found, timing, clear=clear)
@@ -182,7 +144,7 @@ class _Trial:
             spans = {}
             for name, one in plan.stops.items():
                 event = motion.event_of.get((k, name))
-                if event is None or not one.stop.dwell_motion or why_not(job, one.stop):
+                if event is None or not one.stop.dwell_motion or why_not("dwell_motion", one.stop):
                     continue
                 left = retracts.get((name, event.task, event.action))
                 away = 0.0 if left is None else left.end - left.start
@@ -300,17 +262,3 @@ class _Trial:
 
 def _lengths(motion: Motion) -> FloatArray:
     return np.array([stage.end - stage.start for stage in motion.stages])
-
-
-def dwell_notes(job: Job) -> list[str]:
-    """Returns where nothing moves while tools stand, though it may, and why."""
-    found: dict[str, list[str]] = {}
-    for task in job.tasks:
-        for stop in task.stops:
-            if stop.dwell_motion and (why := why_not(job, stop)):
-                found.setdefault(why, []).append(f"{task.id} ({stop.action})")
-    notes = []
-    for why, stops in found.items():
-        some = ", ".join(stops[:3]) + (", …" if len(stops) > 3 else "")
-        notes.append(f"dwell_motion: not used at {NOT_POSSIBLE[why]}: {some}")
-    return notes

@@ -7,9 +7,11 @@ from dataclasses import replace
 
 from dualarm_cli.beside import halves
 from dualarm_cli.clearing.clear_plan import ClearedPlan, has_blends
+from dualarm_cli.clearing.dwell_plan import moving_dwells_plan
+from dualarm_cli.clearing.permissions import permitted
 from dualarm_cli.clearing.repairs import Cleared, Clearing
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.model.job import Job, PoseTarget, Stop
+from dualarm_cli.model.job import Job
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import Drive
@@ -21,31 +23,22 @@ from dualarm_cli.timing import TimingSolver
 
 WORTH = 1e-6
 """What is gained that is worth it [s]."""
-NO_PLATFORM = "line_motion: not used, as no platform of one joint can be moved"
-"""Message of robots whose platform stands."""
-NOT_POSSIBLE = {
-    "handover": "hand-overs",
-    "joints": "targets given as joints",
-    "passed": "targets that tools pass in motion",
-    "none": "stops without approach and retract",
-}
-"""Where the platform does not turn though it may, in words."""
 
 
-def allows_lines(job: Job) -> bool:
-    """Returns whether the platform may turn on any line of a job."""
-    return any(stop.line_motion for task in job.tasks for stop in task.stops)
+def moving_plan(
+    problem: MethodProblem,
+    found: ClearedPlan,
+    timing: TimingSolver,
+    progress: Callable[[str], None],
+    *,
+    clear: bool = True,
+) -> ClearedPlan:
+    """Returns a plan in which joints move in dwells and the platform on lines, where tasks allow it and it is shorter.
 
-
-def why_no_line(stop: Stop) -> str:
-    """Returns why the platform does not turn on a stop's lines, as a key of NOT_POSSIBLE; empty where it can."""
-    if stop.action in ("give", "take"):
-        return "handover"
-    if not isinstance(stop.target, PoseTarget):
-        return "joints"
-    if stop.blend > 0.0:
-        return "passed"
-    return "" if stop.approach > 0.0 or stop.retract > 0.0 else "none"
+    Arguments as of `turned_lines_plan`.
+    """
+    found = moving_dwells_plan(problem, found, timing, progress, clear=clear)
+    return turned_lines_plan(problem, found, timing, progress, clear=clear)
 
 
 def turned_lines_plan(
@@ -67,7 +60,7 @@ def turned_lines_plan(
         progress: receives what is being done.
         clear: whether anything has to be collision-free.
     """
-    if not allows_lines(problem.job):
+    if "line_motion" not in permitted(problem.job):
         return found
     before, made = found.cleared, None
     if problem.model.platform.is_chosen:
@@ -178,17 +171,3 @@ def _with_saved(motion: Motion, before: Motion) -> Motion:
         for stage, old in zip(motion.stages, before.stages, strict=True)
     )
     return replace(motion, stages=stages)
-
-
-def line_notes(job: Job) -> list[str]:
-    """Returns where the platform does not turn while tools are on lines, though it may, and why."""
-    found: dict[str, list[str]] = {}
-    for task in job.tasks:
-        for stop in task.stops:
-            if stop.line_motion and (why := why_no_line(stop)):
-                found.setdefault(why, []).append(f"{task.id} ({stop.action})")
-    notes = []
-    for why, stops in found.items():
-        some = ", ".join(stops[:3]) + (", …" if len(stops) > 3 else "")
-        notes.append(f"line_motion: not used at {NOT_POSSIBLE[why]}: {some}")
-    return notes
