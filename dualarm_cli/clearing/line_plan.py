@@ -2,129 +2,121 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from dualarm_cli.beside import halves
 from dualarm_cli.clearing.clear_plan import ClearedPlan, has_blends
-from dualarm_cli.clearing.dwell_plan import moving_dwells_plan
-from dualarm_cli.clearing.permissions import permitted
 from dualarm_cli.clearing.repairs import Cleared, Clearing
 from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.motion import realise
-from dualarm_cli.motion.transfers import Drive
-from dualarm_cli.motion.turned_transfers import TurnedTransfer, turned_transfer
-from dualarm_cli.postures.holding import Holding
+from dualarm_cli.motion.transfers import Drive, Key
+from dualarm_cli.motion.turned_transfers import TurnedTransfer, can_take_over, turned_transfer
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.stages.method import MethodProblem
-from dualarm_cli.timing import TimingSolver
 
 WORTH = 1e-6
 """What is gained that is worth it [s]."""
-
-
-def moving_plan(
-    problem: MethodProblem,
-    found: ClearedPlan,
-    timing: TimingSolver,
-    progress: Callable[[str], None],
-    *,
-    clear: bool = True,
-) -> ClearedPlan:
-    """Returns a plan in which joints move in dwells and the platform on lines, where tasks allow it and it is shorter.
-
-    Arguments as of `turned_lines_plan`.
-    """
-    found = moving_dwells_plan(problem, found, timing, progress, clear=clear)
-    return turned_lines_plan(problem, found, timing, progress, clear=clear)
+TransferMemory = dict[Key, TurnedTransfer | None]
+"""Transfers that have been looked for, by all that they depend on."""
 
 
 def turned_lines_plan(
     problem: MethodProblem,
     found: ClearedPlan,
-    timing: TimingSolver,
-    progress: Callable[[str], None],
-    *,
-    clear: bool = True,
+    drive: Drive,
+    clearing: Clearing | None,
+    first: FloatArray,
+    known: TransferMemory,
 ) -> ClearedPlan:
     """Returns a plan in which the platform turns while tools are on lines, where tasks allow it and it is shorter.
 
-    Where none is found it is the same plan, which then gains nothing.
+    Where none is found it is the same plan.
 
     Args:
         problem: what was asked.
         found: the plan in which it stands then, blended where the problem allows it.
-        timing: how motions are timed.
-        progress: receives what is being done.
-        clear: whether anything has to be collision-free.
+        drive: of the job.
+        clearing: what has to be collision-free; None: nothing.
+        first: how far the platform may move on each stage's lines to begin with [rad or m], shape (n, 2).
+        known: transfers that have been looked for; what is new is added.
     """
-    if "line_motion" not in permitted(problem.job):
-        return found
-    before, made = found.cleared, None
-    if problem.model.platform.is_chosen:
-        progress("turning the platform while tools are on lines")
-        made = _improved(problem, found, timing, clear=clear)
-    best = before if made is None else made
-    gain = before.motion.trajectory.duration - best.motion.trajectory.duration
-    motion = replace(
-        best.motion, motion_gain=(before.motion.motion_gain or 0.0) + gain, gain=before.motion.gain
-    )
-    standing = found.standing or before
-    return replace(found, cleared=replace(best, motion=motion), standing=standing)
-
-
-def _improved(
-    problem: MethodProblem, found: ClearedPlan, timing: TimingSolver, *, clear: bool
-) -> Cleared | None:
-    """Returns a shorter plan, collision-free and within all windows, None where there is none."""
-    model, job, known = problem.model, problem.job, found.known
-    plans, before = found.cleared.plans, found.cleared.motion
-    drive = Drive.of(model, job, timing, known)
-    clearing = None
-    if clear:
-        clearing = Clearing(model, job, Holding.of(job), timing, problem.seed, known)
-    tries = _shorter(drive, plans, before, blend=has_blends(problem))
+    plans, before, job = found.cleared.plans, found.cleared.motion, problem.job
+    _look_for(drive, plans, first, known, blend=has_blends(problem))
+    tries = {
+        k: one
+        for k in range(len(plans))
+        if (one := known[_key(drive, plans, first, k)]) is not None
+        and one.time < _time_between(plans, before, k) - WORTH
+    }
     while tries:
         turned = _with_transfers(drive, plans, tries)
         try:
-            motion = realise(model, job, turned, timing, known)
+            motion = realise(problem.model, job, turned, drive.timing, drive.known)
         except InfeasibleError:
-            return None
+            return found
         touching = set() if clearing is None else set(clearing.touching(turned, motion))
         # A transfer has the retract of the stage before, and its own stage up to the targets.
-        worse = (
-            {k for k in tries if {k - 1, k} & touching}
-            if touching
-            else _longer(tries, motion, before)
-        )
+        worse = _longer(tries, motion, before)
+        if touching:
+            worse = {k for k in tries if {k - 1, k} & touching}
         if not worse:
             shorter = motion.trajectory.duration < before.trajectory.duration - WORTH
             if touching or not shorter or not _in_time(job, motion):
-                return None
-            return Cleared(turned, _with_saved(motion, before), ())
+                return found
+            motion = replace(_with_saved(motion, before), gain=before.gain)
+            return replace(found, cleared=Cleared(turned, motion, ()))
         tries = {k: one for k, one in tries.items() if k not in worse}
-    return None
+    return found
 
 
-def _shorter(
-    drive: Drive, plans: Sequence[StagePlan], motion: Motion, *, blend: bool
-) -> dict[int, TurnedTransfer]:
-    """Returns the transfers that are quicker with a platform that turns on their lines, by the stage they lead to."""
+def _look_for(
+    drive: Drive,
+    plans: Sequence[StagePlan],
+    first: FloatArray,
+    known: TransferMemory,
+    *,
+    blend: bool,
+) -> None:
+    """Looks for the transfers on whose lines the platform turns that are not known yet."""
 
     def of(stages: Sequence[int]) -> list[TurnedTransfer | None]:
         return [
-            turned_transfer(drive, plans[k - 1] if k else None, plans[k], blend=blend)
+            turned_transfer(
+                drive, plans[k - 1] if k else None, plans[k], _first(first, k), blend=blend
+            )
             for k in stages
         ]
 
-    found = halves(of, range(len(plans)))
-    return {
-        k: one
-        for k, one in enumerate(found)
-        if one is not None and one.time < _time_between(plans, motion, k) - WORTH
-    }
+    keys = [_key(drive, plans, first, k) for k in range(len(plans))]
+    new = [k for k, key in enumerate(keys) if key not in known]
+    for k, one in zip(new, halves(of, new), strict=True):
+        known[keys[k]] = one
+
+
+def _first(first: FloatArray, k: int) -> tuple[float, float]:
+    """Returns how far the platform moves to begin with on the lines beside the transfer to a stage [rad or m]."""
+    away = float(first[k - 1, 1]) if k else 0.0
+    return away, float(first[k, 0]) if k < len(first) else 0.0
+
+
+def _key(drive: Drive, plans: Sequence[StagePlan], first: FloatArray, k: int) -> Key:
+    """Returns all that the search for the transfer to a stage depends on."""
+    numbers = [plans[k].start, plans[k].arrival, np.array(_first(first, k))]
+    for at, line in ((k - 1, "retract"), (k, "approach")):
+        if at < 0:
+            continue
+        numbers.append(plans[at].platform_at(line, drive.model.platform_columns))
+        for one in plans[at].stops.values():
+            made = plans[at].stop_at(line, one).posture
+            numbers += [made.q_target, np.array([made.psi_approach, made.psi_retract])]
+    possible = can_take_over(plans[k - 1] if k else None, plans[k])
+    return (k, possible, np.concatenate(numbers).tobytes())
 
 
 def _time_between(plans: Sequence[StagePlan], motion: Motion, k: int) -> float:

@@ -97,32 +97,48 @@ def may_turn(drive: Drive, plan: StagePlan, line: str) -> bool:
     return can_be_turned(plan, line) and allowed and not capped
 
 
+def can_take_over(before: StagePlan | None, plan: StagePlan) -> bool:
+    """Returns whether lines beside a transfer can be such that the platform turns on them.
+
+    They cannot where an arm waits or makes a detour, passes its target, or stands in the second stage while it works in
+    the first.
+
+    Args:
+        before: the stage before, None for none.
+        plan: the stage that it leads to, or the return.
+    """
+    if plan.waits or plan.detours or plan.through or waits_for_time(plan):
+        return False
+    if plan.stops and not can_be_turned(plan, "approach"):
+        return False
+    if before is None:
+        # Where a free start is follows from the first stage.
+        return not np.array_equal(plan.start, plan.arrival)
+    works_on = not plan.stops or set(before.stops) <= set(plan.stops)
+    return works_on and not before.through and can_be_turned(before, "retract")
+
+
 def turned_transfer(
-    drive: Drive, before: StagePlan | None, plan: StagePlan, *, blend: bool
+    drive: Drive,
+    before: StagePlan | None,
+    plan: StagePlan,
+    first: tuple[float, float] = (0.0, 0.0),
+    *,
+    blend: bool,
 ) -> TurnedTransfer | None:
     """Returns the quickest transfer found on whose lines the platform turns, None where there is none.
-
-    There is none where an arm waits or makes a detour, passes its target, or stands in the second stage while it works
-    in the first.
 
     Args:
         drive: of the job.
         before: the stage before, None for none.
         plan: the stage that it leads to, or the return.
+        first: how far the platform may move on both lines to begin with, from the targets outwards [rad or m].
         blend: whether the lines' outer ends may be passed in motion.
     """
-    if plan.waits or plan.detours or plan.through or waits_for_time(plan):
+    if not can_take_over(before, plan):
         return None
-    if before is None and np.array_equal(plan.start, plan.arrival):
-        return None  # where a free start is follows from the first stage
-    if plan.stops and not can_be_turned(plan, "approach"):
-        return None
-    if before is not None:
-        works_on = not plan.stops or set(before.stops) <= set(plan.stops)
-        if before.through or not works_on or not can_be_turned(before, "retract"):
-            return None
     search = _Search.of(drive, before, plan, blend)
-    return search.best() if search.free.any() else None
+    return search.best(first) if search.free.any() else None
 
 
 @dataclass(frozen=True)
@@ -178,13 +194,12 @@ class _Search:
                 high = middle
         return low
 
-    def best(self) -> TurnedTransfer | None:
-        """Returns the quickest transfer found."""
+    def best(self, first: tuple[float, float]) -> TurnedTransfer | None:
+        """Returns the quickest transfer found, with `first` among the starts of the search."""
         way = float(self.targets[1] - self.targets[0])
         movable = self.free > 0.0
-        starts = [
-            np.where(movable, share * way * np.array([1.0, -1.0]), 0.0) for share in FIRST_SHARES
-        ]
+        starts = [share * way * np.array([1.0, -1.0]) for share in FIRST_SHARES]
+        starts = [np.where(movable, one, 0.0) for one in (*starts, np.array(first))]
         place = min(starts, key=self.time)
         for step in STEPS:
             for _ in range(MOST_ROUNDS):

@@ -13,7 +13,7 @@ from dualarm_cli import __version__
 from dualarm_cli.beside import Beside
 from dualarm_cli.bound.bound import LowerBound
 from dualarm_cli.clearing.clear_plan import clearance_notes, quickest_clear
-from dualarm_cli.clearing.line_plan import moving_plan
+from dualarm_cli.clearing.moving_plan import moving_plan
 from dualarm_cli.clearing.permissions import (
     ASYNCHRONOUS,
     CONVEYORS,

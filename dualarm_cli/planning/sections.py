@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dualarm_cli.clearing.clear_plan import check_start, clearance_notes, quickest_clear
-from dualarm_cli.clearing.line_plan import moving_plan
+from dualarm_cli.clearing.moving_plan import moving_plan
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import SectionBuilder, SectionTools, kind_of, with_needs
 from dualarm_cli.model.job import Task
