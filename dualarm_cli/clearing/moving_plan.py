@@ -67,21 +67,18 @@ def moving_plan(
         progress: receives what is being done.
         clear: whether anything has to be collision-free.
     """
-    keys = permitted(problem.job)
-    if not keys:
+    if not permitted(problem.job):
         return found
     numbers = sequence_problem(problem.model, problem.job)
     trial = _Trial.of(problem, numbers, found, timing, clear=clear)
     room = trial.room()
-    if room is None:
-        return _gaining(problem.job, found, found, found)
     progress("moving platform and arms while tools dwell or are on lines")
     # What the search finds without such motion is not gained by it.
-    still = MotionRoom(0.0 * room.platform, tuple(0.0 * own for own in room.arms), 0.0 * room.lines)
-    standing = trial.improved(still, lines=False)
-    turned = standing.turned()
-    moving = turned.improved(room, lines=True)
-    best = min((standing, turned, moving), key=lambda one: _length(one.found))
+    standing = trial if room is None else trial.improved(room.none, lines=False)
+    plans = [standing, standing.turned()]
+    if room is not None:
+        plans.append(plans[-1].improved(room, lines=True))
+    best = min(plans, key=lambda one: _length(one.found))
     best = best if _length(best.found) < _length(standing.found) - WORTH else standing
     return _gaining(problem.job, best.found, standing.found, found)
 
@@ -150,7 +147,7 @@ class _Trial:
         )
 
     def room(self) -> MotionRoom | None:
-        """Returns how long platform and arms may move in each stage and on its lines, None where they may nowhere."""
+        """Returns how long platform and arms may move in each stage and on its lines; None: never for the search."""
         numbers, motion, job = self.numbers, self.found.cleared.motion, self.problem.job
         platform = np.zeros(numbers.stages)
         arms = tuple(np.zeros(numbers.stages) for _ in numbers.arms)

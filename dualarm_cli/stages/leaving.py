@@ -102,6 +102,12 @@ class MotionRoom:
     lines: FloatArray
     """How long the platform may move on approach and retract, by stage [s], shape (n, 2)."""
 
+    @property
+    def none(self) -> MotionRoom:
+        """No room in as many stages."""
+        arms = tuple(np.zeros_like(own) for own in self.arms)
+        return MotionRoom(np.zeros_like(self.platform), arms, np.zeros_like(self.lines))
+
 
 def reach(law: RestToRest, time: FloatArray) -> FloatArray:
     """Returns how far each joint gets from rest to rest in some times, shape (m, n), by bisection.

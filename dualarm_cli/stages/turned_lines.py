@@ -43,16 +43,9 @@ def turned_postures(
     moved = np.flatnonzero((outer != 0.0) & table.active[stage])
     if not len(moved):
         return found
-    path, ok = _paths(
-        problem,
-        arm,
-        table,
-        stage[moved],
-        (side.angle[moved], outer[moved]),
-        own.take(moved),
-        line,
-        found.q_target[moved],
-    )
+    platform = side.angle[moved], outer[moved]
+    made = own.take(moved).at(found.q_target[moved])
+    path, ok = _paths(problem, arm, table, stage[moved], platform, made, line)
     parts = {name: np.array(values) for name, values in vars(found).items()}
     work = problem.arms[arm]
     parts[f"q_{line}"][moved] = path[:, -1]
@@ -72,9 +65,18 @@ def _paths(
     platform: tuple[FloatArray, FloatArray],
     own: ArmDecisions,
     line: str,
-    first: FloatArray,
 ) -> tuple[FloatArray, BoolArray]:
-    """Returns the joints along lines (m, LINE_SAMPLES, 7) from the targets outwards, and which can be followed (m,)."""
+    """Returns the joints along lines (m, LINE_SAMPLES, 7) from the targets outwards, and which can be followed (m,).
+
+    Args:
+        problem: the sequence.
+        arm: index of the arm.
+        table: its stops.
+        stage: of each candidate, shape (m,).
+        platform: its angles at the targets, and how far it moves from there [rad or m], shape (m,) each.
+        own: the candidates, with their joints at the targets.
+        line: one of the LINES.
+    """
     work, (angle, outer) = problem.arms[arm], platform
     share = np.linspace(0.0, 1.0, LINE_SAMPLES)
     length = table.approach if line == "approach" else table.retract
@@ -88,7 +90,7 @@ def _paths(
     steps = np.diff(q, axis=1)
     steps -= 2.0 * np.pi * np.round(steps / (2.0 * np.pi))
     ok = reached.all(axis=1) & (np.abs(steps).max(axis=(1, 2)) <= LARGEST_STEP)
-    path = first[:, None] + np.concatenate(
+    path = own.near[:, None] + np.concatenate(
         [np.zeros_like(q[:, :1]), np.cumsum(steps, axis=1)], axis=1
     )
     # Both lines in one row, as `bulges` expects them: there and back.
