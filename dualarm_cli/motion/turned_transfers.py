@@ -29,7 +29,7 @@ from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, tool_s
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.timing.launch import Launch
 from dualarm_cli.timing.problem import TransferProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
+from dualarm_cli.timing.rest_to_rest import RestToRest, reach
 
 FIRST_SHARES = (0.0, 0.1, 0.2, 0.3)
 """Shares of the platform's way between two targets that each line takes over, from which the search starts."""
@@ -176,23 +176,15 @@ class _Search:
         search = cls(drive, before, plan, blend, np.array([first, last]), np.zeros(2), {}, {})
         for side, (one, line) in enumerate(((before, "retract"), (plan, "approach"))):
             if one is not None and may_turn(drive, one, line):
-                search.free[side] = search.reach(one, line)
+                search.free[side] = search.step(line)
         return search
 
-    def reach(self, plan: StagePlan, line: str) -> float:
+    def step(self, line: str) -> float:
         """Returns how far the platform gets from rest to rest while a line takes as long as it does when it stands."""
         found = self.line(line, 0.0)
         if found is None:
             return 0.0
-        law = _law(self.drive, (PLATFORM,))
-        low, high = 0.0, float(law.velocity[0] * found.ways.time[0])
-        for _ in range(40):
-            middle = 0.5 * (low + high)
-            if float(law.duration(np.array([middle]))) <= found.ways.time[0]:
-                low = middle
-            else:
-                high = middle
-        return low
+        return float(reach(_law(self.drive, (PLATFORM,)), found.ways.time[:1])[0, 0])
 
     def best(self, first: tuple[float, float]) -> TurnedTransfer | None:
         """Returns the quickest transfer found, with `first` among the starts of the search."""

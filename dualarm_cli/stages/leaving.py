@@ -34,7 +34,7 @@ from dualarm_cli.stages.search.times import (
 from dualarm_cli.stages.search.variables import Slopes, Variables, shifted
 from dualarm_cli.stages.sequence import decisions_of, stage_plans
 from dualarm_cli.stages.turned_lines import LINES, turned_postures, turned_slopes
-from dualarm_cli.timing.rest_to_rest import RestToRest
+from dualarm_cli.timing.rest_to_rest import reach
 from dualarm_cli.timing.stage_length import stage_length
 
 PATH_FACTOR = 1.08
@@ -47,7 +47,6 @@ STEPS = (1.0, 0.5, 0.2)
 """Shares of a step that are tried."""
 SHRINK, LITTLE = 0.7, 3e-4
 """How the radius changes after a round that gained less than this share of the cycle time."""
-BISECTIONS = 50
 
 
 @dataclass(frozen=True)
@@ -107,23 +106,6 @@ class MotionRoom:
         """No room in as many stages."""
         arms = tuple(np.zeros_like(own) for own in self.arms)
         return MotionRoom(np.zeros_like(self.platform), arms, np.zeros_like(self.lines))
-
-
-def reach(law: RestToRest, time: FloatArray) -> FloatArray:
-    """Returns how far each joint gets from rest to rest in some times, shape (m, n), by bisection.
-
-    Args:
-        law: the joints' limits.
-        time: what is there [s], shape (m,).
-    """
-    joints = len(law.velocity)
-    low = np.zeros((len(time), joints))
-    high = np.tile(law.velocity, (len(time), 1)) * time[:, None]
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        within = law.per_joint(middle) <= time[:, None]
-        low, high = np.where(within, middle, low), np.where(within, high, middle)
-    return low
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,9 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 
+BISECTIONS = 50
+"""Steps that find how far a joint gets in a time."""
+
 
 @dataclass(frozen=True)
 class RestToRest:
@@ -105,3 +108,20 @@ def rest_to_rest_duration(
         jerk: jerk limits [rad/s³], infinite for none, shape (n,).
     """
     return RestToRest(velocity, acceleration, jerk).per_joint(distance)
+
+
+def reach(law: RestToRest, time: FloatArray) -> FloatArray:
+    """Returns how far each joint gets from rest to rest in some times, shape (m, n), by bisection.
+
+    Args:
+        law: the joints' limits.
+        time: what is there [s], shape (m,).
+    """
+    joints = len(law.velocity)
+    low = np.zeros((len(time), joints))
+    high = np.tile(law.velocity, (len(time), 1)) * time[:, None]
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        within = law.per_joint(middle) <= time[:, None]
+        low, high = np.where(within, middle, low), np.where(within, high, middle)
+    return low
