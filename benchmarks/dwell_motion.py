@@ -1,9 +1,11 @@
-"""What moving platform and arms while tools dwell saves, by the command itself.
+"""What motion of joints while tools dwell, or of the platform while they are on lines, saves, by the command itself.
 
 python benchmarks/dwell_motion.py --sequences 6 --stages 24 --effort quick
+python benchmarks/dwell_motion.py --keys line_motion --dwells 0.15
 
 Random sequences of `long_sequences.py` on the SDA10F, lines of 80 mm, dwells of 0.15 s and 0.5 s, as it is and with a
-platform of a quarter of the speed, acceleration and jerk: `dualarm plan` without and with `dwell_motion: allowed`.
+platform of a quarter of the speed, acceleration and jerk: `dualarm plan` without and with `dwell_motion: allowed`, or
+what `--keys` says.
 Every plan is verified with its clearance by the command. Printed are both cycle times, the gain that the plan states,
 and medians and extremes of the shares. Sequences that have no plan are left out, and named.
 """
@@ -28,7 +30,7 @@ LIMITS = {"acceleration": 7.6, "jerk": 76.0}
 """Of the platform of the SDA10F [rad/s², rad/s³]; its speed is in the URDF."""
 SPEED = re.compile(r'(<joint name="torso_b1".*?velocity=")([^"]*)(")', re.DOTALL)
 DWELLS = (0.15, 0.5)
-"""Of every pick and place [s]."""
+"""Of every pick and place [s], unless `--dwells` says otherwise."""
 PLATFORMS = {"SDA10F": 1.0, "platform with a quarter of the speed": 4.0}
 """By how much the platform is slower."""
 
@@ -92,10 +94,11 @@ def main() -> None:
     parser.add_argument("--stages", type=int, default=24)
     parser.add_argument("--effort", default="quick")
     parser.add_argument("--keys", nargs="*", default=["dwell_motion"])
+    parser.add_argument("--dwells", nargs="*", type=float, default=DWELLS)
     arguments = parser.parse_args()
     permissions = dict.fromkeys(arguments.keys, "allowed")
     for name, slower in PLATFORMS.items():
-        for dwell in DWELLS:
+        for dwell in arguments.dwells:
             rows = []
             for seed in range(arguments.first, arguments.first + arguments.sequences):
                 with tempfile.TemporaryDirectory() as folder:

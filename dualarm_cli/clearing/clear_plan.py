@@ -249,7 +249,8 @@ class ClearedPlan:
     stopping: Cleared | None = field(default=None, compare=False, repr=False)
     """The plan with all stops that it was blended from; None where it is that."""
     standing: Cleared | None = field(default=None, compare=False, repr=False)
-    """The plan that it came from, in which platform and arms stand while tools dwell; None where it is that."""
+    """The plan that it came from, in which platform and arms stand in dwells and the platform on lines; None where it
+    is that."""
 
     @property
     def cost(self) -> float | None:

@@ -322,14 +322,14 @@ class Clearing:
 
 def _stage_key(k: int, plan: StagePlan, before: StagePlan | None) -> tuple[int | str | bytes, ...]:
     """Returns all that the motion of a stage that nobody waits in depends on, its number first."""
-    postures = [plan.start, plan.arrival, plan.end]
+    postures = [plan.start, plan.arrival, plan.end, *plan.turned.values()]
     for stop in (*plan.stops.values(), *plan.leaving.values()):
         made = stop.posture
         postures += [
             made.q_target,
             np.array([made.psi_target, made.psi_approach, made.psi_retract]),
         ]
-    passes = [str(way) for way in plan.passes.items()]
+    passes = [*plan.turned, *(str(way) for way in plan.passes.items())]
     passes += [
         f"{name} by {one.points.tolist()} {np.asarray(one.rates).tolist()}"
         for name, one in plan.detours.items()

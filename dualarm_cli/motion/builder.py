@@ -38,7 +38,8 @@ class Motion:
     gain: float | None = None
     """How much shorter it is than with stops at the outer ends of lines [s]; None where tools stop there."""
     motion_gain: float | None = None
-    """How much shorter it is than where platform and arms stand while tools dwell [s]; None where they have to."""
+    """How much shorter it is than where platform and arms stand while tools dwell, and the platform while they are on
+    lines [s]; None where they have to."""
 
     @cached_property
     def event_of(self) -> Mapping[tuple[int, str], Event]:
@@ -84,7 +85,7 @@ class MotionBuilder:
     gain: float | None = None
     """How much shorter the motions that were added are than with stops at the outer ends of lines [s]."""
     motion_gain: float | None = None
-    """How much shorter they are than where platform and arms stand while tools dwell [s]."""
+    """How much shorter they are than where platform and arms stand while tools dwell, and the platform on lines [s]."""
 
     def add(self, group: str, piece: Trajectory) -> None:
         """Appends a motion of a joint group; the clock stays, as other groups move meanwhile."""

@@ -14,7 +14,7 @@ from dualarm_cli.model.schedule import SegmentKind, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.bent_transfers import detour_pieces, moving_detour
 from dualarm_cli.motion.builder import Motion, MotionBuilder
-from dualarm_cli.motion.dwell_motion import add_moving_dwells
+from dualarm_cli.motion.moving_stops import add_moving_stops
 from dualarm_cli.motion.stop_motion import (
     add_handover,
     add_segment,
@@ -248,7 +248,14 @@ def _transfers(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Trans
     passed = [str(way) for one in (before, plan) if one is not None for way in one.passes.items()]
     if before is not None:
         passed += [f"{name} {rate.tolist()}" for name, rate in before.through.items()]
-    key: Key = (*plan.stops, plan.start.tobytes(), plan.arrival.tobytes(), *passed)
+    # Where the platform turns on the approach, it arrives together with the arms.
+    key: Key = (
+        *plan.stops,
+        "approach" in plan.turned,
+        plan.start.tobytes(),
+        plan.arrival.tobytes(),
+        *passed,
+    )
     if key not in drive.known.transfers:
         drive.known.transfers[key] = transfers_within_tool_speed(drive, plan, rates)
     return drive.known.transfers[key]
@@ -297,8 +304,8 @@ def _add_stage(
     pair = giver_and_taker(plan.stops)
     if pair is not None:
         ends |= add_handover(record, drive, plan, pair, ends)
-    elif plan.leaving:
-        ends = add_moving_dwells(record, drive, plan, ends)
+    elif plan.leaving or plan.turned:
+        ends = add_moving_stops(record, drive, plan, ends)
     else:
         over = {
             name: ends[name] + stop_duration(drive, plan, arm_stop)

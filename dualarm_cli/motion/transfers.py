@@ -79,8 +79,8 @@ class Known:
     """Joints along lines and lengths travelled, with their stop."""
     transfers: dict[Key, Transfers] = field(default_factory=dict)
     """Straight transfers of stages."""
-    dwells: dict[Key, tuple[Trajectory, ...]] = field(default_factory=dict)
-    """What moves while tools stand."""
+    together: dict[Key, tuple[Trajectory, ...]] = field(default_factory=dict)
+    """What moves together while tools stand, or are on lines on which the platform turns."""
 
 
 @dataclass(frozen=True)
@@ -165,6 +165,12 @@ def time_transfers(
             own.joints, plan.start[index], plan.arrival[index], own, length, leaving, arriving
         )
 
+    if "approach" in plan.turned or (not plan.stops and PLATFORM in (rates or {})):
+        # Platform and arms begin that line together, or are back together.
+        motion = _all_together(drive, plan, rates or {}, times)
+        return Transfers(
+            motion, times, dict(zip(limits.joints, alone.tolist(), strict=True)), slowest
+        )
     lengths = {g: max(platform, times[g]) for g in times if g != PLATFORM}
     # The platform first: arms may wait for it.
     for group in sorted(rates or {}, key=lambda group: group != PLATFORM):
@@ -186,6 +192,43 @@ def time_transfers(
             motion[group] = drive.timing.transfer(problem(group, lengths[group]))
     joint_times = dict(zip(limits.joints, alone.tolist(), strict=True))
     return Transfers(motion, times, joint_times, slowest)
+
+
+def _all_together(
+    drive: Drive, plan: StagePlan, rates: Rates, times: Mapping[str, float]
+) -> dict[str, Trajectory]:
+    """Returns transfers of platform and arms that arrive at the same instant, by group.
+
+    Args:
+        drive: of the job.
+        plan: the stage.
+        rates: of groups that leave or arrive in motion.
+        times: closed-form times of the groups [s].
+
+    Raises:
+        InfeasibleError: no transfer leaves and arrives in such motion.
+    """
+    groups = [g for g in drive.columns if times[g] > 0 or g in rates or g in plan.stops]
+    names = tuple(joint for g in groups for joint in drive.joints(g))
+    index = [column for g in groups for column in drive.columns[g]]
+    ends = [np.zeros((2, len(index))) for _ in range(2)]
+    for end, rows in enumerate(ends):
+        first = 0
+        for g in groups:
+            rate, count = rates.get(g, (None, None))[end], len(drive.columns[g])
+            rows[:, first : first + count] = 0.0 if rate is None else rate
+            first += count
+    asked = TransferProblem(
+        names, plan.start[index], plan.arrival[index], drive.limits.select(names), 0.0, *ends
+    )
+    if not rates:
+        found = drive.timing.transfer(replace(asked, leaving=None, arriving=None))
+    else:
+        moving = solve_moving_transfer(asked)
+        if moving is None:
+            raise InfeasibleError(Refusal("no_plan_on_grid"))
+        found = moving
+    return {g: found.select(drive.joints(g)) for g in groups}
 
 
 def transfers_within_tool_speed(

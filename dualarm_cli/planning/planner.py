@@ -13,14 +13,14 @@ from dualarm_cli import __version__
 from dualarm_cli.beside import Beside
 from dualarm_cli.bound.bound import LowerBound
 from dualarm_cli.clearing.clear_plan import clearance_notes, quickest_clear
-from dualarm_cli.clearing.dwell_plan import (
+from dualarm_cli.clearing.moving_plan import moving_plan
+from dualarm_cli.clearing.permissions import (
     ASYNCHRONOUS,
     CONVEYORS,
-    SENSITIVITY,
-    allows,
-    dwell_notes,
-    moving_dwells_plan,
-    without_dwell_motion,
+    permission_notes,
+    permitted,
+    unused_notes,
+    without_permissions,
 )
 from dualarm_cli.errors import BlockedError, InfeasibleError, InputError, UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
@@ -278,7 +278,7 @@ def _planned(
     planner = FreePlanner(problem, method.solve, timing, watch.tell, clear)
 
     def schedule(motion: Motion, one: Job) -> Schedule:
-        moving = [ASYNCHRONOUS] if allows(one) else []
+        moving = unused_notes(one, ASYNCHRONOUS)
         found = _schedule(one, settings, motion, (*job.notes, *replaced, *_job_notes(one), *moving))
         return _in_time(found, job)
 
@@ -299,10 +299,11 @@ def _decided_plan(
     progress(f"deciding platform angles and postures ({method.name})")
     quickest = next((one.quickest for one in kinds_of(job) if one.quickest), quickest_clear)
     found = quickest(problem, method.solve, timing, progress, clear=clear)
-    moving = [CONVEYORS] if allows(job) else []
+    moving = unused_notes(job, CONVEYORS)
     if quickest is quickest_clear:
-        found = moving_dwells_plan(problem, found, timing, progress, clear=clear)
-        moving = dwell_notes(job)
+        found = moving_plan(problem, found, timing, progress, clear=clear)
+        gain, turns = found.cleared.motion.motion_gain, problem.model.platform.is_chosen
+        moving = permission_notes(job, gain, platform=turns)
     stages, motion = found.cleared.plans, found.cleared.motion
     notes = (
         *job.notes,
@@ -312,7 +313,6 @@ def _decided_plan(
         *_platform_notes(problem.model, stages),
         *clearance_notes([(found, 1)]),
         *moving,
-        *([SENSITIVITY] if motion.motion_gain else []),
     )
     schedule = _schedule(job, settings, motion, notes)
     return replace(
@@ -370,9 +370,9 @@ def _with_paths(
         method.solve,
     )
     planned = planner.plan()
-    if allows(job):
+    if permitted(job):
         # Sections begin where the ones before end: what is quicker by itself may cost more afterwards.
-        standing = replace(planner, problem=replace(problem, job=without_dwell_motion(job))).plan()
+        standing = replace(planner, problem=replace(problem, job=without_permissions(job))).plan()
         if standing.motion.trajectory.duration <= planned.motion.trajectory.duration:
             planned = replace(standing, motion=replace(standing.motion, motion_gain=0.0))
     motion = planned.motion
@@ -383,8 +383,7 @@ def _with_paths(
         *(note for kind in kinds for note in kind.notes(job, settings, motion.trajectory)),
         *_job_notes(job),
         *dict.fromkeys(planned.notes),
-        *dwell_notes(job),
-        *([SENSITIVITY] if motion.motion_gain else []),
+        *permission_notes(job, motion.motion_gain, platform=problem.model.platform.is_chosen),
         *(_platform_notes(problem.model, planned.stage_plans) if planned.stage_plans else ()),
     )
     return replace(_schedule(job, settings, motion, notes), clearance_cost=planned.clearance_cost)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dualarm_cli.clearing.clear_plan import check_start, clearance_notes, quickest_clear
-from dualarm_cli.clearing.dwell_plan import moving_dwells_plan
+from dualarm_cli.clearing.moving_plan import moving_plan
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import SectionBuilder, SectionTools, kind_of, with_needs
 from dualarm_cli.model.job import Task
@@ -90,7 +90,7 @@ class SectionPlanner(SectionTools):
         problem = self._ordered(replace(problem, job=begun(problem.job, done)))
         self.progress("deciding platform angles and postures")
         found = quickest_clear(problem, self.method, self.timing, self.progress, clear=self.clear)
-        found = moving_dwells_plan(problem, found, self.timing, self.progress, clear=self.clear)
+        found = moving_plan(problem, found, self.timing, self.progress, clear=self.clear)
         record.append(found.cleared.motion)
         record.count(found)
         record.stage_plans += found.cleared.plans

@@ -193,17 +193,25 @@ def blending_lines(report: dict[str, Any]) -> list[str]:
     return [line]
 
 
+MOTION = {"dwell_motion": "in dwells", "line_motion": "on lines"}
+"""Where joints may move, in words, by what the task file allows."""
+
+
 def motion_lines(report: dict[str, Any]) -> list[str]:
-    """Returns the sentence on what is saved as platform and arms move on while tools dwell."""
+    """Returns the sentence on what is saved as joints move on while tools dwell, or the platform while on lines."""
     gain = report.get("motion_gain")
     if gain is None:
         return []
+    allowed = report["motion_allowed"]
+    what = f"motion {' and '.join(MOTION[key] for key in allowed)}"
+    standing = "platform and arms standing still in dwells"
+    if "line_motion" in allowed:
+        platform = "the platform standing still on lines"
+        standing = f"{standing} and {platform}" if "dwell_motion" in allowed else platform
     if gain < SHOWN:
-        return ["motion in dwells: saves 0.000 s, platform and arms stand still in dwells"]
+        return [f"{what}: saves 0.000 s, the plan is the one with {standing}"]
     share = gain / (report["cycle_time"] + gain)
-    return [
-        f"motion in dwells: {gain:.3f} s ({share:.1%}) shorter than with platform and arms standing still in dwells"
-    ]
+    return [f"{what}: {gain:.3f} s ({share:.1%}) shorter than with {standing}"]
 
 
 def bound_line(report: dict[str, Any]) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dualarm_cli.clearing.permissions import permitted
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import WORK_ENDS, Schedule, Stage
@@ -52,7 +53,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "smallest_clearance": smallest_clearance(schedule),
         "clearance_cost": schedule.clearance_cost,
         "blending": blending_rows(schedule, job),
-        **({} if schedule.motion_gain is None else {"motion_gain": schedule.motion_gain}),
+        **_motion_rows(schedule, job),
         "budget": [asdict(line) | {"text": str(line)} for line in judge_budget(schedule, job)],
         **_kind_rows("work", schedule, job),
         "stages": _stage_rows(schedule),
@@ -79,6 +80,13 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "settings": dict(schedule.provenance.settings),
         "notes": list(schedule.notes),
     }
+
+
+def _motion_rows(schedule: Schedule, job: Job) -> dict[str, Any]:
+    """Returns what motion in dwells and on lines gains, and which of them tasks allow; nothing where they do not."""
+    if schedule.motion_gain is None:
+        return {}
+    return {"motion_gain": schedule.motion_gain, "motion_allowed": list(permitted(job))}
 
 
 def _kind_rows(beside: str, schedule: Schedule, job: Job) -> dict[str, Any]:

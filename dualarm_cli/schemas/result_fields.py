@@ -114,8 +114,8 @@ SCHEDULE: dict[str, tuple[str, str]] = {
     ),
     "motion_gain": (
         "s",
-        "How much shorter the plan is than with platform and arms standing still while tools dwell; only where tasks "
-        "allow them to move then.",
+        "How much shorter the plan is than with platform and arms standing still while tools dwell, and the platform "
+        "while they are on lines; only where tasks allow motion then.",
     ),
     **_STAGES,
     "stages[].arm": (
@@ -246,6 +246,10 @@ REPORT: dict[str, tuple[str, str]] = {
     "smallest_clearance.time": ("s", "When."),
     "clearance_cost": SCHEDULE["clearance_cost"],
     "motion_gain": SCHEDULE["motion_gain"],
+    "motion_allowed": (
+        "",
+        "Which of `dwell_motion` and `line_motion` tasks allow; with `motion_gain`.",
+    ),
     "blending.gain": SCHEDULE["blend_gain"],
     "blending.share": ("", "The same as a share of the cycle time with these stops."),
     "blending.largest_deviation": (

@@ -1,9 +1,10 @@
-"""Leaving stops otherwise than they were come to: platform angles and arm angles that change while tools stand.
+"""Leaving stops otherwise than they were come to: what changes while tools stand, and while they are on lines.
 
-Every stop gets a second set of decisions, with which its retract begins. Both sets are improved together by successive
-linear programs over the whole sequence: joints at both ends of all transfers, transfer times and line times are linear
-in all decisions nearby, as in `search/linear_steps`, and what changes at a stop is bounded by what each joint can do
-from rest to rest in the time that is there. Local, as the plan that it starts from; rest to rest, without collisions:
+Every stop gets a second set of decisions, with which its retract begins, and both lines a platform angle of their own
+at their outer ends. All are improved together by successive linear programs over the whole sequence: joints at both
+ends of all transfers, transfer times and line times are linear in all decisions nearby, as in `search/linear_steps`,
+and what changes at a stop or on a line is bounded by what each joint can do from rest to rest in the time that is
+there. Local, as the plan that it starts from; rest to rest, without collisions:
 whether a real plan becomes shorter is for the caller to find out. Our own.
 """
 
@@ -15,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.linear_programs import least_cost
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures import StopPosture
@@ -22,7 +24,7 @@ from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.stages.search.candidates import CandidatePostures
 from dualarm_cli.stages.search.linear_steps import LIMIT_MARGIN, NEAR_CRITICAL, Rows, timed_slopes
 from dualarm_cli.stages.search.problem import Decisions, SequenceProblem
-from dualarm_cli.stages.search.source import anchored, postures
+from dualarm_cli.stages.search.source import anchored
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import (
     TransferChain,
@@ -30,9 +32,9 @@ from dualarm_cli.stages.search.times import (
     start_angle,
     start_joints,
 )
-from dualarm_cli.stages.search.variables import Slopes, Variables, shifted, slopes
+from dualarm_cli.stages.search.variables import Slopes, Variables, shifted
 from dualarm_cli.stages.sequence import decisions_of, stage_plans
-from dualarm_cli.timing.rest_to_rest import RestToRest
+from dualarm_cli.stages.turned_lines import LINES, turned_postures, turned_slopes
 from dualarm_cli.timing.stage_length import stage_length
 
 PATH_FACTOR = 1.08
@@ -45,7 +47,6 @@ STEPS = (1.0, 0.5, 0.2)
 """Shares of a step that are tried."""
 SHRINK, LITTLE = 0.7, 3e-4
 """How the radius changes after a round that gained less than this share of the cycle time."""
-BISECTIONS = 50
 
 
 @dataclass(frozen=True)
@@ -56,11 +57,15 @@ class Leaving:
     """With which arms come to their targets."""
     leaving: Decisions
     """With which they leave them: targets, yaws and branches are the same."""
+    outer: FloatArray
+    """How far the platform is, at the outer ends of approach and retract, from where it is at the targets [rad or m],
+    shape (n, 2)."""
 
     def put(self, rows: IntArray, other: Leaving) -> Leaving:
         """Returns this plan with some stages as another one has them."""
-        arriving = self.arriving.put(rows, other.arriving)
-        return Leaving(arriving, self.leaving.put(rows, other.leaving))
+        arriving, outer = self.arriving.put(rows, other.arriving), np.array(self.outer)
+        outer[rows] = other.outer[rows]
+        return Leaving(arriving, self.leaving.put(rows, other.leaving), outer)
 
     def nearer(self, share: float) -> Leaving:
         """Returns a plan in which only a share of this changes at stops, which are come to as here."""
@@ -72,7 +77,8 @@ class Leaving:
             }
             arms.append(replace(other, **values))
         come, gone = self.arriving.angle, self.leaving.angle
-        return Leaving(self.arriving, Decisions(come + share * (gone - come), tuple(arms)))
+        left = Decisions(come + share * (gone - come), tuple(arms))
+        return Leaving(self.arriving, left, self.outer)
 
     @property
     def changes(self) -> BoolArray:
@@ -85,30 +91,21 @@ class Leaving:
 
 
 @dataclass(frozen=True)
-class DwellRoom:
-    """How long platform and arms may move while tools stand; 0 where they may not."""
+class MotionRoom:
+    """How long platform and arms may move while tools stand, and the platform while they are on lines; 0: never."""
 
     platform: FloatArray
     """By stage [s], shape (n,)."""
     arms: tuple[FloatArray, ...]
     """By arm and stage [s], shape (n,) each."""
+    lines: FloatArray
+    """How long the platform may move on approach and retract, by stage [s], shape (n, 2)."""
 
-
-def reach(law: RestToRest, time: FloatArray) -> FloatArray:
-    """Returns how far each joint gets from rest to rest in some times, shape (m, n), by bisection.
-
-    Args:
-        law: the joints' limits.
-        time: what is there [s], shape (m,).
-    """
-    joints = len(law.velocity)
-    low = np.zeros((len(time), joints))
-    high = np.tile(law.velocity, (len(time), 1)) * time[:, None]
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        within = law.per_joint(middle) <= time[:, None]
-        low, high = np.where(within, middle, low), np.where(within, high, middle)
-    return low
+    @property
+    def none(self) -> MotionRoom:
+        """No room in as many stages."""
+        arms = tuple(np.zeros_like(own) for own in self.arms)
+        return MotionRoom(np.zeros_like(self.platform), arms, np.zeros_like(self.lines))
 
 
 @dataclass(frozen=True)
@@ -123,7 +120,7 @@ class MadePlan:
 class LeavingSearch:
     """Successive linear programs over decisions of arriving and leaving."""
 
-    def __init__(self, problem: SequenceProblem, room: DwellRoom) -> None:
+    def __init__(self, problem: SequenceProblem, room: MotionRoom) -> None:
         """Numbers the variables: those of `Variables`, then what changes at stops."""
         self.problem, self.room = problem, room
         self.tables = tuple(StopTable.of(work) for work in problem.arms)
@@ -144,12 +141,21 @@ class LeavingSearch:
             swings.append(column)
         self.swing, self.count = tuple(swings), count
         self.reach = tuple(
-            reach(work.law, np.where(self.turn >= 0, room.platform, own) / PATH_FACTOR)
+            work.law.reachable_distance(
+                np.where(self.turn >= 0, room.platform, own)[:, None] / PATH_FACTOR
+            )
             for work, own in zip(problem.arms, room.arms, strict=True)
         )
-        self.turned = np.zeros(problem.stages)
+        self.turned, self.most_outer = np.zeros(problem.stages), np.zeros((problem.stages, 2))
         if problem.platform_law is not None:
-            self.turned = reach(problem.platform_law, room.platform / PATH_FACTOR)[:, 0]
+            law = problem.platform_law
+            self.turned = law.reachable_distance(room.platform[:, None] / PATH_FACTOR)[:, 0]
+            most = law.reachable_distance(room.lines.reshape(-1, 1) / PATH_FACTOR)[:, 0]
+            self.most_outer = most.reshape(-1, 2)
+        self.outer = np.full((problem.stages, 2), -1, dtype=np.int64)
+        lines = self.most_outer > 0.0
+        self.outer[lines] = self.count + np.arange(int(lines.sum()))
+        self.count += int(lines.sum())
 
     def improved(self, start: Leaving) -> Leaving:
         """Returns a plan that takes no longer by closed forms from rest to rest.
@@ -202,10 +208,10 @@ class LeavingSearch:
         rows = np.arange(self.problem.stages)
         arriving, leaving = (
             [
-                postures(self.problem, a, table, rows, side.angle, side.arms[a])
+                turned_postures(self.problem, a, table, rows, side, plan.outer[:, end], LINES[end])
                 for a, table in enumerate(self.tables)
             ]
-            for side in (plan.arriving, plan.leaving)
+            for end, side in enumerate((plan.arriving, plan.leaving))
         )
         return arriving, leaving
 
@@ -215,14 +221,16 @@ class LeavingSearch:
 
     def _lengths(self, before: MadePlan, made: MadePlan) -> FloatArray:
         """Returns the length of each stage [s], infinite where it cannot be, as one plan has it after another's."""
-        problem = self.problem
-        arriving = made.plan.arriving.angle
+        problem, plan, n = self.problem, made.plan, self.problem.stages
+        came_to = plan.arriving.angle + plan.outer[:, 0]
         first = start_angle(problem, before.plan.arriving.angle)
-        left = np.concatenate([[first], before.plan.leaving.angle[:-1]])
+        gone = before.plan.leaving.angle + before.plan.outer[:, 1]
+        left = np.concatenate([[first], gone[:-1]])
         if problem.free_start:
-            left[0] = arriving[0]
-        waiting = platform_times(problem, arriving - left)
-        arrived, spent = np.zeros((2, len(problem.arms), problem.stages))
+            left[0] = came_to[0]
+        waiting = platform_times(problem, came_to - left)
+        arrived, spent = np.zeros((2, len(problem.arms), n))
+        lines, dwell = np.zeros((2, len(problem.arms), n)), np.zeros((len(problem.arms), n))
         for a, work in enumerate(problem.arms):
             chain = TransferChain.of(work)
             k = chain.active
@@ -233,8 +241,21 @@ class LeavingSearch:
             q_from = np.where(came[:, None] >= 0, before.leaving[a].q_retract[came], start)
             arrived[a, k] = np.maximum(work.law.duration(here.q_approach[k] - q_from), waiting[k])
             possible = here.possible[k] & made.leaving[a].possible[k]
-            lines = here.approach[k].max(axis=1) + made.leaving[a].retract[k].max(axis=1)
-            spent[a, k] = np.where(possible, lines + self.tables[a].dwell[k], np.inf)
+            dwell[a, k] = np.where(possible, self.tables[a].dwell[k], np.inf)
+            lines[0, a, k] = here.approach[k].max(axis=1)
+            lines[1, a, k] = made.leaving[a].retract[k].max(axis=1)
+        # On a line on which the platform turns all arms of the stage are together.
+        active = np.array([table.active for table in self.tables])
+        turned = plan.outer != 0.0
+        turning = PATH_FACTOR * platform_times(problem, plan.outer)
+        begun = np.where(active & turned[:, 0], arrived.max(axis=0), arrived)
+        for end in (0, 1):
+            longest = np.maximum(lines[end].max(axis=0), turning[:, end])
+            lines[end] = np.where(active & turned[:, end], longest, lines[end])
+        leaves = begun + lines[0] + dwell
+        leaves = np.where(active & turned[:, 1], leaves.max(axis=0), leaves)
+        alone = lines[0] + lines[1] + dwell
+        spent = np.where(turned.any(axis=1), leaves + lines[1] - arrived, alone)
         return np.array(stage_length(arrived, spent, together=problem.hands_over))
 
     def _closing(self, first: MadePlan, last: MadePlan) -> float:
@@ -243,7 +264,7 @@ class LeavingSearch:
         if not problem.returns:
             return 0.0
         begin = start_angle(problem, first.plan.arriving.angle)
-        back = np.array([begin - last.plan.leaving.angle[-1]])
+        back = np.array([begin - last.plan.leaving.angle[-1] - last.plan.outer[-1, 1]])
         closing = float(platform_times(problem, back)[0])
         for a, work in enumerate(problem.arms):
             chain = TransferChain.of(work)
@@ -269,7 +290,15 @@ class LeavingSearch:
             if self.problem.turns:
                 angle = np.clip(angle, *self.problem.platform_range)
             sides.append(Decisions(angle, tuple(arms)))
-        return Leaving(*sides)
+        outer = plan.outer + padded[self.outer]
+        if self.problem.turns:
+            at_target = np.stack([side.angle for side in sides], axis=1)
+            outer = np.where(
+                self.outer >= 0,
+                np.clip(at_target + outer, *self.problem.platform_range) - at_target,
+                plan.outer,
+            )
+        return Leaving(sides[0], sides[1], outer)
 
     def _anchored(self, made: MadePlan) -> Leaving:
         """Returns a plan counted from its own postures where these matter."""
@@ -278,17 +307,20 @@ class LeavingSearch:
         for side, found in both:
             arms = zip(self.problem.arms, side.arms, found, strict=True)
             sides.append(Decisions(side.angle, tuple(anchored(*one) for one in arms)))
-        return Leaving(*sides)
+        return Leaving(sides[0], sides[1], made.plan.outer)
 
     def _step(self, made: MadePlan, radius: float) -> FloatArray:
         """Returns the best step of all variables within a radius, everything taken as linear, shape (count,)."""
-        from scipy.optimize import linprog
-        from scipy.sparse import csc_matrix
-
         rows, plan, found = Rows(), made.plan, (made.arriving, made.leaving)
+        sides = plan.arriving, plan.leaving
         rates = [
-            [slopes(self.problem, a, table, side, own[a]) for a, table in enumerate(self.tables)]
-            for side, own in zip((plan.arriving, plan.leaving), found, strict=True)
+            [
+                turned_slopes(
+                    self.problem, a, table, sides[end], plan.outer[:, end], LINES[end], own[a]
+                )
+                for a, table in enumerate(self.tables)
+            ]
+            for end, own in enumerate(found)
         ]
         for a in range(len(self.tables)):
             self._add_transfers(rows, plan, found, rates, a)
@@ -300,10 +332,6 @@ class LeavingSearch:
         program = rows.by_stage()
         n, arms = self.problem.stages, len(self.tables)
         times = n + 1 + 2 * arms * n
-        matrix = csc_matrix(
-            (program.value, (program.row, program.column)),
-            shape=(len(program.bound), self.count + times),
-        )
         most = np.full(self.count, radius)
         lower, upper = -most, most
         if self.problem.turns:
@@ -312,21 +340,23 @@ class LeavingSearch:
             columns = self.turn[k]
             lower[columns] = np.maximum(lower[columns], np.minimum(0.0, -self.turned[k] - now))
             upper[columns] = np.minimum(upper[columns], np.maximum(0.0, self.turned[k] - now))
-        bounds = np.column_stack(
-            [
-                np.concatenate([lower, np.zeros(times)]),
-                np.concatenate([upper, np.full(times, np.inf)]),
-            ]
+            k, end = np.nonzero(self.outer >= 0)
+            columns, now, far = self.outer[k, end], plan.outer[k, end], self.most_outer[k, end]
+            lower[columns] = np.maximum(lower[columns], np.minimum(0.0, -far - now))
+            upper[columns] = np.minimum(upper[columns], np.maximum(0.0, far - now))
+        found_step = least_cost(
+            np.concatenate([np.zeros(self.count), np.arange(times) <= n]),
+            (program.row, program.column, program.value),
+            program.bound,
+            np.concatenate([lower, np.zeros(times)]),
+            np.concatenate([upper, np.full(times, np.inf)]),
         )
-        cost = np.concatenate([np.zeros(self.count), np.arange(times) <= n])
-        result = linprog(cost, A_ub=matrix, b_ub=program.bound, bounds=bounds, method="highs")
-        return result.x[: self.count] if result.status == 0 else np.zeros(self.count)
+        return np.zeros(self.count) if found_step is None else found_step[: self.count]
 
     def _columns(self, a: int, k: IntArray) -> IntArray:
-        """Returns the columns of the angle, the arm's fields, and what changes in some stages, shape (m, 7)."""
-        return np.column_stack(
-            [self.mean.angle[k], self.mean.arms[a][k], self.turn[k], self.swing[a][k]]
-        )
+        """Returns the columns of the angle, the arm's fields, and what changes in some stages, shape (m, 9)."""
+        changes = self.turn[k], self.swing[a][k], self.outer[k]
+        return np.column_stack([self.mean.angle[k], self.mean.arms[a][k], *changes])
 
     def _line_columns(self, a: int, k: IntArray) -> IntArray:
         """Returns the columns of the times of approach and retract, shape (m, 2)."""
@@ -376,8 +406,9 @@ class LeavingSearch:
         ones = np.ones(lines.shape)
         if problem.platform_law is not None:
             first = start_angle(problem, plan.arriving.angle)
-            before = np.concatenate([[first], plan.leaving.angle[:-1]])
-            moved = (plan.arriving.angle - before)[k, None]
+            gone = plan.leaving.angle + plan.outer[:, 1]
+            before = np.concatenate([[first], gone[:-1]])
+            moved = (plan.arriving.angle + plan.outer[:, 0] - before)[k, None]
             turning, rate = timed_slopes(problem.platform_law, moved)
             longest = np.maximum(longest, turning[:, 0])
             columns = np.column_stack(
@@ -386,10 +417,12 @@ class LeavingSearch:
                     self.turn[k],
                     np.where(k > 0, self.mean.angle[k - 1], -1),
                     np.where(k > 0, self.turn[k - 1], -1),
+                    self.outer[k, 0],
+                    np.where(k > 0, self.outer[k - 1, 1], -1),
                     lines,
                 ]
             )
-            values = np.column_stack([rate, -0.5 * rate, -rate, -0.5 * rate, ones])
+            values = np.column_stack([rate, -0.5 * rate, -rate, -0.5 * rate, rate, -rate, ones])
             watched = turning[:, 0] >= NEAR_CRITICAL * longest
             self._add_length(rows, columns, values, turning[:, 0] + dwell, k, watched)
         to = slope[:, :, None] * _sided(rates[0][a].q_approach[k], -1.0)
@@ -491,7 +524,7 @@ class LeavingSearch:
         end = last - 1
         if problem.platform_law is not None:
             first = start_angle(problem, plan.arriving.angle)
-            back = np.array([[first - plan.leaving.angle[-1]]])
+            back = np.array([[first - plan.leaving.angle[-1] - plan.outer[-1, 1]]])
             time, slope = timed_slopes(problem.platform_law, back)
             free = problem.free_start
             columns = np.array(
@@ -499,12 +532,13 @@ class LeavingSearch:
                     [
                         self.mean.angle[-1],
                         self.turn[-1],
+                        self.outer[-1, 1],
                         self.mean.angle[0] if free else -1,
                         self.turn[0] if free else -1,
                     ]
                 ]
             )
-            values = np.column_stack([-slope, -0.5 * slope, slope, -0.5 * slope])
+            values = np.column_stack([-slope, -0.5 * slope, -slope, slope, -0.5 * slope])
             everything = np.ones(1, dtype=np.bool_)
             self._add_length(rows, columns, values, time[:, 0], last, everything)
         for a, work in enumerate(problem.arms):
@@ -527,8 +561,15 @@ class LeavingSearch:
 
 
 def _sided(rate: FloatArray, sign: float) -> FloatArray:
-    """Returns derivatives by the mean decisions (..., 5) with those by what changes at the stop, (..., 7)."""
-    return np.concatenate([rate, 0.5 * sign * rate[..., :2]], axis=-1)
+    """Returns derivatives by the mean decisions, by what changes at the stop, and on its lines, (..., 9).
+
+    Args:
+        rate: derivatives by the decisions of one side, and by the platform's way on its line, shape (..., 6).
+        sign: -1 of arriving, 1 of leaving.
+    """
+    none = np.zeros_like(rate[..., :1])
+    outer = [rate[..., 5:], none] if sign < 0.0 else [none, rate[..., 5:]]
+    return np.concatenate([rate[..., :5], 0.5 * sign * rate[..., :2], *outer], axis=-1)
 
 
 def _limits(lower: FloatArray, upper: FloatArray) -> Iterator[tuple[int, float, float]]:
@@ -541,7 +582,7 @@ def _limits(lower: FloatArray, upper: FloatArray) -> Iterator[tuple[int, float, 
 def leaving_of(problem: SequenceProblem, model: CellModel, plans: Sequence[StagePlan]) -> Leaving:
     """Returns decided stages in which nothing moves while tools stand."""
     same = decisions_of(problem, model, list(plans))
-    return Leaving(same, same)
+    return Leaving(same, same, np.zeros((problem.stages, 2)))
 
 
 def leaving_plans(
@@ -553,7 +594,7 @@ def leaving_plans(
         model: the job's cell.
         job: what is to be done.
         problem: the same as numbers.
-        plan: what was decided.
+        plan: what was decided; on lines the platform stands, whatever that says.
         before: the stages of the plan that it came from: who waits and makes detours stays as it is there.
     """
     come = stage_plans(model, job, problem, plan.arriving, "")

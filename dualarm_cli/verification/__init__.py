@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.kinds import of_kinds
-from dualarm_cli.model.job import WITHIN_TOLERANCE, Job, StopKey
+from dualarm_cli.model.job import WITHIN_TOLERANCE, Job
 from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.verification.as_done import job_as_done
@@ -48,13 +48,14 @@ from dualarm_cli.verification.stage_checks import (
     waits_at_targets,
 )
 from dualarm_cli.verification.tool_checks import (
+    Permissions,
     check_events,
     check_lines,
     check_platform_still,
     check_stands,
     check_targets,
     check_tool_speed,
-    moving_dwells,
+    permissions,
     tool_left,
 )
 from dualarm_cli.verification.tool_model import ToolModel
@@ -120,7 +121,7 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         own = (e for e in known.events if e.action not in WITHIN_TOLERANCE)
         stops = replace(known, events=tuple(own))
     spans = () if done is None else line_spans(known, done, model)
-    moving = moving_dwells(known, done)
+    allowed = permissions(known, done)
     evidence = Evidence(schedule, known, stated, job, done, model, spans)
     sliding = schedule.robot.sliding
     checks: list[Check] = [
@@ -129,16 +130,16 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         *check_limits(trajectory, schedule.robot.limits.select(trajectory.joints), sliding),
         check_rest(trajectory, sliding),
         check_arms(schedule),
-        *check_events(stops, model, moving),
+        *check_events(stops, model, allowed.dwells),
         *check_lines(known, done, model),
         *_kind_checks("lines", evidence),
         *_kind_checks("work", evidence),
         *_kind_checks("joints", evidence),
-        check_platform_still(schedule, _still_spans(known, spans, moving, model), moving),
+        check_platform_still(schedule, _still_spans(known, spans, allowed, model), allowed),
         check_tool_speed(schedule, schedule.robot.tool_speed, model),
         check_stages(schedule, job),
         check_segments(schedule),
-        check_segment_kinds(known, waits_at_targets(known, model, moving)),
+        check_segment_kinds(known, waits_at_targets(known, model, allowed.dwells)),
         check_bound(schedule),
         *_job_checks(evidence),
     ]
@@ -150,19 +151,21 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
 
 
 def _still_spans(
-    schedule: Schedule, spans: Sequence[LineSpan], moving: Collection[StopKey], model: ToolModel
+    schedule: Schedule, spans: Sequence[LineSpan], allowed: Permissions, model: ToolModel
 ) -> list[tuple[float, float, str]]:
-    """Returns when the platform has to stand for stops as measured [s], and for whose lines."""
+    """Returns when the platform has to stand for stops as measured [s], and for whose lines and dwells."""
     found = []
     for s in spans:
-        name = f"lines of {s.event.task}"
-        if (s.event.arm, s.event.task, s.event.action) in moving:
-            found += [
-                (s.start, s.event.time, name),
-                (tool_left(schedule, model, s.event, s.end), s.end, name),
-            ]
-        else:
+        name, key = f"lines of {s.event.task}", (s.event.arm, s.event.task, s.event.action)
+        if key not in allowed.dwells and key not in allowed.lines:
             found.append((s.start, s.end, name))
+            continue
+        if key not in allowed.lines:
+            # After its dwell a tool may go on standing at its target.
+            left = tool_left(schedule, model, s.event, s.end)
+            found += [(s.start, s.event.time, name), (left, s.end, name)]
+        if key not in allowed.dwells:
+            found.append((s.event.time, s.over, name))
     return found
 
 

@@ -93,8 +93,18 @@ class Worst:
         return judge(name, self.value, allowed, unit, self.where)
 
 
-def moving_dwells(schedule: Schedule, job: Job | None) -> frozenset[StopKey]:
-    """Returns the stops in whose dwells joints may move as long as the tool stands.
+@dataclass(frozen=True)
+class Permissions:
+    """The stops at which more may move than an arm on its lines."""
+
+    dwells: frozenset[StopKey] = frozenset()
+    """In whose dwells joints may move as long as the tool stands."""
+    lines: frozenset[StopKey] = frozenset()
+    """On whose lines the platform may move as long as the tool is on them."""
+
+
+def permissions(schedule: Schedule, job: Job | None) -> Permissions:
+    """Returns the stops in whose dwells joints may move, and on whose lines the platform may.
 
     A job says which ones; without it, a schedule that counts what this gains may have any.
 
@@ -103,10 +113,15 @@ def moving_dwells(schedule: Schedule, job: Job | None) -> frozenset[StopKey]:
         job: its tasks, each with the arm that did it, or None.
     """
     if job is not None:
-        return frozenset(k for k, stop in job.stops_by_key().items() if stop.dwell_motion)
+        stops = job.stops_by_key().items()
+        return Permissions(
+            frozenset(k for k, stop in stops if stop.dwell_motion),
+            frozenset(k for k, stop in stops if stop.line_motion),
+        )
     if schedule.motion_gain is None:
-        return frozenset()
-    return frozenset((e.arm, e.task, e.action) for e in schedule.events)
+        return Permissions()
+    every = frozenset((e.arm, e.task, e.action) for e in schedule.events)
+    return Permissions(every, every)
 
 
 def check_events(
@@ -328,31 +343,32 @@ def tool_left(schedule: Schedule, model: ToolModel, event: Event, end: float) ->
 def check_platform_still(
     schedule: Schedule,
     lines: Sequence[tuple[float, float, str]],
-    moving: Collection[StopKey] = (),
+    allowed: Permissions | None = None,
 ) -> Check:
-    """Checks that the platform stands during every line, and during every dwell but of some stops.
+    """Checks that the platform stands during every line and every dwell but of stops that allow it to move.
 
     Args:
         schedule: what is judged: also what it lists as lines and dwells, which it may not.
-        lines: start and end of each stop's lines and dwell as measured [s], without the dwells in which it may move,
+        lines: start and end of each stop's lines and dwell as measured [s], without those on or in which it may move,
             and whose they are.
-        moving: stops in whose dwells it may.
+        allowed: on whose lines and in whose dwells it may; None: nowhere.
     """
+    allowed = Permissions() if allowed is None else allowed
     robot, trajectory = schedule.robot, schedule.trajectory
     if not robot.platform:
         return not_checked("platform_still", "the robot has no platform")
     spans = [
         (s.start, s.end, f"{s.kind} of {s.task}")
         for s in schedule.segments
-        if s.kind in ("approach", "retract")
-        or (s.kind == "dwell" and (s.arm, s.task, s.action) not in moving)
+        if (s.kind in ("approach", "retract") and (s.arm, s.task, s.action) not in allowed.lines)
+        or (s.kind == "dwell" and (s.arm, s.task, s.action) not in allowed.dwells)
     ]
     spans += lines
     # Without a job events say when tools stand.
     spans += [
         (e.time, e.time + e.dwell, f"dwell of {e.task}")
         for e in schedule.events
-        if e.dwell and (e.arm, e.task, e.action) not in moving
+        if e.dwell and (e.arm, e.task, e.action) not in allowed.dwells
     ]
     worst, platform = Worst(), trajectory.select(robot.platform)
     for k in range(0, len(spans), AT_ONCE):
@@ -364,6 +380,6 @@ def check_platform_still(
             q, v = position[i:j], velocity[i:j]
             moved = max(float(np.abs(v[1:-1]).max(initial=0.0)), float(np.abs(q - q[0]).max()))
             worst.add(moved, f"{what} at {start:.3f} s")
-    nothing = "the schedule lists no lines and no dwells"
+    nothing = "the schedule lists no lines and no dwells in which it has to stand"
     unit = "m, m/s" if robot.platform_slides else "rad, rad/s"
     return worst.judge("platform_still", tol.SAME_JOINTS, unit, nothing)

@@ -61,23 +61,19 @@ def test_a_task_overrides_the_defaults_and_the_smaller_cap_counts(
     assert (job.tool_speed, job.cell.tool_speed, job.speed, job.start) == (0.25, 0.25, 0.8, "free")
 
 
-def test_permissions_that_are_not_used_become_notes(project: Path, change: Change) -> None:
-    """They are accepted, and the reader is told."""
-    change("tasks.yaml", "settle: 30 ms}}", "settle: 30 ms}, line_motion: allowed}")
-    assert load_job("tasks.yaml").notes == (
-        "line_motion: allowed was not used; the platform stands still during lines",
-    )
-
-
-def test_motion_in_dwells_is_allowed_by_default_or_by_task(project: Path, change: Change) -> None:
-    """A task's own word counts before that of the defaults."""
+@pytest.mark.parametrize("key", ["dwell_motion", "line_motion"])
+def test_motion_is_allowed_by_default_or_by_task(project: Path, change: Change, key: str) -> None:
+    """A task's own word counts before that of the defaults; one permission says nothing of the other."""
     stops = [stop for task in load_job("tasks.yaml").tasks for stop in task.stops]
-    assert not any(stop.dwell_motion for stop in stops)
-    change("tasks.yaml", "settle: 30 ms}}", "settle: 30 ms}, dwell_motion: allowed}")
-    change("tasks.yaml", "    move:", "    dwell_motion: forbidden\n    move:")
-    tasks = load_job("tasks.yaml").tasks
-    allowed = {task.id: {stop.dwell_motion for stop in task.stops} for task in tasks}
-    assert list(allowed.values()) == [{True}, {False}]
+    assert not any(stop.dwell_motion or stop.line_motion for stop in stops)
+    change("tasks.yaml", "settle: 30 ms}}", f"settle: 30 ms}}, {key}: allowed}}")
+    change("tasks.yaml", "    move:", f"    {key}: forbidden\n    move:")
+    job = load_job("tasks.yaml")
+    assert job.notes == ()
+    [other] = {"dwell_motion", "line_motion"} - {key}
+    allowed = [{getattr(stop, key) for stop in task.stops} for task in job.tasks]
+    assert allowed == [{True}, {False}]
+    assert not any(getattr(stop, other) for task in job.tasks for stop in task.stops)
 
 
 def test_joint_alternatives_are_lists_in_a_list(project: Path, change: Change) -> None:
@@ -131,7 +127,7 @@ def test_a_quaternion_is_normalised(project: Path, change: Change) -> None:
         ("id: b", "id: b\n    after: [aa]", "13:13: E300 there is no task 'aa', did you mean 'a'?"),
         ("    arm: right\n", "", "12:5: E202 'arm' is missing"),
         ("    move:", "    pick: {xyz: [0, 0, 0]}\n    move:", "15:5: E200 'move' does not go with 'pick'; make two tasks"),
-        ("    move:", "    x:", "14:5: E201 unknown key 'x'; allowed: id, arm, after, not_before, not_after, pick, place, move, path, coordinate, handover, tool, part, approach, retract, straight, blend, dwell, dwell_motion, signals"),
+        ("    move:", "    x:", "14:5: E201 unknown key 'x'; allowed: id, arm, after, not_before, not_after, pick, place, move, path, coordinate, handover, tool, part, approach, retract, straight, blend, dwell, dwell_motion, line_motion, signals"),
         ("cell: cell.yaml", "cell: ../cell.yaml", None),
         ("cell: cell.yaml", "cell: /etc/passwd", "2:7: E500 '/etc/passwd' must be a relative path with forward slashes"),
         ("cell: cell.yaml", "cell: file:///etc/passwd", "2:7: E500 'file:///etc/passwd' must be a relative path with forward slashes"),

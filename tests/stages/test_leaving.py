@@ -9,17 +9,16 @@ import pytest
 
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.stages.leaving import (
-    DwellRoom,
     LeavingSearch,
+    MotionRoom,
     leaving_of,
     leaving_plans,
-    reach,
 )
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import evaluate
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.stage_by_stage import choose_stages
-from dualarm_cli.timing.rest_to_rest import RestToRest
+from dualarm_cli.timing.rest_to_rest import RestToRest, reach
 
 
 def law(velocity, acceleration, jerk):
@@ -52,13 +51,16 @@ def planned(request, random_job):
     return model, job, sequence_problem(model, job), plans
 
 
-def room_of(numbers, time):
-    """The same time in every stage in which both arms have a target, for platform and arms."""
+def room_of(numbers, time, lines=0.0):
+    """The same time wherever both arms have a target, for platform and arms; another one on lines there."""
     both = np.array([all(work.stops[k] for work in numbers.arms) for k in range(numbers.stages)])
     arms = tuple(
         np.array([0.0 if stop is None else time for stop in work.stops]) for work in numbers.arms
     )
-    return DwellRoom(np.where(both, time, 0.0), arms)
+    on_lines = np.repeat(np.where(both, lines, 0.0)[:, None], 2, axis=1)
+    if numbers.free_start:
+        on_lines[0, 0] = 0.0
+    return MotionRoom(np.where(both, time, 0.0), arms, on_lines)
 
 
 def test_without_changes_times_are_those_of_the_plan(planned):
@@ -138,3 +140,23 @@ def test_stages_are_put_back_one_by_one(planned):
     turned = found.leaving.angle - found.arriving.angle
     assert half.leaving.angle - half.arriving.angle == pytest.approx(0.5 * turned, abs=1e-12)
     assert not found.nearer(0.0).changes.any()
+
+
+def test_on_lines_the_platform_stays_within_reach(planned):
+    """It may turn there without any motion at targets; no farther than from rest to rest in the time that is there."""
+    model, _, numbers, plans = planned
+    start = LeavingSearch(numbers, room_of(numbers, 0.0)).improved(
+        leaving_of(numbers, model, plans)
+    )
+    assert not start.outer.any()
+    room = room_of(numbers, 0.0, lines=0.3)
+    search = LeavingSearch(numbers, room)
+    found = search.improved(start)
+    assert search.total(search.made(found)) <= search.total(search.made(start))
+    assert found.outer.any()
+    assert not found.changes.any()
+    turning = numbers.platform_law.duration(np.abs(found.outer)[..., None])
+    assert (turning <= room.lines + 1e-6).all()
+    angles = found.arriving.angle[:, None] + found.outer
+    low, high = numbers.platform_range
+    assert ((angles >= low) & (angles <= high)).all()

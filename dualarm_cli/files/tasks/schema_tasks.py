@@ -214,6 +214,11 @@ class TaskSection(TaskHead):
         default=None,
         description="Whether platform and elbow may move on while the tool dwells; default: that of the defaults.",
     )
+    line_motion: Permission | None = Field(
+        default=None,
+        description="Whether the platform may turn on while the tool is on the straight parts of approach and retract; "
+        "default: that of the defaults.",
+    )
     signals: SignalsSection | None = Field(
         default=None, description="Names of signals that are set when the tool grips or lets go."
     )
@@ -264,10 +269,10 @@ class DefaultsSection(Section):
         description="Whether platform and elbows may move on while tools dwell, which stay at their targets to 0.02 "
         "mm; default: forbidden.",
     )
-    line_motion: Literal["allowed", "forbidden"] | None = Field(
+    line_motion: Permission | None = Field(
         default=None,
-        description="Whether the platform may turn during lines; not used in this version: it stands still, and "
-        "`allowed` is answered with a note.",
+        description="Whether the platform may turn on while tools are on the straight parts of approach and retract, "
+        "on which they stay to 0.1 mm; default: forbidden.",
     )
 
 

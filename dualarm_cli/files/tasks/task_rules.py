@@ -167,11 +167,10 @@ def permission_notes(document: Document, model: TasksFile) -> list[str]:
     """Returns notes on what the file permits and the planner does not use."""
     defaults, notes = model.defaults, []
     alone = [t.get("id") for t in document.listed("tasks") if {"path", "coordinate"} & set(t)]
-    if defaults.dwell_motion == "allowed" and alone:
-        some = ", ".join(map(str, alone[:3])) + (", …" if len(alone) > 3 else "")
-        notes.append(f"dwell_motion: not used on paths and seams: {some}")
-    if defaults.line_motion == "allowed":
-        notes.append("line_motion: allowed was not used; the platform stands still during lines")
+    for key in ("dwell_motion", "line_motion"):
+        if getattr(defaults, key) == "allowed" and alone:
+            some = ", ".join(map(str, alone[:3])) + (", …" if len(alone) > 3 else "")
+            notes.append(f"{key}: not used on paths and seams: {some}")
     return notes
 
 

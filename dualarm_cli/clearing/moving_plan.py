@@ -1,34 +1,43 @@
-"""Plans in which platform and arms move on while tools stand, taken only where the real plan becomes shorter."""
+"""Plans in which joints move on while tools stand, and the platform while they are on lines, taken where shorter.
+
+One search over the sequence decides both (`stages/leaving`); how far the platform turns on lines is then decided anew
+for every transfer as it is really timed (`line_plan`). What counts is the plan as it is timed, blended and
+collision-free.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dualarm_cli.clearing.clear_plan import ClearedPlan, blended_plan, has_blends
+from dualarm_cli.clearing.line_plan import TransferMemory, turned_lines_plan
+from dualarm_cli.clearing.permissions import permitted, why_not
 from dualarm_cli.clearing.repairs import Cleared, Clearing
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.model.job import Job, PoseTarget, Stop
+from dualarm_cli.model.job import Job
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.dwell_motion import dwell_motions
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import Drive
+from dualarm_cli.motion.turned_transfers import can_take_over, may_turn
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan
-from dualarm_cli.stages.leaving import DwellRoom, Leaving, LeavingSearch, leaving_of, leaving_plans
+from dualarm_cli.stages.leaving import Leaving, LeavingSearch, MotionRoom, leaving_of, leaving_plans
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.search.problem import SequenceProblem
+from dualarm_cli.stages.search.source import has_closed_form
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.timing import TimingSolver
 
 SHOWN = 5e-4
 """What is gained that is shown [s]."""
 OTHER_PLAN = (
-    "dwell_motion: the search for it found a plan that is {other:.3f} s shorter with platform and arms standing still "
-    "in dwells too; the gain is counted from that"
+    "{keys}: the search for motion in dwells or on lines found a plan that is {other:.3f} s shorter without it too; "
+    "the gain is counted from that"
 )
 """Message of what is gained besides."""
 WORTH = 1e-6
@@ -37,47 +46,9 @@ SHARES = (1.0, 0.85, 0.7, 0.5)
 """Shares of what changes at a stop that are tried until it fits into the time that is there."""
 TRIES = 12
 """So often stages are taken back that collide or become longer."""
-NOT_POSSIBLE = {
-    "handover": "hand-overs",
-    "joints": "targets given as joints",
-    "passed": "targets that tools pass in motion",
-    "none": "stops without a dwell",
-}
-"""Where nothing moves while tools stand, in words."""
-ASYNCHRONOUS = "dwell_motion: not used, as the arms run asynchronously"
-"""Message of asynchronous arms."""
-CONVEYORS = "dwell_motion: not used in tasks with conveyors"
-"""Message of jobs with targets on conveyors."""
-SENSITIVITY = "sensitivity: motion in dwells is taken to fit into them with other limits too"
-"""Message of assumed limits."""
 
 
-def allows(job: Job) -> bool:
-    """Returns whether platform and arms may move in any dwell of a job."""
-    return any(stop.dwell_motion for task in job.tasks for stop in task.stops)
-
-
-def without_dwell_motion(job: Job) -> Job:
-    """Returns a job in which nothing may move in dwells."""
-    tasks = tuple(
-        replace(task, stops=tuple(replace(stop, dwell_motion=False) for stop in task.stops))
-        for task in job.tasks
-    )
-    return replace(job, tasks=tasks)
-
-
-def why_not(job: Job, stop: Stop) -> str:
-    """Returns why nothing moves in a stop's dwell though it may, as a key of NOT_POSSIBLE; empty where it can."""
-    if stop.action in ("give", "take"):
-        return "handover"
-    if not isinstance(stop.target, PoseTarget):
-        return "joints"
-    if stop.blend > 0.0:
-        return "passed"
-    return "" if stop.dwell.total > 0.0 else "none"
-
-
-def moving_dwells_plan(
+def moving_plan(
     problem: MethodProblem,
     found: ClearedPlan,
     timing: TimingSolver,
@@ -85,7 +56,7 @@ def moving_dwells_plan(
     *,
     clear: bool = True,
 ) -> ClearedPlan:
-    """Returns a plan in which platform and arms move while tools stand, where tasks allow it and it is shorter.
+    """Returns a plan in which joints move in dwells and the platform on lines, where tasks allow it and it is shorter.
 
     Where none is found it is the same plan, which then gains nothing.
 
@@ -96,34 +67,37 @@ def moving_dwells_plan(
         progress: receives what is being done.
         clear: whether anything has to be collision-free.
     """
-    if not allows(problem.job):
+    if not permitted(problem.job):
         return found
     numbers = sequence_problem(problem.model, problem.job)
     trial = _Trial.of(problem, numbers, found, timing, clear=clear)
     room = trial.room()
-    if room is None:
-        return _gaining(found, found, found)
-    progress("moving platform and arms while tools dwell")
+    progress("moving platform and arms while tools dwell or are on lines")
     # What the search finds without such motion is not gained by it.
-    still = DwellRoom(0.0 * room.platform, tuple(0.0 * own for own in room.arms))
-    standing = trial.improved(still)
-    moving = standing.improved(room)
-    best = moving if _length(moving.found) < _length(standing.found) - WORTH else standing
-    return _gaining(best.found, standing.found, found)
+    standing = trial if room is None else trial.improved(room.none, lines=False)
+    plans = [standing, standing.turned()]
+    if room is not None:
+        plans.append(plans[-1].improved(room, lines=True))
+    best = min(plans, key=lambda one: _length(one.found))
+    best = best if _length(best.found) < _length(standing.found) - WORTH else standing
+    return _gaining(problem.job, best.found, standing.found, found)
 
 
 def _length(found: ClearedPlan) -> float:
     return found.cleared.motion.trajectory.duration
 
 
-def _gaining(best: ClearedPlan, standing: ClearedPlan, before: ClearedPlan) -> ClearedPlan:
-    """Returns a plan with what its motion in dwells gains, and with the plan that it came from."""
+def _gaining(
+    job: Job, best: ClearedPlan, standing: ClearedPlan, before: ClearedPlan
+) -> ClearedPlan:
+    """Returns a plan with what such motion gains, and with the plan that it came from."""
     gain = _length(standing) - _length(best)
     motion = replace(best.cleared.motion, motion_gain=gain)
     other = _length(before) - _length(standing)
     notes = best.decided.notes
     if other > SHOWN:
-        notes = (*notes, OTHER_PLAN.format(other=other))
+        keys = " and ".join(permitted(job))
+        notes = (*notes, OTHER_PLAN.format(keys=keys, other=other))
     return replace(
         best,
         cleared=replace(best.cleared, motion=motion),
@@ -144,6 +118,7 @@ class _Trial:
     timing: TimingSolver
     drive: Drive
     clearing: Clearing | None
+    transfers: TransferMemory = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -171,8 +146,8 @@ class _Trial:
             clearing,
         )
 
-    def room(self) -> DwellRoom | None:
-        """Returns how long platform and arms may move in each stage, None where they may nowhere."""
+    def room(self) -> MotionRoom | None:
+        """Returns how long platform and arms may move in each stage and on its lines; None: never for the search."""
         numbers, motion, job = self.numbers, self.found.cleared.motion, self.problem.job
         platform = np.zeros(numbers.stages)
         arms = tuple(np.zeros(numbers.stages) for _ in numbers.arms)
@@ -182,7 +157,7 @@ class _Trial:
             spans = {}
             for name, one in plan.stops.items():
                 event = motion.event_of.get((k, name))
-                if event is None or not one.stop.dwell_motion or why_not(job, one.stop):
+                if event is None or not one.stop.dwell_motion or why_not("dwell_motion", one.stop):
                     continue
                 left = retracts.get((name, event.task, event.action))
                 away = 0.0 if left is None else left.end - left.start
@@ -192,22 +167,62 @@ class _Trial:
             if everyone and (job.tool_speed is None or len(spans) == len(names)):
                 first = max(begin for begin, _ in spans.values())
                 platform[k] = max(0.0, min(end for _, end in spans.values()) - first)
+        lines = self._line_room()
         if not numbers.turns:
             platform[:] = 0.0
-        if not platform.any() and not any(
+        if not (platform.any() or lines.any()) and not any(
             own.any() for own, work in zip(arms, numbers.arms, strict=True) if work.spare
         ):
             return None
-        return DwellRoom(platform, arms)
+        return MotionRoom(platform, arms, lines)
 
-    def improved(self, room: DwellRoom) -> _Trial:
-        """Returns the shortest plan with as many of the search's decisions as make it shorter and collision-free."""
+    def _line_room(self) -> FloatArray:
+        """Returns how long the platform may move on approach and retract of each stage [s], shape (n, 2)."""
+        numbers, motion = self.numbers, self.found.cleared.motion
+        room, plans = np.zeros((numbers.stages, 2)), self.stopping.plans
+        if not (numbers.turns and all(has_closed_form(work) for work in numbers.arms)):
+            return room
+        length: dict[tuple[str, str, str, str], float] = {}
+        for s in motion.segments:
+            length[s.arm, s.task, s.action, s.kind] = s.end - s.start
+        for k, plan in enumerate(plans):
+            before = plans[k - 1] if k else None
+            if not can_take_over(before, plan):
+                continue
+            for n, side, one, line in ((k - 1, 1, before, "retract"), (k, 0, plan, "approach")):
+                if one is not None and may_turn(self.drive, one, line):
+                    keys = [
+                        (stop.arm, stop.task.id, stop.stop.action, line)
+                        for stop in one.stops.values()
+                    ]
+                    room[n, side] = max(length.get(key, 0.0) for key in keys)
+        return room
+
+    def turned(self) -> _Trial:
+        """Returns the plan with a platform that turns on lines wherever that makes it shorter."""
+        first = np.zeros((self.numbers.stages, 2))
+        return replace(self, found=self._with_lines(self.found, first))
+
+    def _with_lines(self, found: ClearedPlan, first: FloatArray) -> ClearedPlan:
+        if "line_motion" not in permitted(self.problem.job) or not self.numbers.turns:
+            return found
+        return turned_lines_plan(
+            self.problem, found, self.drive, self.clearing, first, self.transfers
+        )
+
+    def improved(self, room: MotionRoom, *, lines: bool) -> _Trial:
+        """Returns the shortest plan with as many of the search's decisions as make it shorter and collision-free.
+
+        Args:
+            room: how long platform and arms may move where tools stand or are on lines.
+            lines: whether the platform turns on lines wherever tasks allow it.
+        """
         decided = LeavingSearch(self.numbers, room).improved(self.start)
         plan, best = self._fitted(decided, room), self
         for _ in range(TRIES):
             if not self._differs(plan):
                 break
-            made, worse = self._made(plan)
+            made, worse = self._made(plan, lines=lines)
             shorter = made is not None and _length(made) < _length(best.found) - WORTH
             if made is not None and shorter and self._in_time(made):
                 best = replace(self, found=made, start=plan)
@@ -222,13 +237,14 @@ class _Trial:
     def _changed(self, plan: Leaving) -> IntArray:
         """Returns the stages in which a plan is another one than that which it came from."""
         changed = plan.changes | (plan.arriving.angle != self.start.arriving.angle)
+        changed |= (plan.outer != self.start.outer).any(axis=1)
         for one, other in zip(plan.arriving.arms, self.start.arriving.arms, strict=True):
             for name in ("psi_target", "psi_approach", "psi_retract", "yaw", "near"):
                 own = getattr(one, name) != getattr(other, name)
                 changed = changed | own.reshape(len(changed), -1).any(axis=1)
         return np.flatnonzero(changed)
 
-    def _fitted(self, decided: Leaving, room: DwellRoom) -> Leaving:
+    def _fitted(self, decided: Leaving, room: MotionRoom) -> Leaving:
         """Returns decisions of which what changes at stops fits into the time that is there."""
         plan = decided
         for share in (*SHARES, 0.0):
@@ -243,7 +259,7 @@ class _Trial:
             plan = plan.put(np.array(late), decided.nearer(share))
         return plan
 
-    def _fits(self, plan: StagePlan, k: int, room: DwellRoom) -> bool:
+    def _fits(self, plan: StagePlan, k: int, room: MotionRoom) -> bool:
         """Returns whether what moves while tools stand can be timed, and is over when they have to leave."""
         try:
             moves = dwell_motions(self.drive, plan)
@@ -262,7 +278,7 @@ class _Trial:
             self.problem.model, self.problem.job, self.numbers, plan, self.stopping.plans
         )
 
-    def _made(self, plan: Leaving) -> tuple[ClearedPlan | None, IntArray]:
+    def _made(self, plan: Leaving, *, lines: bool) -> tuple[ClearedPlan | None, IntArray]:
         """Returns a plan timed, blended and collision-free, or None, and the stages that should stay as they were."""
         problem = self.problem
         plans = self._plans(plan)
@@ -274,6 +290,8 @@ class _Trial:
             made = replace(self.found, cleared=Cleared(plans, motion, ()), stopping=None)
             if has_blends(problem):
                 made = blended_plan(problem, made, self.timing, clear=self.clearing is not None)
+            if lines:
+                made = self._with_lines(made, plan.outer)
         except InfeasibleError:
             return None, self._changed(plan)
         longer = self._longer(made.cleared.motion)
@@ -300,17 +318,3 @@ class _Trial:
 
 def _lengths(motion: Motion) -> FloatArray:
     return np.array([stage.end - stage.start for stage in motion.stages])
-
-
-def dwell_notes(job: Job) -> list[str]:
-    """Returns where nothing moves while tools stand, though it may, and why."""
-    found: dict[str, list[str]] = {}
-    for task in job.tasks:
-        for stop in task.stops:
-            if stop.dwell_motion and (why := why_not(job, stop)):
-                found.setdefault(why, []).append(f"{task.id} ({stop.action})")
-    notes = []
-    for why, stops in found.items():
-        some = ", ".join(stops[:3]) + (", …" if len(stops) > 3 else "")
-        notes.append(f"dwell_motion: not used at {NOT_POSSIBLE[why]}: {some}")
-    return notes
