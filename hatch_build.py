@@ -63,7 +63,7 @@ def _compile(folder: Path) -> None:
     """
     sources = sorted((folder / "src").glob("*.c"))
     library = folder / "built" / "libdualarm.so"
-    newest = max(path.stat().st_mtime for path in [*sources, Path(__file__)])
+    newest = max(path.stat().st_mtime for path in [*(folder / "src").iterdir(), Path(__file__)])
     if library.is_file() and library.stat().st_mtime > newest:
         return
     library.parent.mkdir(exist_ok=True)
