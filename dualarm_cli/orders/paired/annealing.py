@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dualarm_cli.compiled.stage_changes import StageLengths, change_worths
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.paired.times import previous, with_angles
@@ -53,6 +54,8 @@ class StageLine:
         self.rows: IntArray = np.concatenate([ends, slots, ends])
         self.angles: IntArray = np.zeros(len(self.rows), dtype=np.int64)
         self.place = np.zeros((problem.stops, 2), dtype=np.int64)
+        one, other = problem.length
+        self._lengths = StageLengths.of((one, other), problem.apart, self._turns_back)
         self.choose_angles()
 
     @property
@@ -161,54 +164,8 @@ class StageLine:
 
     def worth(self, window: Window) -> Worth:
         """Returns what it is worth to do other stops in some stages, at the angles that suit these best."""
-        problem, (b, w, _) = self._problem, window.rows.shape
-        first, rows = window.first, window.rows
-        one, other = problem.length
-        came, before = self.came[first], self.angles[first - 1]
-        chosen: list[IntArray] = []
-        value: FloatArray = np.zeros(0)
-        for i in range(w):
-            stops = rows[:, i]
-            nothing = (stops == IDLE).all(axis=1)
-            if i == 0:
-                now = np.maximum(
-                    one[came[:, 0], stops[:, 0], before], other[came[:, 1], stops[:, 1], before]
-                ).astype(np.float64)
-                stays = np.where(np.arange(now.shape[1]) == before[:, None], 0.0, np.inf)
-            else:
-                step = np.maximum(one[came[:, 0], stops[:, 0]], other[came[:, 1], stops[:, 1]])
-                # Where nobody does anything the platform stays; what is infinite then is put right.
-                with np.errstate(invalid="ignore"):
-                    both = value[:, :, None] + step
-                best = both.argmin(axis=1)
-                best[nothing] = np.arange(best.shape[1])
-                chosen.append(best)
-                now, stays = both.min(axis=1), value
-            if problem.apart is not None:
-                now += problem.apart[stops[:, 0], stops[:, 1]]
-            value = np.where(nothing[:, None], stays, now)
-            came = np.where(stops == IDLE, came, stops)
-        end = first + w
-        value = value + self.length_to(came, self.rows[end], self.angles[end])
-        at = value.argmin(axis=1)
-        angles = np.empty((b, w), dtype=np.int64)
-        angles[:, w - 1] = at
-        each = np.arange(b)
-        for i in range(w - 2, -1, -1):
-            angles[:, i] = chosen[i][each, angles[:, i + 1]]
-        delta = value[each, at] - self.sum_of(first, end)
-        last = end.copy()
-        for a in range(2):
-            # An arm that is idle right after comes from elsewhere when it goes on.
-            later = np.flatnonzero(self.rows[end, a] == IDLE)
-            if len(later):
-                k = self.next[end[later], a]
-                from_there = self.came[k].copy()
-                from_there[:, a] = came[later, a]
-                anew = self.length(from_there, self.rows[k], self.angles[k - 1], self.angles[k])
-                delta[later] += anew - self.costs[k]
-                last[later] = k
-        return Worth(delta, angles, last)
+        line = (self.rows, self.came, self.next, self.angles, self.costs, self._sums)
+        return Worth(*change_worths(self._lengths, line, window.first, window.rows))
 
     def reversals(self, begin: IntArray, end: IntArray) -> FloatArray:
         """Returns by how much all is done later with stages [begin, end) in the opposite order [s], shape (b,).
