@@ -3,7 +3,7 @@
 #include <math.h>
 #include <stdint.h>
 
-enum { ARMS = 2, MOST_ANGLES = 512, MOST_STAGES = 16 };
+enum { ARMS = 2, MOST_ANGLES = 256, MOST_STAGES = 16 };
 
 static const int64_t IDLE = -1;
 
@@ -58,6 +58,24 @@ static void length_to(const Problem *problem, const int64_t came[ARMS], const in
     }
 }
 
+/* The angle from which a stage at another one is over first, given when the stage before is over at each. */
+static int64_t best_before(const Problem *problem, const int64_t came[ARMS], const int64_t *stop, int64_t angle,
+                           const double *value)
+{
+    const int64_t f = problem->angles;
+    const double *one = lengths_of(problem, 0, came[0], stop[0]), *other = lengths_of(problem, 1, came[1], stop[1]);
+    double least = INFINITY;
+    int64_t best = 0;
+    for (int64_t k = 0; k < f; k++) {
+        const double x = one[k * f + angle], y = other[k * f + angle], sum = value[k] + (x > y ? x : y);
+        if (sum < least) {
+            least = sum;
+            best = k;
+        }
+    }
+    return best;
+}
+
 /* Changes, `count` of `width` stages each: `first` (count,) of them, and their stops then, (count, width, 2). Sets by how
    much all is done later (count,), the angles that suit the stages best (count, width), and the last stage whose length
    is another one then (count,). Returns 0, or 1 where there are more angles or stages than it has room for. */
@@ -68,51 +86,54 @@ int change_worths(const Problem *problem, const Line *line, const int64_t *first
     if (f > MOST_ANGLES || width > MOST_STAGES)
         return 1;
     for (int64_t b = 0; b < count; b++) {
-        double value[MOST_ANGLES], now[MOST_ANGLES], rest[MOST_ANGLES];
-        int16_t chosen[MOST_STAGES][MOST_ANGLES];
-        const int64_t begin = first[b], end = begin + width, before = line->angle[begin - 1];
-        int64_t came[ARMS] = {line->came[ARMS * begin], line->came[ARMS * begin + 1]};
+        /* Before each stage: when the one before is over, by its angle, and what both arms made last. */
+        double values[MOST_STAGES + 1][MOST_ANGLES], rest[MOST_ANGLES];
+        int64_t from[MOST_STAGES + 1][ARMS];
+        const int64_t begin = first[b], end = begin + width;
+        for (int64_t g = 0; g < f; g++)
+            values[0][g] = g == line->angle[begin - 1] ? 0.0 : INFINITY;
+        for (int a = 0; a < ARMS; a++)
+            from[0][a] = line->came[ARMS * begin + a];
         for (int64_t i = 0; i < width; i++) {
             const int64_t *stop = stops + (b * width + i) * ARMS;
+            double *restrict now = values[i + 1];
+            for (int a = 0; a < ARMS; a++)
+                from[i + 1][a] = stop[a] == IDLE ? from[i][a] : stop[a];
             if (stop[0] == IDLE && stop[1] == IDLE) {
                 /* Where nobody does anything the platform stays. */
-                for (int64_t g = 0; g < f; g++) {
-                    if (i == 0)
-                        value[g] = g == before ? 0.0 : INFINITY;
-                    chosen[i][g] = (int16_t)g;
-                }
+                for (int64_t g = 0; g < f; g++)
+                    now[g] = values[i][g];
                 continue;
             }
-            const double *one = lengths_of(problem, 0, came[0], stop[0]);
-            const double *other = lengths_of(problem, 1, came[1], stop[1]);
-            for (int64_t g = 0; g < f; g++) {
-                now[g] = INFINITY;
-                chosen[i][g] = 0;
-            }
-            for (int64_t k = i == 0 ? before : 0; k < (i == 0 ? before + 1 : f); k++)
-                for (int64_t g = 0; g < f; g++) {
-                    const double x = one[k * f + g], y = other[k * f + g];
-                    const double sum = (i == 0 ? 0.0 : value[k]) + (x > y ? x : y);
-                    if (sum < now[g]) {
-                        now[g] = sum;
-                        chosen[i][g] = (int16_t)k;
-                    }
-                }
+            const double *one = lengths_of(problem, 0, from[i][0], stop[0]);
+            const double *other = lengths_of(problem, 1, from[i][1], stop[1]);
             for (int64_t g = 0; g < f; g++)
-                value[g] = now[g] + apart_at(problem, stop, g);
-            for (int a = 0; a < ARMS; a++)
-                came[a] = stop[a] == IDLE ? came[a] : stop[a];
+                now[g] = INFINITY;
+            for (int64_t k = 0; k < f; k++) {
+                const double so_far = values[i][k];
+                if (!(so_far < INFINITY))
+                    continue;
+                for (int64_t g = 0; g < f; g++) {
+                    const double x = one[k * f + g], y = other[k * f + g], sum = so_far + (x > y ? x : y);
+                    now[g] = sum < now[g] ? sum : now[g];
+                }
+            }
+            for (int64_t g = 0; g < f; g++)
+                now[g] += apart_at(problem, stop, g);
         }
+        const int64_t *came = from[width];
         length_to(problem, came, line->rows + ARMS * end, line->angle[end], 0, f, rest);
         int64_t at = 0;
         for (int64_t g = 0; g < f; g++) {
-            value[g] += rest[g];
-            at = value[g] < value[at] ? g : at;
+            rest[g] += values[width][g];
+            at = rest[g] < rest[at] ? g : at;
         }
-        delta[b] = value[at] - (line->sum[end + 1] - line->sum[begin]);
+        delta[b] = rest[at] - (line->sum[end + 1] - line->sum[begin]);
         for (int64_t i = width - 1; i >= 0; i--) {
+            const int64_t *stop = stops + (b * width + i) * ARMS;
             angles[b * width + i] = at;
-            at = chosen[i][at];
+            if (stop[0] != IDLE || stop[1] != IDLE)
+                at = best_before(problem, from[i], stop, at, values[i]);
         }
         last[b] = end;
         for (int a = 0; a < ARMS; a++) {
@@ -120,10 +141,10 @@ int change_worths(const Problem *problem, const Line *line, const int64_t *first
                 continue;
             /* An arm that is idle right after comes from elsewhere when it goes on. */
             const int64_t k = line->next[ARMS * end + a];
-            int64_t from[ARMS] = {line->came[ARMS * k], line->came[ARMS * k + 1]};
+            int64_t other_came[ARMS] = {line->came[ARMS * k], line->came[ARMS * k + 1]};
             double anew;
-            from[a] = came[a];
-            length_to(problem, from, line->rows + ARMS * k, line->angle[k], line->angle[k - 1], line->angle[k - 1] + 1,
+            other_came[a] = came[a];
+            length_to(problem, other_came, line->rows + ARMS * k, line->angle[k], line->angle[k - 1], line->angle[k - 1] + 1,
                       &anew);
             delta[b] += anew - line->cost[k];
             last[b] = k;
