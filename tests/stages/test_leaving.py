@@ -18,7 +18,7 @@ from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import evaluate
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.stage_by_stage import choose_stages
-from dualarm_cli.timing.rest_to_rest import RestToRest, reach
+from dualarm_cli.timing.rest_to_rest import RestToRest
 
 
 def law(velocity, acceleration, jerk):
@@ -38,7 +38,7 @@ def law(velocity, acceleration, jerk):
     ],
 )
 def test_reach_is_that_of_hand_arithmetic(limits, time, way):
-    assert reach(law(*limits), np.array([time]))[0, 0] == pytest.approx(way, rel=1e-9)
+    assert law(*limits).reachable_distance(np.array([time]))[0] == pytest.approx(way, rel=1e-9)
 
 
 @pytest.fixture(scope="module", params=[(3, {}), (5, {"returns": True}), (8, {"start": "free"})])

@@ -358,7 +358,7 @@ def test_what_nothing_was_measured_of_is_not_passed(clean):
         assert "no approach or retract" in verdicts[name][1]
     assert verdicts["platform_still"] == (
         "not checked",
-        "the schedule lists no lines and no dwells",
+        "the schedule lists no lines and no dwells in which it has to stand",
     )
 
 

@@ -63,5 +63,7 @@ def feasible_arm_angles(arm: SrsArm, R: FloatArray, p: FloatArray) -> ArmAngleIn
         arm.numbers, poses[0].reshape(-1, 3, 3), poses[1].reshape(-1, 3)
     )
     return ArmAngleIntervals(
-        start.reshape(*shape, 8, -1), end.reshape(*shape, 8, -1), count.reshape(*shape, 8)
+        start.reshape(*shape, *start.shape[1:]),
+        end.reshape(*shape, *end.shape[1:]),
+        count.reshape(*shape, 8),
     )
