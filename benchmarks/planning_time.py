@@ -3,8 +3,8 @@
 python benchmarks/planning_time.py --against COMMIT [--stages 24 100] [--efforts quick normal] [--seeds 1 2 3]
     [--repeats 5] [--cores 2] [--options="--blend none"]
 
-The other commit is checked out into a git worktree that is removed afterwards. Every command is a process of its own,
-from its start to its files written. Jobs are those of `long_sequences.py`; a job for which the other commit has no plan
+Both are installed into a folder that is removed afterwards, with their pages and compiled functions. Every command is a
+process of its own, from its start to its files written. Jobs are those of `long_sequences.py`; a job for which the other commit has no plan
 is left out.
 """
 
@@ -88,17 +88,27 @@ def main() -> None:
     print("| stages | effort | jobs | wall before | now | ratio | processor | cycle |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     with tempfile.TemporaryDirectory() as name:
-        folder, other = Path(name), Path(name) / "other"
-        git = ["git", "-C", str(HERE), "worktree"]
-        subprocess.run(
-            [*git, "add", "--detach", str(other), given.against], check=True, capture_output=True
-        )
-        try:
-            for stages in given.stages:
-                for effort in given.efforts:
-                    _row(given, stages, effort, folder, (other, HERE))
-        finally:
-            subprocess.run([*git, "remove", "--force", str(other)], check=True)
+        folder, here = Path(name), Path(name) / "here"
+        other = installed(given.against, folder)
+        pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target"]
+        subprocess.run([*pip, str(here), str(HERE)], check=True)
+        for stages in given.stages:
+            for effort in given.efforts:
+                _row(given, stages, effort, folder, (other, here))
+
+
+def installed(commit: str, folder: Path) -> Path:
+    """Returns where a commit's package is installed, without what it needs, below a folder."""
+    checkout, place = folder / "checkout", folder / "other"
+    git = ["git", "-C", str(HERE), "worktree"]
+    add = [*git, "add", "--detach", str(checkout), commit]
+    subprocess.run(add, check=True, capture_output=True)
+    try:
+        pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", str(place)]
+        subprocess.run([*pip, str(checkout)], check=True)
+    finally:
+        subprocess.run([*git, "remove", "--force", str(checkout)], check=True)
+    return place
 
 
 def _row(
