@@ -4,8 +4,8 @@ python benchmarks/planning_time.py --against COMMIT [--stages 24 100] [--efforts
     [--repeats 5] [--cores 2] [--options="--blend none"]
 
 Both are installed into a folder that is removed afterwards, with their pages and compiled functions. Every command is a
-process of its own, from its start to its files written. Jobs are those of `long_sequences.py`; a job for which the other commit has no plan
-is left out.
+process of its own, from its start to its files written. Jobs are those of `long_sequences.py`; a job for which the
+other commit has no plan is left out.
 """
 
 from __future__ import annotations
