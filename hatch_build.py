@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
@@ -44,7 +45,7 @@ class BuildHook(BuildHookInterface):
         _compile(Path(self.root) / "dualarm_cli" / "compiled")
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{PLATFORM}"
-        build_data["artifacts"].append("dualarm_cli/compiled/built/*")
+        build_data["artifacts"].append("dualarm_cli/compiled/built/libdualarm.so")
         web = Path(self.root) / "dualarm_cli" / "page" / "web"
         if not _is_fresh(web):
             try:
@@ -63,7 +64,8 @@ def _compile(folder: Path) -> None:
     """
     sources = sorted((folder / "src").glob("*.c"))
     library = folder / "built" / "libdualarm.so"
-    newest = max(path.stat().st_mtime for path in [*(folder / "src").iterdir(), Path(__file__)])
+    made_of = [folder / "src", *(folder / "src").iterdir(), Path(__file__)]
+    newest = max(path.stat().st_mtime for path in made_of)
     if library.is_file() and library.stat().st_mtime > newest:
         return
     library.parent.mkdir(exist_ok=True)
@@ -71,7 +73,10 @@ def _compile(folder: Path) -> None:
     made = library.with_suffix(f".{os.getpid()}")
     names = [str(path) for path in sources]
     command = [sys.executable, *COMPILER, "-o", str(made), *names, "-lm"]
-    subprocess.run(command, check=True, timeout=TIME_LIMIT)
+    with TemporaryDirectory() as cache:
+        # Where builds run there may be no home to write to; Zig does not always end without one.
+        environment = {"ZIG_GLOBAL_CACHE_DIR": cache, **os.environ}
+        subprocess.run(command, env=environment, check=True, timeout=TIME_LIMIT)
     made.replace(library)
 
 

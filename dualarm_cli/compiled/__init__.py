@@ -1,7 +1,7 @@
 """The compiled functions: loops over so many small numbers that calling numpy for each would take longer than they do.
 
-`src` has their C; the package's build compiles it with the compiler that pip brings, for any x86-64 processor. All
-arithmetic is that of IEEE 754 in the order written, so results do not depend on the machine.
+`src` has their C; the package's build compiles it with the compiler that pip brings, for x86-64 processors since 2009.
+All arithmetic is that of IEEE 754 in the order written; sines and the like are those of the machine's C library.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dualarm_cli.errors import DualArmError
 
@@ -41,3 +42,13 @@ def pointer(array: np.ndarray) -> ctypes.c_void_p:
     """
     assert array.flags.c_contiguous  # rows are expected one after the other
     return ctypes.c_void_p(array.ctypes.data)
+
+
+def numbers(array: np.ndarray) -> NDArray[np.float64]:
+    """Returns an array as compiled functions read numbers: row by row, in double precision."""
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def whole(array: np.ndarray) -> NDArray[np.int64]:
+    """Returns an array as compiled functions read whole numbers: row by row, of 64 bits."""
+    return np.ascontiguousarray(array, dtype=np.int64)

@@ -8,7 +8,7 @@ from ctypes import byref
 
 import numpy as np
 
-from dualarm_cli.compiled import library, pointer
+from dualarm_cli.compiled import library, numbers, pointer, whole
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 
 _pointer, _int64 = ctypes.c_void_p, ctypes.c_int64
@@ -67,19 +67,19 @@ def posture_cells(
     Raises:
         MemoryError: there is none.
     """
-    held = [np.ascontiguousarray(x) for x in (*intervals, *rates, line)]
+    held = [whole(intervals[0]), *map(numbers, (*intervals[1:], *rates, line))]
     pointers = [pointer(x) for x in held]
     rows = (_pointer * 8)(*(x.value for x in pointers[3:11]))
     given = _Intervals(*pointers[:3], rows, pointers[11], len(line))
-    whose = [np.ascontiguousarray(x) for x in (arm, *pose)]
-    numbers = *map(_int64, circle), _int64(free_last)
+    whose = [numbers(x) for x in (arm, *pose)]
+    parts = *map(_int64, circle), _int64(free_last)
     most = PER_PART * len(np.unique(intervals[0])) * 8 * circle[0]
     while True:
         index, branch = (np.empty(most, dtype=np.int64) for _ in range(2))
         low, high, least = np.empty((most, 8)), np.empty((most, 8)), np.empty(most)
         arrays = (index, branch, low, high, least)
         found = _Cells(*map(pointer, arrays), most, 0)
-        call = *map(pointer, whose), byref(given), *numbers, byref(found)
+        call = *map(pointer, whose), byref(given), *parts, byref(found)
         if library().posture_cells(*call):
             raise MemoryError
         if found.count <= most:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.compiled import library, pointer
+from dualarm_cli.compiled import library, numbers, pointer, whole
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 
 MOST_CUTS = 32
@@ -41,12 +41,10 @@ def postures(
     n = len(target)
     q = np.empty((n, 8, 7) if branch is None else (n, 7))
     reachable = np.empty(n, dtype=np.bool_)
-    held = [np.ascontiguousarray(x) for x in (arm, R, p, target, psi)]
-    held.append(np.zeros(0) if branch is None else np.ascontiguousarray(branch))
-    pointers = [pointer(x) for x in held]
-    if branch is None:
-        pointers[-1] = ctypes.c_void_p(None)
-    library().srs_solve(*pointers, _int64(n), pointer(q), pointer(reachable))
+    held = [numbers(arm), numbers(R), numbers(p), whole(target), numbers(psi)]
+    own = None if branch is None else whole(branch)
+    branches = None if own is None else pointer(own)
+    library().srs_solve(*map(pointer, held), branches, _int64(n), pointer(q), pointer(reachable))
     return q, reachable
 
 
@@ -83,10 +81,10 @@ def joints_along_lines(
     n, any_line = len(lines.branch), bool(lines.length.any())
     q = np.empty((n, 2 * samples - 1 if any_line else 1, 7))
     ok = np.empty(n, dtype=np.bool_)
-    parts = (arm, *lines.pose, lines.branch, lines.psi, lines.length, lines.near)
-    held = [np.ascontiguousarray(x) for x in parts]
-    numbers = _double(largest), _int64(samples), _int64(any_line), _int64(n)
-    library().srs_lines(*map(pointer, held), *numbers, pointer(q), pointer(ok))
+    held = [*map(numbers, (arm, *lines.pose)), whole(lines.branch)]
+    held += map(numbers, (lines.psi, lines.length, lines.near))
+    how = _double(largest), _int64(samples), _int64(any_line), _int64(n)
+    library().srs_lines(*map(pointer, held), *how, pointer(q), pointer(ok))
     return q, ok
 
 
@@ -135,7 +133,7 @@ def nodes(
     swing, q = np.empty((most, 2), dtype=np.int64), np.empty((most, 3, 7))
     rows = _Rows(*map(pointer, (pose, step, branch, swing, q)))
     ends = 1 if np.array_equal(points[:, 1], points[:, 2]) else 2
-    held = [np.ascontiguousarray(x) for x in (arm, R, points, grid.reference, grid.speed)]
+    held = [numbers(x) for x in (arm, R, points, grid.reference, grid.speed)]
     call = library().srs_nodes
     call.restype = _int64
     n = call(
@@ -166,7 +164,7 @@ def arm_angle_intervals(
     n = len(R)
     start, end = (np.empty((n, 8, MOST_CUTS)) for _ in range(2))
     number = np.empty((n, 8), dtype=np.int64)
-    held = [np.ascontiguousarray(x) for x in (arm, R, p)]
+    held = [numbers(x) for x in (arm, R, p)]
     found = (pointer(x) for x in (start, end, number))
     library().srs_intervals(*map(pointer, held), _int64(n), *found)
     width = max(1, int(number.max(initial=0)))

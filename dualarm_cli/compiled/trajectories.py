@@ -9,7 +9,7 @@ from ctypes import byref
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.compiled import library, pointer
+from dualarm_cli.compiled import library, numbers, pointer
 
 Array = NDArray[np.float64]
 Knots = tuple[Array, Array, Array, Array]
@@ -41,7 +41,7 @@ class Path(ctypes.Structure):
             position: joints at equidistant gridpoints [rad], shape (m, n), m at least 8.
             limits: of velocity, acceleration and jerk, which may be infinite, shape (n,) each.
         """
-        arrays = [np.ascontiguousarray(array, dtype=np.float64) for array in (position, *limits)]
+        arrays = [numbers(array) for array in (position, *limits)]
         own = cls(*map(pointer, arrays), *position.shape)
         own.held = tuple(arrays)
         return own
@@ -168,7 +168,7 @@ def stays_between(phases: Array, lower: Array, upper: Array) -> bool:
         lower: least positions, shape (n,).
         upper: greatest positions, shape (n,).
     """
-    held = [np.ascontiguousarray(x, dtype=np.float64) for x in (phases, lower, upper)]
+    held = [numbers(x) for x in (phases, lower, upper)]
     return bool(library().stays_between(*map(pointer, held), _int64(len(phases))))
 
 
@@ -188,9 +188,10 @@ def line_deviation(
     Raises:
         MemoryError: there is none.
     """
-    held = [np.ascontiguousarray(x) for x in (*chain, ends, *knots)]
-    steps, slides, tip, ends_at, *at = map(pointer, held)
-    joints, motion = _Chain(steps, slides, tip, len(chain[1])), _Motion(*at)
+    slides = np.ascontiguousarray(chain[1], dtype=np.bool_)
+    held = [numbers(x) for x in (chain[0], chain[2], ends, *knots)]
+    steps, tip, ends_at, *at = map(pointer, held)
+    joints, motion = _Chain(steps, pointer(slides), tip, len(slides)), _Motion(*at)
     distance, angle = ctypes.c_double(), ctypes.c_double()
     arguments = byref(joints), ends_at, byref(motion), _int64(len(knots[0])), _int64(parts)
     if library().line_deviation(*arguments, byref(distance), byref(angle)):
@@ -210,14 +211,14 @@ def cubic_spline(
         last: the same at the end.
 
     Raises:
+        ValueError: fewer knots than 3, or than 4 with one end at rest, or than 5 with both.
         MemoryError: there is none.
     """
+    if len(time) < 3 + (first is None) + (last is None):
+        raise ValueError(f"{len(time)} knots are too few for a spline")
     q = np.array(position, dtype=np.float64, order="C")
     v, a = np.empty_like(q), np.empty_like(q)
-    held = [
-        None if x is None else np.ascontiguousarray(x, dtype=np.float64)
-        for x in (time, first, last)
-    ]
+    held = [None if x is None else numbers(x) for x in (time, first, last)]
     times, *ends = (None if x is None else pointer(x) for x in held)
     found = map(pointer, (q, v, a))
     if library().cubic_spline(times, *map(_int64, q.shape), *ends, *found):
@@ -234,7 +235,7 @@ def largest_rates(time: Array, velocity: Array, acceleration: Array) -> Array:
         acceleration: at the knots [rad/s²], shape (k, n).
     """
     largest = np.empty((3, velocity.shape[1]))
-    held = [np.ascontiguousarray(x, dtype=np.float64) for x in (time, velocity, acceleration)]
+    held = [numbers(x) for x in (time, velocity, acceleration)]
     library().largest_rates(*map(pointer, held), *map(_int64, velocity.shape), pointer(largest))
     return largest
 

@@ -59,7 +59,7 @@ def boxes(low: NDArray[np.int16], high: NDArray[np.int16]) -> CoordinateBoxes:
         low: lowest coordinates, shape (c, n).
         high: highest ones, shape (c, n).
     """
-    held = np.ascontiguousarray(low), np.ascontiguousarray(high)
+    held = tuple(np.ascontiguousarray(x, dtype=np.int16) for x in (low, high))
     own = CoordinateBoxes(pointer(held[0]), pointer(held[1]), low.shape[1])
     own.held = held
     return own
@@ -128,7 +128,7 @@ def least_by_groups(
     Raises:
         MemoryError: there is none.
     """
-    work = np.ascontiguousarray(work)
+    work = np.ascontiguousarray(work, dtype=np.float32)
     arguments = byref(laws), byref(before), byref(after), pointer(work), _int64(len(least))
     _checked(library().least_by_groups(*arguments, pointer(least)))
 
@@ -156,7 +156,7 @@ def least_from(
     Raises:
         MemoryError: there is none.
     """
-    held = tuple(np.ascontiguousarray(array) for array in (own, floor, beyond))
+    held = tuple(np.ascontiguousarray(x, dtype=np.float32) for x in (own, floor, beyond))
     arguments = *map(byref, (laws, before, after)), *map(pointer, held), _int64(len(floor))
     _checked(library().least_from(*arguments, pointer(least)))
 

@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.kinematics.srs.arm_angle_curves import flips, reference_directions
+from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 
 EXACT = 1e-9
@@ -249,3 +250,17 @@ def test_compiled_postures_are_those_of_the_curves(arm):
         difference -= 2.0 * np.pi * np.round(difference / (2.0 * np.pi))
         well = np.abs(np.sin(expected[:, [1, 5]] + arm.canonical.offset[[1, 5]])).min(axis=1) > 1e-6
         assert np.abs(difference[well]).max() < 1e-9
+
+
+def test_targets_of_other_types_are_the_same_targets(arm):
+    """Whole numbers and single precision, as Python code may give them, against double precision."""
+    q = np.array([0.1, 0.4, 0.2, 0.9, 0.3, 0.5, 0.6])
+    p = arm.forward(q)[1].astype(np.float32)
+    found = arm.solve(np.eye(3, dtype=np.int64), p, 0.0)
+    expected = arm.solve(np.eye(3), p.astype(np.float64), 0.0)
+    assert np.array_equal(found.reachable, expected.reachable)
+    np.testing.assert_array_equal(found.q, expected.q)
+    one = feasible_arm_angles(arm, np.eye(3, dtype=np.int64), p)
+    np.testing.assert_array_equal(
+        one.start, feasible_arm_angles(arm, np.eye(3), p.astype(np.float64)).start
+    )

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from dualarm_cli.compiled import trajectories
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.trajectory import Trajectory
@@ -64,3 +65,30 @@ def test_deviations_are_those_of_the_instants_that_are_looked_at(problems):
         angle = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
         found = line_deviation(problem, q, motion)
         assert found == pytest.approx((beside.max(), angle.max()), rel=1e-9)
+
+
+def test_a_line_without_length_is_left_by_any_distance(problems):
+    """There and back: the tool is at one place at both ends, and away from it in between."""
+    for problem in problems:
+        n = len(problem.start)
+        q = problem.start + 0.2 * np.sin(np.linspace(0.0, np.pi, 9))[:, None] * np.ones(n)
+        q[-1], time = q[0], np.linspace(0.0, 1.0, 9)
+        motion = Trajectory(tuple(f"j{k}" for k in range(n)), time, *rest_to_rest_spline(time, q))
+        tip = -problem.R_tool_flange.T @ problem.p_tool_flange
+        R, p = problem.arm.forward(motion.position)
+        away = np.linalg.norm(p + R @ tip - (p + R @ tip)[0], axis=1).max()
+        assert away > 0.01
+        assert line_deviation(problem, q, motion)[0] > 0.99 * away
+
+
+def test_a_motion_that_is_no_number_leaves_its_line(problems):
+    for problem in problems:
+        time = np.linspace(0.0, 1.0, 9)
+        q = problem.start + np.linspace(0.0, 0.2, 9)[:, None]
+        knots = list(rest_to_rest_spline(time, q))
+        knots[0][4] = np.nan
+        tip = -problem.R_tool_flange.T @ problem.p_tool_flange
+        found = trajectories.line_deviation(
+            (*problem.arm.chain, tip), q[[0, -1]], (time, *knots), CHECKS_PER_KNOT
+        )
+        assert found[0] == np.inf

@@ -52,3 +52,14 @@ def test_a_clamped_spline_is_scipy_s(count):
     np.testing.assert_array_equal(q, position)
     np.testing.assert_allclose(v, expected(time, 1), atol=1e-9 * np.abs(v).max())
     np.testing.assert_allclose(a, expected(time, 2), atol=1e-9 * np.abs(a).max())
+
+
+def test_too_few_knots_are_refused():
+    """A boundary condition each: the compiled function reads its neighbours' knots without asking."""
+    rate = np.zeros(2)
+    for count in range(5):
+        with pytest.raises(ValueError, match="too few"):
+            rest_to_rest_spline(np.arange(count) * 1.0, np.zeros((count, 2)))
+    for count in range(3):
+        with pytest.raises(ValueError, match="too few"):
+            clamped_spline(np.arange(count) * 1.0, np.zeros((count, 2)), rate, rate)

@@ -66,7 +66,8 @@ int line_deviation(const Chain *chain, const double *ends, const Motion *motion,
         direction[i] = last.tip[i] - first.tip[i];
         length += direction[i] * direction[i];
     }
-    length = sqrt(length);
+    /* Without length there is no direction: all of the distance is beside the line. */
+    length = length > 0.0 ? sqrt(length) : INFINITY;
     for (int64_t k = 0; k + 1 < knots; k++) {
         const double h = motion->time[k + 1] - motion->time[k];
         for (int64_t part = 0; part < parts; part++) {
@@ -86,8 +87,9 @@ int line_deviation(const Chain *chain, const double *ends, const Motion *motion,
                 for (int j = 0; j < 3; j++)
                     turned += (here.R[i][j] - first.R[i][j]) * (here.R[i][j] - first.R[i][j]);
             }
-            farthest = larger(beside, farthest);
-            widest = larger(turned, widest);
+            /* What is no number is nowhere near the line. */
+            farthest = larger(isnan(beside) ? INFINITY : beside, farthest);
+            widest = larger(isnan(turned) ? INFINITY : turned, widest);
         }
     }
     *distance = sqrt(farthest);

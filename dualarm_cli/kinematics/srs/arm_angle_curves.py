@@ -171,8 +171,6 @@ def reference_directions(u: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 TURNING = (0, 2, 4, 6)
 """Joints that are an arc tangent of the arm angle: 1, 3, 5 and 7."""
-BENDING = (1, 5)
-"""Joints that are an arc cosine of the arm angle: 2 and 6."""
 FLIPPED_BY = (2, 2, 6, 4, 5, 1, 1)
 """For each joint the bits of a branch (4 elbow, 2 shoulder, 1 wrist) that turn it by half a turn,
 or change its sign; two of them cancel."""
