@@ -36,8 +36,8 @@ from dualarm_cli.timing import TimingSolver
 SHOWN = 5e-4
 """What is gained that is shown [s]."""
 OTHER_PLAN = (
-    "{keys}: the search for motion in dwells or on lines found a plan that is {other:.3f} s shorter without it too; "
-    "the gain is counted from that"
+    "{keys}: the search also changed postures or platform angles, which saves {other:.3f} s even without this motion; "
+    "the gain above leaves that out"
 )
 """Message of what is gained besides."""
 WORTH = 1e-6

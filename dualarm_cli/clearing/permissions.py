@@ -12,7 +12,7 @@ KEYS = ("dwell_motion", "line_motion")
 NOT_POSSIBLE = {
     "handover": "hand-overs",
     "joints": "targets given as joints",
-    "passed": "targets that tools pass in motion",
+    "passed": "moves with `blend`, whose targets tools may pass in motion",
     "no dwell": "stops without a dwell",
     "no line": "stops without approach and retract",
 }

@@ -76,7 +76,8 @@ def run(arguments: list[str]) -> int:
     except _COMMAND_LINE_ERROR as error:
         context = getattr(error, "ctx", None)
         hint = f" Try '{context.command_path} --help'." if context is not None else ""
-        text = error.format_message().rstrip(".")
+        # typer repeats how pydantic names the kind of an error.
+        text = error.format_message().rstrip(".").replace("Value error, ", "")
         return _report(f"{text}{'' if text.endswith('?') else '.'}{hint}", 2, arguments)
     except InputError as error:
         from dualarm_cli.files.source.diagnostics import render

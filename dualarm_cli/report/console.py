@@ -177,19 +177,19 @@ def blending_lines(report: dict[str, Any]) -> list[str]:
     joints = Counter(f"{corner['joint']} ({corner['limit']})" for corner in found)
     most = ", ".join(f"{name} in {count}" for name, count in joints.most_common(3))
     ends = sum(1 for corner in found if corner["line"])
-    passed = f"{ends} ends" if ends else ""
-    if ends < len(found):
-        passed += f"{' and ' if ends else ''}{len(found) - ends} targets of moves"
+    targets = len(found) - ends
+    counts = ((ends, "end", "ends"), (targets, "target of a move", "targets of moves"))
+    passed = " and ".join(f"{n} {one if n == 1 else many}" for n, one, many in counts if n)
     line = (
         f"blending: {blending['gain']:.3f} s ({blending['share']:.1%}) shorter than with stops at the outer ends of "
-        f"lines; {passed} are passed in motion, limited by {most}"
+        f"lines; {passed} {'is' if len(found) == 1 else 'are'} passed in motion, limited by {most}"
     )
     if blending["largest_deviation"] > 0.0:
         off = 1e3 * blending["largest_deviation"]
-        line += f"; beyond their straight parts tools leave the lines by at most {off:.1f} mm"
-    targets = max((corner["beside"] for corner in found if not corner["line"]), default=0.0)
-    if targets > SHOWN_DISTANCE:
-        line += f"; they pass targets of moves by at most {1e3 * targets:.1f} mm"
+        line += f"; beyond their straight parts tools are up to {off:.1f} mm beside the lines"
+    aside = max((corner["beside"] for corner in found if not corner["line"]), default=0.0)
+    if aside > SHOWN_DISTANCE:
+        line += f"; they pass targets of moves at a distance of at most {1e3 * aside:.1f} mm"
     return [line]
 
 

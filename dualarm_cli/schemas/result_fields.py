@@ -254,7 +254,7 @@ REPORT: dict[str, tuple[str, str]] = {
     "blending.share": ("", "The same as a share of the cycle time with these stops."),
     "blending.largest_deviation": (
         "m",
-        "Largest distance of a tool from a line in the part of it that need not be straight.",
+        "Largest distance of a tool from a line beyond the straight part, until it is as far out as the whole line.",
     ),
     "blending.corners[].arm": (
         "",

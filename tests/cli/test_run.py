@@ -130,6 +130,7 @@ def test_plan_as_json_is_one_document(tasks_folder, tmp_path):
     [
         (["plan", "nowhere.yaml"], 2, "nowhere.yaml"),
         (["plan"], 2, "Missing argument"),
+        (["plan", "x.yaml", "--effort", "medium"], 2, "'--effort': 'medium' is not one of 'quick'"),
         (["plan", "x.yaml", "--rate", "nan"], 2, "--rate nan"),
         (["plan", "x.yaml", "--rate", "0"], 2, "--rate 0: must be above 0"),
         (["plan", "x.yaml", "--rate", "inf"], 2, "--rate inf"),

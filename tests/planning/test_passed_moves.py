@@ -171,6 +171,13 @@ def test_arms_with_a_dwell_at_a_move_and_with_a_partner_that_works_stop_or_slow_
     assert {c.task for c in corners(schedule, job) if not c.line} <= {"over"}
 
 
+def test_a_move_that_is_passed_may_say_that_it_has_no_lines_and_no_dwell(tmp_path: Path) -> None:
+    """Zeros are no lines and no dwell, as is leaving them out."""
+    zeros = "approach: 0, retract: 0 mm, dwell: {gripper: 0, settle: 0 s}"
+    task = f"  - {{id: one, arm: left, move: home, blend: 10 mm, {zeros}}}\n"
+    assert job_of(tmp_path, task).tasks[0].stops[0].blend == 0.01
+
+
 @pytest.mark.parametrize(
     ("task", "message"),
     [

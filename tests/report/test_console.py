@@ -11,7 +11,7 @@ import pytest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan
-from dualarm_cli.report.console import summary_lines
+from dualarm_cli.report.console import blending_lines, summary_lines
 from dualarm_cli.report.report import build_report
 
 
@@ -50,6 +50,24 @@ def test_what_is_proven_of_an_order_is_said_of_the_grid_and_not_of_plans(job, sc
     (line,) = [line for line in summary_lines(report) if line.startswith("lower bound")]
     assert f"; on the grid of the search (not among plans) {words};" in line
     assert "0.0%" not in line.split("; on the grid")[1]
+
+
+@pytest.mark.parametrize(
+    ("lines", "targets", "words"),
+    [
+        (1, 0, "; 1 end is passed in motion"),
+        (0, 1, "; 1 target of a move is passed in motion"),
+        (2, 1, "; 2 ends and 1 target of a move are passed in motion"),
+        (0, 2, "; 2 targets of moves are passed in motion"),
+    ],
+)
+def test_one_end_is_not_told_as_many(lines, targets, words):
+    """Ends of lines and targets of moves are counted each by itself."""
+    corner = {"joint": "left_s", "limit": "jerk", "beside": 0.0}
+    found = [corner | {"line": "retract"}] * lines + [corner | {"line": ""}] * targets
+    blending = {"gain": 1.0, "share": 0.1, "largest_deviation": 0.0, "corners": found}
+    [line] = blending_lines({"blending": blending})
+    assert f"{words}, limited by left_s" in line
 
 
 def test_without_a_bound_it_is_said_that_there_is_none(job, schedule):

@@ -230,7 +230,10 @@ class TaskSection(TaskHead):
         if self.move is None:
             raise refuse("'blend' goes with a move, or into a path; remove it", "blend")
         for key in ("approach", "retract", "dwell"):
-            if getattr(self, key) is not None:
+            given = getattr(self, key)
+            if isinstance(given, DwellSection):
+                given = given.gripper + given.settle + given.handshake
+            if given:
                 raise refuse(
                     f"'blend' does not go with '{key}': the tool passes its target; keep one",
                     "blend",

@@ -62,8 +62,9 @@ def _rounded(left_by: list[float]) -> str:
     """Returns the words about rounded corners, from how far the tool leaves each [m]."""
     if not left_by:
         return ""
-    many = "one corner is" if len(left_by) == 1 else f"{len(left_by)} corners are"
-    return f"{many} rounded, the tool leaves them by at most {_small(max(left_by))}; "
+    one = len(left_by) == 1
+    many, them = ("one corner is", "it") if one else (f"{len(left_by)} corners are", "them")
+    return f"{many} rounded, the tool leaves {them} by at most {_small(max(left_by))}; "
 
 
 def _small(length: float) -> str:

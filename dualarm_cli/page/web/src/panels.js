@@ -6,6 +6,9 @@ import { actionOn, fixed, millimetres, percent, seconds, significant, word } fro
 /** @typedef {import("./types.js").Plan} Plan */
 /** @typedef {(time: number) => void} Go */
 
+/** What is saved, or costs, that is shown [s]. */
+const SHOWN = 5e-4;
+
 /**
  * Returns a title with what follows it.
  * @param {string} title
@@ -50,17 +53,36 @@ export function overview(plan, go) {
   if (nearest) figures.push(figure(millimetres(nearest.clearance), `least clearance (${millimetres(nearest.required)} required)`));
   const collisions = report.collisions ? [sentence(`Collisions: ${report.collisions}`, nearest?.time, go)] : [];
   const cost = report.clearance_cost;
-  if (cost > 5e-4) {
+  if (cost > SHOWN) {
     collisions.push(paragraph(`Clearance costs ${seconds(cost)} compared with the plan without collision checking.`));
   }
+  const saved = savings(report).map(paragraph);
   return [
     element("div", { class: "figures" }, ...figures),
     ...collisions,
+    ...saved,
     ...budget(report),
     arms(report),
     bottlenecks(report),
     block("Settings", paragraph(settingsText(report))),
   ];
+}
+
+/**
+ * Returns the sentences on what is saved as tools pass ends of lines in motion, and as joints move on in dwells and on lines.
+ * @param {any} report
+ */
+export function savings(report) {
+  const found = [];
+  const { blending, motion_gain: gain, motion_allowed: allowed } = report;
+  if (blending && blending.gain > SHOWN) {
+    found.push(`Blending saves ${seconds(blending.gain)} (${percent(blending.share)}) compared with stops at the outer ends of lines.`);
+  }
+  if (gain > SHOWN) {
+    const where = allowed.map((/** @type {string} */ key) => (key === "dwell_motion" ? "in dwells" : "on lines"));
+    found.push(`Motion ${where.join(" and ")} saves ${seconds(gain)} (${percent(gain / (report.cycle_time + gain))}).`);
+  }
+  return found;
 }
 
 /** @param {string} text @param {number | undefined} time @param {Go} go */
