@@ -14,7 +14,7 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray
 _pointer, _int64 = ctypes.c_void_p, ctypes.c_int64
 
 
-class StageLengths(ctypes.Structure):
+class PairedLengths(ctypes.Structure):
     """Lengths of stages: `Problem` in C."""
 
     _fields_ = (
@@ -32,7 +32,7 @@ class StageLengths(ctypes.Structure):
         length: tuple[FloatArray, FloatArray],
         apart: NDArray[np.floating] | None,
         turns_back: FloatArray,
-    ) -> StageLengths:
+    ) -> PairedLengths:
         """Returns the lengths.
 
         Args:
@@ -56,7 +56,7 @@ class _Line(ctypes.Structure):
 
 
 def change_worths(
-    lengths: StageLengths,
+    lengths: PairedLengths,
     line: tuple[IntArray, IntArray, IntArray, IntArray, FloatArray, FloatArray],
     first: IntArray,
     rows: IntArray,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.compiled.stage_changes import StageLengths, change_worths
+from dualarm_cli.compiled.stage_changes import PairedLengths, change_worths
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.paired.times import previous, with_angles
@@ -55,7 +55,7 @@ class StageLine:
         self.angles: IntArray = np.zeros(len(self.rows), dtype=np.int64)
         self.place = np.zeros((problem.stops, 2), dtype=np.int64)
         one, other = problem.length
-        self._lengths = StageLengths.of((one, other), problem.apart, self._turns_back)
+        self._lengths = PairedLengths.of((one, other), problem.apart, self._turns_back)
         self.choose_angles()
 
     @property
