@@ -222,22 +222,7 @@ def pose_cells(
     free_last: bool,
     lines: Callable[[AngleCells], FloatArray],
 ) -> Cells:
-    """Returns cells that cover every posture of one flange pose that stands in the world.
-
-    `enclosures` on fine cells, cut at the joint limits; cells in which a joint cannot be within its limits are left
-    out. Where two turns of a joint meet its limits there is a cell for either. Fine cells of one branch and turn are
-    then enclosed together: any grouping of a cover is a cover, and the give and take of the enclosures shrinks with
-    the square of the fine cells.
-
-    Args:
-        arm: kinematics in the carried frame.
-        R: flange rotation in the carried frame at platform angle zero, shape (3, 3).
-        p: flange position there [m], shape (3,).
-        edges: borders of the platform's cells [rad], shape (g + 1,).
-        resolution: how finely.
-        free_last: whether joint 7 is free.
-        lines: returns the least time of the line at this pose for intervals of the platform angle [s].
-    """
+    """Returns cells that cover every posture of one flange pose, as `bound/cells.py` has it."""
     finer = resolution.finer
     wrist = arm.wrist_center(R, p)
     intervals = reachable_cells(arm, wrist, finer_edges(edges, finer))
