@@ -97,6 +97,17 @@ class Beside(Generic[T]):
         return status
 
 
+def both(one: Callable[[], S], other: Callable[[], T]) -> tuple[S, T]:
+    """Returns the results of two functions, a copy of this process working out the second one's where allowed.
+
+    Args:
+        one: the longer one.
+        other: see `Beside`.
+    """
+    with Beside(other) as beside:
+        return one(), beside.result()
+
+
 def halves(
     made: Callable[[Sequence[S]], Sequence[T]], items: Sequence[S], least: int = 2
 ) -> list[T]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from dualarm_cli.beside import Beside
+from dualarm_cli.beside import Beside, both
 from dualarm_cli.errors import UsageError
 from dualarm_cli.exporting.cell_urdf import cell_urdf
 from dualarm_cli.exporting.files import REPORT, write_schedule_set
@@ -61,7 +61,8 @@ class Plan:
     @classmethod
     def judged(cls, job: Job, schedule: Schedule) -> Plan:
         """Returns a schedule as the plan of a job, judged by the verifier with its clearance proven."""
-        return cls(job, replace(schedule, verification=judged(schedule, job, clearance=True)))
+        verification = judged(schedule, job, clearance=True, both=both)
+        return cls(job, replace(schedule, verification=verification))
 
     @property
     def cycle_time(self) -> float:
@@ -110,19 +111,23 @@ class Plan:
             PageNotBuiltError: this installation has no code of the page; everything else is written.
         """
         folder = Path(folder)
+        request = ExportRequest(self.schedule, self.job, rate, columns=columns_named(columns))
+        if not page:
+            self._write_set(folder, request, force)
+            return folder
+        with Beside(self._shown) as shown:
+            self._write_set(folder, request, force)
+            write_file(folder / PAGE, self._page(shown.result()), force=True)
+        return folder
+
+    def _write_set(self, folder: Path, request: ExportRequest, force: bool) -> None:
+        """Writes all but the page; see `write`."""
         text = json.dumps(self.report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
         cell = cell_urdf(self.job.cell)
         shown = replace(self.schedule, robot=replace(self.schedule.robot, urdf=cell.text))
-        request = ExportRequest(self.schedule, self.job, rate, columns=columns_named(columns))
         others = {REPORT: [text.encode()], **export("csv", request)}
         others |= {name: [mesh] for name, mesh in cell.meshes.items()}
-        if not page:
-            write_schedule_set(folder, shown, others, force)
-            return folder
-        with Beside(self._page) as made:
-            write_schedule_set(folder, shown, others, force)
-            write_file(folder / PAGE, made.result(), force=True)
-        return folder
+        write_schedule_set(folder, shown, others, force)
 
     def write_page(self, folder: str | Path) -> Path:
         """Writes the page, in which the cell moves, into a folder, and returns its path.
@@ -132,19 +137,27 @@ class Plan:
             PageNotBuiltError: this installation has no code of the page.
         """
         page = Path(folder) / PAGE
-        write_file(page, self._page(), force=True)
+        write_file(page, self._page(self._shown()), force=True)
         return page
 
-    def _page(self) -> bytes:
+    def _shown(self) -> dict[str, Any]:
+        """Returns what the page shows besides the report."""
+        from dualarm_cli.page.page_data import without_report
+
+        return without_report(self.schedule, self.job)
+
+    def _page(self, shown: Mapping[str, Any]) -> bytes:
         """Returns what report.html holds.
+
+        Args:
+            shown: what it shows besides the report.
 
         Raises:
             PageNotBuiltError: this installation has no code of the page.
         """
         from dualarm_cli.page.page import page_html
-        from dualarm_cli.page.page_data import page_data
 
-        return page_html(page_data(self.schedule, self.job, self.report))
+        return page_html({**shown, "report": self.report})
 
 
 def load(tasks: str | Path, changes: Mapping[str, Any] | None = None) -> Job:
@@ -239,7 +252,7 @@ def verify(
     if isinstance(schedule, Plan) and job is None:
         job = schedule.job
     found = _schedule(schedule)
-    result = judged(found, job, clearance=clearance and job is not None)
+    result = judged(found, job, clearance=clearance and job is not None, both=both)
     files = _file_checks(Path(schedule), found) if isinstance(schedule, str | Path) else ()
     return replace(result, checks=(*result.checks, *_budget_checks(found, job, result), *files))
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dualarm_cli.beside import Beside, copies, halves
+from dualarm_cli.beside import Beside, both, copies, halves
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.interface import planned
 from dualarm_cli.model.settings import PlanSettings
@@ -46,6 +46,15 @@ def test_a_result_is_that_of_the_function(copied):
         made_by, numbers = beside.result()
     assert (made_by != os.getpid()) == copied
     np.testing.assert_array_equal(numbers, np.arange(1_000_000))
+
+
+@pytest.mark.parametrize("copied", [False, True])
+def test_two_functions_are_called_by_two_processes(copied):
+    """Each once; where copies are not allowed, both by this one."""
+    with copies(copied):
+        one, other = both(os.getpid, os.getpid)
+    assert one == os.getpid()
+    assert (other != os.getpid()) == copied
 
 
 @pytest.mark.parametrize("copied", [False, True])

@@ -27,6 +27,11 @@ def page_data(schedule: Schedule, job: Job, report: Mapping[str, Any]) -> dict[s
         job: what it does.
         report: of the two (`build_report`).
     """
+    return without_report(schedule, job) | {"report": dict(report)}
+
+
+def without_report(schedule: Schedule, job: Job) -> dict[str, Any]:
+    """Returns all of the page's data but the report, which takes as long to make; see `page_data`."""
     done = job_as_done(schedule, job)
     model = pin.buildModelFromXML(job.cell.robot.urdf)
     hulls = DrawnHulls()
@@ -39,7 +44,7 @@ def page_data(schedule: Schedule, job: Job, report: Mapping[str, Any]) -> dict[s
         "robot": job.cell.robot.name,
         "version": schedule.provenance.version,
         "duration": schedule.duration,
-        "closes": bool(report["closes"]),
+        "closes": job.returns,
         "joints": _joints(schedule),
         "bodies": bodies(model, job.cell.robot, job.cell.base),
         "solids": seen,
@@ -51,7 +56,6 @@ def page_data(schedule: Schedule, job: Job, report: Mapping[str, Any]) -> dict[s
         "events": [event_row(event) for event in schedule.events],
         "stages": [stage_row(stage) for stage in schedule.stages],
         "clearances": clearance_curves(schedule, done),
-        "report": dict(report),
     }
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.job import Job, PoseTarget, Stop
+from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.motion.waiting import MOVES, SAME_TIME
 from dualarm_cli.timing.spline import largest_rates
@@ -20,6 +19,8 @@ AT_REST = 1e-6
 """Joints that are slower stand, but for the rounding of instants [rad/s or m/s]."""
 INSTANTS = 200
 """Instants at which a tool is looked at beyond the straight part of a line."""
+WHOLE = 1e-6
+"""A line of which no more than this need not be straight is straight as a whole [m]."""
 AT_ONCE = 64
 """Lines that are looked at together."""
 
@@ -76,15 +77,14 @@ def corners(schedule: Schedule, job: Job) -> list[Corner]:
         passed = _passed(schedule, arm)
         speeds = _speeds(schedule, model, arm, [one.time for one in passed])
         limiting = _limiting(schedule, arm, [one.transfer for one in passed])
-        besides = _besides(schedule, model, arm, passed)
-        for one, speed, named in zip(passed, speeds, limiting, strict=True):
+        besides = _besides(schedule, model, arm, passed, stops)
+        for k, (one, speed, named) in enumerate(zip(passed, speeds, limiting, strict=True)):
             work = one.line or one.event
             assert work is not None
             stop = stops.get((arm, work.task, work.action))
             if one.line is not None:
                 kind: str = one.line.kind
-                length = 0.0 if stop is None else getattr(stop, kind)
-                off = _largest_beside(*next(besides), length)
+                off = besides.get(k, 0.0)
             else:
                 kind, off = "", _off_target(one.event, stop)
             found.append(Corner(arm, work.task, work.action, kind, one.time, speed, *named, off))
@@ -176,37 +176,43 @@ def _limiting(schedule: Schedule, arm: str, parts: Sequence[Segment]) -> list[tu
 
 
 def _besides(
-    schedule: Schedule, model: ToolModel, arm: str, passed: Sequence[_Candidate]
-) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yields how far out along its line the tool is and how far beside it [m], for each candidate that has a line.
-
-    Each first at the outer end of the line's straight part, then from there at instants of the transfer, shape (m,).
-    """
-    lines = [(one.line, one.transfer) for one in passed if one.line is not None]
-    for k in range(0, len(lines), AT_ONCE):
-        times = []
-        for line, transfer in lines[k : k + AT_ONCE]:
-            along = np.linspace(transfer.start, transfer.end, INSTANTS)
-            if line.kind == "retract":
-                times.append([line.start, line.end, *along])
-            else:
-                times.append([line.end, line.start, *along[::-1]])
-        R, p = model.poses(arm, schedule.trajectory.at(np.ravel(times))[0])
-        for rotation, place in zip(R[:: INSTANTS + 2], p.reshape(-1, INSTANTS + 2, 3), strict=True):
-            local = (place - place[0]) @ rotation
-            yield -local[1:, 2], np.hypot(local[1:, 0], local[1:, 1])
-
-
-def _largest_beside(depth: FloatArray, beside: FloatArray, length: float) -> float:
-    """Returns how far a tool gets from its line while it is no farther out than the whole line's end [m].
+    schedule: Schedule,
+    model: ToolModel,
+    arm: str,
+    passed: Sequence[_Candidate],
+    stops: Mapping[StopKey, Stop],
+) -> dict[int, float]:
+    """Returns how far the tool gets from its line while it is no farther out than the whole line's end [m].
 
     Args:
-        depth: see `_besides`.
-        beside: see `_besides`.
-        length: of the whole line [m].
+        schedule: a planned one.
+        model: its tools.
+        arm: whose.
+        passed: its corners.
+        stops: those of the job, their lines whole.
+
+    Returns:
+        By the place among the corners, of those at ends of lines that go on beyond their straight parts.
     """
-    if depth[0] >= length - 1e-6:
-        return 0.0
-    gone = np.flatnonzero(depth[1:] > length)
-    within = beside[1 : 1 + int(gone[0])] if len(gone) else beside[1:]
-    return float(within.max(initial=0.0))
+    ended = [(k, one.line, one.transfer) for k, one in enumerate(passed) if one.line is not None]
+    found: dict[int, float] = {}
+    for first in range(0, len(ended), AT_ONCE):
+        some = ended[first : first + AT_ONCE]
+        out = np.array([line.kind == "retract" for _, line, _ in some])
+        spans = np.array([(line.start, line.end) for _, line, _ in some])
+        ends = np.where(out[:, None], spans, spans[:, ::-1])
+        R, p = model.poses(arm, schedule.trajectory.at(ends.ravel())[0])
+        R, p = R[::2], p.reshape(-1, 2, 3)
+        straight = -np.einsum("ki,kij->kj", p[:, 1] - p[:, 0], R)[:, 2]
+        for row, (k, line, transfer) in enumerate(some):
+            stop = stops.get((arm, line.task, line.action))
+            length = 0.0 if stop is None else getattr(stop, line.kind)
+            if straight[row] >= length - WHOLE:
+                continue
+            along = np.linspace(transfer.start, transfer.end, INSTANTS)
+            places = model.poses(arm, schedule.trajectory.at(along[:: 1 if out[row] else -1])[0])[1]
+            local = (places - p[row, 0]) @ R[row]
+            gone = np.flatnonzero(-local[:, 2] > length)
+            within = local[: gone[0] if len(gone) else None]
+            found[k] = float(np.hypot(within[:, 0], within[:, 1]).max(initial=0.0))
+    return found

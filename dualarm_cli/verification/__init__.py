@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -68,7 +69,22 @@ OF_JOBS = (
 """Checks of what only a job tells, in three runs between those of the kinds of work."""
 
 
-def verify(schedule: Schedule, job: Job | None = None, *, clearance: bool = False) -> Verification:
+S = TypeVar("S")
+T = TypeVar("T")
+
+
+def in_turn(one: Callable[[], S], other: Callable[[], T]) -> tuple[S, T]:
+    """Returns the results of two functions."""
+    return one(), other()
+
+
+def verify(
+    schedule: Schedule,
+    job: Job | None = None,
+    *,
+    clearance: bool = False,
+    both: Callable[..., Any] = in_turn,
+) -> Verification:
     """Returns the judgement of a schedule.
 
     With a job, robot, base, tools and limits are the job's: what the schedule states of them is not believed.
@@ -79,16 +95,20 @@ def verify(schedule: Schedule, job: Job | None = None, *, clearance: bool = Fals
             robot and limits are those that the schedule states.
         clearance: whether the clearance of all bodies is proven over the whole motion, which the planner does not
             look at yet.
+        both: calls two functions without arguments, which share nothing, and returns both results: at once where there
+            is a second core.
 
     Raises:
         InputError: the robot cannot be built, so that nothing can be measured, or the job is for another one.
     """
     # Absurd numbers overflow on their way to a finding; they are no reason for warnings or to stop.
     with np.errstate(all="ignore"):
-        return _judged(schedule, job, clearance)
+        return _judged(schedule, job, clearance, both)
 
 
-def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verification:
+def _judged(
+    schedule: Schedule, job: Job | None, clearance: bool, both: Callable[..., Any]
+) -> Verification:
     numbers = [check_finite(schedule.motion)]
     if numbers[0].verdict == "passed":
         numbers.append(check_time(schedule.motion))
@@ -123,9 +143,28 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
     spans = () if done is None else line_spans(known, done, model)
     allowed = permissions(known, done)
     evidence = Evidence(schedule, known, stated, job, done, model, spans)
+    if not clearance:
+        rest = not_checked(COLLISIONS, NOT_ASKED)
+        return Verification((*numbers, *_checks(evidence, stops, allowed), rest))
+    (collisions, clearances), checks = both(
+        lambda: check_clearance(schedule, done, spans), lambda: _checks(evidence, stops, allowed)
+    )
+    shapes = check_shapes(done) if done is not None else []
+    return Verification((*numbers, *checks, collisions, *shapes), clearances)
+
+
+def _checks(evidence: Evidence, stops: Schedule, allowed: Permissions) -> list[Check]:
+    """Returns all checks but that of clearance.
+
+    Args:
+        evidence: what is known.
+        stops: the schedule with those events that have no tolerance of their own.
+        allowed: where platform and arms need not stand.
+    """
+    schedule, known, job, done = evidence.schedule, evidence.known, evidence.job, evidence.done
+    model, spans, trajectory = evidence.model, evidence.spans, schedule.trajectory
     sliding = schedule.robot.sliding
-    checks: list[Check] = [
-        *numbers,
+    return [
         *check_agreement(trajectory, sliding),
         *check_limits(trajectory, schedule.robot.limits.select(trajectory.joints), sliding),
         check_rest(trajectory, sliding),
@@ -143,11 +182,6 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         check_bound(schedule),
         *_job_checks(evidence),
     ]
-    if not clearance:
-        return Verification((*checks, not_checked(COLLISIONS, NOT_ASKED)))
-    collisions, clearances = check_clearance(schedule, done, spans)
-    shapes = check_shapes(done) if done is not None else []
-    return Verification((*checks, collisions, *shapes), clearances)
 
 
 def _still_spans(
