@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import coal
 import numpy as np
-from numpy.typing import NDArray
 
 from dualarm_cli.collision.hulls import box_around
 from dualarm_cli.collision.solids import Pair, Solid
@@ -19,16 +17,16 @@ LEAST_SINE = 0.05
 """Edges whose directions differ by less have no axis of their own: the sides' axes are nearly as good."""
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
-Frames = Mapping[int, tuple[NDArray[np.floating[Any]], NDArray[np.floating[Any]]]]
+Frames = Mapping[int, tuple[FloatArray, FloatArray]]
 """Rotations (3, 3, n) and translations (3, n) by joint."""
 
 
 @dataclass(frozen=True)
 class BoxPairs:
-    """Those pairs of a group that are two boxes, b of them; first index is which of the two."""
+    """Those of some pairs that are two boxes, b of them; first index is which of the two."""
 
     number: IntArray
-    """Their numbers in the group, shape (b,)."""
+    """Their numbers among the pairs, shape (b,)."""
     joint: IntArray
     """The joints they move with, shape (2, b)."""
     R: FloatArray
@@ -47,7 +45,7 @@ class BoxPairs:
         Args:
             solids: of the cell.
             tree: of the robot.
-            pairs: of the group, in its order.
+            pairs: of the solids.
         """
         rows: list[list[tuple[int, FloatArray, FloatArray, FloatArray]]] = []
         numbers, required = [], []
@@ -89,7 +87,7 @@ class BoxPairs:
         axes, centers = [], []
         for side in range(2):
             at = np.searchsorted(joints, self.joint[side, which])
-            R_joint = R_all[at, :, :, row].astype(np.float64)
+            R_joint = R_all[at, :, :, row]
             axes.append(R_joint @ self.R[side, which])
             centers.append(p_all[at, :, row] + (R_joint @ self.p[side, which, :, None])[..., 0])
         t = (np.swapaxes(axes[0], 1, 2) @ (centers[1] - centers[0])[..., None])[..., 0]

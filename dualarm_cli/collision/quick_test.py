@@ -1,27 +1,16 @@
-"""A quick test of many postures: moving solids in round hulls, all pairs in arrays; what it calls free is free."""
+"""A quick test of many postures: moving solids in round hulls; what it calls free is free."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
 
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from dualarm_cli.collision.hulls import Hulls
-from dualarm_cli.collision.pair_groups import (
-    ROUNDED,
-    Boxes,
-    Capsules,
-    Frames,
-    PairGroup,
-    Rounds,
-    Singles,
-    pair_group,
-)
+from dualarm_cli.collision.pair_groups import PairGroup, pair_group
 from dualarm_cli.collision.reach import can_meet
 from dualarm_cli.collision.solids import (
     WORLD,
@@ -31,194 +20,20 @@ from dualarm_cli.collision.solids import (
     pairs_that_must_keep_apart,
 )
 from dualarm_cli.collision.tree import JointTree
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.compiled.pair_margins import pair_margins
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.cell import Cell, Held
-
-T = TypeVar("T", bound=np.floating[Any])
-
-TINY = 1e-18
-"""Squared lengths below this are points [m²]."""
-PARALLEL = 1e-12
-"""Squared sine of the angle between segments below which they are taken as parallel."""
-
-
-def dot(a: NDArray[T], b: NDArray[T]) -> NDArray[T]:
-    """Returns the scalar products of vectors (3, ...), broadcast, shape (...)."""
-    product: NDArray[T] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    return product
-
-
-def segment_distance(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> FloatArray:
-    """Returns the distance of segments a-b from segments c-d [m], shape (...); exact up to rounding.
-
-    The squared distance is a convex quadratic of both parameters: its minimum is the free one clamped, once along
-    either segment ([Ericson2004] 5.1.9).
-
-    Args:
-        a: ends of the first segments [m], shape (3, ...), broadcast with the others.
-        b: their other ends.
-        c: ends of the second segments.
-        d: their other ends.
-    """
-    u, v, w = b - a, d - c, a - c
-    uu, vv, uv = dot(u, u), dot(v, v), dot(u, v)
-    uw, vw = dot(u, w), dot(v, w)
-    denominator = uu * vv - uv * uv
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slanted = denominator > PARALLEL * uu * vv
-        s = np.where(slanted, (uv * vw - vv * uw) / denominator, 0.0)
-        s = np.clip(s, 0.0, 1.0)
-        t = np.where(vv > TINY, (uv * s + vw) / vv, 0.0)
-        t = np.clip(t, 0.0, 1.0)
-        s = np.where(uu > TINY, (uv * t - uw) / uu, 0.0)
-        s = np.clip(s, 0.0, 1.0)
-    apart = w + s * u - t * v
-    return np.sqrt(dot(apart, apart))
-
-
-def box_distance(a: FloatArray, b: FloatArray, half: FloatArray) -> FloatArray:
-    """Returns the distance of segments a-b from boxes about the origin [m], shape (...); exact up to rounding.
-
-    Half the derivative of the squared distance along the segment rises, and is linear between the places where the
-    segment crosses the planes of the sides: it is zero on the straight line between the last of them where it is
-    negative and the first where it is not. Inside, the distance is minus the depth there.
-
-    Args:
-        a: ends in the box's frame [m], shape (3, ...).
-        b: other ends.
-        half: half sides of the box [m], shape (3, ...).
-    """
-    u = b - a
-    low, high = np.zeros(u.shape[1:]), np.ones(u.shape[1:])
-    at_low, at_high = _slope(a, u, half, low), _slope(a, u, half, high)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossings = [(side - a) / u for side in (half, -half)]
-    for x in (x for crossing in crossings for x in crossing):
-        # What is not between is neither; comparisons with NaN are false.
-        between = (x > low) & (x < high)
-        slope = _slope(a, u, half, np.where(between, x, low))
-        rises = between & (slope >= 0.0)
-        falls = between & (slope < 0.0)
-        high, at_high = np.where(rises, x, high), np.where(rises, slope, at_high)
-        low, at_low = np.where(falls, x, low), np.where(falls, slope, at_low)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x = low - at_low * (high - low) / (at_high - at_low)
-    x = np.where(at_low >= 0.0, low, np.where(at_high <= 0.0, high, x))
-    return point_box(a + x * u, half)
-
-
-def _slope(a: FloatArray, u: FloatArray, half: FloatArray, x: FloatArray) -> FloatArray:
-    """Returns half the derivative of the squared distance of a + x u from boxes, shape (...)."""
-    point = a + x * u
-    return dot(u, point - np.clip(point, -half, half))
-
-
-def point_box(x: FloatArray, half: FloatArray) -> FloatArray:
-    """Returns the signed distance of points (3, ...) from boxes about the origin [m], shape (...)."""
-    beyond = np.abs(x) - half
-    outside = np.maximum(beyond, 0.0)
-    return np.sqrt(dot(outside, outside)) + np.minimum(beyond.max(axis=0), 0.0)
-
 
 ENOUGH = 0.01
 """Margins that balls around two solids show to be greater than this are not looked at more closely [m]."""
 
 
-def pair_margins(group: PairGroup, frames: Frames, center: Singles, half: Singles) -> Singles:
-    """Returns the margins of all q pairs of a group's hulls [m], shape (q, n), in n postures.
-
-    Args:
-        group: the pairs.
-        frames: of the group's joints.
-        center: middles of the capsules [m], shape (3, s, n).
-        half: from there to one end [m], shape (3, s, n).
-    """
-    planes = group.planes
-    margins = np.empty((len(group.pairs), center.shape[2]), dtype=np.float32)
-    rounds, flats = len(group.rounds.first), len(planes.hulls)
-    margins[:rounds] = _round_margins(group.rounds, center, half)
-    if flats:
-        height = dot(planes.normal, center[:, planes.hulls])
-        height -= np.abs(dot(planes.normal, half[:, planes.hulls]))
-        margins[rounds : rounds + flats] = height - planes.slack
-    first = rounds + flats
-    for boxes in group.boxes:
-        last = first + len(boxes.hull)
-        margins[first:last] = _box_margins(boxes, frames[boxes.joint], center, half)
-        first = last
-    return margins
-
-
-def _round_margins(pairs: Rounds, center: Singles, half: Singles) -> Singles:
-    """Returns the margins of p pairs of capsules [m], shape (p, n), for middles and half vectors (3, s, n) [m]."""
-    apart = center[:, pairs.first]
-    apart -= center[:, pairs.second]
-    margin = np.sqrt(dot(apart, apart))
-    margin -= pairs.ball
-    near = np.nonzero(margin < ENOUGH)
-    if len(near[0]):
-        ends = []
-        for hulls in (pairs.first, pairs.second):
-            at = slice(None), hulls[near[0]], near[1]
-            middle, to_end = center[at].astype(np.float64), half[at].astype(np.float64)
-            ends += [middle + to_end, middle - to_end]
-        margin[near] = segment_distance(*ends) - pairs.slack[near[0], 0]
-    return margin
-
-
-def _box_margins(
-    boxes: Boxes, frame: tuple[Singles, Singles], center: Singles, half: Singles
-) -> Singles:
-    """Returns the margins of p capsules from boxes [m], shape (p, n), for middles and half vectors (3, s, n) [m].
-
-    By the balls around the capsules, along the axes that the boxes have in common; the nearest ones exactly.
-    """
-    R, p = frame
-    middle = center[:, boxes.hulls]
-    if boxes.joint != WORLD:
-        middle -= p[:, None]
-    apart = _seen(boxes, R, middle)[:, boxes.hull]
-    apart -= boxes.p
-    margin = _from_balls(apart, boxes.half, boxes.ball)
-    pair, row = np.nonzero(margin < ENOUGH)
-    if not len(pair):
-        return margin
-    middle = apart[:, pair, row]
-    to_end = _seen(boxes, R[:, :, row], half[:, boxes.hulls[boxes.hull[pair]], row])
-    ends = [(middle + sign * to_end).astype(np.float64) for sign in (1.0, -1.0)]
-    exact = box_distance(ends[0], ends[1], boxes.half[:, pair, 0].astype(np.float64))
-    margin[pair, row] = exact - boxes.slack[pair, 0]
-    return margin
-
-
-def _from_balls(middle: Singles, half: Singles, ball: Singles) -> Singles:
-    """Returns how far balls about middles (3, ...) are from boxes about the origin at least [m], shape (...)."""
-    outside = np.abs(middle)
-    outside -= half
-    np.maximum(outside, 0.0, out=outside)
-    found: Singles = np.sqrt(dot(outside, outside))
-    found -= ball
-    return found
-
-
-def _seen(boxes: Boxes, R: Singles, x: Singles) -> Singles:
-    """Returns vectors (3, ..., n) along the axes of boxes, of that shape, for rotations (3, 3, n) of their joint."""
-    if boxes.joint != WORLD:
-        x = np.stack([dot(R[:, k], x) for k in range(3)])
-    if boxes.axes is None:
-        return x
-    found: Singles = (boxes.axes @ x.reshape(3, -1)).reshape(x.shape)
-    return found
-
-
-BLOCK = 100_000
-"""Pairs in postures that are tested at a time: their arrays stay in the cache."""
-LEAST_ROWS, MOST_ROWS = 128, 1024
-"""Postures that are tested at a time at least and at most."""
 OVERLAP = 3e-4
 """How far a part may reach into what it lies on by rounding [m]; less than the verifier lets pass."""
 OVERLAPS = 1e-3
 """Boxes that no axis shows to overlap by less are looked at by coal [m]."""
+ROUNDED = 1e-9
+"""What margins are less by, for rounding [m]."""
 SURE = 5e-4
 """Margins of boxes that are greater are as good as true ones [m]."""
 DOUBTED = 0.004
@@ -244,9 +59,8 @@ class QuickTest:
             for pair in pairs_that_must_keep_apart(model, self._solids, cell)
             if can_meet(model, self._solids[pair.first], self._solids[pair.second], pair, ENOUGH)
         ]
-        self._single = self._tree.single()
+        self._steps = self._tree.steps()
         self._hulls = Hulls.of(self._solids, self._tree)
-        self._capsules = Capsules.of(self._solids, self._hulls)
         self._held = {arm.name: cell.all_held(arm.name) for arm in robot.arms}
         members = {arm.name: set(arm.joints) for arm in robot.arms}
         self.arms = tuple(members)
@@ -327,22 +141,10 @@ class QuickTest:
             group: of this test.
             position: all joints of the robot [rad], shape (n, columns).
         """
-        return self.margins_of([group], position)[0]
-
-    def margins_of(self, groups: Sequence[PairGroup], position: FloatArray) -> FloatArray:
-        """Returns the margins of g groups [m], shape (g, n); quicker than one group after the other.
-
-        Args:
-            groups: of this test.
-            position: all joints of the robot [rad], shape (n, columns).
-        """
-        least = np.full((len(groups), len(position)), np.inf)
-        pairs = max((len(group.pairs) for group in groups), default=0)
-        if pairs:
-            rows = min(max(LEAST_ROWS, BLOCK // pairs), MOST_ROWS)
-            for k in range(0, len(position), rows):
-                self._block(groups, position[k : k + rows], least[:, k : k + rows])
-        return least
+        sure, rough = pair_margins(self._steps, group.arrays, position, ENOUGH, len(group.rough))
+        if len(rough):
+            self._look_closer(group, position, sure, rough)
+        return np.minimum(sure, rough.min(axis=0, initial=np.inf)) - ROUNDED
 
     def nearest(self, position: FloatArray, pairs: Sequence[Pair]) -> tuple[str, str, float]:
         """Returns the two bodies of some pairs that have the least margin, and it [m]; by coal.
@@ -400,50 +202,39 @@ class QuickTest:
         lies = any(s.carrier and (held.docking or not s.bolted) for s in solids)
         return lies and any(s.joint == WORLD for s in solids)
 
-    def _block(self, groups: Sequence[PairGroup], position: FloatArray, least: FloatArray) -> None:
-        """Puts margins of g groups at n postures into `least`, shape (g, n)."""
-        joints = frozenset().union(*(group.joints for group in groups))
-        frames = self._single.frames(position.astype(np.float32), joints)
-        center, half = self._capsules.placed(frames, joints, len(position))
-        for k, group in enumerate(groups):
-            if not group.pairs:
-                continue
-            margins = pair_margins(group, frames, center, half)
-            if group.rough.any():
-                self._look_closer(group, frames, position, margins)
-            least[k] = margins.min(axis=0)
-
     def _look_closer(
-        self, group: PairGroup, frames: Frames, position: FloatArray, margins: Singles
+        self, group: PairGroup, position: FloatArray, sure: FloatArray, rough: FloatArray
     ) -> None:
-        """Puts true margins in the place of doubted ones (q, n) at n postures, where all else is collision-free."""
-        sure = margins[~group.rough].min(axis=0, initial=np.inf) >= 0.0
-        doubted = group.rough[:, None] & (margins < DOUBTED) & sure
-        boxes = group.both_boxes
-        which, row = np.nonzero(doubted[boxes.number])
-        if len(which):
-            pair, gap = boxes.number[which], boxes.gaps(which, frames, row)
-            own = (gap - boxes.required[which] - ROUNDED).astype(np.float32)
-            margins[pair, row] = np.maximum(margins[pair, row], own)
-            # Between boxes that hardly overlap, or are apart by less than required, it may be a little more.
-            doubted[pair, row] = (margins[pair, row] < SURE) & (gap > -OVERLAPS)
-        if doubted.any():
-            self._ask_coal(group, position, margins, doubted)
+        """Puts true margins in the place of doubted ones of rough pairs, where all else is collision-free.
 
-    def _ask_coal(
-        self, group: PairGroup, position: FloatArray, margins: Singles, doubted: BoolArray
-    ) -> None:
+        Args:
+            group: of this test.
+            position: all joints of the robot [rad], shape (n, columns).
+            sure: least margins of the pairs that are not rough [m], shape (n,).
+            rough: margins of those that are [m], shape (r, n).
+        """
+        doubted = (rough < DOUBTED) & (sure >= 0.0)
         rows = np.flatnonzero(doubted.any(axis=0))
+        if not len(rows):
+            return
         frames = self._tree.frames(position[rows], group.joints)
+        boxes = group.both_boxes
+        which, place = np.nonzero(doubted[np.ix_(boxes.number, rows)])
+        if len(which):
+            at = boxes.number[which], rows[place]
+            gap = boxes.gaps(which, frames, place)
+            rough[at] = np.maximum(rough[at], gap - boxes.required[which])
+            # Between boxes that hardly overlap, or are apart by less than required, it may be a little more.
+            doubted[at] = (rough[at] < SURE) & (gap > -OVERLAPS)
         for k, row in enumerate(rows.tolist()):
-            least = margins[~doubted[:, row], row].min(initial=np.inf)
+            least = min(sure[row], rough[~doubted[:, row], row].min(initial=np.inf))
             numbers = np.flatnonzero(doubted[:, row])
             # Until none that is left can be the least.
-            for number in numbers[np.argsort(margins[numbers, row])].tolist():
-                if margins[number, row] >= least:
+            for number in numbers[np.argsort(rough[numbers, row])].tolist():
+                if rough[number, row] >= least:
                     break
-                margins[number, row] = self._margin(group.pairs[number], frames, k) - ROUNDED
-                least = min(least, margins[number, row])
+                rough[number, row] = self._margin(group.rough[number], frames, k)
+                least = min(least, rough[number, row])
 
     def _margin(
         self, pair: Pair, frames: Mapping[int, tuple[FloatArray, FloatArray]], row: int
@@ -466,7 +257,7 @@ class QuickTest:
         return float(result.min_distance) - pair.required
 
     def _grouped(self, pairs: Sequence[Pair]) -> PairGroup:
-        return pair_group(self._solids, self._hulls, self._capsules, self._tree, pairs)
+        return pair_group(self._solids, self._hulls, self._tree, pairs)
 
 
 def _movers(model: pin.Model, solid: Solid, members: dict[str, set[str]]) -> set[str]:

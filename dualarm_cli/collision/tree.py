@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from dualarm_cli.compiled.pair_margins import JointSteps
 from dualarm_cli.geometry.arrays import FloatArray
-
-T = TypeVar("T", bound=np.floating[Any])
 
 
 @dataclass(frozen=True)
@@ -29,9 +26,9 @@ class JointTree:
     """Column of each joint's position; -1 of joint 0."""
     R_joint_own: FloatArray
     """Rotation of the frame that is used here in pinocchio's of the same joint, shape (j, 3, 3)."""
-    R_parent_own: NDArray[np.floating[Any]]
+    R_parent_own: FloatArray
     """Rotation before each joint's motion, between frames that are used here, shape (j, 3, 3)."""
-    p_parent_own: NDArray[np.floating[Any]]
+    p_parent_own: FloatArray
     """Translation before each joint's motion [m], shape (j, 3)."""
     slides: tuple[bool, ...]
     """Whether a joint slides along its axis."""
@@ -66,30 +63,38 @@ class JointTree:
             tuple(slides),
         )
 
-    def single(self) -> JointTree:
-        """Returns the same in single precision: half the bytes, places good to 1e-6 m."""
-        R, p = (x.astype(np.float32) for x in (self.R_parent_own, self.p_parent_own))
-        return replace(self, R_parent_own=R, p_parent_own=p)
+    def steps(self) -> JointSteps:
+        """Returns the joints as compiled functions take them."""
+        return JointSteps.of(
+            np.array(self.parents),
+            np.array(self.columns),
+            np.array(self.slides),
+            self.R_parent_own,
+            self.p_parent_own,
+        )
+
+    def above(self, joints: Iterable[int]) -> set[int]:
+        """Returns some joints and all before them, without the root link."""
+        found = set()
+        for joint in joints:
+            while joint:
+                found.add(joint)
+                joint = self.parents[joint]
+        return found
 
     def frames(
-        self, position: NDArray[T], needed: Iterable[int]
-    ) -> dict[int, tuple[NDArray[T], NDArray[T]]]:
+        self, position: FloatArray, needed: Iterable[int]
+    ) -> dict[int, tuple[FloatArray, FloatArray]]:
         """Returns frames of some joints in the root link's: rotations (3, 3, n) and translations (3, n).
 
         Args:
-            position: all joints [rad, m], shape (n, columns), in the tree's precision; those not above a needed joint
-                do not count.
+            position: all joints [rad, m], shape (n, columns); those not above a needed joint do not count.
             needed: numbers of joints.
         """
-        wanted = set(needed)
-        for joint in tuple(wanted):
-            while joint:
-                wanted.add(joint)
-                joint = self.parents[joint]
         n = len(position)
-        one, kind = np.eye(3, dtype=position.dtype), position.dtype
-        found = {0: (np.broadcast_to(one[:, :, None], (3, 3, n)), np.zeros((3, n), dtype=kind))}
-        for joint in sorted(wanted - {0}):
+        root: FloatArray = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, n))
+        found = {0: (root, np.zeros((3, n)))}
+        for joint in sorted(self.above(needed)):
             R, p = found[self.parents[joint]]
             p = p + self.p_parent_own[joint] @ R
             R = self.R_parent_own[joint].T @ R

@@ -185,8 +185,8 @@ def _starts_at_home(cell: Cell, top: float) -> bool:
     model, home = CellModel.from_cell(cell), cell.robot.postures["home"]
     test = CellClearance.of(cell, ()).test
     groups = [*(test.own(arm) for arm in model.arms), test.cross()]
-    clear = (test.margins_of(groups, home[None]) >= SLACK).all()
-    return bool(clear) and all(model.tool_position(arm, home)[2] > top for arm in model.arms)
+    clear = all((test.margins(group, home[None]) >= SLACK).all() for group in groups)
+    return clear and all(model.tool_position(arm, home)[2] > top for arm in model.arms)
 
 
 def _rows(

@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.hulls import box_around, is_rough
-from dualarm_cli.collision.quick_test import box_distance, segment_distance
 from dualarm_cli.collision.solids import WORLD, Solid
+from dualarm_cli.compiled.pair_margins import box_distance, segment_distance
 
 
 def coal_distance(one, T_one, other, T_other):
@@ -18,9 +18,9 @@ def coal_distance(one, T_one, other, T_other):
     return coal.distance(one, places[0], other, places[1], request, result)
 
 
-def ends(T, half):
-    """Both ends of a segment along z."""
-    return np.array([T.act(np.array([0.0, 0.0, s * half])) for s in (1.0, -1.0)])
+def along_z(T, half):
+    """Middle and half vector of a segment along z."""
+    return T.translation, T.rotation @ np.array([0.0, 0.0, half])
 
 
 def test_segments_are_as_far_apart_as_thin_capsules():
@@ -35,7 +35,7 @@ def test_segments_are_as_far_apart_as_thin_capsules():
         expected = coal_distance(
             coal.Capsule(0.01, 2 * halves[0]), T, coal.Capsule(0.01, 2 * halves[1]), S
         )
-        found = segment_distance(*ends(T, halves[0]), *ends(S, halves[1]))
+        found = segment_distance(*along_z(T, halves[0]), *along_z(S, halves[1]))
         if expected > 1e-6:
             assert abs(found - 0.02 - expected) < 1e-6
 
@@ -54,8 +54,7 @@ def test_a_segment_is_as_far_from_a_box_as_a_thin_capsule():
         )
         if expected < 1e-6:
             continue
-        a, b = ends(T, half)
-        found = float(box_distance(a, b, sides)) - 0.001
+        found = box_distance(*along_z(T, half), sides) - 0.001
         assert abs(found - expected) < 1e-6
 
 

@@ -139,20 +139,3 @@ def test_frames_of_a_slide_among_turns_are_pinocchios():
             expected = data.oMi[joint]
             np.testing.assert_allclose(R @ tree.R_joint_own[joint].T, expected.rotation, atol=1e-12)
             np.testing.assert_allclose(p, expected.translation, atol=1e-12)
-
-
-def test_groups_together_have_the_margins_they_have_alone(tasks_folder):
-    """One thousand postures in one go, in blocks of several sizes."""
-    cell = load_job(tasks_folder / "04_packing" / "tasks.yaml").cell
-    test = QuickTest(dataclasses.replace(cell, obstacles=shapes()))
-    limits = cell.robot.limits
-    q = np.random.default_rng(1).uniform(limits.lower, limits.upper, (1000, len(limits.joints)))
-    groups = [test.cross(), *map(test.own, test.arms)]
-    together = test.margins_of(groups, q)
-    for group, margins in zip(groups, together, strict=True):
-        np.testing.assert_allclose(test.margins(group, q), margins, atol=2e-6)
-    np.testing.assert_allclose(
-        np.array([test.margins(groups[1], row[None])[0] for row in q[:50]]),
-        together[1, :50],
-        atol=2e-6,
-    )
