@@ -13,7 +13,7 @@ NO_MEMORY_EXIT = 4
 LEAST_MEMORY = 400_000_000
 """Address space that the libraries need by themselves [B]: with less, OpenBLAS tries forever to get some."""
 
-COLLECT_AFTER = 100_000
+COLLECT_AFTER = 300_000
 """Objects more than before after which garbage is looked for."""
 
 
@@ -30,6 +30,8 @@ def main() -> None:
     # The matrices here are small: more than one thread of the linear algebra only costs time. It must be
     # said before numpy is loaded, and a user who said otherwise is right.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Looking for plugins that pydantic does not need here reads the metadata of every package there is.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     # Modules, jobs and plans are no garbage: looking through them again and again takes a tenth of the start.
     gc.set_threshold(COLLECT_AFTER)
     try:

@@ -261,11 +261,13 @@ def _planned(job: Job, settings: PlanSettings, quiet: bool) -> Plan:
     from dualarm_cli.interface import planned
     from dualarm_cli.orders.watch import Watch
 
-    console = stderr_console()
     watch = Watch(limit=settings.time_limit)
-    shown = console.is_terminal and not quiet
+    # Rich is loaded only where something is shown.
+    console = None if quiet else stderr_console()
     with (
-        console.status(StatusLine(watch, "planning")) if shown else nullcontext(),
+        console.status(StatusLine(watch, "planning"))
+        if console and console.is_terminal
+        else nullcontext(),
         Interrupts(watch, quiet=quiet),
         copies(usable_cores() > 1),
     ):

@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.collision.pair_groups import PairGroup
 from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.collision.solids import Pair
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.model.cell import Cell
 
 SLACK = 0.002
@@ -89,7 +89,7 @@ class CellClearance:
         if len(self.parts) == 1:
             return self.test.margins(self.test.own(self.arms[a]), position)
         found = np.empty(len(position))
-        for number in np.unique(held).tolist():
+        for number in distinct(held).tolist():
             rows = np.flatnonzero(held == number)
             group = self.test.own(self.arms[a], self.part_of(number), bool(number % 2))
             found[rows] = self.test.margins(group, position[rows])

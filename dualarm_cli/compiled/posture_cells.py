@@ -9,7 +9,7 @@ from ctypes import byref
 import numpy as np
 
 from dualarm_cli.compiled import library, numbers, pointer, whole
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import FloatArray, IntArray, distinct
 
 _pointer, _int64 = ctypes.c_void_p, ctypes.c_int64
 PER_PART = 4
@@ -73,7 +73,7 @@ def posture_cells(
     given = _Intervals(*pointers[:3], rows, pointers[11], len(line))
     whose = [numbers(x) for x in (arm, *pose)]
     parts = *map(_int64, circle), _int64(free_last)
-    most = PER_PART * len(np.unique(intervals[0])) * 8 * circle[0]
+    most = PER_PART * len(distinct(intervals[0])) * 8 * circle[0]
     while True:
         index, branch = (np.empty(most, dtype=np.int64) for _ in range(2))
         low, high, least = np.empty((most, 8)), np.empty((most, 8)), np.empty(most)

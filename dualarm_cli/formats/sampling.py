@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import FloatArray, distinct
 from dualarm_cli.geometry.interpolation import Interpolation, extrema, interpolated
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.trajectory import Trajectory
@@ -62,7 +62,7 @@ def sampled(
     trajectory = schedule.trajectory.select(joints or schedule.robot.limits.joints)
     instants = np.rint(np.arange(count) * (NANO / rate)).astype(np.int64)
     if knots:
-        exact = np.unique(np.rint(trajectory.time * NANO).astype(np.int64))
+        exact = distinct(np.rint(trajectory.time * NANO).astype(np.int64))
         exact = _apart(exact[exact < end - NEAREST])
         after = np.searchsorted(exact, instants)
         near = np.minimum(

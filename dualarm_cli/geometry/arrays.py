@@ -1,6 +1,8 @@
-"""Array types and the one way to freeze an array."""
+"""Array types, different values, and the one way to freeze an array."""
 
 from __future__ import annotations
+
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,6 +11,16 @@ FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+T = TypeVar("T", bound="np.generic[Any]")
+
+
+def distinct(values: NDArray[T]) -> NDArray[T]:
+    """Returns the different values of an array, ascending.
+
+    Numpy's function alone would load its masked arrays first, a fiftieth of a short plan's time; counting, it does not.
+    """
+    found: NDArray[T] = np.unique(values, return_counts=True)[0]
+    return found
 
 
 def readonly(values: ArrayLike) -> FloatArray:

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, frozen
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct, frozen
 from dualarm_cli.model.trajectory import Trajectory
 
 SAME_TIME = 1e-9
@@ -135,7 +135,7 @@ def lean(
 def _few_anchors(at_rest: BoolArray) -> IntArray:
     """Returns the knot that begins each rest, and more where two of these are far apart."""
     begins = at_rest & ~np.append(False, at_rest[:-1])
-    found = np.union1d([0], np.flatnonzero(begins))
+    found = distinct(np.append(0, np.flatnonzero(begins)))
     ends = np.append(found[1:], len(at_rest))
     rows = [np.arange(*pair, ANCHORS_APART) for pair in zip(found, ends, strict=True)]
     return np.concatenate(rows)

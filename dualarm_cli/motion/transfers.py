@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import FloatArray, distinct
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job, Stop
 from dualarm_cli.model.robot import JointLimits
@@ -336,7 +336,7 @@ def largest_tool_speed(
     found = speeds(coarse)
     near = coarse[found >= FAST * found.max()]
     steps = SPEED_SAMPLE * np.delete(np.arange(-COARSE + 1, COARSE), COARSE - 1)
-    between = np.unique((near[:, None] + steps).round(9))
+    between = distinct((near[:, None] + steps).round(9))
     return max(float(found.max()), float(speeds(between).max(initial=0.0)))
 
 

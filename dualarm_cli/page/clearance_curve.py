@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.solids import WORLD, Solid, geometry_model
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, distinct
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.page.packed import packed
@@ -121,7 +121,7 @@ def _instants(schedule: Schedule) -> FloatArray:
     count = int(np.clip(PER_STAGE * len(schedule.stages), FEWEST, MOST))
     even = np.linspace(float(time[0]), float(time[-1]), count)
     proven = schedule.verification.clearances if schedule.verification is not None else ()
-    return np.unique(np.concatenate([even, [stage.time for stage in proven]]))
+    return distinct(np.concatenate([even, [stage.time for stage in proven]]))
 
 
 def _during(windows: Any, times: FloatArray) -> BoolArray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.kinematics.srs.srs_limits import wrap
 from dualarm_cli.postures.line_following import FollowedLines, Lines
 from dualarm_cli.postures.problem import NoPosture, Place, StopPosture, StopProblem
@@ -360,7 +360,7 @@ def _choose(batch: StopBatch) -> list[StopPosture | NoPosture]:
         for row, answer in settled.items():
             answers[row] = answer
         # Where the quick look found no way at all it has left none out.
-        open_rows = [row for row in np.unique(coarse.row).tolist() if row not in settled]
+        open_rows = [row for row in distinct(coarse.row).tolist() if row not in settled]
     return answers
 
 
@@ -396,7 +396,7 @@ def _with_clear_ends(batch: StopBatch, ways: StopWays) -> StopWays:
         "retract": ends[len(ways.row) :],
     }
     kept = np.ones(len(ways.row), dtype=np.bool_)
-    for row in np.unique(ways.row).tolist():
+    for row in distinct(ways.row).tolist():
         test = batch.problems[row].clear
         rows = np.flatnonzero(ways.row == row)
         for place, q in sides.items() if test is not None else ():

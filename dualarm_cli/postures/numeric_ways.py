@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.kinematics.continuation import FlangeLines, follow_lines
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import solve_poses
@@ -140,7 +140,7 @@ def _given(batch: StopBatch) -> NumericWays:
 def clear_ones(batch: StopBatch, ways: NumericWays) -> NumericWays:
     """Returns the ways that are collision-free at their targets and, where known, at the ends of their lines."""
     kept = np.ones(len(ways), dtype=np.bool_)
-    for row in np.unique(ways.row).tolist():
+    for row in distinct(ways.row).tolist():
         test = batch.problems[row].clear
         if test is None:
             continue

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import FloatArray, distinct
 from dualarm_cli.postures import NoPosture, StopPosture, StopProblem
 from dualarm_cli.postures.arm_angle import choose_near
 from dualarm_cli.postures.reach import moved_flanges
@@ -131,7 +131,7 @@ def _promising(stage: OpenStage, position: FloatArray) -> FloatArray:
     below, above = int((here - low) / step), int((high - here) / step)
     grid = here + step * np.arange(-below, above + 1)
     balanced = [float(a[0]) for _, a in platform_candidates(model, position, at_start, "exact")]
-    angles = np.unique(np.concatenate([grid, balanced, [low, high]]))
+    angles = distinct(np.concatenate([grid, balanced, [low, high]]))
     angles = angles[(angles >= low) & (angles <= high)]
     time = _first_idea(stage, at_start, angles - here)
     before, after = np.append(np.inf, time[:-1]), np.append(time[1:], np.inf)

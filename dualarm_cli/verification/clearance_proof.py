@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.solids import WORLD, Pair, Solid, geometry_model
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.model.trajectory import Trajectory
 
 FIRST_STEP = 0.04
@@ -135,7 +135,7 @@ class ClearanceProof:
         marks = [*edges.tolist()]
         for windows in self._windows:
             marks += [t for window in windows or () for t in window]
-        marked = np.unique(np.clip(np.array(marks), edges[0], edges[-1]))
+        marked = distinct(np.clip(np.array(marks), edges[0], edges[-1]))
         step = max(FIRST_STEP, float(marked[-1] - marked[0]) / MOST_FIRST)
         parts = np.ceil(np.diff(marked) / step).astype(np.int64)
         pieces = [

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import FloatArray, distinct
 from dualarm_cli.geometry.interpolation import Interpolation, PiecewisePolynomial, interpolated
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import JointMotion
@@ -190,7 +190,7 @@ def _delays(plan: Trajectory, motion: PiecewisePolynomial) -> list[float | None]
     count = int(np.clip(len(motion.time), 4 * ORDER, MOST_SAMPLES))
     times = np.linspace(motion.time[0], motion.time[-1], count)
     driven = motion.derivatives(times)[:, 0]
-    some = np.unique(np.linspace(0, count - 1, GRID_SAMPLES).astype(int))
+    some = distinct(np.linspace(0, count - 1, GRID_SAMPLES).astype(int))
     steps = round(LONGEST_DELAY / DELAY_STEP)
     grid = np.arange(-steps, steps + 1) * DELAY_STEP
     rests = np.array([np.var(driven[some] - plan.at(times[some] - d)[0], axis=0) for d in grid])

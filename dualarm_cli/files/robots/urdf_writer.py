@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +12,18 @@ from dualarm_cli.files.robots.urdf import Urdf, UrdfJoint, mesh_elements
 from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.geometry.arrays import FloatArray
 
+ESCAPES = str.maketrans(
+    {
+        "&": "&amp;",
+        "<": "&lt;",
+        ">": "&gt;",
+        '"': "&quot;",
+        "\n": "&#10;",
+        "\r": "&#13;",
+        "\t": "&#9;",
+    }
+)
+"""How attributes' characters are written. (The standard library's function loads all that opens web addresses.)"""
 _LINK_PARTS = ("inertial", "visual", "collision")
 
 
@@ -168,7 +179,8 @@ def urdf_text(name: str, parts: list[Element]) -> str:
 
 
 def _lines(element: Element, indent: str) -> Iterable[str]:
-    attributes = "".join(f" {key}={quoteattr(value)}" for key, value in element.attributes.items())
+    values = {key: value.translate(ESCAPES) for key, value in element.attributes.items()}
+    attributes = "".join(f' {key}="{value}"' for key, value in values.items())
     if not element.children:
         yield f"{indent}<{element.tag}{attributes}/>"
         return

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.kinematics.continuation import (
     LARGEST_STEP,
     LEAST_PIVOT,
@@ -176,7 +176,7 @@ def _one_way(
         return found, bool((good & same & arm.within_limits(found)).all())
 
     last = len(points) - 1
-    few = np.unique(np.linspace(0, last, min(last, SKELETON) + 1).round().astype(np.int64))
+    few = distinct(np.linspace(0, last, min(last, SKELETON) + 1).round().astype(np.int64))
     ok = True
     for k in range(1, len(few)):
         back = q[few[k - 1]]

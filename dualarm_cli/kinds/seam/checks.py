@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import FloatArray, distinct
 from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, Segment
@@ -343,7 +343,7 @@ def _rates(
     """
     step = min(RATE_STEP, float(found.time[-1] - found.time[0]) / 100.0)
     inner = np.clip(found.time, found.time[0] + step, found.time[-1] - step)
-    middle = np.unique(inner)[:: max(1, len(inner) // MOST_RATES)]
+    middle = distinct(inner)[:: max(1, len(inner) // MOST_RATES)]
     three = []
     for time in (middle - step, middle, middle + step):
         guess = np.interp(time, found.time, found.length)

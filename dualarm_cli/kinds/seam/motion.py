@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from dualarm_cli.geometry.arrays import distinct
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
 from dualarm_cli.kinds.seam.path import SeamPath
 from dualarm_cli.model.robot import JointLimits
@@ -223,7 +224,7 @@ def _deviations(
         How far the chain is open at most [m, rad], the share by which the steady speed is off, and the greatest
         acceleration along the seam [1/s²].
     """
-    knots = np.unique(trajectory.time)
+    knots = distinct(trajectory.time)
     share = np.arange(PER_KNOT) / PER_KNOT
     time = np.append((knots[:-1, None] + np.diff(knots)[:, None] * share).ravel(), knots[-1])
     bodies = chain.bodies(trajectory.at(time)[0])
@@ -242,7 +243,7 @@ def _deviations(
 def _acceleration(chain: Chain, profile: SteadyProfile, trajectory: Trajectory) -> float:
     """Returns the greatest acceleration along the seam at a motion's knots [1/s²], where a spline has it."""
     step = min(MOMENT, profile.duration / 100.0)
-    knots = np.unique(np.clip(trajectory.time, step, profile.duration - step))
+    knots = distinct(np.clip(trajectory.time, step, profile.duration - step))
     behind, here, ahead = (
         chain.nearest_share(chain.bodies(trajectory.at(time)[0]), profile.at(time)[0])
         for time in (knots - step, knots, knots + step)

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import FloatArray, IntArray, distinct
 from dualarm_cli.orders.paired.alignment import Alignments
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.rules.tool_stands import NO_TOOL
@@ -137,11 +137,11 @@ def _changed(
     """Returns one arm's lengths with whole changes in them, at the platform angles that suit them best."""
     count, home = len(plain) - 1, length.shape[1] - 2
     tool = np.array([*own.tool, own.start])
-    for old in np.unique(tool).tolist():
+    for old in distinct(tool).tolist():
         rows = np.flatnonzero(tool == old)
         # The start's row is that of the whole as well, behind the stands.
         sources = np.where(rows == count, len(length) - 1, rows)
-        for new in np.unique(tool).tolist():
+        for new in distinct(tool).tolist():
             columns = np.flatnonzero(tool == new)
             if not returns:
                 columns = columns[columns != count]

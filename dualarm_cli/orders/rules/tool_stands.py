@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
+from dualarm_cli.geometry.arrays import FloatArray, IntArray, distinct, readonly
 
 NO_TOOL = -1
 """Stands for no tool."""
@@ -71,9 +71,9 @@ def between_with_changes(
     last = len(plain) - 1
     tool = np.repeat(stands.tool, last // len(stands.tool))
     came, goes = np.append(tool, stands.start), np.append(tool, stands.home)
-    for old in np.unique(came).tolist():
+    for old in distinct(came).tolist():
         rows = np.flatnonzero(came == old)
-        for new in np.unique(goes).tolist():
+        for new in distinct(goes).tolist():
             columns = np.flatnonzero(goes == new)
             if not returns:
                 columns = columns[columns != last]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import FloatArray, IntArray, distinct
 from dualarm_cli.stages.search.candidates import CandidatePostures
 from dualarm_cli.stages.search.plan_clearance import PlanClearance, plan_clearance
 from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
@@ -59,7 +59,7 @@ class Pool:
     def plan(self, picked: IntArray) -> Evaluated:
         """Returns the plan that takes each stage from the plan of a number, shape (n,)."""
         decisions = self.plans[int(picked[0])]
-        for m in np.unique(picked):
+        for m in distinct(picked):
             decisions = decisions.put(np.nonzero(picked == m)[0], self.plans[m])
         if all(has_closed_form(work) for work in self.problem.arms):
             # That is quick, and the last bits do not depend on how many plans there are.

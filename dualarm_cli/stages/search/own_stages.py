@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.kinematics.srs.arm_angle_intervals import ArmAngleIntervals, feasible_arm_angles
 from dualarm_cli.postures.platform_reach import reachable_cells, reachable_spans
 from dualarm_cli.stages.search.candidates import Grid, Nodes, thinned
@@ -210,7 +210,7 @@ def _intervals(
 
     angles = np.arange(*around, problem.platform.spacing(SCAN_STEP, *around))
     arcs = _arcs(problem, a, table, stage, yaws, around)
-    angles = np.unique(np.concatenate([angles, [around[1]], *arcs]))
+    angles = distinct(np.concatenate([angles, [around[1]], *arcs]))
     return _runs(angles, feasible)
 
 

@@ -50,7 +50,8 @@ def polish(
     variables = Variables.of(problem, loose)
     if not variables.count:
         return start
-    random = np.random.default_rng(seed)
+    # Its module is loaded when it is first asked for, which takes time.
+    random = np.random.default_rng(seed) if random_steps else None
     best, radius = start, FIRST_RADIUS
     for k in range(rounds):
         radii = np.full(problem.stages + 1, radius)
@@ -97,9 +98,11 @@ def _within(problem: SequenceProblem, decisions: Decisions) -> Decisions:
 
 
 def _random_steps(
-    random: np.random.Generator, variables: Variables, radius: float, count: int
+    random: np.random.Generator | None, variables: Variables, radius: float, count: int
 ) -> FloatArray:
     """Returns steps of all variables, shape (count, v): normally distributed, many of them of one arm or none."""
+    if random is None:
+        return np.empty((0, variables.count))
     steps = random.normal(scale=0.5 * radius, size=(count, variables.count))
     for m in range(count):
         which = m % (len(variables.arms) + 1)
