@@ -237,9 +237,17 @@ class Decisions:
     arms: tuple[ArmDecisions, ...]
     """By arm, in the problem's order."""
 
+    def take(self, rows: IntArray) -> Decisions:
+        """Returns those of some stages."""
+        return Decisions(self.angle[rows], tuple(arm.take(rows) for arm in self.arms))
+
     def put(self, rows: IntArray, other: Decisions) -> Decisions:
         """Returns these decisions with some stages as another plan has them."""
+        return self.put_all(rows, other.take(rows))
+
+    def put_all(self, rows: IntArray, part: Decisions) -> Decisions:
+        """Returns these decisions with some stages replaced by all of a part's."""
         angle = np.array(self.angle)
-        angle[rows] = other.angle[rows]
-        arms = zip(self.arms, other.arms, strict=True)
-        return Decisions(angle, tuple(mine.put(rows, theirs.take(rows)) for mine, theirs in arms))
+        angle[rows] = part.angle
+        arms = zip(self.arms, part.arms, strict=True)
+        return Decisions(angle, tuple(mine.put(rows, theirs) for mine, theirs in arms))

@@ -21,6 +21,7 @@ from dualarm_cli.stages.search.source import has_closed_form
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import Evaluated, evaluate
 from dualarm_cli.stages.search.variables import Variables
+from dualarm_cli.stages.search.windows import Stretch, loose_windows
 
 BESIDE = 1
 """So many stages to either side of one that collides are looked at with it."""
@@ -124,12 +125,39 @@ def search_near(
         seed: of the random steps of polishing.
         local: whether all else stays as it is.
     """
-    how = _how(problem, effort)
     tables = tuple(StopTable.of(work) for work in problem.arms)
     start = evaluate(problem, tables, near)
     loose = _loose(problem, start, touching)
     if problem.stages <= WHOLE and not local:
         loose[:] = True
+    how, windows = _how(problem, effort), loose_windows(problem, start, loose)
+    parts = halves(lambda some: [_near(one, near, touching, how, seed) for one in some], windows)
+    decisions = near
+    for window, part in zip(windows, parts, strict=True):
+        if part is None:
+            return None
+        decisions = decisions.put_all(window.stages, part)
+    # Where nothing is decided, all stays as it was to the last bit.
+    return evaluate(problem, tables, decisions.put(np.flatnonzero(~loose), near))
+
+
+def _near(
+    window: Stretch, given: Decisions, touching: Sequence[int], how: SearchEffort, seed: int
+) -> Decisions | None:
+    """Returns what is decided in the stages of a window, None where no collision-free plan of them is found.
+
+    Args:
+        window: which stages.
+        given: the plan of the whole sequence.
+        touching: numbers of the whole sequence's stages that are known to collide.
+        how: how hard is searched.
+        seed: of the random steps of polishing.
+    """
+    problem, loose = window.problem, np.array(window.loose)
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    near = given.take(window.stages)
+    start = evaluate(problem, tables, near)
+    known = {k for k, stage in enumerate(window.stages.tolist()) if stage in set(touching)}
     exact = ExactStages(problem, tables)
     while True:
         found = plans_on_nodes(problem, tables, how.near, how.plans, start, loose, exact)
@@ -141,16 +169,15 @@ def search_near(
         ]
         lacking = [k for k in found.lacking or _never_clear(problem, around) if loose[k]]
         # What is known to collide must not stay as it is where there are nodes.
-        if not lacking or (around and not set(lacking).isdisjoint(touching)):
+        if not lacking or (around and not known.isdisjoint(lacking)):
             break
         loose[lacking] = False
         problem = _settled(problem, lacking)
     if not around:
         return None
-    pool = [*around, start]
-    best = _combined(problem, tables, pool, how, seed, loose)
+    best = _combined(problem, tables, [*around, start], how, seed, loose)
     best = polish(problem, tables, best, how.rounds, how.random_steps, seed, loose)
-    return best if np.isfinite(_worth(problem, best)) else None
+    return best.decisions if np.isfinite(_worth(problem, best)) else None
 
 
 def _never_clear(problem: SequenceProblem, plans: Sequence[Evaluated]) -> list[int]:
