@@ -335,7 +335,7 @@ def with_room(
         if serves:
             try:
                 job = replace(asked.job, cell=roomy.job.cell)
-                found = solve(replace(asked, model=roomy.model, job=job, tentative=True))
+                found = solve(replace(asked, model=roomy.model, job=job, own=asked))
             except InfeasibleError:
                 found = None
             # At the platform angle that a method wants, reach may end a little earlier.

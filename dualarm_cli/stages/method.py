@@ -38,8 +38,9 @@ class MethodProblem:
     """Its stages that do not, or only at a cost; the number of stages stands for the return."""
     start: Decisions | None = None
     """A plan to begin a search with: that which an order was chosen by."""
-    tentative: bool = False
-    """Whether something easier is asked where there is no plan on the method's own grid: nothing else is tried then."""
+    own: MethodProblem | None = None
+    """The same with the robot's own limits, where this one keeps joints away from them; it is asked where there is no
+    plan on the method's own grid, so that nothing else is tried then. None where these are the robot's own."""
     blend: bool = False
     """Whether tools may pass the outer ends of lines in motion."""
     patient: bool = True

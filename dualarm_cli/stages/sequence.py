@@ -14,8 +14,14 @@ from dualarm_cli.postures.stage_plan import StagePlan, same_postures
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
-from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
-from dualarm_cli.stages.search.search import FoundSequence, search, search_near
+from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.search.search import (
+    FEWEST_IN_PARTS,
+    FoundSequence,
+    search,
+    search_in_parts,
+    search_near,
+)
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import (
     Evaluated,
@@ -165,11 +171,15 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     """
     model, job = problem.model, problem.job
     numbers = sequence_problem(model, job, problem.holding, problem.barred)
+    spares, roomy = EFFORTS[problem.effort].spares, tuple[ArmWork, ...]()
+    in_parts = spares and problem.closed_forms and numbers.stages >= FEWEST_IN_PARTS
+    if in_parts and problem.own is not None:
+        # Where a part has no plan with narrower limits it gets one without, by itself.
+        model, job, roomy = problem.own.model, problem.own.job, numbers.arms
+        numbers = sequence_problem(model, job, problem.holding, problem.barred)
     nearby: list[list[StagePlan]] = []
     # Long orders were chosen by a plan that simpler methods, which take long themselves, do not come near.
-    given = (
-        problem.start is not None and len(job.stages()) > LONG and EFFORTS[problem.effort].spares
-    )
+    given = problem.start is not None and len(job.stages()) > LONG and spares
     if problem.unchecked:
         # Simpler methods, which take long with clearance, are then asked only where that turns out to be dear.
         unchecked = decisions_of(numbers, model, list(problem.unchecked))
@@ -181,10 +191,11 @@ def solve_sequence(problem: MethodProblem) -> Decided:
             problem.effort,
             problem.seed,
             local=job.tool_speed is not None,
+            roomy=roomy,
         )
         if near is not None:
             nearby.append(stage_plans(model, job, numbers, near.decisions, "sequence"))
-        if nearby and EFFORTS[problem.effort].spares:
+        if nearby and spares:
             return Decided(nearby[0], simpler=None if given else lambda: _simpler(problem))
     # Greedy plans of arms without closed forms take as long as the search: only where that finds none.
     general = not problem.closed_forms
@@ -194,13 +205,17 @@ def solve_sequence(problem: MethodProblem) -> Decided:
 
     def simpler_starts(on_grid: bool) -> list[Decisions]:
         nonlocal starts, failure
-        if given or general or (not begun if on_grid else problem.tentative):
+        if given or general or (not begun if on_grid else problem.own is not None):
             return []
         starts, failure = _starts(problem)
         return [decisions_of(numbers, model, stages) for stages in starts.values()]
 
     decided = [] if problem.start is None else [problem.start]
-    found = search(numbers, decided, problem.effort, problem.seed, simpler_starts)
+    found = None
+    if in_parts and problem.holding is None:
+        found = search_in_parts(numbers, roomy, decided, problem.effort, problem.seed)
+    if found is None:
+        found = search(numbers, decided, problem.effort, problem.seed, simpler_starts)
     if found is None and nearby:
         return Decided(nearby[0])
     if found is None and general:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,12 +16,12 @@ from dualarm_cli.stages.search.node_plans import plans_on_nodes
 from dualarm_cli.stages.search.own_stages import ExactStages
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.polish import polish
-from dualarm_cli.stages.search.problem import Decisions, SequenceProblem
+from dualarm_cli.stages.search.problem import ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.search.source import has_closed_form
 from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.search.stretches import Stretch, in_parts, loose_stretches, stretch_of
 from dualarm_cli.stages.search.times import Evaluated, evaluate
 from dualarm_cli.stages.search.variables import Variables
-from dualarm_cli.stages.search.windows import Stretch, loose_windows
 
 BESIDE = 1
 """So many stages to either side of one that collides are looked at with it."""
@@ -29,6 +29,8 @@ LITTLE = 2e-3
 """Share of the cycle time; a finer grid that gains less is the last one."""
 PROMISING = 0.06
 """A plan that is slower than the best one by more than this share is not polished."""
+FEWEST_IN_PARTS = 2 * WHOLE
+"""Sequences of so many stages or more are decided part by part, where an effort spares time."""
 POLISHED = 2
 """So many plans of a long sequence are polished before they are combined, where an effort spares them."""
 
@@ -101,6 +103,69 @@ def search(
     return FoundSequence(best, bound, total)
 
 
+def search_in_parts(
+    problem: SequenceProblem,
+    roomy: Sequence[ArmWork],
+    starts: Sequence[Decisions],
+    effort: str,
+    seed: int,
+) -> FoundSequence | None:
+    """Returns a fast plan of a long sequence, decided part by part; None if a part has none.
+
+    Stages far apart hardly depend on each other: parts are decided side by side, take memory one by one, and each with
+    room to pass lines' ends in motion where it has a plan with that. Where two meet, what is best of both is polished.
+
+    Args:
+        problem: the sequence, at least FEWEST_IN_PARTS stages.
+        roomy: its arms with limits of position that leave room; none where that is not asked for.
+        starts: plans of simpler methods.
+        effort: one of EFFORTS.
+        seed: of the random steps of polishing.
+    """
+
+    def decided(first: int, past: int) -> Decisions | None:
+        own = [start.take(np.arange(first, past)) for start in starts]
+        for part in _with_room(stretch_of(problem, first, past), roomy):
+            found = search(part, own, effort, seed)
+            if found is not None and not found.hopeless:
+                return found.best.decisions
+        return None
+
+    joined = in_parts(problem, decided)
+    if joined is None:
+        return None
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    plan, near = joined
+    how, decisions = _how(problem, effort), plan.decisions
+
+    def polished(stretches: Sequence[Stretch]) -> list[Decisions]:
+        found = []
+        for stretch in stretches:
+            for part in _with_room(stretch.problem, roomy):
+                own = tuple(StopTable.of(work) for work in part.arms)
+                best = evaluate(part, own, decisions.take(stretch.stages))
+                if np.isfinite(best.total):
+                    best = polish(part, own, best, how.rounds, 0, seed, stretch.loose)
+                    break
+            found.append(best.decisions)
+        return found
+
+    stretches = loose_stretches(problem, plan, near)
+    for stretch, part in zip(stretches, halves(polished, stretches), strict=True):
+        decisions = decisions.put_all(stretch.stages, part)
+    best = evaluate(problem, tables, decisions)
+    return FoundSequence(best, None, None) if np.isfinite(best.total) else None
+
+
+def _with_room(part: SequenceProblem, roomy: Sequence[ArmWork]) -> Iterator[SequenceProblem]:
+    """Yields a part of a sequence with its arms' limits of position narrowed, if that is asked for, and as it is."""
+    if roomy:
+        arms = zip(roomy, part.arms, strict=True)
+        narrow = (replace(one, stops=own.stops, start=own.start) for one, own in arms)
+        yield replace(part, arms=tuple(narrow))
+    yield part
+
+
 def search_near(
     problem: SequenceProblem,
     near: Decisions,
@@ -109,6 +174,7 @@ def search_near(
     seed: int,
     *,
     local: bool,
+    roomy: Sequence[ArmWork] = (),
 ) -> Evaluated | None:
     """Returns a fast plan about one that is fast but collides, None where no collision-free one is found.
 
@@ -124,40 +190,53 @@ def search_near(
         effort: one of EFFORTS.
         seed: of the random steps of polishing.
         local: whether all else stays as it is.
+        roomy: the arms with limits of position that leave room to pass lines' ends in motion, which are kept where
+            there is a plan with them; none where that is not asked for.
     """
     tables = tuple(StopTable.of(work) for work in problem.arms)
     start = evaluate(problem, tables, near)
     loose = _loose(problem, start, touching)
     if problem.stages <= WHOLE and not local:
         loose[:] = True
-    how, windows = _how(problem, effort), loose_windows(problem, start, loose)
-    parts = halves(lambda some: [_near(one, near, touching, how, seed) for one in some], windows)
+    how, stretches = _how(problem, effort), loose_stretches(problem, start, loose)
+
+    def decided(some: Sequence[Stretch]) -> list[Decisions | None]:
+        found = []
+        for stretch in some:
+            tried = (
+                _near(replace(stretch, problem=part), near, touching, how, seed)
+                for part in _with_room(stretch.problem, roomy)
+            )
+            found.append(next((one for one in tried if one is not None), None))
+        return found
+
+    parts = halves(decided, stretches)
     decisions = near
-    for window, part in zip(windows, parts, strict=True):
+    for stretch, part in zip(stretches, parts, strict=True):
         if part is None:
             return None
-        decisions = decisions.put_all(window.stages, part)
+        decisions = decisions.put_all(stretch.stages, part)
     # Where nothing is decided, all stays as it was to the last bit.
     return evaluate(problem, tables, decisions.put(np.flatnonzero(~loose), near))
 
 
 def _near(
-    window: Stretch, given: Decisions, touching: Sequence[int], how: SearchEffort, seed: int
+    stretch: Stretch, given: Decisions, touching: Sequence[int], how: SearchEffort, seed: int
 ) -> Decisions | None:
-    """Returns what is decided in the stages of a window, None where no collision-free plan of them is found.
+    """Returns what is decided in the stages of a stretch, None where no collision-free plan of them is found.
 
     Args:
-        window: which stages.
+        stretch: which stages.
         given: the plan of the whole sequence.
         touching: numbers of the whole sequence's stages that are known to collide.
         how: how hard is searched.
         seed: of the random steps of polishing.
     """
-    problem, loose = window.problem, np.array(window.loose)
+    problem, loose = stretch.problem, np.array(stretch.loose)
     tables = tuple(StopTable.of(work) for work in problem.arms)
-    near = given.take(window.stages)
+    near = given.take(stretch.stages)
     start = evaluate(problem, tables, near)
-    known = {k for k, stage in enumerate(window.stages.tolist()) if stage in set(touching)}
+    known = {k for k, stage in enumerate(stretch.stages.tolist()) if stage in set(touching)}
     exact = ExactStages(problem, tables)
     while True:
         found = plans_on_nodes(problem, tables, how.near, how.plans, start, loose, exact)

@@ -1,0 +1,158 @@
+"""Stretches of a sequence that are decided by themselves, and long sequences put together from such."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.beside import halves
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.stages.search.clearance import SequenceClearance
+from dualarm_cli.stages.search.corridor import best_combination
+from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
+from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.search.times import Evaluated, TransferChain, evaluate, start_joints
+
+PART = 100
+"""About so many stages of long sequences are decided together."""
+COMMON = 4
+"""So many stages to either side of where two parts meet are decided in both."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Stages one after the other, with those behind them on which they depend."""
+
+    problem: SequenceProblem
+    """They alone: it begins where the plan is before them."""
+    stages: IntArray
+    """Their numbers in the whole sequence."""
+    loose: BoolArray
+    """Which of them are decided; the others are as the plan has them."""
+
+
+def loose_stretches(problem: SequenceProblem, plan: Evaluated, loose: BoolArray) -> list[Stretch]:
+    """Returns the stretches in which all loose stages are, each of which is decided whatever the others are.
+
+    A stage depends on where platform and arms come from, and so does the next stage of each arm on it. With a return,
+    which ends where everything begins, the whole sequence is one stretch.
+
+    Args:
+        problem: the sequence.
+        plan: its plan.
+        loose: the stages that are decided, shape (n,).
+    """
+    n = problem.stages
+    if problem.returns or loose.all():
+        return [Stretch(problem, np.arange(n), loose)]
+    chains = [TransferChain.of(work) for work in problem.arms]
+    found: list[tuple[int, int]] = []
+    for k in np.flatnonzero(loose).tolist():
+        after = [stage for one in chains for stage in one.active[one.active > k][:1].tolist()]
+        past = max([min(k + 1, n - 1), *after]) + 1
+        if found and k < found[-1][1]:
+            found[-1] = found[-1][0], max(past, found[-1][1])
+        else:
+            found.append((k, past))
+    return [
+        Stretch(stretch_of(problem, *span, plan), np.arange(*span), loose[slice(*span)])
+        for span in found
+    ]
+
+
+def stretch_of(
+    problem: SequenceProblem, first: int, past: int, plan: Evaluated | None = None
+) -> SequenceProblem:
+    """Returns the stages from the first one to before the one past them, as a sequence without a return.
+
+    Args:
+        problem: the whole sequence.
+        first: number of the first one.
+        past: number of the stage past them.
+        plan: of the whole sequence: it begins where that is before them; None for anywhere.
+    """
+    here, start = slice(first, past), problem.platform_start
+    if first and problem.turns and plan is not None:
+        start = plan.decisions.angle[first - 1 : first]
+    arms = tuple(
+        replace(
+            work,
+            stops=work.stops[here],
+            start=work.start if plan is None else _joints_before(problem, plan, a, first),
+        )
+        for a, work in enumerate(problem.arms)
+    )
+    test = problem.clearance
+    return replace(
+        problem,
+        platform_start=start,
+        arms=arms,
+        free_start=problem.free_start if first == 0 else plan is None,
+        returns=False,
+        handing=problem.handing[here],
+        clearance=None if test is None else _test_of(test, first, past),
+    )
+
+
+def _joints_before(problem: SequenceProblem, plan: Evaluated, a: int, first: int) -> FloatArray:
+    """Returns an arm's joints before a stage [rad]."""
+    work, chain = problem.arms[a], TransferChain.of(problem.arms[a])
+    if first == 0:
+        return work.start
+    before = chain.active[chain.active < first]
+    if len(before):
+        return plan.arms[a].q_retract[before[-1]]
+    return start_joints(problem, work, chain, plan.arms[a])
+
+
+def _test_of(test: SequenceClearance, first: int, past: int) -> SequenceClearance:
+    """Returns the quick test of the stages from the first one to before the one past them."""
+    here = slice(first, past)
+    bars = [bar for bar in test.barred if first <= bar.stage < past]
+    return replace(
+        test,
+        before=test.before[here],
+        after=test.after[here],
+        handing=test.handing[here],
+        barred=tuple(replace(bar, stage=bar.stage - first) for bar in bars),
+        settled=frozenset(k - first for k in test.settled if first <= k < past),
+    )
+
+
+def in_parts(
+    problem: SequenceProblem, decided: Callable[[int, int], Decisions | None]
+) -> tuple[Evaluated, BoolArray] | None:
+    """Returns a long sequence's plan out of parts that overlap, and the stages about where they meet, shape (n,).
+
+    None where a part has none. Where two parts meet, the better of both is taken, stage by stage.
+
+    Args:
+        problem: the sequence.
+        decided: decides the stages from one to before another.
+    """
+    n, count = problem.stages, 2 * max(1, round(problem.stages / (2 * PART)))
+    edges = np.linspace(0, n, count + 1).round().astype(np.int64)
+    spans = [
+        (max(0, first - COMMON), min(n, past + COMMON))
+        for first, past in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
+    ]
+    parts = halves(lambda some: [decided(*span) for span in some], spans)
+    idle = tuple(ArmDecisions.idle(work.start, n) for work in problem.arms)
+    one = other = Decisions(np.zeros(n), idle)
+    for number, (span, part) in enumerate(zip(spans, parts, strict=True)):
+        if part is None:
+            return None
+        stages = np.arange(*span)
+        own = (stages >= edges[number]) & (stages < edges[number + 1])
+        one = one.put_all(stages[own], part.take(np.flatnonzero(own)))
+        # The other plan has what this one leaves out, and the same elsewhere.
+        inner = (stages >= span[0] + 2 * COMMON * (number > 0)) | (number == 0)
+        inner &= (stages < span[1] - 2 * COMMON) | (number == count - 1)
+        rows = inner | ~own
+        other = other.put_all(stages[rows], part.take(np.flatnonzero(rows)))
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    best = best_combination(problem, tables, evaluate(problem, tables, one), [other])
+    near = np.abs(np.arange(n)[:, None] - edges[1:-1] + 0.5).min(axis=1) < COMMON
+    return best, near
