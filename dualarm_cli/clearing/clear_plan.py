@@ -527,8 +527,9 @@ def _quickest_with_stops(
     before: list[StagePlan] | None = None
     for _ in range(ROUNDS):
         progress("choosing postures again, avoiding collisions")
+        good = found is not None and not found.cleared.blocked and not _is_unlucky(found)
         try:
-            decided = solve(asked)
+            decided = solve(replace(asked, only_near=good))
         except InfeasibleError as error:
             failure = error
             break
@@ -557,7 +558,7 @@ def _quickest_with_stops(
         found = _with_rivals(found, clearing, _timed(problem, simpler, timing, known))
     if found is not None and not found.cleared.blocked:
         less = less_effort(problem.effort)
-        if less is None or (found.cost or 0.0) <= UNLUCKY * found.unchecked:
+        if less is None or not _is_unlucky(found):
             return found
         progress("comparing with the plan of less effort")
         try:
@@ -577,6 +578,11 @@ def _quickest_with_stops(
     reasons = why_blocked(clearing, None if found is None else found.cleared)
     alone = found is not None and any(clearing.fails_alone(found.cleared, k) for k in blocked)
     raise failure or BlockedError(*reasons, stages=blocked, alone=alone)
+
+
+def _is_unlucky(found: ClearedPlan) -> bool:
+    """Returns whether a collision-free plan is worth another look: avoiding collisions costs much."""
+    return (found.cost or 0.0) > UNLUCKY * found.unchecked
 
 
 def _is_dear(found: ClearedPlan) -> bool:

@@ -197,6 +197,8 @@ def solve_sequence(problem: MethodProblem) -> Decided:
             nearby.append(stage_plans(model, job, numbers, near.decisions, "sequence"))
         if nearby and spares:
             return Decided(nearby[0], simpler=None if given else lambda: _simpler(problem))
+        if problem.only_near and spares:
+            raise InfeasibleError(Refusal("no_plan_on_grid"))
     # Greedy plans of arms without closed forms take as long as the search: only where that finds none.
     general = not problem.closed_forms
     starts: dict[str, list[StagePlan]] = {}

@@ -180,6 +180,8 @@ def plans_on_nodes(
         angles = angles_near(problem, near.decisions, mesh)
     else:
         angles = np.tile(grid_angles(problem, mesh.angle_step), (problem.stages, 1))
+    if near is not None and loose is not None:
+        angles[~loose] = near.decisions.angle[~loose, None]
 
     handed: dict[tuple[int, int], Nodes] = {}
 

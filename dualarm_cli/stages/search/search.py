@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from dualarm_cli.beside import halves
-from dualarm_cli.effort import EFFORTS, WHOLE, SearchEffort
+from dualarm_cli.effort import EFFORTS, WHOLE, Mesh, SearchEffort
 from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.stages.search.beam import kind_of
 from dualarm_cli.stages.search.corridor import best_combination
@@ -25,6 +26,8 @@ from dualarm_cli.stages.search.variables import Variables
 
 BESIDE = 1
 """So many stages to either side of one that collides are looked at with it."""
+FARTHER = 4
+"""The same where nothing is found with those."""
 LITTLE = 2e-3
 """Share of the cycle time; a finer grid that gains less is the last one."""
 PROMISING = 0.06
@@ -194,34 +197,45 @@ def search_near(
             there is a plan with them; none where that is not asked for.
     """
     tables = tuple(StopTable.of(work) for work in problem.arms)
-    start = evaluate(problem, tables, near)
-    loose = _loose(problem, start, touching)
+    how, plan = _how(problem, effort), evaluate(problem, tables, near)
+    loose = _loose(problem, plan, touching)
     if problem.stages <= WHOLE and not local:
         loose[:] = True
-    how, stretches = _how(problem, effort), loose_stretches(problem, start, loose)
 
-    def decided(some: Sequence[Stretch]) -> list[Decisions | None]:
+    def decided(plan: Decisions, mesh: Mesh, some: Sequence[Stretch]) -> list[Decisions | None]:
         found = []
         for stretch in some:
             tried = (
-                _near(replace(stretch, problem=part), near, touching, how, seed)
+                _near(replace(stretch, problem=part), plan, touching, (how, mesh), seed)
                 for part in _with_room(stretch.problem, roomy)
             )
             found.append(next((one for one in tried if one is not None), None))
         return found
 
-    parts = halves(decided, stretches)
-    decisions = near
-    for stretch, part in zip(stretches, parts, strict=True):
-        if part is None:
-            return None
-        decisions = decisions.put_all(stretch.stages, part)
-    # Where nothing is decided, all stays as it was to the last bit.
-    return evaluate(problem, tables, decisions.put(np.flatnonzero(~loose), near))
+    for mesh in (how.near, how.meshes[0]):
+        stretches = loose_stretches(problem, plan, loose)
+        decisions = plan.decisions
+        parts = halves(partial(decided, decisions, mesh), stretches)
+        for stretch, part in zip(stretches, parts, strict=True):
+            if part is not None:
+                # What is not decided stays as it was to the last bit.
+                rows = np.flatnonzero(stretch.loose)
+                decisions = decisions.put_all(stretch.stages[rows], part.take(rows))
+                loose[stretch.stages] = False
+        plan = evaluate(problem, tables, decisions)
+        if not loose.any() or loose.all():
+            break
+        # Where nothing near the plan will do, something far from it may, with more stages.
+        loose = _beside(loose, FARTHER)
+    return None if loose.any() else plan
 
 
 def _near(
-    stretch: Stretch, given: Decisions, touching: Sequence[int], how: SearchEffort, seed: int
+    stretch: Stretch,
+    given: Decisions,
+    touching: Sequence[int],
+    effort: tuple[SearchEffort, Mesh],
+    seed: int,
 ) -> Decisions | None:
     """Returns what is decided in the stages of a stretch, None where no collision-free plan of them is found.
 
@@ -229,17 +243,18 @@ def _near(
         stretch: which stages.
         given: the plan of the whole sequence.
         touching: numbers of the whole sequence's stages that are known to collide.
-        how: how hard is searched.
+        effort: how hard is searched, and on which grid.
         seed: of the random steps of polishing.
     """
     problem, loose = stretch.problem, np.array(stretch.loose)
+    how, mesh = effort
     tables = tuple(StopTable.of(work) for work in problem.arms)
     near = given.take(stretch.stages)
     start = evaluate(problem, tables, near)
     known = {k for k, stage in enumerate(stretch.stages.tolist()) if stage in set(touching)}
     exact = ExactStages(problem, tables)
     while True:
-        found = plans_on_nodes(problem, tables, how.near, how.plans, start, loose, exact)
+        found = plans_on_nodes(problem, tables, mesh, how.plans, start, loose, exact)
         # Nodes are in single precision; what is not looked at stays as it was to the last bit.
         around = [
             evaluate(problem, tables, plan.decisions.put(np.flatnonzero(~loose), near))
@@ -295,11 +310,16 @@ def _loose(problem: SequenceProblem, plan: Evaluated, touching: Sequence[int]) -
     moves = ~clear.moves | (clear.waits > 0.0)
     moves[list(touching)] = True
     touched = ~clear.stops | moves[:n] | moves[1:]
-    loose = touched.copy()
-    for k in range(1, min(BESIDE, n - 1) + 1):
-        loose[k:] |= touched[:-k]
-        loose[:-k] |= touched[k:]
-    return loose
+    return _beside(touched, BESIDE)
+
+
+def _beside(stages: BoolArray, count: int) -> BoolArray:
+    """Returns stages with so many to either side of each, shape (n,)."""
+    found, n = stages.copy(), len(stages)
+    for k in range(1, min(count, n - 1) + 1):
+        found[k:] |= stages[:-k]
+        found[:-k] |= stages[k:]
+    return found
 
 
 def _combined(
