@@ -288,7 +288,7 @@ class EffortSettings:
 
 EFFORTS: Mapping[str, EffortSettings] = {
     "quick": EffortSettings(
-        orders=StageEffort(1, 3_000, 0.6, 4_000, 1, 10),
+        orders=StageEffort(1, 3_000, 0.6, 10_000, 1, 10),
         trials=TrialEffort(8, 1, 2),
         order_bound=BoundEffort(4_000, ProofEffort(40, 20_000), (4_000, 12, 4), 1.0),
         clocks=FreeEffort(60, 1500, 1, 1.0),
@@ -306,7 +306,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         seam_starts=2,
     ),
     "normal": EffortSettings(
-        orders=StageEffort(4, 9_000, 1.5, 7_000, 4, 12),
+        orders=StageEffort(4, 9_000, 1.5, 20_000, 4, 12),
         trials=TrialEffort(40, 2, 3),
         order_bound=BoundEffort(7_000, ProofEffort(80, 200_000), (20_000, 60, 8), 4.0),
         clocks=FreeEffort(150, 6000, 3, 4.0),
@@ -329,7 +329,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         seam_starts=5,
     ),
     "thorough": EffortSettings(
-        orders=StageEffort(8, 60_000, 8.0, 50_000, 8, 20),
+        orders=StageEffort(8, 60_000, 8.0, 150_000, 8, 20),
         trials=TrialEffort(150, 4, 6),
         order_bound=BoundEffort(12_000, ProofEffort(150, 1_500_000), (60_000, 200, 12), 30.0),
         clocks=FreeEffort(500, 60000, 6, 40.0),
