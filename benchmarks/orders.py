@@ -1,10 +1,11 @@
 """Open orders: the plan of the search against the file's order and nearest neighbours, gaps, and planning time.
 
 python benchmarks/orders.py [--tasks 20 50 100 500] [--seeds 10] [--first 0] [--effort normal] [--mode paired|free]
-    [--family spots parts]
+    [--family spots parts] [--baselines file own nearest] [--blend lines|none]
 
 Everything is planned by the same planner with the same effort, and verified, clearances proven. Where arms touch in a
 stage of a baseline's order, so that it has no plan, the stops of that stage are made one after the other instead.
+Times are those of the processor; planning is one process here.
 """
 
 from __future__ import annotations
@@ -76,14 +77,15 @@ def taken_apart(job: Job, stages: Sequence[int]) -> tuple[tuple[StopKey, ...], .
     return tuple(found)
 
 
-def row_of(seed: int, tasks: int, family: str, mode: str, effort: str) -> dict[str, float]:
+def row_of(given: argparse.Namespace, seed: int, tasks: int, family: str) -> dict[str, float]:
     """Durations of all three plans, the gap, and how long everything took; all verified."""
-    instance = random_instance(seed, tasks, family, mode)  # type: ignore[arg-type]
-    settings = PlanSettings(effort=effort)
+    mode, effort = given.mode, given.effort
+    instance = random_instance(seed, tasks, family, mode)
+    settings = PlanSettings(effort=effort, blend=given.blend)
     row: dict[str, float] = {}
     # Asynchronous arms have no stages to choose together.
-    for what in [*(one for one in BASELINES if mode == "paired" or one != "own"), "search"]:
-        begin = time.perf_counter()
+    for what in [*(one for one in given.baselines if mode == "paired" or one != "own"), "search"]:
+        begin = time.process_time()
         try:
             if what == "search":
                 schedule, apart = plan_without_bound(instance.job, settings), 0
@@ -93,20 +95,20 @@ def row_of(seed: int, tasks: int, family: str, mode: str, effort: str) -> dict[s
             print(f"  {tasks} {family} seed {seed}: {what} has no plan: {str(error)[:150]}")
             row[what] = float("inf")
             continue
-        row[f"{what} planning"] = time.perf_counter() - begin
+        row[f"{what} planning"] = time.process_time() - begin
         row[what], row[f"{what} apart"] = schedule.duration, apart
-        begin = time.perf_counter()
+        begin = time.process_time()
         failures = verify(schedule, instance.job, clearance=True).failures
-        row[f"{what} verifying"] = time.perf_counter() - begin
+        row[f"{what} verifying"] = time.process_time() - begin
         if failures:
             print(f"  {tasks} {family} seed {seed}: {what} FAILS: {failures}")
             row[f"{what} fails"] = 1.0
         if what == "search":
             gap = schedule.order_grid_gap
             row["gap"] = float("nan") if gap is None else gap
-    begin = time.perf_counter()
+    begin = time.process_time()
     row["bound"] = job_bound(instance.job, effort).value or 0.0
-    row["bounding"] = time.perf_counter() - begin
+    row["bounding"] = time.process_time() - begin
     return row
 
 
@@ -156,13 +158,15 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--effort", default="normal")
     parser.add_argument("--mode", choices=["paired", "free"], default="paired")
+    parser.add_argument("--baselines", choices=BASELINES, nargs="*", default=list(BASELINES))
+    parser.add_argument("--blend", choices=["lines", "none"], default="lines")
     parser.add_argument("--family", choices=FAMILIES, nargs="+", default=list(FAMILIES))
     arguments = parser.parse_args()
     for family in arguments.family:
         for tasks in arguments.tasks:
             rows = []
             for seed in range(arguments.first, arguments.first + arguments.seeds):
-                rows.append(row_of(seed, tasks, family, arguments.mode, arguments.effort))
+                rows.append(row_of(arguments, seed, tasks, family))
                 print_row(seed, rows[-1])
             print_medians(f"{tasks} {family}, {arguments.mode}, {arguments.effort}", rows)
 

@@ -19,7 +19,7 @@ FEW = 4
 MOST = 4
 """The shortest ones get so many times more rounds and plans."""
 
-FULL_STAGES = 40
+FULL_STAGES = 24
 """Up to so many stages as many orders are polished as an effort says."""
 
 FULL_STOPS = 24
@@ -154,7 +154,7 @@ class TrialEffort:
     polished: int
     """So many of all that were looked at are polished."""
     rounds: int
-    """Rounds of polishing."""
+    """Rounds of polishing at first; the most promising ones get more of them."""
     planned: int
     """So many of these are planned."""
 
@@ -288,7 +288,7 @@ class EffortSettings:
 
 EFFORTS: Mapping[str, EffortSettings] = {
     "quick": EffortSettings(
-        orders=StageEffort(1, 3_000, 0.6, 4_000, 1, 10),
+        orders=StageEffort(1, 3_000, 0.6, 10_000, 1, 10),
         trials=TrialEffort(8, 1, 2),
         order_bound=BoundEffort(4_000, ProofEffort(40, 20_000), (4_000, 12, 4), 1.0),
         clocks=FreeEffort(60, 1500, 1, 1.0),
@@ -306,8 +306,8 @@ EFFORTS: Mapping[str, EffortSettings] = {
         seam_starts=2,
     ),
     "normal": EffortSettings(
-        orders=StageEffort(4, 9_000, 1.5, 7_000, 4, 12),
-        trials=TrialEffort(40, 2, 3),
+        orders=StageEffort(4, 9_000, 1.5, 15_000, 12, 12),
+        trials=TrialEffort(120, 1, 3),
         order_bound=BoundEffort(7_000, ProofEffort(80, 200_000), (20_000, 60, 8), 4.0),
         clocks=FreeEffort(150, 6000, 3, 4.0),
         epochs=EpochEffort(8, 60, 40, 2000),
@@ -329,8 +329,8 @@ EFFORTS: Mapping[str, EffortSettings] = {
         seam_starts=5,
     ),
     "thorough": EffortSettings(
-        orders=StageEffort(8, 60_000, 8.0, 50_000, 8, 20),
-        trials=TrialEffort(150, 4, 6),
+        orders=StageEffort(8, 60_000, 8.0, 150_000, 16, 20),
+        trials=TrialEffort(200, 2, 6),
         order_bound=BoundEffort(12_000, ProofEffort(150, 1_500_000), (60_000, 200, 12), 30.0),
         clocks=FreeEffort(500, 60000, 6, 40.0),
         epochs=EpochEffort(20, 400, 100, 20000),

@@ -22,6 +22,8 @@ MOST_TRIED = 120
 """No orders of more stages are tried."""
 RANDOM_STEPS = 4
 """Random steps that each round of polishing offers besides: where something touches others lead nowhere."""
+FEWER, LONGER = 3, 2
+"""Every so-manieth of the orders that were polished is polished again, so many times longer."""
 ALIKE = 0.9
 """Orders that share more than this part of their stages are much alike: what is off the grid is so as well."""
 UNLIKELY = 10.0
@@ -70,18 +72,30 @@ def most_promising(
     if len(begun) < 2 or not trials:
         return found
     watch.tell(f"trying {len(trials)} orders that are nearly as good")
+    count, rounds = how.polished, how.rounds
     trials.sort(key=lambda one: one.worth)
-    better: list[_Trial] = []
-    for one in trials[: how.polished]:
-        if better and watch.stop():
-            break
-        better.append(one.polished(how.rounds))
-    better.sort(key=lambda one: one.worth)
+    trials = _polished(trials[:count], count, rounds, watch)
+    while (count := count // FEWER) >= how.planned and not watch.stop():
+        rounds *= LONGER
+        trials = _polished(trials, count, rounds, watch)
     answers = [
         replace(one.order, plan=one.plan.decisions, expected=one.worth)
-        for one in _different(better)[: how.planned]
+        for one in _different(trials)[: how.planned]
     ]
     return (*answers, *others)
+
+
+def _polished(trials: list[_Trial], count: int, rounds: int, watch: Watch) -> list[_Trial]:
+    """Returns trials, the first ones of which were polished, the most promising of these first.
+
+    Successive halving [Jamieson2016]: what is left of many orders after a little work gets more of it.
+    """
+    better: list[_Trial] = []
+    for one in trials[:count]:
+        if better and watch.stop():
+            break
+        better.append(one.polished(rounds))
+    return [*sorted(better, key=lambda one: one.worth), *trials[count:]]
 
 
 def _different(trials: list[_Trial]) -> list[_Trial]:

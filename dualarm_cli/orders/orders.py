@@ -29,7 +29,7 @@ from dualarm_cli.orders.paired.changes import (
     stages_with_changes,
     with_whole_changes,
 )
-from dualarm_cli.orders.paired.orders import good_orders, is_few
+from dualarm_cli.orders.paired.orders import good_orders, is_few, short_search
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem, apart
 from dualarm_cli.orders.paired.times import totals, with_angles
 from dualarm_cli.orders.proof.relaxation import of_stages, of_ways
@@ -206,6 +206,15 @@ class PairedSearch:
         own = float(totals(self.stands.whole, stages[None])[0])
         # With idle stages between that the arms wait for each other, as they do in the search, it is possible as well.
         return DecidedOrder(paired_as(changed, stages), own if np.isfinite(own) else total)
+
+    def in_file_order(self) -> float | None:
+        """Returns the least total that a short search finds among orders in which each arm keeps that of the file [s].
+
+        None where all orders are few, or none was found.
+        """
+        if is_few(self.problem):
+            return None
+        return short_search(replace(self.problem, in_file_order=True), self.seed)
 
     def as_it_is(self) -> Orders:
         """Returns the order that the search would go on from, without any search."""

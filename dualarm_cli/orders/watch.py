@@ -32,6 +32,9 @@ class Watch:
     """Least total that the search has found [s]; None where it has found nothing yet."""
     bound: float | None = None
     """Best bound known on all totals [s]."""
+    filed: float | None = None
+    """Least total that it has found among orders in which each arm keeps that of the file [s]; None where it has not
+    looked for one."""
     searching: bool = False
     """Whether a search is going on."""
     kept: Schedule | None = None
@@ -54,7 +57,7 @@ class Watch:
         """A search begins; the time of all searches for a plan counts from the first one."""
         if not self.searching:
             self._begin = time.monotonic()
-        self.best = self.bound = None
+        self.best = self.bound = self.filed = None
         self.searching = True
 
     def end(self) -> None:

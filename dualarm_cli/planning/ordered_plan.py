@@ -32,7 +32,9 @@ SEARCHES, SEARCHES_OF_LONG = 2, 1
 TAKEN_APART = 3
 """So often after that only what touches is taken apart."""
 LONG = 40
-"""Of orders with more stages only the most promising one is planned."""
+"""Of orders with more stages only the most promising one is planned, unless its plan is slower than expected."""
+CLOSE = 0.002
+"""A plan is quicker than its order was expected to be by about this share."""
 WHOLE_SEQUENCES = ("sequence", "continuous", "ipopt")
 """Methods whose plans over the whole sequence are what orders are tried with before they are planned."""
 ESTIMATE = "the estimate of the search, which has few postures and platform angles per stop: a plan may be much faster"
@@ -87,6 +89,8 @@ def plan_in_best_order(
             raise error from None
         # Only collisions at stops have excluded every order: the plan of one tells what collides with what.
         return planned(orders.found[0], orders, False)
+    if job.order != "given":
+        watch.filed = search.in_file_order()
     return _searched(search, orders, settings, watch, planned)
 
 
@@ -117,7 +121,8 @@ def _searched(
         one_by_one = partial(planned, of=orders, patient=patient)
         try:
             promising = _promising(search, orders.found, settings, watch)
-            return _quickest(promising, watch, one_by_one, tried)
+            # What touches in a long order is better kept apart in it than tried in another one.
+            return _quickest(promising, watch, one_by_one, tried, only_first=long)
         except BlockedError as error:
             last = tries == searches + TAKEN_APART
             if last or tried.known == known or tried.is_hopeless:
@@ -142,6 +147,8 @@ def _quickest(
     watch: Watch,
     planned: Callable[[DecidedOrder], Schedule],
     tried: _Tried,
+    *,
+    only_first: bool = False,
 ) -> Schedule:
     """Returns the quickest plan of some orders, at least of the first one that has a plan, if there is any hope.
 
@@ -150,12 +157,15 @@ def _quickest(
         watch: receives progress.
         planned: plans an order.
         tried: what turns out to collide is added.
+        only_first: whether there is no hope in others where the first one has no plan.
     """
     best: Schedule | None = None
     failure: InfeasibleError | None = None
     longest = 0.0
     for number, one in enumerate(orders, start=1):
-        if best is not None and watch.stop(longest):
+        if best is not None and (watch.stop(longest) or _is_as_quick(best, one)):
+            break
+        if best is None and failure is not None and only_first:
             break
         if tried.repeats(one.job):
             continue
@@ -259,12 +269,17 @@ def _promising(
         found = most_promising(search, found, settings.effort, watch)
     least = min(_expected(one) for one in found)
     promising = [one for one in found if _expected(one) <= (1.0 + PROMISING) * least]
-    return promising[: 1 if stages > LONG else EFFORTS[settings.effort].trials.planned]
+    return promising[: EFFORTS[settings.effort].trials.planned]
 
 
 def _expected(order: DecidedOrder) -> float:
     """Returns about how long a plan in an order will take [s]."""
     return order.total if order.expected is None else order.expected
+
+
+def _is_as_quick(best: Schedule, order: DecidedOrder) -> bool:
+    """Returns whether a plan is as quick as one in another order is expected to be."""
+    return order.expected is not None and best.duration <= (1.0 - CLOSE) * order.expected
 
 
 def order_notes(orders: Orders, total: float) -> list[str]:

@@ -52,6 +52,8 @@ from dualarm_cli.timing import TIMING_SOLVERS
 
 NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
 """Message where the user had seen enough once there was a plan."""
+FAR_SLOWER = 0.08
+"""By more than this share the file's order is slower by far, as the search times it."""
 OF_THE_FILE = "order: that of the file, whose plan is faster than those of the orders found"
 """Message where a search does no better than the file."""
 T = TypeVar("T")
@@ -199,7 +201,10 @@ def _not_slower_than_filed(
     *,
     clear: bool,
 ) -> Schedule:
-    """Returns the schedule of a job, in the order of its file where no quicker plan was found of an open one."""
+    """Returns the schedule of a job, in the order of its file where no quicker plan was found of an open one.
+
+    It is not planned where it is far slower by the times of the search.
+    """
     found: Schedule | None = None
     failure: InfeasibleError | None = None
     try:
@@ -209,6 +214,8 @@ def _not_slower_than_filed(
     filed = file_order(job)
     if filed is not None and not filed.is_decided and isinstance(failure, BlockedError):
         filed = None  # the search for its arms would meet the same again
+    if found is not None and _is_slower_as_filed(found, watch):
+        filed = None
     if filed is not None and (found is None or not watch.stop()):
         watch.tell("planning the file's order")
         own = replace(problem, job=filed)
@@ -222,6 +229,16 @@ def _not_slower_than_filed(
         assert failure is not None  # nothing else leaves none
         raise failure
     return found
+
+
+def _is_slower_as_filed(found: Schedule, watch: Watch) -> bool:
+    """Returns whether the file's order cannot be expected to be quicker than a plan that was found of an open one.
+
+    It cannot where the search for stages found it to be slower by far, and the plan is as quick as the search promised.
+    """
+    if watch.best is None or watch.filed is None:
+        return False
+    return found.duration <= watch.best and watch.filed > (1.0 + FAR_SLOWER) * watch.best
 
 
 def _planned(

@@ -115,7 +115,8 @@ def in_stages() -> Callable[..., StageProblem]:
             # The way back is to the first angle: what it would take to others must not count.
             length[:, s, :, 1:] *= 0.5
             length[:, s + 1] = -np.inf
-            lengths.append(length)
+            # As exact as the lengths of a job, which are in single precision.
+            lengths.append(length.astype(np.float32).astype(np.float64))
             works.append(work)
         windows = {}
         if "windows" in kind:

@@ -1,9 +1,10 @@
-"""The order of the file among those that are found: what is found is never slower."""
+"""The order of the file among those that are found."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import pytest
 
@@ -12,6 +13,7 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders.decided_jobs import file_order
 from dualarm_cli.orders.free_orders import free_orders
+from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning import free_ordered_plan, ordered_plan, planner
 from dualarm_cli.planning import sections as path_jobs
 from dualarm_cli.planning.planner import plan_without_bound
@@ -151,3 +153,29 @@ def test_between_paths_the_order_of_the_file_is_planned_as_well(made, monkeypatc
     found = plan_without_bound(job, QUICK)
     assert found.duration == given.duration
     assert any("the file's order of all tasks is the fastest" in note for note in found.notes)
+
+
+def test_an_order_of_the_file_that_is_far_slower_is_not_planned(made):
+    """To and fro eight times, which the platform need not do; in the order of where they are it is planned as well."""
+    where = (-0.45, 0.45, -0.35, 0.35, -0.25, 0.25, -0.15, 0.15, -0.05, 0.05)
+    told = []
+    for ys in (where, sorted(where)):
+        tasks = [move(f"t{k}", y, arm="left") for k, y in enumerate(ys)]
+        watch = Watch(tell=lambda text: told[-1].append(text))
+        told.append([])
+        job = made(tasks, **{"return": True})
+        schedule = plan_without_bound(job, QUICK, watch)
+        assert verify(schedule, job, clearance=True).failures == ()
+        assert watch.filed is None or watch.filed >= watch.best - 1e-9
+    assert "planning the file's order" not in told[0]
+    assert "planning the file's order" in told[1]
+
+
+@pytest.mark.parametrize(
+    ("duration", "filed", "left_out"),
+    [(9.0, 10.81, True), (9.0, 10.79, False), (10.1, 20.0, False), (9.0, None, False)],
+)
+def test_it_is_left_out_where_the_plan_is_as_quick_as_the_search_said(duration, filed, left_out):
+    """The best order takes 10 s as the search times it."""
+    watch = Watch(best=10.0, filed=filed)
+    assert planner._is_slower_as_filed(SimpleNamespace(duration=duration), watch) == left_out

@@ -93,7 +93,7 @@ def test_the_quickest_plan_is_kept():
     assert not watch.droppable
 
 
-def planned(durations, watch, clock=None, takes=1.0):
+def planned(durations, watch, clock=None, takes=1.0, expected=None, only_first=False):
     """The quickest of some plans, and which were made; negative durations have no plan."""
     made = []
 
@@ -108,8 +108,11 @@ def planned(durations, watch, clock=None, takes=1.0):
 
     watch.begin()
     watch.found(1.0)
-    orders = [DecidedOrder(k, 1.0) for k in range(len(durations))]
-    return _quickest(orders, watch, plan, _Tried(2)), made
+    orders = [
+        DecidedOrder(k, 1.0, expected=expected[k] if expected else None)
+        for k in range(len(durations))
+    ]
+    return _quickest(orders, watch, plan, _Tried(2), only_first=only_first), made
 
 
 def test_what_is_said_of_the_planned_order_is_of_its_own_total():
@@ -126,6 +129,31 @@ def test_orders_are_planned_until_the_user_has_seen_enough():
     best, made = planned([-1.0, 9.0, 8.0], watch)
     assert (best.duration, made) == (9.0, [0, 1])
     assert watch.stopped == INTERRUPTED
+
+
+@pytest.mark.parametrize(
+    ("durations", "expected", "made"),
+    [
+        ([9.0, 8.9, 8.8], [9.1, 9.2, 9.3], [0]),
+        ([9.0, 8.9, 8.8], [9.0, 9.01, 9.02], [0, 1]),
+        ([9.9, 9.8, 9.7], [9.0, 9.1, 9.2], [0, 1, 2]),
+        ([-1.0, 9.0, 8.0], [9.0, 9.1, 9.2], [0, 1]),
+    ],
+)
+def test_no_order_is_planned_that_is_expected_to_be_no_quicker_than_a_plan(
+    durations, expected, made
+):
+    """A plan is quicker than expected by some 0.2 %."""
+    best, found = planned(durations, Watch(), expected=expected)
+    assert found == made
+    assert best.duration == min(durations[k] for k in made if durations[k] > 0.0)
+
+
+def test_of_long_orders_no_other_one_is_planned_where_the_first_has_no_plan():
+    """Where it has a slow one others are."""
+    assert planned([9.9, 9.0], Watch(), expected=[8.0, 8.1], only_first=True)[1] == [0, 1]
+    with pytest.raises(InfeasibleError):
+        planned([-1.0, 9.0], Watch(), expected=[8.0, 8.1], only_first=True)
 
 
 def test_orders_are_planned_for_as_long_as_there_is_time(clock):

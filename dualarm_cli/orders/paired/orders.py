@@ -90,6 +90,8 @@ WHOLE = 30
 """Orders of up to so many stages are improved as a whole, longer ones in stretches as well."""
 LEAST = 120
 """How often something is removed and put back at least."""
+SHORT = 20
+"""How often in a short search; of long orders so many stretches are improved."""
 FULL, LEAST_SHARE, MOST_SHARE = 60, 0.15, 1.6
 """Orders of so many stages get the rounds of annealing, shorter ones fewer, longer ones more, by these shares."""
 SOONER, SHORTEST = 8, 100
@@ -185,6 +187,16 @@ def good_orders(
         plain = with_angles(problem, given)
         found += [plain] if np.isfinite(plain.total) else []
     return different_orders([one for one in found if _has_all_parts(problem, one)])
+
+
+def short_search(problem: StageProblem, seed: int) -> float | None:
+    """Returns the total of a good order by ruin and recreate [s], None where none was found: what takes no time."""
+    search = StageSearch(problem, seed)
+    first = _first(search, None, in_order=True)
+    if first is None:
+        return None
+    improve = search.improve if len(first.slots) <= WHOLE else search.improve_stretches
+    return improve(first, SHORT).total
 
 
 def different_orders(found: Sequence[StageOrder]) -> list[StageOrder]:
