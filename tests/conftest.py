@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from dualarm_cli import beside
+from dualarm_cli import beside, effort
 
 # As the command does for itself, and before numpy is loaded: small matrices, one thread.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -62,6 +62,24 @@ def one_process() -> Iterator[None]:
         forbidding = beside.copies
         patch.setattr(beside, "copies", lambda _: forbidding(False))
         yield
+
+
+FULL_EFFORT = effort.MOST
+
+
+@pytest.fixture(scope="session", autouse=True)
+def brief_searches() -> Iterator[None]:
+    """Jobs of tests have few stages, for which a search does four times as much: here it does what it does for many."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(effort, "MOST", 1)
+        yield
+
+
+@pytest.fixture(autouse=True)
+def full_searches(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tests marked `slow`, or `full_effort` as their expected numbers are those of users, search as users do."""
+    if any(request.node.get_closest_marker(name) for name in ("slow", "full_effort")):
+        monkeypatch.setattr(effort, "MOST", FULL_EFFORT)
 
 
 @pytest.fixture(scope="session")
