@@ -11,6 +11,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout, suppress
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -64,14 +65,23 @@ def one_process() -> Iterator[None]:
         yield
 
 
-FULL_EFFORT = effort.MOST
+FULL = {"MOST": effort.MOST, **effort.EFFORTS}
+
+
+def _searching(patch: pytest.MonkeyPatch, *, brief: bool) -> None:
+    """Lets short jobs be searched as briefly as long ones, without simpler methods' plans beside, or as for users."""
+    patch.setattr(effort, "MOST", 1 if brief else FULL["MOST"])
+    for name in ("quick", "normal"):
+        full = FULL[name]
+        own = replace(full, search=replace(full.search, begun=0)) if brief else full
+        patch.setitem(effort.EFFORTS, name, own)
 
 
 @pytest.fixture(scope="session", autouse=True)
 def brief_searches() -> Iterator[None]:
-    """Jobs of tests have few stages, for which a search does four times as much: here it does what it does for many."""
+    """Jobs of tests have few stages, for which `sequence` does several times as much as for each of many."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(effort, "MOST", 1)
+        _searching(patch, brief=True)
         yield
 
 
@@ -79,7 +89,7 @@ def brief_searches() -> Iterator[None]:
 def full_searches(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Tests marked `slow`, or `full_effort` as their expected numbers are those of users, search as users do."""
     if any(request.node.get_closest_marker(name) for name in ("slow", "full_effort")):
-        monkeypatch.setattr(effort, "MOST", FULL_EFFORT)
+        _searching(monkeypatch, brief=False)
 
 
 @pytest.fixture(scope="session")
