@@ -55,17 +55,18 @@ def test_a_linear_receiver_cuts_a_parabola_by_an_eighth_of_a_h_squared(exported)
         assert 0.5 < worst / (most * step**2 / 8) <= 1.0 + 1e-6
 
 
-@pytest.mark.parametrize("kind", INTERPOLATIONS)
-@pytest.mark.parametrize("rate", [100.0, 250.0])
+@pytest.mark.parametrize(
+    ("kind", "rate"), [*((kind, 100.0) for kind in INTERPOLATIONS), ("cubic", 250.0)]
+)
 def test_no_instant_deviates_more_than_is_said(exported, kind, rate):
-    """By 30,000 instants: what is said is never less, and at most a hundredth more."""
+    """By 100,000 instants: what is said is never less, and at most a hundredth more."""
     schedule = exported.schedule
     samples = sampled(schedule, rate)
     rows = losses(schedule, samples, kind)
     motion = interpolated(
         kind, samples.time, samples.position, samples.velocity, samples.acceleration
     )
-    at = np.linspace(0.0, schedule.duration, 30_001)
+    at = np.linspace(0.0, schedule.duration, 100_001)
     found = motion.derivatives(at)
     exact = schedule.trajectory.select(samples.joints).at(at)[0]
     limits = schedule.robot.limits.select(samples.joints)
