@@ -59,7 +59,7 @@ def test_six_axes_have_all_branches_that_brute_force_finds(general_robots, name)
             others = np.delete(ours, i, axis=0)
             assert not len(others) or nearest(ours[[i]], others)[0] > 1e-5
         several += len(ours) > 1
-    assert several >= 3
+    assert several >= 2
 
 
 def test_a_flipped_spherical_wrist_is_found_with_its_twin(general_robots):
