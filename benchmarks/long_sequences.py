@@ -3,17 +3,36 @@
 python benchmarks/long_sequences.py --robot sda10f --stages 1000 --seed 0 --out DIR
 
 Then plan and verify DIR/tasks.yaml by the command line.
+
+One random stage in some thousands cannot be made, as the arms share no platform angle from which both reach their
+targets, collision-free by themselves. Such stages are drawn again; all others are the same as without this test.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from dualarm_cli.effort import EFFORTS
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.stages.search.candidates import Grid, Nodes
+from dualarm_cli.stages.search.node_plans import grid_angles
+from dualarm_cli.stages.search.own_stages import LOOKED_AT, ExactStages, free_nodes
+from dualarm_cli.stages.search.problem import SequenceProblem
+from dualarm_cli.stages.search.source import grid_nodes
+from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.sequence_problem import sequence_problem
 
 LINE = 0.08
 """Length of approach and retract [m]."""
@@ -75,13 +94,66 @@ def write_sequence(robot: str, stages: int, seed: int, folder: Path) -> None:
         folder: where; it is made.
     """
     random = np.random.default_rng([seed, stages])
+    targets = [stage_targets(random, ROOMS[robot]) for _ in range(stages)]
+    unsure = list(range(stages))
+    for attempt in itertools.count():
+        _write(robot, targets, folder)
+        unsure = impossible_stages(load_job(folder / "tasks.yaml"), unsure)
+        if not unsure:
+            return
+        for k in unsure:
+            targets[k] = stage_targets(
+                np.random.default_rng([seed, stages, k, attempt]), ROOMS[robot]
+            )
+
+
+def impossible_stages(job: Job, stages: Iterable[int]) -> list[int]:
+    """Returns which of some stages have no platform angle at which both arms have postures clear of all but each other.
+
+    First on the grid of the planner's quick search; where the arms share none of its angles, on the exact intervals
+    from which both reach their targets.
+
+    Args:
+        job: a sequence in which both arms work in every stage.
+        stages: their numbers.
+    """
+    problem = sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job))
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    exact = ExactStages(problem, tables)
+    mesh = EFFORTS["quick"].search.meshes[0]
+    grid = Grid(grid_angles(problem, mesh.angle_step), mesh.arm_angles, mesh.most_nodes)
+    found = []
+    for k in stages:
+        nodes = [grid_nodes(problem, a, table, k, grid) for a, table in enumerate(tables)]
+        if _share_angle(problem, k, grid.angles, nodes):
+            continue
+        angles, own = exact.nodes(k, LOOKED_AT, mesh.most_nodes)
+        if not _share_angle(problem, k, angles, own):
+            found.append(k)
+    return found
+
+
+def _share_angle(
+    problem: SequenceProblem, k: int, angles: FloatArray, nodes: Sequence[Nodes | None]
+) -> bool:
+    """Returns whether all arms have nodes that are clear of all but the other arm at one platform angle at least."""
+    shared = np.full(len(angles), bool(nodes))
+    for a, own in enumerate(nodes):
+        assert own is not None  # both arms work in every stage
+        free = free_nodes(problem, a, k, angles, own, spare=0.0)
+        shared &= np.bincount(free.angle_index, minlength=len(angles)) > 0
+    return bool(shared.any())
+
+
+def _write(robot: str, targets: Sequence[dict[str, dict[str, Any]]], folder: Path) -> None:
+    """Writes the files of a sequence of targets, a pair to a stage."""
     tasks: list[dict[str, Any]] = []
-    for k in range(stages // 2):
+    for k in range(len(targets) // 2):
         own: dict[str, dict[str, Any]] = {
             arm: {"id": f"{arm}-{k:05d}", "arm": arm} for arm in ("left", "right")
         }
-        for kind in ("pick", "place"):
-            for arm, target in stage_targets(random, ROOMS[robot]).items():
+        for kind, both in zip(("pick", "place"), targets[2 * k : 2 * k + 2], strict=True):
+            for arm, target in both.items():
                 own[arm][kind] = target
         tasks += own.values()
     tool = {

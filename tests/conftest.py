@@ -11,6 +11,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout, suppress
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,7 +19,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from dualarm_cli import beside
+from dualarm_cli import beside, effort
 
 # As the command does for itself, and before numpy is loaded: small matrices, one thread.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -62,6 +63,33 @@ def one_process() -> Iterator[None]:
         forbidding = beside.copies
         patch.setattr(beside, "copies", lambda _: forbidding(False))
         yield
+
+
+FULL = {"MOST": effort.MOST, **effort.EFFORTS}
+
+
+def _searching(patch: pytest.MonkeyPatch, *, brief: bool) -> None:
+    """Lets short jobs be searched as briefly as long ones, without simpler methods' plans beside, or as for users."""
+    patch.setattr(effort, "MOST", 1 if brief else FULL["MOST"])
+    for name in ("quick", "normal"):
+        full = FULL[name]
+        own = replace(full, search=replace(full.search, begun=0)) if brief else full
+        patch.setitem(effort.EFFORTS, name, own)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def brief_searches() -> Iterator[None]:
+    """Jobs of tests have few stages, for which `sequence` does several times as much as for each of many."""
+    with pytest.MonkeyPatch.context() as patch:
+        _searching(patch, brief=True)
+        yield
+
+
+@pytest.fixture(autouse=True)
+def full_searches(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tests marked `slow`, or `full_effort` as their expected numbers are those of users, search as users do."""
+    if any(request.node.get_closest_marker(name) for name in ("slow", "full_effort")):
+        _searching(monkeypatch, brief=False)
 
 
 @pytest.fixture(scope="session")

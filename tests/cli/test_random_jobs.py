@@ -7,7 +7,7 @@ import pytest
 from dualarm_cli.cli.run import run
 
 SEEDS = range(300)
-QUICK = (1, 26, 42, 62, 94, 105, 133, 147)
+QUICK = (1, 26, 62, 94, 105, 133, 147)
 """One of most kinds, each planned within a few seconds; 26, 62 and 133 once failed."""
 
 BLOCKED = (37, 177, 187)

@@ -240,6 +240,7 @@ def check_page(page: Path, folder: Path, *, slow: bool) -> None:
     check_figures(folder)
 
 
+@pytest.mark.full_effort
 @pytest.mark.parametrize("page", PAGES, ids=named)
 def test_blocks_of_a_page(page, tmp_path):
     """Commands run, files are valid, outputs are real."""

@@ -22,16 +22,16 @@ def arm_of(general_robots, name, side="left"):
 
 @pytest.mark.parametrize("name", ["yumi", "nextage"])
 def test_random_reachable_poses_are_solved(general_robots, name):
-    """At least 99.5 % of 1,000 poses of random postures within limits; every solution within 1e-9 and limits."""
+    """At least 99.5 % of 400 poses of random postures within limits; every solution within 1e-9 and limits."""
     arm = arm_of(general_robots, name)
-    q = np.random.default_rng(8).uniform(arm.lower, arm.upper, (1000, arm.axes))
+    q = np.random.default_rng(8).uniform(arm.lower, arm.upper, (400, arm.axes))
     R, p = arm.forward(q)
     found = solve_poses(arm, R, p)
-    assert len(np.unique(found.pose)) >= 995
+    assert len(np.unique(found.pose)) >= 398
     R_found, p_found = arm.forward(found.q)
     assert np.abs(pose_error(R_found, p_found, R[found.pose], p[found.pose])).max() < 1e-9
     assert arm.within_limits(found.q).all()
-    solved = np.isin(np.arange(1000), found.pose)
+    solved = np.isin(np.arange(400), found.pose)
     assert (found.miss[solved] == 0.0).all()
 
 
@@ -43,10 +43,10 @@ def nearest(q, others):
 
 @pytest.mark.parametrize("name", ["nextage", "spherical"])
 def test_six_axes_have_all_branches_that_brute_force_finds(general_robots, name):
-    """30 poses, each with 800 random starts of another kind than the Halton ones."""
+    """15 poses, each with 800 random starts of another kind than the Halton ones."""
     arm = arm_of(general_robots, name)
     rng = np.random.default_rng(4)
-    R, p = arm.forward(rng.uniform(arm.lower, arm.upper, (30, 6)))
+    R, p = arm.forward(rng.uniform(arm.lower, arm.upper, (15, 6)))
     found = solve_poses(arm, R, p)
     several = 0
     for k in range(len(p)):
@@ -59,7 +59,7 @@ def test_six_axes_have_all_branches_that_brute_force_finds(general_robots, name)
             others = np.delete(ours, i, axis=0)
             assert not len(others) or nearest(ours[[i]], others)[0] > 1e-5
         several += len(ours) > 1
-    assert several >= 3
+    assert several >= 2
 
 
 def test_a_flipped_spherical_wrist_is_found_with_its_twin(general_robots):

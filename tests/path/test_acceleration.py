@@ -32,7 +32,7 @@ def suite(zhang, coarser):
     limits = context.limits
     random = np.random.default_rng(0)
     found = []
-    while len(found) < 7:
+    while len(found) < 4:
         near = random.uniform(limits.lower, limits.upper) * 0.7
         # The start near a posture of that name.
         robot = replace(context.job.cell.robot, postures={"home": near, "here": near})
@@ -83,7 +83,7 @@ def test_the_motion_ends_at_rest(suite) -> None:
 
 def test_tools_are_where_they_belong(suite) -> None:
     """To a nanometre at all instants."""
-    for problem, _, acceleration, ours in suite[:3]:
+    for problem, _, acceleration, ours in suite[:2]:
         for motion in (acceleration, ours):
             for k in range(0, problem.instants, 5):
                 p = problem.body.tools(motion.position[k])[1]

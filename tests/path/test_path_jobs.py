@@ -307,7 +307,8 @@ def test_the_same_job_gives_the_same_motion(tmp_path: Path) -> None:
     """Twice the same numbers, to the last bit."""
     job = job_of(tmp_path, BOTH)
     one, other = (
-        plan_without_bound(job, PlanSettings(follower="manipulability")) for _ in range(2)
+        plan_without_bound(job, PlanSettings(follower="manipulability", effort="quick"))
+        for _ in range(2)
     )
     np.testing.assert_array_equal(one.trajectory.position, other.trajectory.position)
     np.testing.assert_array_equal(one.trajectory.time, other.trajectory.time)
@@ -407,7 +408,7 @@ def test_a_singular_start_is_refused_and_an_idle_singular_arm_is_no_matter(
     job = job_of(tmp_path, stretched % (xyz, rpy, back), head="start: free\n")
     with pytest.raises(InfeasibleError):
         planned(job, follower=follower)
-    idle = WIPE.replace("speed: 150 mm/s", "speed: 80 mm/s")
+    idle = WIPE.replace("speed: 150 mm/s", "speed: 120 mm/s")
     planned(job_of(tmp_path, idle, head="start: zero\n"), follower=follower)
 
 
@@ -494,7 +495,7 @@ def test_a_path_that_never_reaches_its_speed_is_not_called_late(tmp_path: Path) 
         - {xyz: [0.50, 0.25, 0.90]}
         - {xyz: [0.50, 0.30, 0.90]}
 """
-    for shift in (0.0, 0.003, 0.007, 0.011):
+    for shift in (0.0, 0.007):
         text = short.replace("0.95", repr(0.95 + shift))
         planned(job_of(tmp_path, text, head="start: free\n"))
 

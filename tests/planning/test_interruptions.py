@@ -112,7 +112,7 @@ def every(job, count):
 
 
 def test_what_was_found_is_planned_and_verified_wherever_it_is_interrupted(job):
-    every(job, 6)
+    every(job, 4)
 
 
 @pytest.mark.slow

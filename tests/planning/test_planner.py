@@ -301,6 +301,7 @@ def test_random_jobs_are_verified_or_refused(packing, seed):
         assert verification.passed, verification.failures
 
 
+@pytest.mark.full_effort
 def test_under_a_cap_on_tool_speed_no_simpler_method_is_faster(packing):
     """A short move at 10 mm/s: the search knows no cap, so that the simplest plan must win; the cap is named."""
     [task] = [task for task in packing.tasks if task.arm == "left"][:1]

@@ -79,7 +79,7 @@ def assert_every_root_is_true(problem, solution):
         assert np.abs(g[root]).max() < 1e-9
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 def test_every_root_that_a_dense_scan_sees_is_found_and_no_false_one(seed):
     """1,000 moves against 2,048 samples of the unsquared equation."""
     problem = random_moves(1_000, seed)

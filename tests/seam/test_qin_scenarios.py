@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,13 +33,19 @@ class Scenario:
     """From when to when each seam is worked [s]."""
 
 
-@pytest.fixture(scope="module", params=["qin_rotation", "qin_translation"])
-def scenario(request: pytest.FixtureRequest, tasks_folder: Path) -> Scenario:
-    """Each of them."""
-    job = load_job(tasks_folder / "papers" / request.param / "tasks.yaml")
+@functools.cache
+def planned(folder: Path) -> Scenario:
+    """Returns the scenario of a folder."""
+    job = load_job(folder / "tasks.yaml")
     schedule = plan_without_bound(job, SETTINGS)
     seams = sorted({(s.start, s.end) for s in schedule.segments if s.kind == "seam"})
     return Scenario(job, schedule, seams)
+
+
+@pytest.fixture(params=["qin_rotation", "qin_translation"])
+def scenario(request: pytest.FixtureRequest, tasks_folder: Path) -> Scenario:
+    """Each of them."""
+    return planned(tasks_folder / "papers" / request.param)
 
 
 def _poses(scenario: Scenario, arm: str, position: FloatArray) -> list[pin.SE3]:
@@ -79,9 +86,9 @@ def test_the_rotation_is_that_of_figure_24(tasks_folder):
     Axis 6 of S turns by what the track's slope is, atan(-r² s c / x / r), to both sides and back; the tool rises by
     R - sqrt(R² - r²). On the way to the first point, 0 to 5 s, every joint's speed is a trapezoid without a pause.
     """
-    job = load_job(tasks_folder / "papers" / "qin_rotation" / "tasks.yaml")
-    schedule = plan_without_bound(job, SETTINGS)
-    joints, trajectory = schedule.trajectory.joints, schedule.trajectory
+    found = planned(tasks_folder / "papers" / "qin_rotation")
+    job, trajectory = found.job, found.schedule.trajectory
+    joints = trajectory.joints
     q = trajectory.at(np.linspace(5.0, 13.0, 2001))[0]
     travel = dict(zip(joints, np.abs(np.diff(q, axis=0)).sum(axis=0), strict=True))
     beta = np.linspace(0.0, np.pi, 2001)

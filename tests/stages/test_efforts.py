@@ -22,6 +22,7 @@ def test_long_sequences_get_fewer_nodes_but_for_thorough_effort():
         assert thorough.for_stages(stages).meshes == thorough.meshes
 
 
+@pytest.mark.full_effort
 @pytest.mark.parametrize(("stages", "more"), [(24, 1), (13, 1), (12, 2), (8, 3), (6, 4), (2, 4)])
 def test_short_sequences_get_more_rounds(stages, more):
     """As many times as they go into 24, four times at most."""

@@ -72,7 +72,7 @@ KINDS = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_no_simpler_solver_makes_a_quicker_stage_from_the_same_position(packing, model, kind, seed):
     """Stage by stage along its own plan; ever the same for the same start."""
     job = random_job(packing, seed, **KINDS[kind])

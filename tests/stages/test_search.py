@@ -370,6 +370,7 @@ def _method_problem(job: Job, **more: bool) -> MethodProblem:
     return MethodProblem(model, job, "arm_angle", "quick", **more)
 
 
+@pytest.mark.full_effort
 @pytest.mark.parametrize(("beyond", "asked"), [(0, 1), (1, 0)])
 def test_simpler_methods_begin_short_sequences_only(
     random_job: Callable[..., Job], monkeypatch: pytest.MonkeyPatch, beyond: int, asked: int

@@ -167,6 +167,12 @@ def _least(scaled: FloatArray, q: FloatArray, good: BoolArray) -> list[tuple[Int
         q: joints [rad], the same shape.
         good: which postures may be taken, shape (m, cells, branches).
     """
+    # A branch that is left out at some station has no way; joints first, as sums over a short last axis take long.
+    whole = np.flatnonzero(good.any(axis=1).all(axis=0))
+    good = good[:, :, whole]
+    scaled, q = (
+        np.ascontiguousarray(np.moveaxis(joints[:, :, whole], -1, 1)) for joints in (scaled, q)
+    )
     m, cells, branches = good.shape
     value = np.where(good[0], 0.0, np.inf)
     shifts = np.arange(-REACH, REACH + 1)
@@ -174,9 +180,9 @@ def _least(scaled: FloatArray, q: FloatArray, good: BoolArray) -> list[tuple[Int
     for k in range(1, m):
         # From cell c + shift at the station before to cell c here.
         source = (np.arange(cells)[:, None] + shifts) % cells
-        moved = scaled[k][:, None] - scaled[k - 1][source]
-        cost = (moved * moved).sum(axis=-1) + value[source]
-        cost[np.abs(q[k][:, None] - q[k - 1][source]).max(axis=-1) > FARTHEST] = np.inf
+        moved = scaled[k][:, :, None] - scaled[k - 1][:, source]
+        cost = (moved * moved).sum(axis=0) + value[source]
+        cost[np.abs(q[k][:, :, None] - q[k - 1][:, source]).max(axis=0) > FARTHEST] = np.inf
         best = cost.argmin(axis=1)
         back[k] = np.take_along_axis(source[..., None], best[:, None], axis=1)[:, 0]
         value = np.where(good[k], np.take_along_axis(cost, best[:, None], axis=1)[:, 0], np.inf)
@@ -190,7 +196,7 @@ def _least(scaled: FloatArray, q: FloatArray, good: BoolArray) -> list[tuple[Int
         for k in range(m - 1, -1, -1):
             track[k] = cell
             cell = int(back[k, cell, branch])
-        found.append((track, branch, least))
+        found.append((track, int(whole[branch]), least))
     return sorted(found, key=lambda one: one[2])
 
 
