@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dualarm_cli.bound.cells import Cells, Line, finer_edges, free_cells
+from dualarm_cli.bound.cells import Cells, LineToTarget, finer_edges, free_cells
 from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.platform_chain import rotation_z
@@ -415,7 +415,7 @@ def pose_cells(
     edges: FloatArray,
     resolution: Resolution,
     free_last: bool,
-    line: Line | None,
+    line: LineToTarget | None,
 ) -> Cells:
     """Returns cells that cover every posture of one flange pose, as `bound/cells.py` has it."""
     finer, parts = resolution.finer, resolution.arm_angles * resolution.finer

@@ -55,7 +55,7 @@ class Cells:
 
 
 @dataclass(frozen=True)
-class Line:
+class LineToTarget:
     """A straight line of the tool from a pose to its target, or back."""
 
     target: FloatArray
@@ -73,7 +73,7 @@ def pose_cells(
     edges: FloatArray,
     resolution: Resolution,
     free_last: bool,
-    line: Line | None,
+    line: LineToTarget | None,
 ) -> Cells:
     """Returns cells that cover every posture of one flange pose that stands in the world.
 

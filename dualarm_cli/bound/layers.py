@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dualarm_cli.bound.branches import branch_cells
-from dualarm_cli.bound.cells import Cells, Line, free_cells, point_cells, pose_cells
+from dualarm_cli.bound.cells import Cells, LineToTarget, free_cells, point_cells, pose_cells
 from dualarm_cli.bound.stretched_lines import line_bounds
 from dualarm_cli.compiled.transfer_times import Laws, LineEnds, boxes, least_work
 from dualarm_cli.effort import Resolution
@@ -148,7 +148,7 @@ def _pose_cells(
     def cells(length: float) -> Cells:
         outer = p - length * z
         ends = arm.wrist_center(R, outer), arm.wrist_center(R, p)
-        line = Line(p, work.law, lambda intervals: line_bounds(work, R, *ends, intervals))
+        line = LineToTarget(p, work.law, lambda intervals: line_bounds(work, R, *ends, intervals))
         return pose_cells(arm, R, outer, edges, resolution, free_last, line if length else None)
 
     approach = cells(stop.approach)

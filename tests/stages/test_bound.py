@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.bound.bound import lower_bound, platform_edges
-from dualarm_cli.bound.cells import Line, pose_cells
+from dualarm_cli.bound.cells import LineToTarget, pose_cells
 from dualarm_cli.effort import Resolution
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.tasks.tasks import load_job
@@ -127,7 +127,7 @@ def test_no_line_is_shorter_than_to_the_nearest_posture(arms, kind: str) -> None
             R, p = arm.forward(q)
             length = 0.2 * (arm.geometry.upper + arm.geometry.fore) * (kind != "short") + 0.005
             end = p + length * (lambda v: v / np.linalg.norm(v))(random.normal(size=3))
-            cells = pose_cells(arm, R, p, edges, COARSE, False, Line(end, law, no_floor))
+            cells = pose_cells(arm, R, p, edges, COARSE, False, LineToTarget(end, law, no_floor))
             phi = np.append(0.0, random.uniform(-2.9, 2.9, 40))
             turn = rotation_z(-phi)
             found = arm.solve(
@@ -167,7 +167,13 @@ def test_bounds_of_lines_are_near_what_lines_take(random_problem: Problems) -> N
             )
             outer, m = p - 0.08 * z, 400
             cells = pose_cells(
-                arm, R, outer, edges, Resolution(0.1, 36, 2), False, Line(p, work.law, no_floor)
+                arm,
+                R,
+                outer,
+                edges,
+                Resolution(0.1, 36, 2),
+                False,
+                LineToTarget(p, work.law, no_floor),
             )
             phi = random.uniform(-1.5, 1.5, m)
             share = np.linspace(0.0, 1.0, 9)

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.bound.bound import platform_edges
-from dualarm_cli.bound.cells import Cells, Line, pose_cells
+from dualarm_cli.bound.cells import Cells, LineToTarget, pose_cells
 from dualarm_cli.effort import Resolution
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -293,7 +293,7 @@ def test_compiled_cells_are_those_of_numpy(arm, finer, free_last, line):
         if trial % 3 == 1:
             q[3] = (1e-3, 1e-6, 0.0)[trial % 4 % 3]
         R, p = arm.forward(q)
-        to = Line(p + 0.1 * R[:, trial % 3], law, floor) if line else None
+        to = LineToTarget(p + 0.1 * R[:, trial % 3], law, floor) if line else None
         found, expected = (
             make(arm, R, p, edges, resolution, free_last, to)
             for make in (pose_cells, in_numpy.pose_cells)
