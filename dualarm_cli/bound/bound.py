@@ -7,7 +7,7 @@ between. `bound_cells` leaves out no posture, so that these cells exist. Then
 
 - the transfer takes at least the rest-to-rest time of the slowest joint, or of the platform, over the gap between the
   two cells (times grow with the distance);
-- approach, dwell and retract take at least the dwell and the larger of the lines' own bounds (`bound_lines`) and of
+- approach, dwell and retract take at least the dwell and the larger of the lines' own bounds (`pose_cells`) and of
   the rest-to-rest time from one cell to the other: two motions from rest to rest, one after the other, are one;
 - a stage lasts as long as the slower arm, so at least as long as the other arm needs for the same two cells of the
   platform with whatever postures suit it best.
@@ -306,6 +306,6 @@ def _least_from(arm: _Arm, stage: _Stage, others: list[Times]) -> Times:
     for other in others:
         np.maximum(floor, other if stage.known else other.min(axis=0), out=floor)
     if stage.pairs is None:
-        least = np.maximum(own, floor.min(axis=0)[stage.work.index] + beyond)
+        least = np.maximum(own, floor.min(axis=0)[stage.work.stop.approach.index] + beyond)
         return least.min(keepdims=True)
     return stage.pairs.least_from(own, floor, beyond)

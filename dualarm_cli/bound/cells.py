@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,12 +12,8 @@ from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
-from dualarm_cli.postures.platform_reach import (
-    AngleCells,
-    ShapeRates,
-    reachable_cells,
-    shape_rates,
-)
+from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells
+from dualarm_cli.timing.rest_to_rest import RestToRest
 
 ROUNDING = 1e-6
 """What enclosures are widened by, since they are computed in floating point [rad]; the compiled ones as well."""
@@ -58,6 +54,18 @@ class Cells:
         return every.take(np.lexsort((every.kind, every.index)))
 
 
+@dataclass(frozen=True)
+class LineToTarget:
+    """A straight line of the tool from a pose to its target, or back."""
+
+    target: FloatArray
+    """Flange position at the target in the carried frame at platform angle zero [m], shape (3,)."""
+    law: RestToRest
+    """Rest-to-rest times of the joints on it."""
+    floor: Callable[[AngleCells], FloatArray]
+    """Returns what it takes at least over intervals of the platform angle [s]; better is found where it can be."""
+
+
 def pose_cells(
     arm: SrsArm,
     R: FloatArray,
@@ -65,7 +73,7 @@ def pose_cells(
     edges: FloatArray,
     resolution: Resolution,
     free_last: bool,
-    lines: Callable[[AngleCells], FloatArray],
+    line: LineToTarget | None,
 ) -> Cells:
     """Returns cells that cover every posture of one flange pose that stands in the world.
 
@@ -77,18 +85,23 @@ def pose_cells(
     Over each interval of the platform angle the arm plane is carried along from the middle by the smallest rotation of
     the shoulder-wrist line, and the circle of elbows is cut into equal parts: a box in (phi, psi). Joints 1 and 2 are
     azimuth and polar angle of the upper arm seen from the carried frame, joint 3 is the azimuth of axis 1 seen from the
-    upper arm, at the same polar angle; joints 7, 6, 5 likewise with the forearm, seen from the tool. Each is the
-    direction of a unit vector that moves at bounded rates (`ShapeRates`), so with s the least sine of the polar angle
-    and d the farthest that the vector is from where it is at the nearest corner:
+    upper arm, at the same polar angle; joints 7, 6, 5 likewise with the forearm, seen from the tool. Their sines and
+    cosines are A sin psi + B cos psi + C, where A, B and C follow from phi by sums, products, reciprocals and roots.
+    Interval arithmetic on these and on their first and second derivatives gives ranges of the joints' second
+    derivatives over a box. A function on a box is below the bilinear interpolation of its corners by at most
+    (M_phi h_phi² + M_psi h_psi²) / 2, with half-widths h and the greatest second derivatives M (0 if they are
+    negative), and above it likewise. Where that tells little, as near a pole, the range of the values counts. Both are
+    widened by 1e-6 rad, since they are computed in floating point.
 
-    - the polar angle is within d of a corner's;
-    - the azimuth is within d / s, and within asin(sin d / sin theta) with a corner's theta, of a corner's;
-    - a smooth function on a box lies between its corners, give or take (M_phi h_phi² + M_psi h_psi²) / 2, with
-      half-widths h and bounds M of its second derivatives (bilinear interpolation): for an azimuth
-      |q''| <= a2/s + 2 a1²/s², for a polar angle |q''| <= (a2 + a1²)/s.
-
-    The least of these counts, widened by 1e-6 rad, since it is computed in floating point. Joint 4 depends on the
-    distance alone. Our own derivation.
+    A line takes at least the rest-to-rest time of the slowest joint between both its ends, at the arm angle of the
+    target that suits it best. With the same phi at both ends, psi at the outer end and psi + delta at the target, what
+    a joint turns is a function of (phi, psi, delta), and between its eight corners in the same way: its second
+    derivatives are differences of those at both ends. Whole turns count nothing, so that the joints' turns need not be
+    known, and of each triple the other branch at the target counts as well. In time T from rest to rest a joint turns
+    D(T) at most, forth and back added up: a motion that turns back is nowhere faster than some motion that does not
+    (between the greatest speeds v_i and v_k to either side of a turn, put v_k + (v + v_k) (v_i - v_k) / (v_i + v_k) for
+    v, v_i >= v_k: never less than |v|, and its rates are scaled down). So it does not matter how the tool gets along
+    the line. Our own derivation.
 
     Args:
         arm: kinematics in the carried frame.
@@ -97,20 +110,18 @@ def pose_cells(
         edges: borders of the platform's cells [rad], shape (g + 1,).
         resolution: how finely.
         free_last: whether joint 7 is free.
-        lines: returns the least time of the line at this pose for intervals of the platform angle [s].
+        line: the line that begins or ends there; None without one.
     """
     finer = resolution.finer
-    wrist = arm.wrist_center(R, p)
-    intervals = reachable_cells(arm, wrist, finer_edges(edges, finer))
+    intervals = reachable_cells(arm, arm.wrist_center(R, p), finer_edges(edges, finer))
     if not len(intervals.index):
         return free_cells(arm, edges[:1])
-    rates = shape_rates(arm, wrist, intervals)
+    known = np.zeros(len(intervals.index)) if line is None else line.floor(intervals)
     found = compiled.posture_cells(
         arm.numbers,
         (R, p),
-        (intervals.index // finer, intervals.low, intervals.high),
-        [getattr(rates, field.name) for field in fields(ShapeRates)],
-        lines(intervals),
+        None if line is None else (line.target, *line.law.time_table),
+        (intervals.index // finer, intervals.low, intervals.high, known),
         (resolution.arm_angles, finer),
         free_last,
     )

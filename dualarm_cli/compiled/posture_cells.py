@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
 from ctypes import byref
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dualarm_cli.compiled import library, numbers, pointer, whole
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, distinct
@@ -20,13 +20,15 @@ class _Intervals(ctypes.Structure):
     """`Intervals` in C."""
 
     _fields_ = (
-        ("cell", _pointer),
-        ("low", _pointer),
-        ("high", _pointer),
-        ("rates", _pointer * 8),
-        ("line", _pointer),
+        *((name, _pointer) for name in ("cell", "low", "high", "line")),
         ("count", _int64),
     )
+
+
+class _LineLaw(ctypes.Structure):
+    """`LineLaw` in C."""
+
+    _fields_ = (("time", _pointer), ("per_step", ctypes.c_double), ("steps", _int64))
 
 
 class _Cells(ctypes.Structure):
@@ -42,9 +44,8 @@ class _Cells(ctypes.Structure):
 def posture_cells(
     arm: FloatArray,
     pose: tuple[FloatArray, FloatArray],
-    intervals: tuple[IntArray, FloatArray, FloatArray],
-    rates: Sequence[FloatArray],
-    line: FloatArray,
+    line: tuple[FloatArray, float, NDArray[np.float32]] | None,
+    intervals: tuple[IntArray, FloatArray, FloatArray, FloatArray],
     circle: tuple[int, int],
     free_last: bool,
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
@@ -53,25 +54,24 @@ def posture_cells(
     Args:
         arm: `SrsArm.numbers`.
         pose: flange rotation, (3, 3), and position [m], (3,), in the carried frame at platform angle zero.
-        intervals: platform cell of each of c intervals of its angle, ascending, and where they begin and end [rad],
-            shape (c,) each.
-        rates: the fields of `ShapeRates`, shape (c,) each.
-        line: what comes with each interval's postures, the least of which a cell gets, shape (c,).
+        line: flange position at the other end of the line [m], (3,), and `RestToRest.time_table`; None without a line.
+        intervals: platform cell of each of c intervals of its angle, ascending, where they begin and end [rad], and a
+            floor of the line's time over each of them [s], shape (c,) each.
         circle: into how many parts the circle of elbows is cut, and each of these for enclosures.
         free_last: whether joint 7 is free.
 
     Returns:
         Platform cell and branch, shape (n,) each; lowest and highest joints and, last, platform angle [rad], shape
-        (n, 8) each; least of `line`, shape (n,).
+        (n, 8) each; least time of the line [s], shape (n,).
 
     Raises:
         MemoryError: there is none.
     """
-    held = [whole(intervals[0]), *map(numbers, (*intervals[1:], *rates, line))]
-    pointers = [pointer(x) for x in held]
-    rows = (_pointer * 8)(*(x.value for x in pointers[3:11]))
-    given = _Intervals(*pointers[:3], rows, pointers[11], len(line))
-    whose = [numbers(x) for x in (arm, *pose)]
+    target, per_step, times = line or (pose[1], 1.0, np.zeros((7, 0), dtype=np.float32))
+    whose = [numbers(x) for x in (arm, *pose, target)]
+    law = _LineLaw(pointer(times), per_step, times.shape[1])
+    held = whole(intervals[0]), *map(numbers, intervals[1:])
+    given = _Intervals(*map(pointer, held), len(held[0]))
     parts = *map(_int64, circle), _int64(free_last)
     most = PER_PART * len(distinct(intervals[0])) * 8 * circle[0]
     while True:
@@ -79,7 +79,7 @@ def posture_cells(
         low, high, least = np.empty((most, 8)), np.empty((most, 8)), np.empty(most)
         arrays = (index, branch, low, high, least)
         found = _Cells(*map(pointer, arrays), most, 0)
-        call = *map(pointer, whose), byref(given), *parts, byref(found)
+        call = *map(pointer, whose), byref(law), byref(given), *parts, byref(found)
         if library().posture_cells(*call):
             raise MemoryError
         if found.count <= most:

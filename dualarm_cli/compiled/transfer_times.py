@@ -96,6 +96,45 @@ class CellRuns(_Held):
         return own
 
 
+class LineEnds(_Held):
+    """Cells at one end of a stop's lines: `End` in C."""
+
+    _fields_ = (("cells", CoordinateBoxes), ("first", _pointer), ("line", _pointer))
+
+    @classmethod
+    def of(
+        cls, cells: CoordinateBoxes, first: NDArray[np.int64], line: NDArray[np.float32]
+    ) -> LineEnds:
+        """Returns cells in groups.
+
+        Args:
+            cells: n boxes, in order of their groups.
+            first: first cell of each of g groups, and n, shape (g + 1,).
+            line: least time of the line at each cell [s], shape (n,).
+        """
+        own = cls(cells, pointer(first), pointer(line))
+        own.held = cells, first, line
+        return own
+
+
+def least_work(
+    laws: Laws, approach: LineEnds, retract: LineEnds, groups: int, rest: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Returns the least of max(way, both lines) + rest from every cell to all others of its group [s], shape (n,).
+
+    Args:
+        laws: tables of times.
+        approach: n cells where the approach begins.
+        retract: m cells where the retract ends.
+        groups: number of groups.
+        rest: from each of the latter [s], shape (m,).
+    """
+    least = np.full(approach.cells.count, np.inf, dtype=np.float32)
+    arguments = *map(byref, (laws, approach, retract)), _int64(groups), pointer(rest)
+    library().least_work(*arguments, pointer(least))
+    return least
+
+
 def gap_times(laws: Laws, before: CoordinateBoxes, after: CoordinateBoxes) -> NDArray[np.float32]:
     """Returns the least times between all pairs of boxes [s], shape (n, m).
 

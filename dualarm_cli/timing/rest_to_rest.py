@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 
-REACH_STEPS = 1 << 14
-"""Steps of `RestToRest.reach_table`."""
+TABLE_STEPS = 1 << 13
+"""Steps of `RestToRest.reach_table` and `RestToRest.time_table`."""
 
 
 @dataclass(frozen=True)
@@ -98,13 +99,26 @@ class RestToRest:
 
     @cached_property
     def reach_table(self) -> tuple[float, FloatArray]:
-        """A step of time [s], and how far each joint gets in 0, 1, … REACH_STEPS of them [rad], (n, REACH_STEPS + 1).
+        """A step of time [s], and how far each joint gets in 0, 1, … of them [rad], shape (n, TABLE_STEPS).
 
         All together are long enough for half a turn of every joint.
         """
-        step = float(self.duration(np.full(len(self.velocity), np.pi))) / REACH_STEPS
-        times: FloatArray = step * np.arange(REACH_STEPS + 1, dtype=np.float64)[:, None]
-        return step, readonly(self.reachable_distance(times).T)
+        longest = float(self.duration(np.full(len(self.velocity), np.pi)))
+        times = np.linspace(0.0, longest, TABLE_STEPS)
+        return float(times[1]), readonly(self.reachable_distance(times[:, None]).T)
+
+    @cached_property
+    def time_table(self) -> tuple[float, NDArray[np.float32]]:
+        """Steps per radian, and the least time of 0, 1, … of them [s], rounded down, shape (n, TABLE_STEPS).
+
+        The inverse of `reach_table`, up to half a turn.
+        """
+        step, reach = self.reach_table
+        way = np.arange(TABLE_STEPS) * (np.pi / TABLE_STEPS)
+        found = [step * (np.searchsorted(own, way, side="right") - 1) for own in reach]
+        table = np.nextafter(np.array(found, dtype=np.float32), np.float32(0.0))
+        table.flags.writeable = False
+        return TABLE_STEPS / np.pi, table
 
 
 def rest_to_rest_duration(

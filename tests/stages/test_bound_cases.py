@@ -12,13 +12,12 @@ from scipy.optimize import linprog
 from dualarm_cli.bound import bound as bound_pairs
 from dualarm_cli.bound.bound import Pairs, lower_bound, platform_edges
 from dualarm_cli.bound.cells import free_cells, point_cells, pose_cells
-from dualarm_cli.bound.layers import PostureBoxes, StopBoxes, line_bounds, stop_boxes
+from dualarm_cli.bound.layers import PostureBoxes, StopBoxes, stop_boxes, stop_work
 from dualarm_cli.effort import Resolution
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.model.job import Dwell, Job, JointTarget, Place, PoseTarget, Stop, Task
-from dualarm_cli.postures.platform_reach import AngleCells
 from dualarm_cli.stages.search.potentials import transfer_table
 from dualarm_cli.stages.search.problem import Decisions, SequenceProblem
 from dualarm_cli.stages.search.search import search
@@ -247,9 +246,7 @@ def test_postures_at_the_edges_lie_in_cells(tmp_path, robot: str, kind: str) -> 
         else:
             q[1] = np.clip(near - arm.canonical.offset[1], low[1], high[1])
         R, p = arm.forward(q)
-        cells = pose_cells(
-            arm, R, p, edges, Resolution(0.3, 9, 2), False, lambda x: np.zeros(len(x.index))
-        )
+        cells = pose_cells(arm, R, p, edges, Resolution(0.3, 9, 2), False, None)
         phi = np.append(0.0, random.normal(scale=near, size=60)).clip(-1.0, 1.0)
         psi = float(arm.arm_angle(q)) + np.append(0.0, random.normal(scale=near, size=60))
         turn = rotation_z(-phi)
@@ -261,36 +258,6 @@ def test_postures_at_the_edges_lie_in_cells(tmp_path, robot: str, kind: str) -> 
         ]
         inside = ((points >= cells.low - 1e-9) & (points <= cells.high + 1e-9)).all(axis=2)
         assert inside.any(axis=1).all()
-
-
-def test_a_line_over_an_interval_takes_no_longer_than_at_any_angle_in_it(
-    random_problem: Problems,
-) -> None:
-    """Wide intervals against single angles, for random lines in all directions, also close by the shoulder."""
-    work = random_problem(0, (1, 1)).arms[0]
-    arm = work.kinematics
-    random = np.random.default_rng(12)
-    told = 0
-    for _ in range(60):
-        R = pin.SE3.Random().rotation
-        wrist = arm.geometry.shoulder + random.normal(scale=0.35, size=3)
-        end = wrist + 0.08 * (lambda v: v / np.linalg.norm(v))(random.normal(size=3))
-        middle, half = random.uniform(-2.0, 2.0), random.choice([0.003, 0.02, 0.1])
-        whole = AngleCells(
-            np.zeros(1, dtype=np.int64), np.array([middle - half]), np.array([middle + half])
-        )
-        phi = np.linspace(middle - half, middle + half, 41)
-        points = AngleCells(np.zeros(41, dtype=np.int64), phi, phi)
-        away = [
-            np.linalg.norm(rotation_z(-phi) @ x - arm.geometry.shoulder, axis=1)
-            for x in (wrist, end)
-        ]
-        inside = np.all([(x > arm.reach[0]) & (x < arm.reach[1]) for x in away], axis=0)
-        if inside.any():
-            bound = line_bounds(work, R, wrist, end, whole)[0]
-            assert bound <= line_bounds(work, R, wrist, end, points)[inside].min() + 1e-3
-            told += bound > 0.1
-    assert told > 10
 
 
 @pytest.mark.parametrize("jerk", [200.0, 30.0, 8.0])
@@ -356,6 +323,41 @@ def test_pruned_pairs_give_the_minima_of_all_pairs() -> None:
             for k in range(5):
                 some = (times + own)[np.ix_(before.index == i, after.index == k)]
                 assert by_cells[i, k] == some.min(initial=np.inf)
+
+
+def test_a_stop_takes_its_lines_or_the_way_between_its_cells() -> None:
+    """Random boxes and lines: cell by cell the least over all retract cells of the same platform cell."""
+    random = np.random.default_rng(15)
+    law = RestToRest(np.array([1.0, 2.0, 3.0]), np.array([4.0, 8.0, 3.0]), np.full(3, 60.0))
+    table = TransferTable.of([law], np.full(3, -3.0), np.full(3, 3.0))
+    for free in (None, 1):
+        approach, retract = (
+            replace(
+                _random_boxes(random, table, 4, n),
+                line=random.uniform(0.1, 0.6, n).astype(np.float32),
+            )
+            for n in (700, 1200)
+        )
+        few = retract.index != 2
+        retract = PostureBoxes(
+            retract.index[few],
+            retract.kind[few],
+            *(np.ascontiguousarray(x[:, few]) for x in (retract.low, retract.high)),
+            retract.line[few],
+        )
+        work = stop_work(table, StopBoxes(approach, retract, False, 0.2, free))
+        rest = random.uniform(0.0, 1.0, len(retract.index)).astype(np.float32)
+        without = () if free is None else (free,)
+        way = table.gap_times(approach.low, approach.high, retract.low, retract.high, without)
+        lines = approach.line[:, None] + retract.line
+        whole = np.where(
+            approach.index[:, None] == retract.index, np.maximum(way, lines), np.float32(np.inf)
+        )
+        own, beyond = work.with_rest(rest)
+        assert (own == (whole + rest).min(axis=1) + np.float32(0.2)).all()
+        assert (work.least == whole.min(axis=1) + np.float32(0.2)).all()
+        assert (beyond == np.where(np.isfinite(whole), rest, np.inf).min(axis=1)).all()
+        assert np.isinf(own[approach.index == 2]).all()
 
 
 @pytest.mark.parametrize("known", [True, False])

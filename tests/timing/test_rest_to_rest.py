@@ -108,3 +108,16 @@ def test_no_time_reaches_nothing():
     law = RestToRest([1.0, 1.0], [2.0, 2.0], [3.0, INF])
     assert np.array_equal(law.reachable_distance(np.zeros(2)), [0.0, 0.0])
     assert np.array_equal(law.per_joint(np.zeros(2)), [0.0, 0.0])
+
+
+@pytest.mark.parametrize("jerk", [np.inf, 40.0, 5.0])
+def test_the_table_of_times_is_the_closed_form_rounded_down(jerk):
+    """At every step of the table: never above the time of the way, and below it by next to nothing."""
+    law = RestToRest(np.array([1.0, 3.0]), np.array([4.0, 9.0]), np.array([jerk, 2.0 * jerk]))
+    per_step, table = law.time_table
+    way = np.arange(table.shape[1]) / per_step
+    assert way[-1] == pytest.approx(np.pi, rel=1e-3)
+    exact = np.stack([law.per_joint(np.stack([way, way], axis=1))[:, j] for j in range(2)])
+    assert (table <= exact).all()
+    longest = exact.max()
+    assert (exact - table).max() < 2e-4 * longest

@@ -5,17 +5,16 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-#include "srs.h"
+#include "postures.h"
 
-enum { CORNERS = 4, MOST_VARIANTS = 1 << JOINTS };
+enum { MOST_VARIANTS = 1 << JOINTS };
 
-static const double SINGULAR = 1e-3, ROUNDING = 1e-6, APART = 2.0;
+static const double APART = 2.0;
 
-/* Intervals of the platform angle; `rates` are the rows of `ShapeRates`: distance_low, distance_high, sin_upper,
-   sin_fore, shoulder_first, shoulder_second, wrist_first, wrist_second. */
+/* Parts of the platform's cells from which a pose is within reach. */
 typedef struct {
     const int64_t *cell; /* platform cell of each, ascending */
-    const double *low, *high, *rates[8], *line;
+    const double *low, *high, *line; /* what is known of the line's time */
     int64_t count;
 } Intervals;
 
@@ -33,73 +32,11 @@ typedef struct {
     int64_t most, count;
 } Cells;
 
-/* The smaller of two bounds; what is not a number tells nothing. */
-static double least_of(double one, double other)
-{
-    return fmin(isnan(one) ? INFINITY : one, other);
-}
-
-static void turned(double angle, const double *v, int64_t stride, double *out)
-{
-    const double c = cos(angle), s = sin(angle);
-    out[0] = c * v[0] - s * v[stride];
-    out[stride] = s * v[0] + c * v[stride];
-    out[2 * stride] = v[2 * stride];
-}
-
-/* The curves of the pose from a platform angle, and u, r and t of the arm plane in the carried frame. */
-static void seen_from(const Arm *arm, const double *R, const double *p, double angle, Curves *curves,
-                      double directions[3][3])
-{
-    double own[9], point[3];
-    for (int k = 0; k < 3; k++)
-        turned(-angle, R + k, 3, own + k);
-    turned(-angle, p, 1, point);
-    curves_of(arm, own, point, curves);
-    const double *plane[3] = {curves->u, curves->r, curves->t};
-    for (int v = 0; v < 3; v++)
-        for (int i = 0; i < 3; i++)
-            directions[v][i] = dot(arm->B + 3 * i, plane[v]);
-}
-
-/* The arm angle of the middle's reference direction after the smallest rotation in the world. */
-static double carried_along(double middle[3][3], double here[3][3], double turn)
-{
-    double u[3], r[3], t[3], carried[3];
-    turned(turn, here[0], 1, u);
-    turned(turn, here[1], 1, r);
-    turned(turn, here[2], 1, t);
-    const double along = dot(middle[1], u) / fmax(1.0 + dot(middle[0], u), 1e-12);
-    for (int i = 0; i < 3; i++)
-        carried[i] = middle[1][i] - along * (middle[0][i] + u[i]);
-    return atan2(dot(carried, t), dot(carried, r));
-}
-
-/* The range of an azimuth, and of the same half a turn on. */
-static void around(const double corner[CORNERS], double straight, double bent, double low[2], double high[2])
-{
-    double change = 0.0, least = 0.0, most = 0.0;
-    for (int k = 1; k < CORNERS; k++) {
-        const double step = corner[k] - corner[k - 1];
-        change += step - TURN * nearbyint(step / TURN);
-        least = fmin(least, change);
-        most = fmax(most, change);
-    }
-    const double slack = least_of(straight, bent);
-    const int known = straight < 0.5 * PI;
-    for (int flip = 0; flip < 2; flip++) {
-        low[flip] = known ? corner[0] + least - slack + flip * PI : -INFINITY;
-        high[flip] = known ? corner[0] + most + slack + flip * PI : INFINITY;
-    }
-}
-
 /* Cuts a range at a joint's limits. */
 static void limited(const Arm *arm, int joint, int flip, double low, double high, Box *box)
 {
     const double bottom = arm->lower[joint], top = arm->upper[joint];
     const int bounded = isfinite(bottom) && isfinite(top);
-    low -= ROUNDING;
-    high += ROUNDING;
     int known = bounded && high - low < TURN, turns = 0, meets[3];
     if (known) {
         /* The nearest turn to the limits' middle: if any turn meets them, it does, or one next to it. */
@@ -129,97 +66,50 @@ static void limited(const Arm *arm, int joint, int flip, double low, double high
     box->meets[1][joint][flip] = turns == 2;
 }
 
-/* Both values of joint 4 at a distance from shoulder to wrist. */
-static double bend_at(const Arm *arm, double distance)
+/* Fills the boxes (parts,) of one interval of the platform angle. */
+static void boxes_of(const Arm *arm, int free_last, const Circle *circle, Box *box)
 {
-    const double upper = arm->upper_arm, fore = arm->fore_arm;
-    const double cosine = (distance * distance - upper * upper - fore * fore) / (2.0 * upper * fore);
-    return acos(fmin(fmax(cosine, -1.0), 1.0));
+    for (int64_t k = 0; k < circle->parts; k++)
+        for (int joint = 0; joint < JOINTS; joint++) {
+            const Span span = circle->span[k * JOINTS + joint];
+            if (joint == JOINTS - 1 && free_last) {
+                limited(arm, joint, 0, -INFINITY, INFINITY, box + k);
+                limited(arm, joint, 1, -INFINITY, INFINITY, box + k);
+            } else if (joint % 2) {
+                const double low = fmax(span.low, 0.0), high = fmin(span.high, PI), offset = arm->offset[joint];
+                limited(arm, joint, 0, low - offset, high - offset, box + k);
+                limited(arm, joint, 1, -high - offset, -low - offset, box + k);
+            } else {
+                limited(arm, joint, 0, span.low, span.high, box + k);
+                limited(arm, joint, 1, span.low + PI, span.high + PI, box + k);
+            }
+        }
 }
 
-/* Fills the boxes (parts,) of one interval of the platform angle; corner is room for 2 * parts * 7. */
-static void boxes_of(const Arm *arm, const double *R, const double *p, const Intervals *intervals, int64_t i,
-                     int64_t parts, int free_last, double *corner, Box *box)
+/* Whether a branch's joints can be within their limits. */
+static int is_possible(const Box *box, int branch)
 {
-    static const int TRIPLES[2][3] = {{0, 1, 2}, {6, 5, 4}};
-    const double low = intervals->low[i], high = intervals->high[i];
-    const double middle = 0.5 * (low + high), h_phi = 0.5 * (high - low), h_psi = PI / (double)parts;
-    double middle_directions[3][3], directions[3][3];
-    Curves curves;
-    seen_from(arm, R, p, middle, &curves, middle_directions);
-    for (int side = 0; side < 2; side++) {
-        const double angle = side ? high : low;
-        seen_from(arm, R, p, angle, &curves, directions);
-        const double shift = carried_along(middle_directions, directions, angle - middle);
-        for (int64_t k = 0; k < parts; k++) {
-            const double psi = -PI + TURN * (double)k / (double)parts + shift;
-            double q[4], theta[2], *own = corner + (side * parts + k) * JOINTS;
-            angles_at(arm, &curves, sin(psi), cos(psi), q, theta);
-            for (int j = 0; j < 4; j++)
-                own[2 * j] = q[j];
-            /* Where the first joint of a triple is chosen at will, the middle one may be an ulp below zero. */
-            own[1] = fabs(theta[0]);
-            own[5] = fabs(theta[1]);
-        }
-    }
-    const double bend[2] = {bend_at(arm, intervals->rates[1][i]), bend_at(arm, intervals->rates[0][i])};
-    for (int64_t k = 0; k < parts; k++) {
-        const int64_t next = (k + 1) % parts;
-        const double *at[CORNERS] = {corner + k * JOINTS, corner + next * JOINTS, corner + (parts + next) * JOINTS,
-                                     corner + (parts + k) * JOINTS};
-        for (int triple = 0; triple < 2; triple++) {
-            const double b = intervals->rates[2 + triple][i];
-            const double a_1 = intervals->rates[4 + 2 * triple][i], a_2 = intervals->rates[5 + 2 * triple][i];
-            const int joint = TRIPLES[triple][1];
-            double least = INFINITY, most = -INFINITY, to_pole = INFINITY;
-            for (int c = 0; c < CORNERS; c++) {
-                const double theta = at[c][joint];
-                least = fmin(least, theta);
-                most = fmax(most, theta);
-                to_pole = fmin(to_pole, fmin(theta, PI - theta));
-            }
-            double away = a_1 * h_phi + b * h_psi;
-            double s = fmin(sin(fmax(least - away, 0.0)), sin(fmin(most + away, PI)));
-            if (!(s > SINGULAR))
-                s = 0.0;
-            const double slack = least_of(
-                away, 0.5 * ((a_2 + a_1 * a_1) * h_phi * h_phi + (b + b * b) * h_psi * h_psi) / s);
-            const double bottom = fmax(least - slack, 0.0), top = fmin(most + slack, PI), offset = arm->offset[joint];
-            limited(arm, joint, 0, bottom - offset, top - offset, box + k);
-            limited(arm, joint, 1, -top - offset, -bottom - offset, box + k);
-            /* The elbow's circle carries the link round at rate b, its frame at rate 1. */
-            for (int outer = 0; outer < 2; outer++) {
-                const int own = TRIPLES[triple][2 * outer];
-                const double speed = outer ? 1.0 : b;
-                double lows[2] = {-INFINITY, -INFINITY}, highs[2] = {INFINITY, INFINITY};
-                if (own != 6 || !free_last) {
-                    double round[CORNERS];
-                    for (int c = 0; c < CORNERS; c++)
-                        round[c] = at[c][own];
-                    away = a_1 * h_phi + speed * h_psi;
-                    double cap = INFINITY;
-                    if (away < to_pole && to_pole > SINGULAR)
-                        cap = asin(fmin(sin(away) / sin(to_pole), 1.0));
-                    const double bent = 0.5 * ((a_2 / s + 2.0 * a_1 * a_1 / (s * s)) * h_phi * h_phi +
-                                               (speed / s + 2.0 * speed * speed / (s * s)) * h_psi * h_psi);
-                    around(round, least_of(away / s, cap), bent, lows, highs);
-                }
-                for (int flip = 0; flip < 2; flip++)
-                    limited(arm, own, flip, lows[flip], highs[flip], box + k);
-            }
-        }
-        limited(arm, 3, 0, bend[0] - arm->offset[3], bend[1] - arm->offset[3], box + k);
-        limited(arm, 3, 1, -bend[1] - arm->offset[3], -bend[0] - arm->offset[3], box + k);
-    }
+    int possible = 1;
+    for (int joint = 0; joint < JOINTS; joint++)
+        possible &= box->meets[0][joint][flips(joint, branch)];
+    return possible;
+}
+
+static uint8_t some_branch(const Box *box)
+{
+    int possible = 0;
+    for (int branch = 0; branch < BRANCHES; branch++)
+        possible |= is_possible(box, branch);
+    return (uint8_t)possible;
 }
 
 /* What fine cells of one branch and part of the circle are enclosed by, by the turns of their joints. */
 typedef struct {
     int turns[MOST_VARIANTS], count;
-    double low[MOST_VARIANTS][JOINTS + 1], high[MOST_VARIANTS][JOINTS + 1], line[MOST_VARIANTS], first[JOINTS];
+    double low[MOST_VARIANTS][JOINTS + 1], high[MOST_VARIANTS][JOINTS + 1], first[JOINTS];
 } Group;
 
-static void enclose(Group *group, const double *low, const double *high, double line)
+static void enclose(Group *group, const double *low, const double *high)
 {
     int turns = 0, k = 0;
     for (int joint = 0; joint < JOINTS; joint++) {
@@ -233,7 +123,6 @@ static void enclose(Group *group, const double *low, const double *high, double 
     if (k == group->count) {
         group->count++;
         group->turns[k] = turns;
-        group->line[k] = INFINITY;
         for (int j = 0; j <= JOINTS; j++) {
             group->low[k][j] = INFINITY;
             group->high[k][j] = -INFINITY;
@@ -243,14 +132,13 @@ static void enclose(Group *group, const double *low, const double *high, double 
         group->low[k][j] = fmin(group->low[k][j], low[j]);
         group->high[k][j] = fmax(group->high[k][j], high[j]);
     }
-    group->line[k] = fmin(group->line[k], line);
 }
 
 /* All turns of a fine cell: of the joints from one on, the others being chosen. */
-static void each_turn(Group *group, const Box *box, int branch, int joint, double *low, double *high, double line)
+static void each_turn(Group *group, const Box *box, int branch, int joint, double *low, double *high)
 {
     if (joint == JOINTS) {
-        enclose(group, low, high, line);
+        enclose(group, low, high);
         return;
     }
     const int flip = flips(joint, branch);
@@ -259,11 +147,11 @@ static void each_turn(Group *group, const Box *box, int branch, int joint, doubl
             continue;
         low[joint] = box->low[k][joint][flip];
         high[joint] = box->high[k][joint][flip];
-        each_turn(group, box, branch, joint + 1, low, high, line);
+        each_turn(group, box, branch, joint + 1, low, high);
     }
 }
 
-static void emit(const Group *group, int64_t cell, int branch, Cells *cells)
+static void emit(const Group *group, int64_t cell, int branch, double line, Cells *cells)
 {
     int order[MOST_VARIANTS];
     for (int i = 0; i < group->count; i++) {
@@ -278,7 +166,7 @@ static void emit(const Group *group, int64_t cell, int branch, Cells *cells)
         const int64_t n = cells->count;
         cells->cell[n] = cell;
         cells->branch[n] = branch;
-        cells->line[n] = group->line[order[i]];
+        cells->line[n] = line;
         for (int j = 0; j <= JOINTS; j++) {
             cells->low[(JOINTS + 1) * n + j] = group->low[order[i]][j];
             cells->high[(JOINTS + 1) * n + j] = group->high[order[i]][j];
@@ -286,11 +174,40 @@ static void emit(const Group *group, int64_t cell, int branch, Cells *cells)
     }
 }
 
+/* Fills the circle of a flange pose, but for its number of parts. */
+static void circle_of(const Arm *arm, const double *R, const double *p, double low, double high, Circle *circle)
+{
+    Shape shape;
+    shape_of(arm, R, p, low, high, &shape);
+    circle->h[0] = 0.5 * (high - low);
+    circle->h[1] = PI / (double)circle->parts;
+    corners_of(arm, R, p, &shape, circle->parts, circle->corner);
+    bends_of(arm, &shape, circle->parts, circle->bends);
+    spans_of(circle->parts, circle->h, circle->corner, circle->bends, circle->span);
+}
+
+/* Returns whether there is memory for both. */
+static int made(int64_t parts, Circle circle[2])
+{
+    int all = 1;
+    for (int end = 0; end < 2; end++) {
+        const size_t n = (size_t)parts;
+        circle[end] = (Circle){.parts = parts,
+                               .corner = malloc(sizeof(double) * 2 * n * JOINTS),
+                               .bends = malloc(sizeof(Bends) * n),
+                               .span = malloc(sizeof(Span) * n * JOINTS),
+                               .needed = malloc(n)};
+        all &= circle[end].corner && circle[end].bends && circle[end].span && circle[end].needed;
+    }
+    return all;
+}
+
 /* Cells of a flange pose, R (9) and p (3) in the carried frame at platform angle zero: fine ones, `finer` times `parts`
-   around the circle, enclosed together by platform cell, branch, part of the circle and turn. Returns 0, or 1 without
-   memory; cells->count may exceed cells->most, and then is what is needed. */
-int posture_cells(const Arm *arm, const double *R, const double *p, const Intervals *intervals, int64_t parts,
-                  int64_t finer, int64_t free_last, Cells *cells)
+   around the circle, enclosed together by platform cell, branch, part of the circle and turn. The line leads to
+   `target` (3); without steps of its law it takes no time. Returns 0, or 1 without memory; cells->count may exceed
+   cells->most, and then is what is needed. */
+int posture_cells(const Arm *arm, const double *R, const double *p, const double *target, const LineLaw *law,
+                  const Intervals *intervals, int64_t parts, int64_t finer, int64_t free_last, Cells *cells)
 {
     const int64_t fine = parts * finer;
     int64_t most = 1, begin = 0;
@@ -298,14 +215,26 @@ int posture_cells(const Arm *arm, const double *R, const double *p, const Interv
         begin = i && intervals->cell[i] == intervals->cell[i - 1] ? begin : i;
         most = i - begin + 1 > most ? i - begin + 1 : most;
     }
+    Circle circle[2];
     Box *box = malloc(sizeof(Box) * (size_t)(most * fine));
-    double *corner = malloc(sizeof(double) * (size_t)(2 * fine * JOINTS));
+    double *line = malloc(sizeof(double) * (size_t)parts);
     Group *group = malloc(sizeof(Group));
-    const int failed = !box || !corner || !group;
+    int failed = !made(fine, circle) || !box || !line || !group;
     cells->count = 0;
     for (int64_t first = 0, past; !failed && first < intervals->count; first = past) {
-        for (past = first; past < intervals->count && intervals->cell[past] == intervals->cell[first]; past++)
-            boxes_of(arm, R, p, intervals, past, fine, (int)free_last, corner, box + (past - first) * fine);
+        for (int64_t part = 0; part < parts; part++)
+            line[part] = law->steps ? INFINITY : 0.0;
+        for (past = first; past < intervals->count && intervals->cell[past] == intervals->cell[first]; past++) {
+            const double low = intervals->low[past], high = intervals->high[past];
+            circle_of(arm, R, p, low, high, circle);
+            boxes_of(arm, (int)free_last, circle, box + (past - first) * fine);
+            if (!law->steps)
+                continue;
+            circle_of(arm, R, target, low, high, circle + 1);
+            for (int64_t k = 0; k < fine; k++)
+                circle->needed[k] = some_branch(box + (past - first) * fine + k);
+            failed |= lower_line_times(law, (int)free_last, circle, circle + 1, finer, intervals->line[past], line);
+        }
         for (int branch = 0; branch < BRANCHES; branch++)
             for (int64_t part = 0; part < parts; part++) {
                 group->count = 0;
@@ -313,19 +242,22 @@ int posture_cells(const Arm *arm, const double *R, const double *p, const Interv
                     for (int64_t k = finer * part; k < finer * (part + 1); k++) {
                         const Box *own = box + (i - first) * fine + k;
                         double low[JOINTS + 1], high[JOINTS + 1];
-                        int possible = 1;
-                        for (int joint = 0; joint < JOINTS; joint++)
-                            possible &= own->meets[0][joint][flips(joint, branch)];
                         low[JOINTS] = intervals->low[i];
                         high[JOINTS] = intervals->high[i];
-                        if (possible)
-                            each_turn(group, own, branch, 0, low, high, intervals->line[i]);
+                        if (is_possible(own, branch))
+                            each_turn(group, own, branch, 0, low, high);
                     }
-                emit(group, intervals->cell[first], branch, cells);
+                emit(group, intervals->cell[first], branch, line[part], cells);
             }
     }
+    for (int end = 0; end < 2; end++) {
+        free(circle[end].corner);
+        free(circle[end].bends);
+        free(circle[end].span);
+        free(circle[end].needed);
+    }
     free(box);
-    free(corner);
+    free(line);
     free(group);
     return failed;
 }

@@ -66,6 +66,35 @@ void gap_times(const Laws *laws, const Boxes *from, const Boxes *to, float *time
         }
 }
 
+/* One end of a stop's lines. */
+typedef struct {
+    Boxes cells;
+    const int64_t *first; /* first cell of every group, and the number of cells, (groups + 1,) */
+    const float *line;    /* least time of the line there */
+} End;
+
+/* From every cell of `approach` the least over all cells of `retract` in its group of max(way between them, both
+   lines) + rest, (approach->cells.count,): infinite without any. */
+void least_work(const Laws *laws, const End *approach, const End *retract, int64_t groups, const float *rest,
+                float *least)
+{
+    float time[TILE];
+    for (int64_t g = 0; g < groups; g++)
+        for (int64_t i = approach->first[g]; i < approach->first[g + 1]; i++) {
+            float best = INFINITY;
+            for (int64_t j = retract->first[g], count; j < retract->first[g + 1]; j += count) {
+                count = retract->first[g + 1] - j < TILE ? retract->first[g + 1] - j : TILE;
+                row_times(laws, approach->cells, i, retract->cells, j, count, time);
+                for (int64_t k = 0; k < count; k++) {
+                    const float lines = approach->line[i] + retract->line[j + k];
+                    const float whole = (time[k] > lines ? time[k] : lines) + rest[j + k];
+                    best = whole < best ? whole : best;
+                }
+            }
+            least[i] = best;
+        }
+}
+
 typedef struct {
     float bound;
     int32_t run;
