@@ -337,6 +337,8 @@ def with_room(
                 job = replace(asked.job, cell=roomy.job.cell)
                 found = solve(replace(asked, model=roomy.model, job=job, own=asked))
             except InfeasibleError:
+                if asked.only_near:
+                    raise
                 found = None
             # At the platform angle that a method wants, reach may end a little earlier.
             if found is not None and all(one.solver != REACH for one in found.stages):

@@ -26,6 +26,7 @@ class _Arrays(ctypes.Structure):
 
     def put(self, **arrays: NDArray[np.float64] | NDArray[np.int64]) -> None:
         """Points members at arrays."""
+        assert set(arrays) <= {name for name, *_ in self._fields_}  # others would be no pointers
         own = {
             name: whole(array) if array.dtype.kind in "ib" else numbers(array)
             for name, array in arrays.items()
@@ -39,6 +40,10 @@ class JointSteps(_Arrays):
     """A robot's joints: `Tree` in C."""
 
     _fields_ = tuple((name, _pointer) for name in ("parent", "column", "slides", "R", "p"))
+    count: int
+    """Number of joints."""
+    last: int
+    """The highest column of one."""
 
     @classmethod
     def of(
@@ -55,6 +60,7 @@ class JointSteps(_Arrays):
         """
         own = cls()
         own.put(parent=parent, column=column, slides=slides, R=R, p=p)
+        own.count, own.last = len(parent), int(column.max())
         return own
 
 
@@ -106,8 +112,9 @@ def pair_margins(
     """
     given = numbers(position)
     n, columns = given.shape
+    assert columns > joints.last  # or columns would be read that there are not
     least, closer = np.empty(n), np.empty((rough, n))
-    frames = np.empty((len(joints.held[0]), FRAME))  # type: ignore[arg-type]
+    frames = np.empty((joints.count, FRAME))
     capsules = np.empty((max(1, pairs.capsules), SEGMENT))
     library().pair_margins(
         byref(joints),

@@ -95,7 +95,7 @@ def _polished(trials: list[_Trial], count: int, rounds: int, watch: Watch) -> li
         if better and watch.stop():
             break
         better.append(one.polished(rounds))
-    return [*sorted(better, key=lambda one: one.worth), *trials[count:]]
+    return [*sorted(better, key=lambda one: one.worth), *trials[len(better) :]]
 
 
 def _different(trials: list[_Trial]) -> list[_Trial]:

@@ -89,7 +89,7 @@ def plan_in_best_order(
             raise error from None
         # Only collisions at stops have excluded every order: the plan of one tells what collides with what.
         return planned(orders.found[0], orders, False)
-    if job.order != "given":
+    if job.order != "given" and not watch.stop():
         watch.filed = search.in_file_order()
     return _searched(search, orders, settings, watch, planned)
 
@@ -278,8 +278,9 @@ def _expected(order: DecidedOrder) -> float:
 
 
 def _is_as_quick(best: Schedule, order: DecidedOrder) -> bool:
-    """Returns whether a plan is as quick as one in another order is expected to be."""
-    return order.expected is not None and best.duration <= (1.0 - CLOSE) * order.expected
+    """Returns whether a plan is as quick as one in another order is expected to be, both with all stops."""
+    stopping = best.duration + (best.blend_gain or 0.0)
+    return order.expected is not None and stopping <= (1.0 - CLOSE) * order.expected
 
 
 def order_notes(orders: Orders, total: float) -> list[str]:

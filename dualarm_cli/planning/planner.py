@@ -238,7 +238,8 @@ def _is_slower_as_filed(found: Schedule, watch: Watch) -> bool:
     """
     if watch.best is None or watch.filed is None:
         return False
-    return found.duration <= watch.best and watch.filed > (1.0 + FAR_SLOWER) * watch.best
+    stopping = found.duration + (found.blend_gain or 0.0)
+    return stopping <= watch.best and watch.filed > (1.0 + FAR_SLOWER) * watch.best
 
 
 def _planned(

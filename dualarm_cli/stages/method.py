@@ -37,7 +37,8 @@ class MethodProblem:
     touching: tuple[int, ...] = ()
     """Its stages that do not, or only at a cost; the number of stages stands for the return."""
     only_near: bool = False
-    """Whether a plan is asked for only if there is one near that one: a good one is known that is collision-free."""
+    """Whether a plan is asked for only if there is one near that one: a good one is known that is collision-free.
+    Thorough effort, and methods that look at no plan, heed it not."""
     start: Decisions | None = None
     """A plan to begin a search with: that which an order was chosen by."""
     own: MethodProblem | None = None

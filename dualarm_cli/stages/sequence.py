@@ -172,7 +172,8 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     model, job = problem.model, problem.job
     numbers = sequence_problem(model, job, problem.holding, problem.barred)
     spares, roomy = EFFORTS[problem.effort].spares, tuple[ArmWork, ...]()
-    in_parts = spares and problem.closed_forms and numbers.stages >= FEWEST_IN_PARTS
+    long = numbers.stages >= FEWEST_IN_PARTS and not numbers.returns
+    in_parts = spares and problem.closed_forms and long
     if in_parts and problem.own is not None:
         # Where a part has no plan with narrower limits it gets one without, by itself.
         model, job, roomy = problem.own.model, problem.own.job, numbers.arms

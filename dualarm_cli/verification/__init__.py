@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -73,6 +73,13 @@ S = TypeVar("S")
 T = TypeVar("T")
 
 
+class Both(Protocol):
+    """Calls two functions without arguments."""
+
+    def __call__(self, one: Callable[[], S], other: Callable[[], T], /) -> tuple[S, T]:
+        """Returns their results."""
+
+
 def in_turn(one: Callable[[], S], other: Callable[[], T]) -> tuple[S, T]:
     """Returns the results of two functions."""
     return one(), other()
@@ -83,7 +90,7 @@ def verify(
     job: Job | None = None,
     *,
     clearance: bool = False,
-    both: Callable[..., Any] = in_turn,
+    both: Both = in_turn,
 ) -> Verification:
     """Returns the judgement of a schedule.
 
@@ -106,9 +113,7 @@ def verify(
         return _judged(schedule, job, clearance, both)
 
 
-def _judged(
-    schedule: Schedule, job: Job | None, clearance: bool, both: Callable[..., Any]
-) -> Verification:
+def _judged(schedule: Schedule, job: Job | None, clearance: bool, both: Both) -> Verification:
     numbers = [check_finite(schedule.motion)]
     if numbers[0].verdict == "passed":
         numbers.append(check_time(schedule.motion))

@@ -1,4 +1,4 @@
-/* How far pairs of a robot's solids are apart in many postures: capsules, boxes and half-spaces, all exact.
+/* How far pairs of a robot's solids are apart in many postures: capsules, boxes and half-spaces, exact where they are.
 
    Joint frames, capsules and boxes as `collision/tree.py` and `collision/pair_groups.py` have them. */
 
@@ -213,7 +213,9 @@ void pair_margins(const Tree *tree, const Group *group, const double *position, 
         }
         least[row] = INFINITY;
         for (int64_t pair = 0; pair < group->pairs; pair++) {
-            const double margin = margin_of(group, pair, frames, capsules, enough);
+            double margin = margin_of(group, pair, frames, capsules, enough);
+            /* Nothing is known to be free of what is not a number. */
+            margin = isnan(margin) ? -INFINITY : margin;
             if (group->rough[pair] >= 0)
                 rough[group->rough[pair] * n + row] = margin;
             else if (margin < least[row])

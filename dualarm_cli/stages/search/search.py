@@ -119,7 +119,7 @@ def search_in_parts(
     room to pass lines' ends in motion where it has a plan with that. Where two meet, what is best of both is polished.
 
     Args:
-        problem: the sequence, at least FEWEST_IN_PARTS stages.
+        problem: the sequence, at least FEWEST_IN_PARTS stages, without a return.
         roomy: its arms with limits of position that leave room; none where that is not asked for.
         starts: plans of simpler methods.
         effort: one of EFFORTS.
@@ -134,7 +134,7 @@ def search_in_parts(
                 return found.best.decisions
         return None
 
-    joined = in_parts(problem, decided)
+    joined = in_parts(problem, decided, starts)
     if joined is None:
         return None
     tables = tuple(StopTable.of(work) for work in problem.arms)
@@ -155,7 +155,7 @@ def search_in_parts(
 
     stretches = loose_stretches(problem, plan, near)
     for stretch, part in zip(stretches, halves(polished, stretches), strict=True):
-        decisions = decisions.put_all(stretch.stages, part)
+        decisions = stretch.put(decisions, part)
     best = evaluate(problem, tables, decisions)
     return FoundSequence(best, None, None) if np.isfinite(best.total) else None
 
@@ -183,8 +183,10 @@ def search_near(
 
     One grid around the plan; what the beam finds there is polished, combined with the plan stage by stage, and polished
     again. In sequences longer than WHOLE, and where that is asked for, only the stages that collide and
-    those beside them are looked at; all others stay as they are. So does a stage for which no nodes are found, or none
-    that go together: it may be collision-free by less than the search asks for, which an exact test then decides.
+    those beside them are looked at, each stretch of them by itself; all others stay as they are. So does a stage for
+    which no nodes are found, or none that go together: it may be collision-free by less than the search asks for, which
+    an exact test then decides. A stretch without a plan is tried again with more stages about it on the first of the
+    grids over the whole range.
 
     Args:
         problem: the sequence, with clearance.
@@ -218,9 +220,7 @@ def search_near(
         parts = halves(partial(decided, decisions, mesh), stretches)
         for stretch, part in zip(stretches, parts, strict=True):
             if part is not None:
-                # What is not decided stays as it was to the last bit.
-                rows = np.flatnonzero(stretch.loose)
-                decisions = decisions.put_all(stretch.stages[rows], part.take(rows))
+                decisions = stretch.put(decisions, part)
                 loose[stretch.stages] = False
         plan = evaluate(problem, tables, decisions)
         if not loose.any() or loose.all():
@@ -251,7 +251,7 @@ def _near(
     tables = tuple(StopTable.of(work) for work in problem.arms)
     near = given.take(stretch.stages)
     start = evaluate(problem, tables, near)
-    known = {k for k, stage in enumerate(stretch.stages.tolist()) if stage in set(touching)}
+    known = set(np.flatnonzero(np.isin(stretch.stages, list(touching))).tolist())
     exact = ExactStages(problem, tables)
     while True:
         found = plans_on_nodes(problem, tables, mesh, how.plans, start, loose, exact)

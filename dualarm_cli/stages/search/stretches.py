@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,21 +23,26 @@ COMMON = 4
 
 @dataclass(frozen=True)
 class Stretch:
-    """Stages one after the other, with those behind them on which they depend."""
+    """Stages one after the other, with those behind them that depend on them."""
 
     problem: SequenceProblem
-    """They alone: it begins where the plan is before them."""
+    """They alone, without the return: it begins where the plan is before them."""
     stages: IntArray
     """Their numbers in the whole sequence."""
     loose: BoolArray
     """Which of them are decided; the others are as the plan has them."""
 
+    def put(self, decisions: Decisions, part: Decisions) -> Decisions:
+        """Returns a whole sequence's decisions with those of a part of it; what is not loose stays to the last bit."""
+        rows = np.flatnonzero(self.loose)
+        return decisions.put_all(self.stages[rows], part.take(rows))
+
 
 def loose_stretches(problem: SequenceProblem, plan: Evaluated, loose: BoolArray) -> list[Stretch]:
     """Returns the stretches in which all loose stages are, each of which is decided whatever the others are.
 
-    A stage depends on where platform and arms come from, and so does the next stage of each arm on it. With a return,
-    which ends where everything begins, the whole sequence is one stretch.
+    A stage depends on where platform and arms come from, and so does the next stage of each arm on it; arms that have
+    none stand in each other's way to the end. Where a stage counts for the return, the whole sequence is one stretch.
 
     Args:
         problem: the sequence.
@@ -45,13 +50,12 @@ def loose_stretches(problem: SequenceProblem, plan: Evaluated, loose: BoolArray)
         loose: the stages that are decided, shape (n,).
     """
     n = problem.stages
-    if problem.returns or loose.all():
-        return [Stretch(problem, np.arange(n), loose)]
     chains = [TransferChain.of(work) for work in problem.arms]
+    if loose.all() or (problem.returns and loose[_closing(problem, chains)].any()):
+        return [Stretch(problem, np.arange(n), loose)]
     found: list[tuple[int, int]] = []
     for k in np.flatnonzero(loose).tolist():
-        after = [stage for one in chains for stage in one.active[one.active > k][:1].tolist()]
-        past = max([min(k + 1, n - 1), *after]) + 1
+        past = max([min(k + 1, n - 1), *(_next(problem, one, k) for one in chains)]) + 1
         if found and k < found[-1][1]:
             found[-1] = found[-1][0], max(past, found[-1][1])
         else:
@@ -60,6 +64,21 @@ def loose_stretches(problem: SequenceProblem, plan: Evaluated, loose: BoolArray)
         Stretch(stretch_of(problem, *span, plan), np.arange(*span), loose[slice(*span)])
         for span in found
     ]
+
+
+def _next(problem: SequenceProblem, chain: TransferChain, k: int) -> int:
+    """Returns the last stage up to which an arm is where it is after a stage."""
+    later = chain.active[chain.active > k]
+    if len(later):
+        return int(later[0])
+    stands = problem.clearance is not None and len(chain.active) > 0 and chain.active[-1] == k
+    return problem.stages - 1 if stands else k
+
+
+def _closing(problem: SequenceProblem, chains: list[TransferChain]) -> list[int]:
+    """Returns the stages that count for the return: where platform and arms leave from, and where a free start is."""
+    last = [problem.stages - 1, *(int(one.active[-1]) for one in chains if len(one.active))]
+    return [*last, 0] if problem.free_start else last
 
 
 def stretch_of(
@@ -71,7 +90,8 @@ def stretch_of(
         problem: the whole sequence.
         first: number of the first one.
         past: number of the stage past them.
-        plan: of the whole sequence: it begins where that is before them; None for anywhere.
+        plan: of the whole sequence: it begins where that is before them; None for anywhere, but that an arm that is
+            idle in the first stage starts as the whole sequence does.
     """
     here, start = slice(first, past), problem.platform_start
     if first and problem.turns and plan is not None:
@@ -122,15 +142,18 @@ def _test_of(test: SequenceClearance, first: int, past: int) -> SequenceClearanc
 
 
 def in_parts(
-    problem: SequenceProblem, decided: Callable[[int, int], Decisions | None]
+    problem: SequenceProblem,
+    decided: Callable[[int, int], Decisions | None],
+    starts: Sequence[Decisions] = (),
 ) -> tuple[Evaluated, BoolArray] | None:
     """Returns a long sequence's plan out of parts that overlap, and the stages about where they meet, shape (n,).
 
     None where a part has none. Where two parts meet, the better of both is taken, stage by stage.
 
     Args:
-        problem: the sequence.
+        problem: the sequence, without a return: parts do not know where it ends.
         decided: decides the stages from one to before another.
+        starts: other plans, which are combined with it.
     """
     n, count = problem.stages, 2 * max(1, round(problem.stages / (2 * PART)))
     edges = np.linspace(0, n, count + 1).round().astype(np.int64)
@@ -153,6 +176,6 @@ def in_parts(
         rows = inner | ~own
         other = other.put_all(stages[rows], part.take(np.flatnonzero(rows)))
     tables = tuple(StopTable.of(work) for work in problem.arms)
-    best = best_combination(problem, tables, evaluate(problem, tables, one), [other])
+    best = best_combination(problem, tables, evaluate(problem, tables, one), [other, *starts])
     near = np.abs(np.arange(n)[:, None] - edges[1:-1] + 0.5).min(axis=1) < COMMON
     return best, near
