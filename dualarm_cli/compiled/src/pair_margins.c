@@ -1,4 +1,5 @@
-/* How far pairs of a robot's solids are apart in many postures: capsules, boxes and half-spaces, exact where they are.
+/* How far pairs of a robot's solids are apart in many postures: capsules, boxes and half-spaces. Exact where they
+   are apart.
 
    Joint frames, capsules and boxes as `collision/tree.py` and `collision/pair_groups.py` have them. */
 
@@ -38,7 +39,8 @@ typedef struct {
     double middle[3], half[3];
 } Segment;
 
-static const double TINY = 1e-18, PARALLEL = 1e-12;
+/* INSIDE: what is nearer to a box may go through it. */
+static const double TINY = 1e-18, PARALLEL = 1e-12, INSIDE = 1e-9, SAME = 1e-12;
 
 static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
@@ -109,27 +111,24 @@ static double slope(const double *a, const double *u, const double *half, double
     return sum;
 }
 
-/* Signed distance of a segment from a box about the origin, in its axes.
+/* Where along a segment a + x u it is nearest to a box; of several places the first or the last one.
 
    Half the derivative of the squared distance along the segment rises, and is linear between the places where the segment
    crosses the planes of the sides: it is zero on the straight line between the last of them where it is negative and the
-   first where it is not. Inside, the distance is minus the depth there. */
-double box_distance(const double *middle, const double *to_end, const double *half)
+   first where it is not. */
+static double nearest(const double *a, const double *u, const double *half, int last)
 {
-    double a[3], u[3], low = 0.0, high = 1.0;
-    for (int k = 0; k < 3; k++) {
-        a[k] = middle[k] + to_end[k];
-        u[k] = -2.0 * to_end[k];
-    }
-    double at_low = slope(a, u, half, low), at_high = slope(a, u, half, high);
-    for (int side = -1; side <= 1; side += 2)
+    /* Slopes that rounding alone may make are none. */
+    const double zero = SAME * sqrt(dot(u, u));
+    double low = 0.0, high = 1.0, at_low = slope(a, u, half, low), at_high = slope(a, u, half, high);
+    for (int side = 1; side >= -1; side -= 2)
         for (int k = 0; k < 3; k++) {
             const double x = (side * half[k] - a[k]) / u[k];
             /* Comparisons with NaN are false. */
             if (!(x > low && x < high))
                 continue;
             const double there = slope(a, u, half, x);
-            if (there >= 0.0) {
+            if (last ? there > zero : there >= -zero) {
                 high = x;
                 at_high = there;
             } else {
@@ -137,9 +136,16 @@ double box_distance(const double *middle, const double *to_end, const double *ha
                 at_low = there;
             }
         }
-    const double x = at_low >= 0.0    ? low
-                     : at_high <= 0.0 ? high
-                                      : low - at_low * (high - low) / (at_high - at_low);
+    if (last ? at_high <= zero : at_high < -zero)
+        return high;
+    if (last ? at_low > zero : at_low >= -zero)
+        return low;
+    return at_high > at_low ? low - at_low * (high - low) / (at_high - at_low) : last ? high : low;
+}
+
+/* Signed distance of a point a + x u from a box. */
+static double from_point(const double *a, const double *u, const double *half, double x)
+{
     double outside = 0.0, deepest = -INFINITY;
     for (int k = 0; k < 3; k++) {
         const double beyond = fabs(a[k] + x * u[k]) - half[k];
@@ -147,6 +153,21 @@ double box_distance(const double *middle, const double *to_end, const double *ha
         deepest = beyond > deepest ? beyond : deepest;
     }
     return sqrt(outside) + (deepest < 0.0 ? deepest : 0.0);
+}
+
+/* Distance of a segment from a box about the origin, in its axes; of one that goes through it minus the depth of the middle
+   of what is inside. */
+double box_distance(const double *middle, const double *to_end, const double *half)
+{
+    double a[3], u[3];
+    for (int k = 0; k < 3; k++) {
+        a[k] = middle[k] + to_end[k];
+        u[k] = -2.0 * to_end[k];
+    }
+    const double first = nearest(a, u, half, 0), distance = from_point(a, u, half, first);
+    if (distance > INSIDE)
+        return distance;
+    return from_point(a, u, half, 0.5 * (first + nearest(a, u, half, 1)));
 }
 
 /* Margin of a capsule from a box; from a ball around the capsule where that shows more than enough. */

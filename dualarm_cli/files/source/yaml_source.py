@@ -171,6 +171,9 @@ def _event_loader() -> Any:
 def _syntax_error(source: TextSource, error: yaml.MarkedYAMLError) -> Diagnostic:
     mark = error.problem_mark or error.context_mark
     line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+    if "nesting depth" in (error.problem or ""):
+        # Newer parsers have a limit of their own, which counts brackets before they are anything.
+        return source.diagnostic(line, column, "E100", f"nesting deeper than {MAX_DEPTH}")
     text = source.lines[line - 1] if line <= len(source.lines) else ""
     if text[column - 1 : column] == "\t" or text[: column - 1].strip(" ").startswith("\t"):
         message = "a tab cannot indent YAML; use spaces"
