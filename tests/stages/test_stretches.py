@@ -4,19 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dualarm_cli.beside import copies
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.stages.search.problem import Decisions, SequenceProblem
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.stages.method import MethodProblem
+from dualarm_cli.stages.search.clearance import Barred
+from dualarm_cli.stages.search.plan_clearance import plan_clearance
+from dualarm_cli.stages.search.problem import ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.search.search import search, search_in_parts
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.stretches import in_parts, loose_stretches, stretch_of
 from dualarm_cli.stages.search.times import Evaluated, evaluate
+from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
+from dualarm_cli.stages.serving import with_stopping_room
+from dualarm_cli.stages.stage_by_stage import choose_stages
 
 Problems = Callable[..., SequenceProblem]
 
@@ -65,15 +74,18 @@ def test_stages_of_a_stretch_take_as_long_as_in_the_whole(
     np.testing.assert_allclose(after.stages[~seen], before.stages[~seen], rtol=1e-12)
 
 
-def test_with_a_return_the_whole_is_one_stretch(random_problem: Problems) -> None:
-    """It ends where everything begins."""
+def test_with_a_return_a_stage_that_counts_for_it_makes_one_stretch(
+    random_problem: Problems,
+) -> None:
+    """The last one and arms' last stops do, as the cycle ends where everything begins; others do not."""
     problem = random_problem(1, (5, 5), returns=True)
     found = search(problem, [], "quick", 0)
     assert found is not None
-    loose = np.arange(5) == 2
-    [stretch] = loose_stretches(problem, found.best, loose)
+    [stretch] = loose_stretches(problem, found.best, np.arange(5) == 4)
     assert stretch.problem is problem
     np.testing.assert_array_equal(stretch.stages, np.arange(5))
+    [stretch] = loose_stretches(problem, found.best, np.arange(5) == 2)
+    np.testing.assert_array_equal(stretch.stages, [2, 3])
 
 
 @pytest.mark.parametrize("stages", [48, 60])
@@ -97,24 +109,81 @@ def test_parts_of_one_plan_make_that_plan(random_problem: Problems, stages: int)
     assert in_parts(problem, lambda first, past: None if first else decided(first, past)) is None
 
 
-def test_a_part_without_room_alone_is_decided_without(random_job: Callable[..., Job]) -> None:
-    """Others keep it; the plan is nearly as fast as one that is decided as a whole, on any number of processes."""
+def _roomy(job: Job, model: CellModel) -> tuple[ArmWork, ...]:
+    """The arms with limits that leave room."""
+    found = with_stopping_room(MethodProblem(model, job, "arm_angle", "quick"))
+    return sequence_problem(found.model, found.job).arms
+
+
+def test_parts_keep_room_where_they_have_a_plan_with_it(random_job: Callable[..., Job]) -> None:
+    """Joints are within narrower limits; from a start the plan is no slower; on two processes it is the same."""
     job = random_job(5, (48, 48), line=0.04)
-    problem = sequence_problem(CellModel.from_cell(job.cell), job)
-    whole = search(problem, [], "quick", 0)
-    assert whole is not None
-    narrow = tuple(
-        replace(work, limits=replace(work.limits, lower=work.limits.lower + 0.02))
-        for work in problem.arms
+    model = CellModel.from_cell(job.cell)
+    problem, roomy = sequence_problem(model, job), _roomy(job, model)
+    plain = search_in_parts(problem, (), [], "quick", 0)
+    found = search_in_parts(problem, roomy, [], "quick", 0)
+    assert plain is not None
+    assert found is not None
+    for work, postures in zip(roomy, found.best.arms, strict=True):
+        assert work.kinematics.within_limits(postures.q_target).all()
+    kept = [
+        work.kinematics.within_limits(q.q_target)
+        for work, q in zip(roomy, plain.best.arms, strict=True)
+    ]
+    assert not np.concatenate(kept).all()
+    again = search_in_parts(problem, (), [found.best.decisions], "quick", 0)
+    assert again is not None
+    assert again.best.total <= found.best.total
+    with copies(True):
+        shared = search_in_parts(problem, roomy, [], "quick", 0)
+    assert shared is not None
+    np.testing.assert_array_equal(shared.best.stages, found.best.stages)
+
+
+def test_parts_without_room_are_decided_without(random_job: Callable[..., Job]) -> None:
+    """Where no joint may move, every part is decided as if nobody had asked for room."""
+    job = random_job(6, (48, 48))
+    model = CellModel.from_cell(job.cell)
+    problem, roomy = sequence_problem(model, job), _roomy(job, model)
+    fixed = tuple(
+        replace(work, kinematics=replace(work.kinematics, lower=work.start, upper=work.start))
+        for work in roomy
     )
-    found = []
-    for allowed in (False, True):
-        with copies(allowed):
-            parts = search_in_parts(problem, narrow, [], "quick", 0)
-        assert parts is not None
-        found.append(parts.best)
-    np.testing.assert_array_equal(found[0].stages, found[1].stages)
-    assert found[0].total <= 1.02 * whole.best.total
+    plain = search_in_parts(problem, (), [], "quick", 0)
+    found = search_in_parts(problem, fixed, [], "quick", 0)
+    assert plain is not None
+    assert found is not None
+    np.testing.assert_array_equal(found.best.stages, plain.best.stages)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_stretches_are_as_clear_as_in_the_whole(tasks_folder: Path, seed: int) -> None:
+    """Stops, waits and bars, of a crowded job with idle arms, whose last stops are decided anew as well."""
+    job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
+    model = CellModel.from_cell(job.cell)
+    plans = choose_stages(model, job, "exact", "arm_angle", refine=False)
+    problem = replace(sequence_problem(model, job, Holding.of(job)), returns=False)
+    one = decisions_of(problem, model, plans)
+    found = search(replace(problem, clearance=None), [], "quick", seed)
+    assert found is not None
+    assert problem.clearance is not None
+    problem = _uneven(problem, seed)
+    everything = tuple(range(len(plans[0].start)))
+    bars = tuple(Barred(k, everything, plans[k].start, plans[k].arrival, 2.5) for k in (2, 7))
+    problem = replace(problem, clearance=replace(problem.clearance, barred=bars))
+    loose = np.random.default_rng(seed).random(problem.stages) < 0.25
+    before = _evaluated(problem, one)
+    after = _evaluated(problem, one.put(np.flatnonzero(loose), found.best.decisions))
+    whole, seen = plan_clearance(problem, after), np.zeros(problem.stages, dtype=np.bool_)
+    for stretch in loose_stretches(problem, before, loose):
+        seen[stretch.stages] = True
+        own = _evaluated(stretch.problem, after.decisions.take(stretch.stages))
+        clear = plan_clearance(stretch.problem, own)
+        np.testing.assert_array_equal(clear.stops, whole.stops[stretch.stages])
+        np.testing.assert_allclose(clear.waits[:-1], whole.waits[stretch.stages], atol=1e-9)
+    same = plan_clearance(problem, before)
+    np.testing.assert_array_equal(whole.stops[~seen], same.stops[~seen])
+    np.testing.assert_allclose(whole.waits[:-1][~seen], same.waits[:-1][~seen], atol=1e-9)
 
 
 def test_a_stretch_begins_where_its_plan_is_or_anywhere(random_problem: Problems) -> None:
