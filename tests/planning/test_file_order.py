@@ -176,6 +176,10 @@ def test_an_order_of_the_file_that_is_far_slower_is_not_planned(made):
     [(9.0, 10.81, True), (9.0, 10.79, False), (10.1, 20.0, False), (9.0, None, False)],
 )
 def test_it_is_left_out_where_the_plan_is_as_quick_as_the_search_said(duration, filed, left_out):
-    """The best order takes 10 s as the search times it."""
+    """The best order takes 10 s as the search times it, with all stops: what blending gains does not count."""
     watch = Watch(best=10.0, filed=filed)
-    assert planner._is_slower_as_filed(SimpleNamespace(duration=duration), watch) == left_out
+    for plan in (
+        SimpleNamespace(duration=duration, blend_gain=None),
+        SimpleNamespace(duration=duration - 2.0, blend_gain=2.0),
+    ):
+        assert planner._is_slower_as_filed(plan, watch) == left_out

@@ -171,7 +171,7 @@ class OneArm(Blocked):
         self.tries += 1
         if one.job.arm == "left":
             raise BlockedError(TOUCHES, stages=(0,))
-        return SimpleNamespace(duration=one.total)
+        return SimpleNamespace(duration=one.total, blend_gain=None)
 
 
 @pytest.mark.parametrize("orders_left", [True, False])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import pytest
 
@@ -10,7 +11,7 @@ import dualarm_cli.orders.watch as watching
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.orders.orders import DecidedOrder, Orders
 from dualarm_cli.orders.watch import INTERRUPTED, Watch
-from dualarm_cli.planning.ordered_plan import _quickest, _Tried, order_notes
+from dualarm_cli.planning.ordered_plan import _is_as_quick, _quickest, _Tried, order_notes
 from dualarm_cli.refusals import Refusal
 
 
@@ -35,9 +36,10 @@ def clock(monkeypatch):
 
 @dataclass
 class Plan:
-    """Something with a duration."""
+    """Something with a duration, and what blending gained of it."""
 
     duration: float
+    blend_gain: float | None = None
 
 
 def test_time_counts_from_the_beginning_of_the_search(clock):
@@ -147,6 +149,14 @@ def test_no_order_is_planned_that_is_expected_to_be_no_quicker_than_a_plan(
     best, found = planned(durations, Watch(), expected=expected)
     assert found == made
     assert best.duration == min(durations[k] for k in made if durations[k] > 0.0)
+
+
+def test_what_blending_gains_makes_no_plan_quicker_than_expected():
+    """Orders are expected to take so long with all stops."""
+    order = SimpleNamespace(expected=9.0)
+    assert _is_as_quick(Plan(8.9), order)
+    assert _is_as_quick(Plan(7.9, 1.0), order)
+    assert not _is_as_quick(Plan(8.0, 1.5), order)
 
 
 def test_of_long_orders_no_other_one_is_planned_where_the_first_has_no_plan():
