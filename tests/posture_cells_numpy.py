@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pinocchio as pin
 
 from dualarm_cli.bound.cells import Cells, LineToTarget, finer_edges, free_cells
 from dualarm_cli.effort import Resolution
@@ -29,6 +30,20 @@ SHARES = 16
 """Into so many shares the differences of the arm angle within a part are cut."""
 SHOULDER, WRIST = (0, 1, 2), (6, 5, 4)
 """Outer joint, middle joint and joint along the link of both triples: the wrist is a shoulder seen from the tool."""
+
+
+def one_cell(low: float, high: float) -> AngleCells:
+    """One cell of the platform's angle [rad]."""
+    return AngleCells(np.zeros(1, dtype=np.int64), np.array([low]), np.array([high]))
+
+
+def smallest_rotation(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Returns the rotation about a × b that takes the unit vector a to b, shape (3, 3)."""
+    axis = np.cross(a, b)
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-15:
+        return np.eye(3)
+    return pin.exp3(axis / sine * np.arctan2(sine, float(a @ b)))
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,12 @@ def pointer(array: np.ndarray) -> ctypes.c_void_p:
     """
     assert array.flags.c_contiguous  # rows are expected one after the other
     return ctypes.c_void_p(array.ctypes.data)
+
+
+class PointerStruct(ctypes.Structure):
+    """A structure of pointers that keeps the arrays they point into."""
+
+    held: tuple[Any, ...] = ()
 
 
 def numbers(array: np.ndarray) -> NDArray[np.float64]:

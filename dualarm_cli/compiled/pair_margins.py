@@ -9,7 +9,7 @@ from ctypes import byref
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.compiled import library, numbers, pointer, whole
+from dualarm_cli.compiled import PointerStruct, library, numbers, pointer, whole
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 
 _pointer, _int64, _double = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
@@ -19,10 +19,8 @@ FRAME, SEGMENT = 12, 6
 """Numbers of a frame and of a capsule."""
 
 
-class _Arrays(ctypes.Structure):
-    """A structure of pointers that keeps the arrays they point into."""
-
-    held: tuple[object, ...] = ()
+class _Arrays(PointerStruct):
+    """Members by their names."""
 
     def put(self, **arrays: NDArray[np.float64] | NDArray[np.int64]) -> None:
         """Points members at arrays."""
@@ -129,29 +127,3 @@ def pair_margins(
         pointer(closer),
     )
     return least, closer
-
-
-def segment_distance(
-    middle: FloatArray, half: FloatArray, other: FloatArray, other_half: FloatArray
-) -> float:
-    """Returns the distance of two segments of given middles and half vectors, shape (3,) each [m]."""
-    given = [numbers(x) for x in (middle, half, other, other_half)]
-    distance = library().segment_distance
-    distance.restype = _double
-    return float(distance(*map(pointer, given)))
-
-
-def box_distance(middle: FloatArray, half: FloatArray, sides: FloatArray) -> float:
-    """Returns the distance of a segment from a box about the origin [m].
-
-    Of one that goes through it, minus the depth of the middle of what is inside.
-
-    Args:
-        middle: of the segment [m], shape (3,).
-        half: from there to one end [m], shape (3,).
-        sides: half sides of the box [m], shape (3,).
-    """
-    given = [numbers(x) for x in (middle, half, sides)]
-    distance = library().box_distance
-    distance.restype = _double
-    return float(distance(*map(pointer, given)))

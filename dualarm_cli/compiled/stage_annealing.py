@@ -9,7 +9,7 @@ from ctypes import byref
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.compiled import library, pointer, whole
+from dualarm_cli.compiled import PointerStruct, library, pointer, whole
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, SingleArray
 
 _pointer, _int64, _double = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
@@ -21,7 +21,7 @@ def _singles(array: NDArray[np.floating]) -> SingleArray:
     return np.ascontiguousarray(array, dtype=np.float32)
 
 
-class PairedLengths(ctypes.Structure):
+class PairedLengths(PointerStruct):
     """Lengths of stages: `Problem` in C."""
 
     _fields_ = (
@@ -33,7 +33,6 @@ class PairedLengths(ctypes.Structure):
         ("angles", _int64),
         ("free_start", _int64),
     )
-    held: tuple[object, ...] = ()
 
     @classmethod
     def of(
@@ -71,7 +70,7 @@ class PairedLengths(ctypes.Structure):
         return own
 
 
-class AnnealedTasks(ctypes.Structure):
+class AnnealedTasks(PointerStruct):
     """What tasks consist of: `Tasks` in C."""
 
     _fields_ = (
@@ -83,7 +82,6 @@ class AnnealedTasks(ctypes.Structure):
         ("nears", _int64),
         ("singles", _int64),
     )
-    held: tuple[object, ...] = ()
 
     @classmethod
     def of(cls, tasks: Sequence[Sequence[int]], near: IntArray) -> AnnealedTasks:
@@ -115,7 +113,7 @@ class AnnealedTasks(ctypes.Structure):
         return own
 
 
-class AnnealingShares(ctypes.Structure):
+class AnnealingShares(PointerStruct):
     """How much of what is tried: `Shares` in C."""
 
     _fields_ = (
@@ -123,7 +121,6 @@ class AnnealingShares(ctypes.Structure):
         ("width", _pointer),
         *((name, _double) for name in ("far", "idle", "alone")),
     )
-    held: object = None
 
     @classmethod
     def of(
@@ -141,11 +138,11 @@ class AnnealingShares(ctypes.Structure):
         """
         held = np.array(widths, dtype=np.int64)
         own = cls(*counts, len(held), pointer(held).value, *shares)
-        own.held = held
+        own.held = (held,)
         return own
 
 
-class StageLine(ctypes.Structure):
+class StageLine(PointerStruct):
     """An order with a platform angle for each stage: `Line` in C. Stage 0 is the start, the last one the way back.
 
     All other angles stay as they are when a change is priced, so that an order is never longer than its changes say.
@@ -160,7 +157,6 @@ class StageLine(ctypes.Structure):
         ("claimed", _double),
         ("_random", ctypes.c_uint64),
     )
-    held: tuple[NDArray[np.generic], ...] = ()
 
     @classmethod
     def of(cls, lengths: PairedLengths, slots: IntArray, seed: int) -> StageLine:

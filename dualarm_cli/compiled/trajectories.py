@@ -9,7 +9,7 @@ from ctypes import byref
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.compiled import library, numbers, pointer
+from dualarm_cli.compiled import PointerStruct, library, numbers, pointer
 
 Array = NDArray[np.float64]
 Knots = tuple[Array, Array, Array, Array]
@@ -20,7 +20,7 @@ MORE_KNOTS = 16
 """Lines have no more knots beyond those that are asked for."""
 
 
-class Path(ctypes.Structure):
+class Path(PointerStruct):
     """A sampled path and the limits of its joints: `Path` in C."""
 
     _fields_ = (
@@ -31,7 +31,6 @@ class Path(ctypes.Structure):
         ("samples", _int64),
         ("joints", _int64),
     )
-    held: tuple[object, ...] = ()
 
     @classmethod
     def of(cls, position: Array, limits: Sequence[Array]) -> Path:

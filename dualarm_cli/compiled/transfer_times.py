@@ -8,18 +8,12 @@ from ctypes import byref
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.compiled import library, pointer
+from dualarm_cli.compiled import PointerStruct, library, pointer
 
 _pointer, _int32, _int64 = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64
 
 
-class _Held(ctypes.Structure):
-    """A structure of pointers that keeps the arrays they point into."""
-
-    held: tuple[object, ...] = ()
-
-
-class Laws(_Held):
+class Laws(PointerStruct):
     """Tables of times: `Laws` in C."""
 
     _fields_ = (
@@ -46,7 +40,7 @@ class Laws(_Held):
         return own
 
 
-class CoordinateBoxes(_Held):
+class CoordinateBoxes(PointerStruct):
     """Boxes of coordinates: `Boxes` in C."""
 
     _fields_ = (("low", _pointer), ("high", _pointer), ("count", _int64))
@@ -65,7 +59,7 @@ def boxes(low: NDArray[np.int16], high: NDArray[np.int16]) -> CoordinateBoxes:
     return own
 
 
-class CellRuns(_Held):
+class CellRuns(PointerStruct):
     """Cells in runs, where transfers begin or end: `Side` in C."""
 
     _fields_ = (
@@ -96,7 +90,7 @@ class CellRuns(_Held):
         return own
 
 
-class LineEnds(_Held):
+class LineEnds(PointerStruct):
     """Cells at one end of a stop's lines: `End` in C."""
 
     _fields_ = (("cells", CoordinateBoxes), ("first", _pointer), ("line", _pointer))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
+import functools
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -10,8 +13,21 @@ import pytest
 from dualarm_cli.collision.hulls import box_around, is_rough
 from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.collision.solids import WORLD, Solid
-from dualarm_cli.compiled.pair_margins import box_distance, segment_distance
+from dualarm_cli.compiled import library, numbers, pointer
 from dualarm_cli.files.tasks.tasks import load_job
+
+
+def compiled(name, *arrays):
+    """A compiled distance of segments, given by middles and half vectors, and of boxes, given by half sides."""
+    given = [numbers(array) for array in arrays]
+    function = getattr(library(), name)
+    function.restype = ctypes.c_double
+    return function(*map(pointer, given))
+
+
+segment_distance, box_distance = (
+    functools.partial(compiled, name) for name in ("segment_distance", "box_distance")
+)
 
 
 def coal_distance(one, T_one, other, T_other):

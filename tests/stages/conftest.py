@@ -10,8 +10,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.model.job import Dwell, Job, JointTarget, Place, PoseTarget, Stop, Task
 from dualarm_cli.stages.search.problem import SequenceProblem
 from dualarm_cli.stages.sequence_problem import sequence_problem
@@ -68,3 +70,13 @@ def random_problem(random_job: Callable[..., Job]) -> Callable[..., SequenceProb
         return sequence_problem(CellModel.from_cell(job.cell), job)
 
     return make
+
+
+@pytest.fixture(scope="module", params=["sda10f", "iiwa7", "bottin_planar"])
+def arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> SrsArm:
+    """The first arm of a bundled robot, its shoulder 0.2 m and more beside the platform's axis."""
+    folder = tmp_path_factory.mktemp("cell")
+    (folder / ".git").mkdir()
+    (folder / "cell.yaml").write_text(f"dualarm: cell/1\nrobot: {request.param}\n")
+    cell = load_cell(folder / "cell.yaml").cell
+    return next(iter(CellModel.from_cell(cell).arms.values())).kinematics

@@ -12,6 +12,7 @@ from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells, turned
 from dualarm_cli.stages.search.problem import SequenceProblem
@@ -44,19 +45,24 @@ def arms(request, tmp_path_factory):
     return [arm.kinematics for arm in CellModel.from_cell(cell).arms.values()]
 
 
+def _posture(arm: SrsArm, kind: str, random: np.random.Generator) -> np.ndarray:
+    """A random posture within limits and a turn, of a kind: any, with a nearly singular wrist, or nearly stretched."""
+    low, high = np.maximum(arm.lower, -3.1), np.minimum(arm.upper, 3.1)
+    q = random.uniform(low, high)
+    joint, near = {"singular wrist": (5, 1e-3), "stretched": (3, 0.05)}.get(kind, (0, None))
+    if near is not None:
+        q[joint] = np.clip(near - arm.canonical.offset[joint], low[joint], high[joint])
+    return q
+
+
 @pytest.mark.parametrize("kind", ["any", "singular wrist", "stretched"])
 def test_every_posture_lies_in_a_cell(arms, kind: str) -> None:
     """Random postures, turned with the platform: the cells of their poses hold them and all others of the pose."""
     random = np.random.default_rng(3)
     edges = np.linspace(-2.9, 2.9, 30)
     for arm in arms:
-        low, high = np.maximum(arm.lower, -3.1), np.minimum(arm.upper, 3.1)
         for _ in range(2):
-            q = random.uniform(low, high)
-            if kind == "singular wrist":
-                q[5] = np.clip(-arm.canonical.offset[5] + 1e-3, low[5], high[5])
-            if kind == "stretched":
-                q[3] = np.clip(-arm.canonical.offset[3] + 0.05, low[3], high[3])
+            q = _posture(arm, kind, random)
             R, p = arm.forward(q)
             cells = pose_cells(arm, R, p, edges, COARSE, False, None)
             phi = random.uniform(-2.9, 2.9, 300)
@@ -117,13 +123,8 @@ def test_no_line_is_shorter_than_to_the_nearest_posture(arms, kind: str) -> None
     round_it = np.linspace(-np.pi, np.pi, 720, endpoint=False)
     told = 0
     for arm in arms:
-        low, high = np.maximum(arm.lower, -3.1), np.minimum(arm.upper, 3.1)
         for _ in range(4):
-            q = random.uniform(low, high)
-            if kind == "singular wrist":
-                q[5] = np.clip(-arm.canonical.offset[5] + 1e-3, low[5], high[5])
-            if kind == "stretched":
-                q[3] = np.clip(-arm.canonical.offset[3] + 0.05, low[3], high[3])
+            q = _posture(arm, kind, random)
             R, p = arm.forward(q)
             length = 0.2 * (arm.geometry.upper + arm.geometry.fore) * (kind != "short") + 0.005
             end = p + length * (lambda v: v / np.linalg.norm(v))(random.normal(size=3))

@@ -5,46 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from dualarm_cli.bound.bound import platform_edges
 from dualarm_cli.bound.cells import Cells, LineToTarget, pose_cells
 from dualarm_cli.effort import Resolution
-from dualarm_cli.files.cells.cells import load_cell
-from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells
 from dualarm_cli.stages.search.problem import SequenceProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from tests import posture_cells_numpy as in_numpy
+from tests.posture_cells_numpy import one_cell, smallest_rotation
 from tests.ranges_numpy import Range, half, turning
 
 Problems = Callable[..., SequenceProblem]
-
-
-@pytest.fixture(scope="module", params=["sda10f", "iiwa7", "bottin_planar"])
-def arm(request, tmp_path_factory) -> SrsArm:
-    """The first arm of a bundled robot, its shoulder 0.2 m and more beside the platform's axis."""
-    folder = tmp_path_factory.mktemp("cell")
-    (folder / ".git").mkdir()
-    (folder / "cell.yaml").write_text(f"dualarm: cell/1\nrobot: {request.param}\n")
-    cell = load_cell(folder / "cell.yaml").cell
-    return next(iter(CellModel.from_cell(cell).arms.values())).kinematics
-
-
-def one_cell(low: float, high: float) -> AngleCells:
-    return AngleCells(np.zeros(1, dtype=np.int64), np.array([low]), np.array([high]))
-
-
-def smallest_rotation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The rotation about a × b that takes the unit vector a to b."""
-    axis = np.cross(a, b)
-    sine = float(np.linalg.norm(axis))
-    if sine < 1e-15:
-        return np.eye(3)
-    return pin.exp3(axis / sine * np.arctan2(sine, float(a @ b)))
 
 
 def _plane(arm: SrsArm, R: np.ndarray, p: np.ndarray, angle: float) -> list[np.ndarray]:

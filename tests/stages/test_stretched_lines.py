@@ -11,8 +11,6 @@ from scipy.optimize import brentq
 
 from dualarm_cli.bound import stretched_lines
 from dualarm_cli.bound.stretched_lines import _variation, line_bounds
-from dualarm_cli.files.cells.cells import load_cell
-from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.postures.platform_reach import (
@@ -23,31 +21,9 @@ from dualarm_cli.postures.platform_reach import (
     turned,
 )
 from dualarm_cli.stages.search.problem import ArmWork, SequenceProblem
+from tests.posture_cells_numpy import one_cell, smallest_rotation
 
 Problems = Callable[..., SequenceProblem]
-
-
-@pytest.fixture(scope="module", params=["sda10f", "iiwa7", "bottin_planar"])
-def arm(request, tmp_path_factory) -> SrsArm:
-    """The first arm of a bundled robot, its shoulder 0.2 m and more beside the platform's axis."""
-    folder = tmp_path_factory.mktemp("cell")
-    (folder / ".git").mkdir()
-    (folder / "cell.yaml").write_text(f"dualarm: cell/1\nrobot: {request.param}\n")
-    cell = load_cell(folder / "cell.yaml").cell
-    return next(iter(CellModel.from_cell(cell).arms.values())).kinematics
-
-
-def one_cell(low: float, high: float) -> AngleCells:
-    return AngleCells(np.zeros(1, dtype=np.int64), np.array([low]), np.array([high]))
-
-
-def smallest_rotation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The rotation about a × b that takes the unit vector a to b."""
-    axis = np.cross(a, b)
-    sine = float(np.linalg.norm(axis))
-    if sine < 1e-15:
-        return np.eye(3)
-    return pin.exp3(axis / sine * np.arctan2(sine, float(a @ b)))
 
 
 @pytest.fixture(autouse=True)
