@@ -121,20 +121,6 @@ class KeepClear:
         held = np.array([self._held(place) for place in places])
         return bool((self.holding.cell.cross_margins(rows, held) >= SLACK).all())
 
-    def all_apart(self, rows: Mapping[Place, FloatArray]) -> BoolArray:
-        """Returns whether the arms are clear of each other in all of some places of a stop, shape (k,).
-
-        Args:
-            rows: by place, all joints of the robot [rad], shape (k, columns).
-        """
-        free = np.ones(len(next(iter(rows.values()))), dtype=np.bool_)
-        if len(self.model.arms) < 2:
-            return free
-        for place, position in rows.items():
-            held = np.tile(self._held(place), (len(position), 1))
-            free &= self.holding.cell.cross_margins(position, held) >= SLACK
-        return free
-
     def _held(self, place: Place) -> IntArray:
         """Returns what each arm holds at a place of its stop, shape (arms,)."""
         if place == "target":

@@ -47,10 +47,6 @@ class CandidatePostures:
         """Which candidates are within reach and limits all along, shape (n,)."""
         return np.isfinite(self.work)
 
-    def of_plan(self, m: int) -> CandidatePostures:
-        """Returns one of several plans' postures, where arrays are of shape (stages, plans, ...)."""
-        return CandidatePostures(*(getattr(self, field.name)[:, m] for field in fields(self)))
-
     def where(self, mask: BoolArray, other: CandidatePostures) -> CandidatePostures:
         """Returns these where the mask (stages, plans) says so, else the other ones, which have one plan only."""
         parts = {}
