@@ -186,7 +186,7 @@ def search_near(
     those beside them are looked at, each stretch of them by itself; all others stay as they are. So does a stage for
     which no nodes are found, or none that go together: it may be collision-free by less than the search asks for, which
     an exact test then decides. A stretch without a plan is tried again with more stages about it on the first of the
-    grids over the whole range.
+    grids over the whole range. In sequences of FEWEST_IN_PARTS stages or more it then gets the plan that touches least.
 
     Args:
         problem: the sequence, with clearance.
@@ -227,7 +227,18 @@ def search_near(
             break
         # Where nothing near the plan will do, something far from it may, with more stages.
         loose = _beside(loose, FARTHER)
-    return None if loose.any() else plan
+    if not loose.any():
+        return plan
+    if loose.all() or problem.stages < FEWEST_IN_PARTS or not how.spares:
+        return None
+    # Nothing there is as clear as is asked for: what touches least is for an exact test and for repairs.
+    decisions = plan.decisions
+    for stretch in loose_stretches(problem, plan, loose):
+        found = search(stretch.problem, [], effort, seed)
+        if found is None:
+            return None
+        decisions = stretch.put(decisions, found.best.decisions)
+    return evaluate(problem, tables, decisions)
 
 
 def _near(
