@@ -82,6 +82,8 @@ class MotionBuilder:
     """What tools come to."""
     clock: float = 0.0
     """When what is added next begins [s]."""
+    begins: dict[str, dict[int, float]] = field(default_factory=dict)
+    """When each group's first piece since the clock was set begins [s], by its place among the group's pieces."""
     gain: float | None = None
     """How much shorter the motions that were added are than with stops at the outer ends of lines [s]."""
     motion_gain: float | None = None
@@ -89,7 +91,10 @@ class MotionBuilder:
 
     def add(self, group: str, piece: Trajectory) -> None:
         """Appends a motion of a joint group; the clock stays, as other groups move meanwhile."""
-        self.pieces.setdefault(group, []).append(piece)
+        pieces, begins = self.pieces.setdefault(group, []), self.begins.setdefault(group, {})
+        if self.clock != next(reversed(begins.values()), None):
+            begins[len(pieces)] = self.clock
+        pieces.append(piece)
 
     def add_whole(self, piece: Trajectory) -> None:
         """Appends a motion of all joints."""
@@ -148,13 +153,17 @@ class MotionBuilder:
         """All joints after the last motion of all of them [rad], shape (n,)."""
         return self.pieces[ROBOT][-1].position[-1]
 
+    def joined(self, group: str) -> Trajectory:
+        """Returns the motion of a joint group, whose pieces begin when the clock says so."""
+        return concatenate(self.pieces[group], self.begins.get(group))
+
     def build(self, robot: Robot) -> Motion:
         """Returns the motion of all joints, arm by arm and in time order.
 
         Raises:
             ValueError: a piece does not begin where the one before it ends.
         """
-        groups = {name: concatenate(pieces) for name, pieces in self.pieces.items()}
+        groups = {name: self.joined(name) for name in self.pieces}
         events = self.events
         if ROBOT in groups:
             trajectory = groups[ROBOT]

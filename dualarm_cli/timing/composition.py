@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from dualarm_cli.model.trajectory import Trajectory
 
 SAME_POSITION = 1e-9
 """Positions nearer than this are one position [rad]."""
+SAME_TIME = 1e-9
+"""Instants nearer than this are one instant [s]."""
 
 
 def hold(joints: tuple[str, ...], position: FloatArray, duration: float) -> Trajectory:
@@ -30,33 +32,53 @@ def drawn_out(trajectory: Trajectory, factor: float) -> Trajectory:
     )
 
 
-def concatenate(trajectories: Sequence[Trajectory]) -> Trajectory:
+def concatenate(
+    trajectories: Sequence[Trajectory], begins: Mapping[int, float] | None = None
+) -> Trajectory:
     """Returns trajectories of the same joints one after the other, from time 0.
 
     Where one ends and the next starts with the same acceleration their common knot is one.
 
+    Args:
+        trajectories: at least one.
+        begins: when some of them begin [s], by their numbers, as others know it: in thousands of them rounding adds up.
+
     Raises:
-        ValueError: there is none, the joints differ, or one does not start where the one before ends.
+        ValueError: there is none, the joints differ, or one does not start where or when the one before ends.
     """
     if not trajectories:
         raise ValueError("no trajectories to join")
-    first = trajectories[0]
-    if any(t.joints != first.joints for t in trajectories):
+    joints, known = trajectories[0].joints, begins or {}
+    if any(t.joints != joints for t in trajectories):
         raise ValueError("trajectories of different joints cannot be joined")
-    parts: list[tuple[FloatArray, ...]] = []
-    clock, before = 0.0, None
-    for t in trajectories:
-        cut = slice(0, None)
-        if before is not None:
-            if np.abs(t.position[0] - before.position[-1]).max() > SAME_POSITION:
-                raise ValueError(
-                    f"a trajectory starts at {t.position[0].tolist()}, {clock} s after the first, "
-                    f"where the one before ended at {before.position[-1].tolist()}"
-                )
-            joined = np.array_equal(before.acceleration[-1], t.acceleration[0])
-            cut = slice(int(joined), None)
-        time = clock + (t.time - t.time[0])
-        parts.append((time[cut], t.position[cut], t.velocity[cut], t.acceleration[cut]))
-        clock, before = float(time[-1]), t
-    arrays = (np.concatenate([part[i] for part in parts]) for i in range(4))
-    return Trajectory(first.joints, *arrays)
+    time, q, v, a = (
+        np.concatenate([getattr(t, name) for t in trajectories])
+        for name in ("time", "position", "velocity", "acceleration")
+    )
+    counts = np.array([len(t.time) for t in trajectories])
+    first = np.cumsum(counts) - counts
+    last = first + counts - 1
+    clock, clocks, starts = 0.0, [], []
+    for number, (zero, end) in enumerate(
+        zip(time[first].tolist(), time[last].tolist(), strict=True)
+    ):
+        begin = known.get(number, clock)
+        if abs(begin - clock) > SAME_TIME:
+            raise ValueError(f"a trajectory starts {begin} s after the first, not {clock} s")
+        clocks.append(clock)
+        starts.append(begin)
+        clock = max(clock, begin + (end - zero))
+    apart = np.abs(q[first[1:]] - q[last[:-1]]).max(axis=1, initial=0.0) > SAME_POSITION
+    if apart.any():
+        k = int(np.argmax(apart))
+        raise ValueError(
+            f"a trajectory starts at {q[first[k + 1]].tolist()}, {clocks[k + 1]} s after the first, "
+            f"where the one before ended at {q[last[k]].tolist()}"
+        )
+    time = np.repeat(starts, counts) + (time - np.repeat(time[first], counts))
+    time = np.maximum(time, np.repeat(clocks, counts))
+    # A jump of acceleration is two knots at the same time.
+    time[first] = clocks
+    kept = np.ones(len(time), dtype=np.bool_)
+    kept[first[1:]] = (a[first[1:]] != a[last[:-1]]).any(axis=1)
+    return Trajectory(joints, time[kept], q[kept], v[kept], a[kept])

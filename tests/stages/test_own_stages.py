@@ -20,7 +20,9 @@ from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages import sequence
 from dualarm_cli.stages.search import beam, own_stages
-from dualarm_cli.stages.search.node_plans import plans_on_nodes
+from dualarm_cli.stages.search import search as search_module
+from dualarm_cli.stages.search.candidates import Grid
+from dualarm_cli.stages.search.node_plans import grid_angles, plans_on_nodes
 from dualarm_cli.stages.search.own_stages import (
     ExactStages,
     exact_nodes,
@@ -32,7 +34,7 @@ from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.potentials import arm_layers
 from dualarm_cli.stages.search.problem import SequenceProblem
 from dualarm_cli.stages.search.search import FoundSequence, search, search_near
-from dualarm_cli.stages.search.source import postures
+from dualarm_cli.stages.search.source import grid_nodes, postures
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification import verify
@@ -321,6 +323,57 @@ def test_a_stage_that_is_known_to_touch_does_not_stay_as_it_is(packing: Job) -> 
     assert found is not None
     problem = sequence_problem(model, job, Holding.of(job, crossing=True))
     assert search_near(problem, found.best.decisions, [1], "quick", 0, local=False) is None
+
+
+def test_in_a_long_sequence_a_stage_that_has_to_touch_gets_the_plan_that_touches_least(
+    packing: Job, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tools at one place: that does not cost the whole sequence a second search, and what is far from it stays."""
+    touching: dict[str, Target] = {"left": ((0.6, 0.02, 0.9), 0.0), "right": ((0.6, -0.02, 0.9), 0)}
+    easy: dict[str, Target] = {"left": ((0.1, 0.6, 0.9), 1.0), "right": ((0.1, -0.6, 0.9), 1.0)}
+    job = tight_job(packing, [NO_PAIRS[0], touching, *[easy] * 18])
+    model = CellModel.from_cell(job.cell)
+    found = search(sequence_problem(model, job), [], "quick", 0)
+    assert found is not None
+    unchecked = found.best.decisions
+    problem = sequence_problem(model, job, Holding.of(job, crossing=True))
+    asked: tuple[Any, ...] = (problem, unchecked, [1], "quick", 0)
+    assert search_near(*asked, local=True) is None
+    monkeypatch.setattr(search_module, "FEWEST_IN_PARTS", problem.stages)
+    near = search_near(*asked, local=True)
+    assert near is not None
+    assert np.flatnonzero(~plan_clearance(problem, near).stops).tolist() == [1]
+    # It and the next transfer touch: stages 0 to 2, one beside them, then four more.
+    far = slice(8, None)
+    np.testing.assert_array_equal(near.decisions.angle[far], unchecked.angle[far])
+    for mine, theirs in zip(near.decisions.arms, unchecked.arms, strict=True):
+        np.testing.assert_array_equal(mine.near[far], theirs.near[far])
+
+
+NO_LINES: list[dict[str, Target]] = [
+    {"left": ((0.1001, 0.4849, 0.9467), -0.1636), "right": ((0.4735, 0.054, 0.8789), 1.2864)}
+]
+"""At the one angle of the grid that they share, 45 degrees, an arm's lines meet a limit between their ends."""
+
+
+def test_where_all_lines_at_shared_angles_fail_a_stage_gets_angles_of_its_own(packing: Job) -> None:
+    """The nodes know the ends of lines only."""
+    problem, tables = problem_of(tight_job(packing, NO_LINES))
+    grid = Grid(grid_angles(problem, np.radians(15.0)), 12, 1500)
+    nodes = [grid_nodes(problem, a, tables[a], 0, grid) for a in (0, 1)]
+    shared = np.intersect1d(*(own.angle_index for own in nodes))
+    np.testing.assert_allclose(np.degrees(grid.angles[shared]), [45.0])
+    holds = []
+    for a, own in enumerate(nodes):
+        there = own.take(np.flatnonzero(own.angle_index == shared))
+        n = len(there.work)
+        angle = np.full(n, grid.angles[shared])
+        found = postures(problem, a, tables[a], np.zeros(n, dtype=np.int64), angle, there.decisions)
+        holds.append(bool(found.possible.any()))
+    assert holds == [True, False]
+    plan = search(problem, [], "quick", 0)
+    assert plan is not None
+    assert np.isfinite(plan.best.total)
 
 
 def test_a_plan_with_little_clearance_is_verified(packing: Job) -> None:

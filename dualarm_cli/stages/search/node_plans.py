@@ -22,7 +22,7 @@ from dualarm_cli.stages.search.own_stages import (
 )
 from dualarm_cli.stages.search.potentials import ArmLayers, arm_layers, with_potentials
 from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
-from dualarm_cli.stages.search.source import grid_nodes, postures
+from dualarm_cli.stages.search.source import grid_nodes, has_closed_form, postures
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import Evaluated, TransferChain, evaluate, held
 
@@ -237,7 +237,9 @@ def plans_on_nodes(
         possible = [(path, plan) for path, plan in found if np.isfinite(plan.total)]
         if possible or not found:
             return NodePlans(possible, bound)
-        arms = tuple(_without(arm, a, *found[0]) for a, arm in enumerate(arms))
+        arms = tuple(
+            _without(problem, tables[a], angles, arm, a, found[0]) for a, arm in enumerate(arms)
+        )
     return NodePlans([], bound)
 
 
@@ -283,13 +285,29 @@ def angles_near(problem: SequenceProblem, plan: Decisions, mesh: Mesh) -> FloatA
     return np.clip(plan.angle[:, None] + steps, *problem.platform_range)
 
 
-def _without(arm: ArmLayers, a: int, path: NodePath, plan: Evaluated) -> ArmLayers:
-    """Returns an arm's layers without the nodes of a plan whose lines are impossible."""
-    layers = list(arm.layers)
+def _without(
+    problem: SequenceProblem,
+    table: StopTable,
+    angles: FloatArray,
+    arm: ArmLayers,
+    a: int,
+    found: tuple[NodePath, Evaluated],
+) -> ArmLayers:
+    """Returns an arm's layers without nodes whose lines are impossible, in the stages in which a plan's are.
+
+    Where all lines at the angles that a stage's arms share are, it then gets angles of its own at once.
+    """
+    (path, plan), layers = found, list(arm.layers)
     for k in arm.chain.active:
         layer = layers[k]
-        if layer is not None and not plan.arms[a].possible[k]:
-            work = layer.work.copy()
-            work[path.nodes[a, k]] = np.inf
-            layers[k] = replace(layer, work=work)
+        if layer is None or plan.arms[a].possible[k]:
+            continue
+        times = layer.work.copy()
+        times[path.nodes[a, k]] = np.inf
+        # What a free yaw will be is not known yet, and following lines of other arms takes long.
+        if has_closed_form(problem.arms[a]) and not layer.free_last:
+            stage, angle = np.full(len(times), k), angles[k, layer.angle_index]
+            lines = postures(problem, a, table, stage, angle, layer.decisions)
+            times[~lines.possible] = np.inf
+        layers[k] = replace(layer, work=times)
     return replace(arm, layers=layers)

@@ -214,7 +214,9 @@ def search_near(
             found.append(next((one for one in tried if one is not None), None))
         return found
 
-    for mesh in (how.near, how.meshes[0]):
+    # Where nothing near the plan will do, something far from it may, with more stages.
+    for mesh, more in ((how.near, 0), (how.meshes[0], FARTHER)):
+        loose = _beside(loose, more)
         stretches = loose_stretches(problem, plan, loose)
         decisions = plan.decisions
         parts = halves(partial(decided, decisions, mesh), stretches)
@@ -225,8 +227,6 @@ def search_near(
         plan = evaluate(problem, tables, decisions)
         if not loose.any() or loose.all():
             break
-        # Where nothing near the plan will do, something far from it may, with more stages.
-        loose = _beside(loose, FARTHER)
     if not loose.any():
         return plan
     if loose.all() or problem.stages < FEWEST_IN_PARTS or not how.spares:
