@@ -77,8 +77,6 @@ class SearchEffort:
     """The grid around the best plan so far."""
     local_rounds: int = 1
     """How often there is such a grid, at most."""
-    local_from: int = 0
-    """Shorter sequences have no such grid."""
     plans: int = 1
     """Plans of every grid that are polished: different in branches, targets or yaws."""
     near: Mesh = NEAR
@@ -106,7 +104,7 @@ class SearchEffort:
             trial_rounds=self.trial_rounds * min(more, 2),
             rounds=self.rounds * more,
             random_steps=self.random_steps * more,
-            local_rounds=self.local_rounds * more if stages >= self.local_from else 0,
+            local_rounds=self.local_rounds * more,
             plans=self.plans * more,
         )
 
@@ -294,7 +292,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         clocks=FreeEffort(60, 1500, 1, 1.0),
         epochs=EpochEffort(3, 20, 20, 400),
         search=SearchEffort(
-            (Mesh(np.radians(15.0), 12, 1500, 20),), 2, 4, 0, (), LOCAL, local_from=13
+            (Mesh(np.radians(12.0), 14, 1000, 20),), 0, 3, 0, (), LOCAL, local_rounds=0
         ),
         bound=Resolution(np.radians(15.0), 9, 3),
         ipopt=NonlinearEffort(100, (np.inf, 0.3)),
