@@ -10,7 +10,7 @@ import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import redirect_stdout, suppress
+from contextlib import AbstractContextManager, contextmanager, redirect_stdout, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -83,6 +83,19 @@ def brief_searches() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         _searching(patch, brief=True)
         yield
+
+
+@pytest.fixture(scope="session")
+def as_for_users() -> Callable[[], AbstractContextManager[None]]:
+    """Returns a context in which plans that several tests share are searched for as users' are."""
+
+    @contextmanager
+    def full() -> Iterator[None]:
+        with pytest.MonkeyPatch.context() as patch:
+            _searching(patch, brief=False)
+            yield
+
+    return full
 
 
 @pytest.fixture(autouse=True)

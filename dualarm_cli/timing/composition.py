@@ -75,10 +75,9 @@ def concatenate(
             f"a trajectory starts at {q[first[k + 1]].tolist()}, {clocks[k + 1]} s after the first, "
             f"where the one before ended at {q[last[k]].tolist()}"
         )
-    time = np.repeat(starts, counts) + (time - np.repeat(time[first], counts))
-    time = np.maximum(time, np.repeat(clocks, counts))
-    # A jump of acceleration is two knots at the same time.
-    time[first] = clocks
+    since, clock_of = time - np.repeat(time[first], counts), np.repeat(clocks, counts)
+    # A jump of acceleration where one begins is two knots at the same time.
+    time = np.where(since > 0.0, np.maximum(np.repeat(starts, counts) + since, clock_of), clock_of)
     kept = np.ones(len(time), dtype=np.bool_)
     kept[first[1:]] = (a[first[1:]] != a[last[:-1]]).any(axis=1)
     return Trajectory(joints, time[kept], q[kept], v[kept], a[kept])

@@ -9,6 +9,7 @@ from scipy.interpolate import BPoly, CubicHermiteSpline
 
 from dualarm_cli.formats.sampling import losses, sampled
 from dualarm_cli.geometry.interpolation import INTERPOLATIONS, extrema, interpolated
+from dualarm_cli.verification.tolerances import POSITION_AGREEMENT
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3, 4, 5])
@@ -50,9 +51,11 @@ def test_a_linear_receiver_cuts_a_parabola_by_an_eighth_of_a_h_squared(exported)
     most = np.abs(schedule.trajectory.at(np.linspace(0, schedule.duration, 100_000))[2]).max()
     for rate in (50.0, 200.0):
         samples = sampled(schedule, rate)
-        step = np.diff(samples.time).max()
+        # The last step may be half as long again.
+        step = np.diff(samples.time)
         worst = max(row.deviation for row in losses(schedule, samples, "linear"))
-        assert 0.5 < worst / (most * step**2 / 8) <= 1.0 + 1e-6
+        assert worst > 0.5 * most * np.median(step) ** 2 / 8
+        assert worst <= most * step.max() ** 2 / 8 * (1.0 + 1e-6)
 
 
 @pytest.mark.parametrize(
@@ -81,10 +84,10 @@ def test_no_instant_deviates_more_than_is_said(exported, kind, rate):
 
 @pytest.mark.parametrize("rate", [100.0, 250.0])
 def test_with_knots_cubic_interpolation_is_exact_and_keeps_limits(exported, rate):
-    """Between knots the jerk is constant, so that Hermite's cubic is the motion itself."""
+    """Between knots the jerk is constant, so that Hermite's cubic is the motion itself, as exactly as that agrees."""
     schedule = exported.schedule
     for row in losses(schedule, sampled(schedule, rate, knots=True), "cubic"):
-        assert row.deviation < 1e-9
+        assert row.deviation < POSITION_AGREEMENT
         assert row.within_limits
 
 

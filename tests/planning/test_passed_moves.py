@@ -82,6 +82,7 @@ def test_moves_that_are_passed_are_never_slower(tmp_path: Path, both: bool, head
         assert found and all(corner.speed > 0.0 for corner in found)
 
 
+@pytest.mark.full_effort
 def test_tools_pass_beside_their_targets_as_far_as_they_may_and_gain_by_it(tmp_path: Path) -> None:
     """Measured on the tools' motion: within `blend`, in the target's orientation; at some of them well beside it."""
     durations, beside = {}, []

@@ -27,13 +27,13 @@ def job(tasks_folder):
 
 
 @pytest.fixture(scope="module")
-def durations(job):
+def durations(job, as_for_users):
     """Exactly timed cycle of every method with all stops, as methods decide stages; each plan verified."""
     found = {}
     for name in METHODS.names:
-        schedule = plan_without_bound(
-            job, PlanSettings(platform=name, effort="quick", blend="none")
-        )
+        with as_for_users():
+            settings = PlanSettings(platform=name, effort="quick", blend="none")
+            schedule = plan_without_bound(job, settings)
         assert verify(schedule, job).passed, name
         found[name] = schedule.duration
     return found

@@ -319,10 +319,10 @@ def test_a_stage_that_is_known_to_touch_does_not_stay_as_it_is(packing: Job) -> 
     """Where nothing near it is better, everything has to be looked at."""
     job = tight_job(packing, NO_PAIRS)
     model = CellModel.from_cell(job.cell)
-    found = search(sequence_problem(model, job), [], "quick", 0)
+    found = search(sequence_problem(model, job), [], "normal", 0)
     assert found is not None
     problem = sequence_problem(model, job, Holding.of(job, crossing=True))
-    assert search_near(problem, found.best.decisions, [1], "quick", 0, local=False) is None
+    assert search_near(problem, found.best.decisions, [1], "normal", 0, local=False) is None
 
 
 def test_in_a_long_sequence_a_stage_that_has_to_touch_gets_the_plan_that_touches_least(

@@ -73,6 +73,7 @@ def test_no_blended_plan_is_below_the_bound_nor_the_bound_above_that_with_stops(
         assert bound <= found.duration
 
 
+@pytest.mark.full_effort
 def test_a_shorter_straight_part_has_a_lower_bound_and_a_quicker_plan(tasks_folder):
     """Two tasks of the packing job with 80, 40 and 20 mm: all verified, each quicker than the one before."""
     job = load_job(tasks_folder / "04_packing" / "tasks.yaml")

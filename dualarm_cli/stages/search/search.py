@@ -341,7 +341,12 @@ def _combined(
     seed: int,
     loose: BoolArray | None = None,
 ) -> Evaluated:
-    """Returns the best combination of several plans after a little polishing; never slower than any of them."""
+    """Returns the best combination of several plans after a little polishing; never slower than any of them.
+
+    One plan by itself is left as it is where there is no grid around it: it is polished anyway.
+    """
+    if len(pool) == 1 and not how.local_rounds:
+        return pool[0]
     worth = [_worth(problem, plan) for plan in pool]
     least = min(worth)
     promising = [k for k, own in enumerate(worth) if own <= (1.0 + PROMISING) * least]
