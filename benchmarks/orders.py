@@ -16,8 +16,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from nearest_neighbour import each_arms_nearest, nearest_neighbour
-from random_orders import FAMILIES, Instance, random_instance
+from jobs.nearest_neighbour import each_arms_nearest, nearest_neighbour
+from jobs.random_orders import FAMILIES, Instance, random_instance
 
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job, StopKey

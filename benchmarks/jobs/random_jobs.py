@@ -11,7 +11,7 @@ import pinocchio as pin
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
 
-PACKING = Path(__file__).parent.parent / "tasks" / "04_packing" / "tasks.yaml"
+PACKING = Path(__file__).parents[2] / "tasks" / "04_packing" / "tasks.yaml"
 LINE = 0.08
 """Length of approach and retract [m]."""
 DWELL = Dwell(0.12, 0.03, 0.02)

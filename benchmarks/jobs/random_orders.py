@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
-from random_jobs import DWELL, LINE, PACKING
+from jobs.random_jobs import DWELL, LINE, PACKING
 
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import BoolArray
