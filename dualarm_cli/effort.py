@@ -111,7 +111,7 @@ class SearchEffort:
     def for_general_arms(self, stages: int) -> SearchEffort:
         """Returns less of all for arms without closed forms, whose postures take some thirty times as long.
 
-        One grid, the finer one for short sequences, and little polishing.
+        One grid, the finer one for short sequences, another one around its plan, and little polishing.
         """
         few = MOST * stages <= WHOLE and self.for_few
         return replace(
