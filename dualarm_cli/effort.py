@@ -76,7 +76,7 @@ class SearchEffort:
     local: Mesh
     """The grid around the best plan so far."""
     local_rounds: int = 1
-    """How often there is such a grid, at most."""
+    """How often there is such a grid, at most; arms without closed forms have one in any case."""
     plans: int = 1
     """Plans of every grid that are polished: different in branches, targets or yaws."""
     near: Mesh = NEAR

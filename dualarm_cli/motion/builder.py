@@ -161,7 +161,7 @@ class MotionBuilder:
         """Returns the motion of all joints, arm by arm and in time order.
 
         Raises:
-            ValueError: a piece does not begin where the one before it ends.
+            ValueError: a piece does not begin where or when the one before it ends.
         """
         groups = {name: self.joined(name) for name in self.pieces}
         events = self.events

@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.trajectory import Trajectory
 
 SAME_POSITION = 1e-9
 """Positions nearer than this are one position [rad]."""
-SAME_TIME = 1e-9
-"""Instants nearer than this are one instant [s]."""
+ROUNDED = 64
+"""In longer motions instants are one that differ by so many of the steps between numbers of their size."""
 
 
 def hold(joints: tuple[str, ...], position: FloatArray, duration: float) -> Trajectory:
@@ -63,11 +64,12 @@ def concatenate(
         zip(time[first].tolist(), time[last].tolist(), strict=True)
     ):
         begin = known.get(number, clock)
-        if abs(begin - clock) > SAME_TIME:
+        if abs(begin - clock) > max(SAME_TIME, ROUNDED * np.spacing(clock)):
             raise ValueError(f"a trajectory starts {begin} s after the first, not {clock} s")
         clocks.append(clock)
         starts.append(begin)
-        clock = max(clock, begin + (end - zero))
+        # A known begin may be earlier by rounding; the next one takes up what a piece of no length leaves.
+        clock = max(clock, begin + (end - zero)) if end != zero else clock
     apart = np.abs(q[first[1:]] - q[last[:-1]]).max(axis=1, initial=0.0) > SAME_POSITION
     if apart.any():
         k = int(np.argmax(apart))
@@ -76,8 +78,9 @@ def concatenate(
             f"where the one before ended at {q[last[k]].tolist()}"
         )
     since, clock_of = time - np.repeat(time[first], counts), np.repeat(clocks, counts)
-    # A jump of acceleration where one begins is two knots at the same time.
-    time = np.where(since > 0.0, np.maximum(np.repeat(starts, counts) + since, clock_of), clock_of)
+    time = np.repeat(starts, counts) + since
+    # A jump of acceleration where one begins is two knots at one time. Defective times stay for the verifier to find.
+    time = np.where(since == 0.0, clock_of, np.where(since > 0.0, np.maximum(time, clock_of), time))
     kept = np.ones(len(time), dtype=np.bool_)
     kept[first[1:]] = (a[first[1:]] != a[last[:-1]]).any(axis=1)
     return Trajectory(joints, time[kept], q[kept], v[kept], a[kept])

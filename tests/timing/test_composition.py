@@ -172,3 +172,32 @@ def test_a_known_begin_is_that_of_the_sum_but_for_rounding():
     piece = hold(("s",), np.zeros(1), 0.1)
     with pytest.raises(ValueError, match=r"starts 0\.3 s after the first"):
         concatenate([piece, piece], {1: 0.3})
+
+
+def test_a_piece_of_no_length_keeps_a_jump_at_one_time():
+    """Begun later by rounding, between standing and a jump to 1 rad/s²; merged with another group nothing is lost."""
+    stands, nothing = hold(("s",), np.zeros(1), 0.7), hold(("s",), np.zeros(1), 0.0)
+    jump = Trajectory(
+        ("s",), np.array([0.0, 0.0, 1.0]), np.array([[0.0], [0.0], [0.5]]),
+        np.array([[0.0], [0.0], [1.0]]), np.array([[0.0], [1.0], [1.0]]),
+    )  # fmt: skip
+    joined = concatenate([stands, nothing, jump], {1: 0.7 + 1e-12})
+    both = merge([joined, hold(("e",), np.zeros(1), 1.7)], ("s", "e"))
+    q, v, a = both.at(np.array([0.35, 0.6999, 1.2]))
+    np.testing.assert_allclose(q[:, 0], [0.0, 0.0, 0.125], atol=1e-9)
+    np.testing.assert_allclose(v[:, 0], [0.0, 0.0, 0.5], atol=1e-9)
+    np.testing.assert_array_equal(a[:, 0], [0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize("defect", [np.nan, -0.5])
+def test_a_defective_time_stays_for_the_verifier_to_find(defect):
+    piece = Trajectory(("s",), np.array([0.0, defect, 1.0]), *[np.zeros((3, 1))] * 3)
+    np.testing.assert_array_equal(concatenate([piece]).time, piece.time)
+
+
+def test_in_very_long_motions_rounding_is_larger():
+    """Six pieces a stage, begun after 1e7 s, where numbers are 2e-9 apart."""
+    long, piece = hold(("s",), np.zeros(1), 1e7), hold(("s",), np.zeros(1), 0.1)
+    begins = {1 + 6 * k: 1e7 + 0.6 * k for k in range(100)}
+    joined = concatenate([long, *[piece] * 600], begins)
+    assert abs(joined.time[-1] - (1e7 + 60.0)) < 1e-6

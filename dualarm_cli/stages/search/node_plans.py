@@ -293,9 +293,9 @@ def _without(
     a: int,
     found: tuple[NodePath, Evaluated],
 ) -> ArmLayers:
-    """Returns an arm's layers without nodes whose lines are impossible, in the stages in which a plan's are.
+    """Returns an arm's layers without the nodes whose lines are impossible, in stages where a plan's line is.
 
-    Where all lines at the angles that a stage's arms share are, it then gets angles of its own at once.
+    If no angle is left that a stage's arms share, the next round gives it angles of its own.
     """
     (path, plan), layers = found, list(arm.layers)
     for k in arm.chain.active:

@@ -63,8 +63,8 @@ def search(
 
     The nodes of all stops on several grids; backward dynamic programming per arm with the other one relaxed; a beam
     guided by it. The beams' plans and the given ones are polished a little and combined stage by stage; so are those of
-    finer grids around the best plan so far. The last combination is polished thoroughly. The result is never slower, in
-    closed-form times, than any of the starts.
+    finer grids around the best plan so far, where the effort has them. The last combination is polished thoroughly. The
+    result is never slower, in closed-form times, than any of the starts.
 
     Args:
         problem: the sequence.
@@ -88,9 +88,7 @@ def search(
     possible = any(path.is_possible for path, _ in on_nodes)
     pool = [evaluate(problem, tables, start) for start in (*further(possible), *starts)]
     if not pool and on_nodes and not possible:
-        return FoundSequence(
-            min((plan for _, plan in on_nodes), key=lambda p: p.total), bound, total, True
-        )
+        return FoundSequence(min(on_nodes, key=lambda one: one[0].total)[1], bound, total, True)
     pool += [plan for _, plan in on_nodes]
     pool = _different(problem, [plan for plan in pool if np.isfinite(plan.total)])
     if not pool:
@@ -186,7 +184,8 @@ def search_near(
     those beside them are looked at, each stretch of them by itself; all others stay as they are. So does a stage for
     which no nodes are found, or none that go together: it may be collision-free by less than the search asks for, which
     an exact test then decides. A stretch without a plan is tried again with more stages about it on the first of the
-    grids over the whole range. In sequences of FEWEST_IN_PARTS stages or more it then gets the plan that touches least.
+    grids over the whole range. In sequences of FEWEST_IN_PARTS stages or more, where the effort spares time, it then
+    gets a plan that touches in the fewest stages.
 
     Args:
         problem: the sequence, with clearance.
@@ -234,10 +233,13 @@ def search_near(
     # Nothing there is as clear as is asked for: what touches least is for an exact test and for repairs.
     decisions = plan.decisions
     for stretch in loose_stretches(problem, plan, loose):
-        found = search(stretch.problem, [], effort, seed)
-        if found is None:
+        if len(stretch.stages) == problem.stages:
             return None
-        decisions = stretch.put(decisions, found.best.decisions)
+        parts_with = (search(part, [], effort, seed) for part in _with_room(stretch.problem, roomy))
+        least = next((one for one in parts_with if one is not None), None)
+        if least is None:
+            return None
+        decisions = stretch.put(decisions, least.best.decisions)
     return evaluate(problem, tables, decisions)
 
 
