@@ -53,6 +53,9 @@ LESS = 1e-9
 """What counts as a shorter time [s]."""
 WORTH = 1e-4
 """What is gained by passing a line's end in motion that is worth it [s]."""
+ROOMS = 0.0, 0.01
+"""What transfers keep free of limits of position [rad], one after the other: rates at lines' ends are estimates, and what
+was just within the limits with them may not be with exact ones."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,7 @@ Place = tuple[int, int]
 
 
 def quickest_pair(
-    before: Passings, after: Passings, problem: TransferProblem, rest: float
+    before: Passings, after: Passings, problem: TransferProblem, rest: float, room: float = 0.0
 ) -> tuple[int, int, float]:
     """Returns which ways of two lines go best with the transfer between them, and how long all three take [s].
 
@@ -126,8 +129,9 @@ def quickest_pair(
         after: of the approach.
         problem: the transfer; its rates do not count.
         rest: how long it takes from rest to rest [s].
+        room: what it keeps free of limits of position [rad].
     """
-    transfer, platform = MovingTransfer(problem), problem.minimum_duration
+    transfer, platform = MovingTransfer(problem, room), problem.minimum_duration
     least = {(0, 0): float(before.time[0] + rest + after.time[0])}
 
     def time(pair: tuple[Place, Place], most: float) -> float:
@@ -228,8 +232,9 @@ def _passed(
     for name in drive.model.arms:
         if (k, name) in stopping or name in plan.waits or name in plan.detours:
             continue
-        ways = _ways(drive, before, plan, name, platform)
-        if ways is None or not _holds(drive, before, plan, name, ways):
+        tried = (_ways(drive, before, plan, name, platform, room) for room in ROOMS)
+        ways = next((one for one in tried if not one or _holds(drive, before, plan, name, one)), None)
+        if ways is None:
             continue
         lines = []
         for at, line, launch in ((k - 1, "retract", ways[0]), (k, "approach", ways[1])):
@@ -292,7 +297,12 @@ def waits_for_time(plan: StagePlan) -> bool:
 
 
 def _ways(
-    drive: Drive, before: StagePlan | None, plan: StagePlan, name: str, platform: float
+    drive: Drive,
+    before: StagePlan | None,
+    plan: StagePlan,
+    name: str,
+    platform: float,
+    room: float = 0.0,
 ) -> tuple[Launch | None, Launch | None] | None:
     """Returns how an arm passes the ends of the lines about its transfer, None where it stops at both."""
     arm = drive.model.arms[name]
@@ -307,7 +317,7 @@ def _ways(
     rest = max(platform, float(law.duration(goal - start)))
     if retract.rates[0].any() or approach.rates[0].any():
         rest = MovingTransfer(problem).duration(retract.rates[0], approach.rates[0])
-    i, j, time = quickest_pair(retract, approach, problem, rest)
+    i, j, time = quickest_pair(retract, approach, problem, rest, room)
     if time > float(retract.time[0] + rest + approach.time[0]) - WORTH:
         return None
     return retract.ways[i], approach.ways[j]

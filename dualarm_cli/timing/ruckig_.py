@@ -156,8 +156,13 @@ def _states(time: FloatArray, jerk: FloatArray, start: FloatArray) -> FloatArray
 class MovingTransfer:
     """Transfers between two postures in given states of motion, of which many are tried."""
 
-    def __init__(self, problem: TransferProblem) -> None:
-        """Prepares the request; rates of the problem do not count."""
+    def __init__(self, problem: TransferProblem, room: float = 0.0) -> None:
+        """Prepares the request.
+
+        Args:
+            problem: the transfer; its rates do not count.
+            room: what joints keep free of their limits of position on the way [rad], where both ends do.
+        """
         import ruckig
 
         n, limits = len(problem.joints), problem.limits
@@ -171,8 +176,8 @@ class MovingTransfer:
             self._request.minimum_duration = problem.minimum_duration
         # Where it begins or ends outside by rounding, it may stay there.
         ends = np.stack([problem.start, problem.goal])
-        self._lower = np.minimum(limits.lower, ends.min(axis=0))
-        self._upper = np.maximum(limits.upper, ends.max(axis=0))
+        self._lower = np.minimum(limits.lower + room, ends.min(axis=0))
+        self._upper = np.maximum(limits.upper - room, ends.max(axis=0))
         self._solver = ruckig.Ruckig(n)
         self._answer = ruckig.Trajectory(n)
         self._good = (ruckig.Result.Working, ruckig.Result.Finished)
