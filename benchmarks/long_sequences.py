@@ -26,12 +26,12 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures.holding import Holding
-from dualarm_cli.stages.search.candidates import Grid, Nodes
+from dualarm_cli.stages.plans.candidates import Grid, Nodes
+from dualarm_cli.stages.plans.problem import SequenceProblem
+from dualarm_cli.stages.plans.source import grid_nodes
+from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.search.node_plans import grid_angles
 from dualarm_cli.stages.search.own_stages import LOOKED_AT, ExactStages, free_nodes
-from dualarm_cli.stages.search.problem import SequenceProblem
-from dualarm_cli.stages.search.source import grid_nodes
-from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.sequence_problem import sequence_problem
 
 LINE = 0.08

@@ -34,10 +34,10 @@ from dualarm_cli.bound.layers import (
 from dualarm_cli.compiled.transfer_times import CellRuns, boxes, least_by_groups, least_from
 from dualarm_cli.effort import EFFORTS, Resolution
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.stages.plans.problem import SequenceProblem
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import TransferChain
 from dualarm_cli.stages.search.potentials import platform_columns, transfer_table
-from dualarm_cli.stages.search.problem import SequenceProblem
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import TransferChain
 from dualarm_cli.stages.search.transfer_table import TransferTable
 
 RUN = 32

@@ -7,7 +7,7 @@ import numpy as np
 from dualarm_cli.bound.cells import ROUNDING, Cells, free_cells
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.closed_arm import ClosedArm
-from dualarm_cli.stages.search.problem import ArmWork, StopTarget
+from dualarm_cli.stages.plans.problem import ArmWork, StopTarget
 from dualarm_cli.stages.search.transfer_table import TransferTable
 
 SINGULAR = 1e-4

@@ -15,8 +15,8 @@ from dualarm_cli.compiled.transfer_times import Laws, LineEnds, boxes, least_wor
 from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
-from dualarm_cli.stages.search.problem import ArmWork, SequenceProblem, StopTarget
-from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
+from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem, StopTarget
+from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.search.transfer_table import Coordinates, TransferTable
 
 Times = NDArray[np.float32]

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.stages.search.problem import SequenceProblem
+from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 AT_ONCE = 1e12

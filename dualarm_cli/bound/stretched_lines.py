@@ -9,7 +9,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.postures.platform_reach import AngleCells, ShapeRates, shape_rates, turned
-from dualarm_cli.stages.search.problem import ArmWork
+from dualarm_cli.stages.plans.problem import ArmWork
 
 STRETCHED = 0.95
 """Share of the farthest reach beyond which arms count as nearly stretched: elsewhere lines take 0 s."""

@@ -24,7 +24,7 @@ from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan, same_postures
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
-from dualarm_cli.stages.search.clearance import Barred
+from dualarm_cli.stages.plans.clearance import Barred
 from dualarm_cli.stages.serving import with_stopping_room
 from dualarm_cli.stages.stage_choice import REACH
 from dualarm_cli.timing import TimingSolver

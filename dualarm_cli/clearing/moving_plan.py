@@ -28,8 +28,8 @@ from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.stages.leaving import Leaving, LeavingSearch, MotionRoom, leaving_of, leaving_plans
 from dualarm_cli.stages.method import MethodProblem
-from dualarm_cli.stages.search.problem import SequenceProblem
-from dualarm_cli.stages.search.source import has_closed_form
+from dualarm_cli.stages.plans.problem import SequenceProblem
+from dualarm_cli.stages.plans.source import has_closed_form
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.timing import TimingSolver
 

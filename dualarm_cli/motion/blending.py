@@ -54,8 +54,8 @@ LESS = 1e-9
 WORTH = 1e-4
 """What is gained by passing a line's end in motion that is worth it [s]."""
 ROOMS = 0.0, 0.01
-"""What transfers keep free of limits of position [rad], one after the other: rates at lines' ends are estimates, and what
-was just within the limits with them may not be with exact ones."""
+"""What transfers keep free of limits of position [rad], one after the other: rates at lines' ends are estimates, and
+what was just within the limits with them may not be with exact ones."""
 
 
 @dataclass(frozen=True)
@@ -233,7 +233,9 @@ def _passed(
         if (k, name) in stopping or name in plan.waits or name in plan.detours:
             continue
         tried = (_ways(drive, before, plan, name, platform, room) for room in ROOMS)
-        ways = next((one for one in tried if not one or _holds(drive, before, plan, name, one)), None)
+        ways = next(
+            (one for one in tried if not one or _holds(drive, before, plan, name, one)), None
+        )
         if ways is None:
             continue
         lines = []

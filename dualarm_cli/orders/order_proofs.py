@@ -17,7 +17,7 @@ from dualarm_cli.orders.proof.near import near_orders
 from dualarm_cli.orders.proof.proof import StageProof, can_prove, prove_order
 from dualarm_cli.orders.proof.relaxation import of_stages, pair_bound
 from dualarm_cli.orders.watch import Watch
-from dualarm_cli.stages.search.clearance import SAMPLES
+from dualarm_cli.stages.plans.clearance import SAMPLES
 from dualarm_cli.stages.search.plan_clearance import move_waits
 
 AT_ONCE = 20_000

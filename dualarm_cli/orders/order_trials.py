@@ -10,12 +10,12 @@ from dualarm_cli.orders.orders import DecidedOrder, PairedSearch
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.peers.feasible_start import repaired
+from dualarm_cli.stages.plans.problem import SequenceProblem
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import Evaluated
 from dualarm_cli.stages.search.node_plans import with_yaws
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.polish import polish
-from dualarm_cli.stages.search.problem import SequenceProblem
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import Evaluated
 from dualarm_cli.stages.sequence_problem import sequence_problem
 
 MOST_TRIED = 120

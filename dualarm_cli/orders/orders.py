@@ -35,7 +35,7 @@ from dualarm_cli.orders.paired.times import totals, with_angles
 from dualarm_cli.orders.proof.relaxation import of_stages, of_ways
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.refusals import Refusal
-from dualarm_cli.stages.search.problem import Decisions
+from dualarm_cli.stages.plans.problem import Decisions
 
 LONG = 60
 """Orders of more stages are long: most of one is as good as it was when something is taken apart."""

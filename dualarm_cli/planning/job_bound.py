@@ -18,7 +18,7 @@ from dualarm_cli.kinematics.closed_arm import ClosedArm
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.model.job import Job, Task
 from dualarm_cli.orders.model.tool_changes import stand_tasks, with_changes
-from dualarm_cli.stages.search.problem import SequenceProblem
+from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.sequence_problem import sequence_problem
 
 SHARED = (

@@ -23,7 +23,7 @@ from dualarm_cli.orders.orders import (
     StagePair,
 )
 from dualarm_cli.orders.watch import Watch
-from dualarm_cli.stages.search.problem import Decisions
+from dualarm_cli.stages.plans.problem import Decisions
 
 Planner = Callable[[Job, Decisions | None, bool], Schedule]
 """Plans a decided job from a plan to begin with; whether what collides is decided again."""

@@ -41,7 +41,7 @@ from dualarm_cli.postures import REDUNDANCY_SOLVERS
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.methods import METHODS
-from dualarm_cli.stages.search.problem import Decisions
+from dualarm_cli.stages.plans.problem import Decisions
 from dualarm_cli.stages.serving import (
     cell_model,
     served_settings,

@@ -21,17 +21,17 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures import StopPosture
 from dualarm_cli.postures.stage_plan import StagePlan
-from dualarm_cli.stages.search.candidates import CandidatePostures
-from dualarm_cli.stages.search.linear_steps import LIMIT_MARGIN, NEAR_CRITICAL, Rows, timed_slopes
-from dualarm_cli.stages.search.problem import Decisions, SequenceProblem
-from dualarm_cli.stages.search.source import anchored
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import (
+from dualarm_cli.stages.plans.candidates import CandidatePostures
+from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
+from dualarm_cli.stages.plans.source import anchored
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import (
     TransferChain,
     platform_times,
     start_angle,
     start_joints,
 )
+from dualarm_cli.stages.search.linear_steps import LIMIT_MARGIN, NEAR_CRITICAL, Rows, timed_slopes
 from dualarm_cli.stages.search.variables import Slopes, Variables, shifted
 from dualarm_cli.stages.sequence import decisions_of, stage_plans
 from dualarm_cli.stages.turned_lines import LINES, turned_postures, turned_slopes

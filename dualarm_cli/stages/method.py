@@ -9,8 +9,8 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures.holding import Holding
-from dualarm_cli.stages.search.clearance import Barred
-from dualarm_cli.stages.search.problem import Decisions
+from dualarm_cli.stages.plans.clearance import Barred
+from dualarm_cli.stages.plans.problem import Decisions
 from dualarm_cli.stages.stage_by_stage import StagePlan
 
 

@@ -12,9 +12,9 @@ from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
 from dualarm_cli.stages.peers.continuous import refine
 from dualarm_cli.stages.peers.feasible_start import repaired
 from dualarm_cli.stages.peers.ipopt import nonlinear_program
-from dualarm_cli.stages.search.problem import SequenceProblem
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import Evaluated
+from dualarm_cli.stages.plans.problem import SequenceProblem
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import Evaluated
 from dualarm_cli.stages.sequence import decisions_of, solve_sequence, stage_plans
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.serving import FIXED, SEQUENCE, why_unserved

@@ -14,21 +14,21 @@ from dualarm_cli.postures.stage_plan import StagePlan, same_postures
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
-from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import (
+    Evaluated,
+    TransferChain,
+    evaluate,
+    start_angle,
+    start_joints,
+)
 from dualarm_cli.stages.search.search import (
     FEWEST_IN_PARTS,
     FoundSequence,
     search,
     search_in_parts,
     search_near,
-)
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import (
-    Evaluated,
-    TransferChain,
-    evaluate,
-    start_angle,
-    start_joints,
 )
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.serving import FIXED

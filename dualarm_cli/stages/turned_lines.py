@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.stages.search.candidates import LINE_SAMPLES, CandidatePostures, bulges
-from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
-from dualarm_cli.stages.search.source import has_closed_form, postures
-from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
+from dualarm_cli.stages.plans.candidates import LINE_SAMPLES, CandidatePostures, bulges
+from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.source import has_closed_form, postures
+from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.search.variables import DIFFERENCE, FIELDS, Slopes, shifted
 from dualarm_cli.timing.line_profile import joint_line_durations
 

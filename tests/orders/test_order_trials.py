@@ -24,9 +24,9 @@ from dualarm_cli.orders.proof.graph import ENDS, StageGraph
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.holding import Holding
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.plan_clearance import TURNS, plan_clearance
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import evaluate
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification import verify
 

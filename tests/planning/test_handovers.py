@@ -27,8 +27,8 @@ from dualarm_cli.report.corners import corners
 from dualarm_cli.report.report import count_parts
 from dualarm_cli.report.sensitivity import sensitivity
 from dualarm_cli.stages.method import MethodProblem
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import evaluate
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.sequence import decisions_of, solve_sequence
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.stage_by_stage import choose_stages

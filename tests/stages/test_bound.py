@@ -15,10 +15,10 @@ from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells, turned
-from dualarm_cli.stages.search.problem import SequenceProblem
+from dualarm_cli.stages.plans.problem import SequenceProblem
+from dualarm_cli.stages.plans.stops import StopTable, flange_poses
+from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.search import search
-from dualarm_cli.stages.search.stops import StopTable, flange_poses
-from dualarm_cli.stages.search.times import evaluate
 from dualarm_cli.stages.search.variables import Variables
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem

@@ -15,9 +15,9 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.planner import plan, plan_without_bound
+from dualarm_cli.stages.plans.problem import ArmWork
+from dualarm_cli.stages.plans.stops import StopTable, flange_poses
 from dualarm_cli.stages.search.potentials import transfer_table
-from dualarm_cli.stages.search.problem import ArmWork
-from dualarm_cli.stages.search.stops import StopTable, flange_poses
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification import verify
 

@@ -10,12 +10,12 @@ import pytest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.postures.holding import Holding
+from dualarm_cli.stages.plans.clearance import LIKE, Barred
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.beam import _varied, step_waits
-from dualarm_cli.stages.search.clearance import LIKE, Barred
 from dualarm_cli.stages.search.plan_clearance import TURNS, plan_clearance
 from dualarm_cli.stages.search.search import search_near
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import evaluate
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.stage_by_stage import choose_stages

@@ -9,9 +9,9 @@ import pytest
 from dualarm_cli.stages.peers.continuous import refine
 from dualarm_cli.stages.peers.program import reachable_distance
 from dualarm_cli.stages.peers.program_kinematics import chain_function, inverse, turned_pose
-from dualarm_cli.stages.search.problem import SequenceProblem
+from dualarm_cli.stages.plans.problem import SequenceProblem
+from dualarm_cli.stages.plans.stops import StopTable, flange_poses
 from dualarm_cli.stages.search.search import search
-from dualarm_cli.stages.search.stops import StopTable, flange_poses
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 Problems = Callable[..., SequenceProblem]

@@ -14,8 +14,8 @@ from dualarm_cli.stages.leaving import (
     leaving_of,
     leaving_plans,
 )
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import evaluate
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing.rest_to_rest import RestToRest

@@ -19,9 +19,12 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages import sequence
+from dualarm_cli.stages.plans.candidates import Grid
+from dualarm_cli.stages.plans.problem import SequenceProblem
+from dualarm_cli.stages.plans.source import grid_nodes, postures
+from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.search import beam, own_stages
 from dualarm_cli.stages.search import search as search_module
-from dualarm_cli.stages.search.candidates import Grid
 from dualarm_cli.stages.search.node_plans import grid_angles, plans_on_nodes
 from dualarm_cli.stages.search.own_stages import (
     ExactStages,
@@ -32,10 +35,7 @@ from dualarm_cli.stages.search.own_stages import (
 )
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.potentials import arm_layers
-from dualarm_cli.stages.search.problem import SequenceProblem
 from dualarm_cli.stages.search.search import FoundSequence, search, search_near
-from dualarm_cli.stages.search.source import grid_nodes, postures
-from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification import verify
 

@@ -10,8 +10,8 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.stages.peers.feasible_start import repaired
 from dualarm_cli.stages.peers.ipopt import nonlinear_program
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import evaluate
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.stage_by_stage import choose_stages

@@ -14,14 +14,14 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Dwell, JointTarget, Place, PoseTarget, Stop, Task
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
-from dualarm_cli.stages.search import general
-from dualarm_cli.stages.search.candidates import Grid
+from dualarm_cli.stages.plans import general
+from dualarm_cli.stages.plans.candidates import Grid
+from dualarm_cli.stages.plans.source import grid_nodes, postures
+from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
+from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.node_plans import grid_angles, own_node
 from dualarm_cli.stages.search.search import search
-from dualarm_cli.stages.search.source import grid_nodes, postures
-from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
-from dualarm_cli.stages.search.times import evaluate
 from dualarm_cli.stages.search.variables import Variables
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification import verify

@@ -15,18 +15,18 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.stages import sequence
 from dualarm_cli.stages.method import MethodProblem
+from dualarm_cli.stages.plans.candidates import Grid, Nodes
+from dualarm_cli.stages.plans.problem import SequenceProblem
+from dualarm_cli.stages.plans.source import grid_nodes
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.beam import beam_search
-from dualarm_cli.stages.search.candidates import Grid, Nodes
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.linear_steps import _windows
 from dualarm_cli.stages.search.node_plans import NodePlans, grid_angles, plans_on_nodes
 from dualarm_cli.stages.search.polish import polish
 from dualarm_cli.stages.search.potentials import arm_layers, with_potentials
-from dualarm_cli.stages.search.problem import SequenceProblem
 from dualarm_cli.stages.search.search import search
-from dualarm_cli.stages.search.source import grid_nodes
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import evaluate
 from dualarm_cli.stages.search.variables import FIELDS, Variables, slopes
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem

@@ -20,7 +20,7 @@ from dualarm_cli.postures.platform_reach import (
     shape_rates,
     turned,
 )
-from dualarm_cli.stages.search.problem import ArmWork, SequenceProblem
+from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
 from tests.posture_cells_numpy import one_cell, smallest_rotation
 
 Problems = Callable[..., SequenceProblem]

@@ -15,13 +15,13 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.method import MethodProblem
-from dualarm_cli.stages.search.clearance import Barred
+from dualarm_cli.stages.plans.clearance import Barred
+from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
-from dualarm_cli.stages.search.problem import ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.search.search import search, search_in_parts
-from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.stretches import in_parts, loose_stretches, stretch_of
-from dualarm_cli.stages.search.times import Evaluated, evaluate
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.serving import with_stopping_room

@@ -8,8 +8,8 @@ import pytest
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.motion.motion import realise
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import evaluate
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.sequence import decisions_of, stage_plans
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.stage_by_stage import choose_stages

@@ -10,8 +10,8 @@ import pytest
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.motion.line_motion import with_turned_line
 from dualarm_cli.motion.transfers import Drive
-from dualarm_cli.stages.search.source import postures
-from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.plans.source import postures
+from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.stage_by_stage import choose_stages

@@ -14,7 +14,7 @@ from dualarm_cli.orders.paired.alignment import any_alignment
 from dualarm_cli.orders.paired.problem import IDLE
 from dualarm_cli.orders.rules.stores import Stores
 from dualarm_cli.refusals import Refusal
-from dualarm_cli.stages.search.candidates import Nodes
+from dualarm_cli.stages.plans.candidates import Nodes
 
 
 def used_buffers(job: Job) -> list[str]:

@@ -17,7 +17,7 @@ from dualarm_cli.orders.model.stop_nodes import platform_angles, stop_nodes
 from dualarm_cli.orders.model.tool_changes import stand_tasks
 from dualarm_cli.orders.rules.tool_stands import NO_TOOL, ToolStands
 from dualarm_cli.postures.stage_problems import Clock
-from dualarm_cli.stages.search.candidates import Nodes
+from dualarm_cli.stages.plans.candidates import Nodes
 
 SIMILAR = 0.08
 """Postures of a stop that are nearer to one another than this are one [s]."""

@@ -15,8 +15,8 @@ from dualarm_cli.orders.model.order_model import OrderModel
 from dualarm_cli.orders.paired.changes import StageStands, StageTools
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.rules.tool_stands import NO_TOOL
-from dualarm_cli.stages.search.candidates import Nodes
-from dualarm_cli.stages.search.problem import ArmDecisions, Decisions
+from dualarm_cli.stages.plans.candidates import Nodes
+from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 WIDTHS = (1, 1, 2, 4, 8, 16)

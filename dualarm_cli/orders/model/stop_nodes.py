@@ -7,10 +7,10 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.stages.search.candidates import Grid, Nodes
-from dualarm_cli.stages.search.problem import SequenceProblem
-from dualarm_cli.stages.search.source import grid_nodes, has_closed_form
-from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.plans.candidates import Grid, Nodes
+from dualarm_cli.stages.plans.problem import SequenceProblem
+from dualarm_cli.stages.plans.source import grid_nodes, has_closed_form
+from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.sequence_problem import stops_problem
 
 ARM_ANGLES = 12

@@ -11,10 +11,10 @@ from dualarm_cli.effort import EFFORTS
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.stages.peers.program import NonlinearProgram
 from dualarm_cli.stages.peers.program_kinematics import inverse, turned_pose
+from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
+from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
+from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.corridor import best_combination
-from dualarm_cli.stages.search.problem import ArmWork, SequenceProblem
-from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
-from dualarm_cli.stages.search.times import Evaluated, evaluate
 from dualarm_cli.stages.search.variables import FIELDS, Slopes, Variables, slopes
 
 LIMIT_MARGIN = 1e-4

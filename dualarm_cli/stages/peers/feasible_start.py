@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.corridor import best_combination
-from dualarm_cli.stages.search.problem import Decisions, SequenceProblem
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import Evaluated, evaluate
 
 SHIFTS = np.concatenate([[0.0], np.outer([0.003, 0.01, 0.03, 0.1, 0.3], [1.0, -1.0]).ravel()])
 """What is added to the arm angles of a stop [rad]."""

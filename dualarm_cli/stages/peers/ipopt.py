@@ -11,10 +11,10 @@ from dualarm_cli.effort import EFFORTS
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.stages.peers.program import NonlinearProgram, reachable_distance
 from dualarm_cli.stages.peers.program_kinematics import chain_function, turned_pose
+from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
+from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.corridor import best_combination
-from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
-from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
-from dualarm_cli.stages.search.times import Evaluated, evaluate
 
 LIMIT_MARGIN = 1e-5
 """What is kept free of position limits [rad]: IPOPT meets constraints to about a millionth."""

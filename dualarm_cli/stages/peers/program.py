@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.stages.search.problem import SequenceProblem
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import Evaluated, TransferChain, start_angle, start_joints
+from dualarm_cli.stages.plans.problem import SequenceProblem
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import Evaluated, TransferChain, start_angle, start_joints
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 

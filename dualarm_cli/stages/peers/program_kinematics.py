@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
-from dualarm_cli.stages.search.problem import ArmWork
+from dualarm_cli.stages.plans.problem import ArmWork
 
 
 def turned_pose(

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.stages.search.clearance import SAMPLES, SequenceClearance
+from dualarm_cli.stages.plans.clearance import SAMPLES, SequenceClearance
+from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.source import given_postures
 from dualarm_cli.stages.search.plan_clearance import TURNS, move_waits
 from dualarm_cli.stages.search.potentials import (
     ArmLayers,
@@ -18,8 +20,6 @@ from dualarm_cli.stages.search.potentials import (
     platform_columns,
     start_coordinates,
 )
-from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
-from dualarm_cli.stages.search.source import given_postures
 from dualarm_cli.stages.search.transfer_table import Coordinates, rows_of
 
 

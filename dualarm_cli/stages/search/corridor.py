@@ -8,12 +8,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, distinct
-from dualarm_cli.stages.search.candidates import CandidatePostures
-from dualarm_cli.stages.search.plan_clearance import PlanClearance, plan_clearance
-from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
-from dualarm_cli.stages.search.source import has_closed_form, postures
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import (
+from dualarm_cli.stages.plans.candidates import CandidatePostures
+from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.source import has_closed_form, postures
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import (
     Evaluated,
     TransferChain,
     evaluate,
@@ -22,6 +21,7 @@ from dualarm_cli.stages.search.times import (
     platform_times,
     start_joints,
 )
+from dualarm_cli.stages.search.plan_clearance import PlanClearance, plan_clearance
 from dualarm_cli.timing.stage_length import stage_length
 
 TRIES = 24

@@ -9,10 +9,10 @@ import numpy as np
 from dualarm_cli.beside import halves
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.linear_programs import least_cost
-from dualarm_cli.stages.search.candidates import CandidatePostures
-from dualarm_cli.stages.search.problem import SequenceProblem
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import Evaluated, TransferChain, start_angle, start_joints
+from dualarm_cli.stages.plans.candidates import CandidatePostures
+from dualarm_cli.stages.plans.problem import SequenceProblem
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import Evaluated, TransferChain, start_angle, start_joints
 from dualarm_cli.stages.search.variables import Slopes, Variables, slopes
 from dualarm_cli.timing.rest_to_rest import RestToRest
 

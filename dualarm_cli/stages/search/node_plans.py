@@ -11,8 +11,12 @@ from dualarm_cli.beside import halves
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.effort import Mesh
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.stages.plans.candidates import CandidatePostures, Grid, Nodes
+from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.source import grid_nodes, has_closed_form, postures
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import Evaluated, TransferChain, evaluate, held
 from dualarm_cli.stages.search.beam import NodePath, beam_search
-from dualarm_cli.stages.search.candidates import CandidatePostures, Grid, Nodes
 from dualarm_cli.stages.search.own_stages import (
     ExactStages,
     free_nodes,
@@ -21,10 +25,6 @@ from dualarm_cli.stages.search.own_stages import (
     with_own_angles,
 )
 from dualarm_cli.stages.search.potentials import ArmLayers, arm_layers, with_potentials
-from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
-from dualarm_cli.stages.search.source import grid_nodes, has_closed_form, postures
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import Evaluated, TransferChain, evaluate, held
 
 TRIED = 48
 """Yaws around the circle that are tried where the shared-out one cannot be."""

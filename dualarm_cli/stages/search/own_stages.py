@@ -11,11 +11,11 @@ from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.kinematics.srs.arm_angle_intervals import ArmAngleIntervals, feasible_arm_angles
 from dualarm_cli.postures.platform_reach import reachable_cells, reachable_spans
-from dualarm_cli.stages.search.candidates import Grid, Nodes, thinned
+from dualarm_cli.stages.plans.candidates import Grid, Nodes, thinned
+from dualarm_cli.stages.plans.problem import ArmDecisions, SequenceProblem
+from dualarm_cli.stages.plans.source import grid_nodes, has_closed_form, postures
+from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.search.potentials import ArmLayers, layer_of
-from dualarm_cli.stages.search.problem import ArmDecisions, SequenceProblem
-from dualarm_cli.stages.search.source import grid_nodes, has_closed_form, postures
-from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
 
 SCAN_STEP = np.radians(1.0)
 """Spacing of the platform angles that are looked at, besides those within the arm's reach [rad]."""

@@ -8,9 +8,9 @@ import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
-from dualarm_cli.stages.search.clearance import SAMPLES, SequenceClearance
-from dualarm_cli.stages.search.problem import SequenceProblem
-from dualarm_cli.stages.search.times import Evaluated, TransferChain, start_angle, start_joints
+from dualarm_cli.stages.plans.clearance import SAMPLES, SequenceClearance
+from dualarm_cli.stages.plans.problem import SequenceProblem
+from dualarm_cli.stages.plans.times import Evaluated, TransferChain, start_angle, start_joints
 
 MEETING = 0.4
 """About how long one arm waits for the other where their moves meet [s]."""

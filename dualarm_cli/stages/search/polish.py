@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import Evaluated, held
 from dualarm_cli.stages.search.corridor import Pool, best_combination, combined
 from dualarm_cli.stages.search.linear_steps import linear_step
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
-from dualarm_cli.stages.search.problem import Decisions, SequenceProblem
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import Evaluated, held
 from dualarm_cli.stages.search.variables import Variables
 
 SCALES = np.array([0.25, 0.5, 1.0, 1.7])

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.stages.search.candidates import Nodes
-from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, SequenceProblem
-from dualarm_cli.stages.search.times import TransferChain
+from dualarm_cli.stages.plans.candidates import Nodes
+from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem
+from dualarm_cli.stages.plans.times import TransferChain
 from dualarm_cli.stages.search.transfer_table import Coordinates, TransferTable
 
 ROWS = 48

@@ -11,17 +11,17 @@ import numpy as np
 from dualarm_cli.beside import halves
 from dualarm_cli.effort import EFFORTS, WHOLE, Mesh, SearchEffort
 from dualarm_cli.geometry.arrays import BoolArray
+from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.source import has_closed_form
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.beam import kind_of
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.node_plans import plans_on_nodes
 from dualarm_cli.stages.search.own_stages import ExactStages
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.polish import polish
-from dualarm_cli.stages.search.problem import ArmWork, Decisions, SequenceProblem
-from dualarm_cli.stages.search.source import has_closed_form
-from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.stretches import Stretch, in_parts, loose_stretches, stretch_of
-from dualarm_cli.stages.search.times import Evaluated, evaluate
 from dualarm_cli.stages.search.variables import Variables
 
 BESIDE = 1

@@ -9,11 +9,11 @@ import numpy as np
 
 from dualarm_cli.beside import halves
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.stages.search.clearance import SequenceClearance
+from dualarm_cli.stages.plans.clearance import SequenceClearance
+from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import Evaluated, TransferChain, evaluate, start_joints
 from dualarm_cli.stages.search.corridor import best_combination
-from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
-from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import Evaluated, TransferChain, evaluate, start_joints
 
 PART = 100
 """About so many stages of long sequences are decided together."""

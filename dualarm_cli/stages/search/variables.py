@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.stages.search.candidates import CandidatePostures
-from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
-from dualarm_cli.stages.search.source import postures
-from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.plans.candidates import CandidatePostures
+from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.source import postures
+from dualarm_cli.stages.plans.stops import StopTable
 
 DIFFERENCE = 1e-6
 """Step of the finite differences [rad]: joints are smooth, and closed forms exact to 1e-14."""

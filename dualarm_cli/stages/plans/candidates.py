@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork
+from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork
 from dualarm_cli.timing.line_profile import joint_line_durations
 
 LINE_SAMPLES = 7

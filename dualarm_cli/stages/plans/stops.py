@@ -8,7 +8,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
 from dualarm_cli.kinematics.platform_chain import PlatformChain, rotation_z
-from dualarm_cli.stages.search.problem import ArmWork, SequenceProblem
+from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from dualarm_cli.compiled import srs as compiled
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.stages.search.candidates import (
+from dualarm_cli.stages.plans.candidates import (
     FREE_YAWS,
     LINE_FACTOR,
     LINE_SAMPLES,
@@ -20,8 +20,8 @@ from dualarm_cli.stages.search.candidates import (
     thinned,
     timed_postures,
 )
-from dualarm_cli.stages.search.problem import ArmDecisions, SequenceProblem, StopTarget
-from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
+from dualarm_cli.stages.plans.problem import ArmDecisions, SequenceProblem, StopTarget
+from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 
 LARGEST_STEP = np.pi / 2
 """A joint that turns more than this between two samples of a line has jumped [rad]."""

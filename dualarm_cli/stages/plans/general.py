@@ -12,7 +12,7 @@ from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import solve_poses
 from dualarm_cli.kinematics.self_motion import self_motions
 from dualarm_cli.postures.numeric import DENSE_SAMPLES
-from dualarm_cli.stages.search.candidates import (
+from dualarm_cli.stages.plans.candidates import (
     FREE_YAWS,
     LINE_FACTOR,
     LINE_SAMPLES,
@@ -23,8 +23,8 @@ from dualarm_cli.stages.search.candidates import (
     thinned,
     timed_postures,
 )
-from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, SequenceProblem, StopTarget
-from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
+from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem, StopTarget
+from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 
 END_SAMPLES = 3
 """Samples of a line of which only the end is wanted."""

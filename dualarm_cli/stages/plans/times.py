@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.stages.search.candidates import CandidatePostures
-from dualarm_cli.stages.search.problem import ArmWork, Decisions, SequenceProblem
-from dualarm_cli.stages.search.source import anchored, has_closed_form, lines_hold, postures
-from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.plans.candidates import CandidatePostures
+from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.source import anchored, has_closed_form, lines_hold, postures
+from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.timing.stage_length import stage_length
 
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.stages.search import closed_form, general
-from dualarm_cli.stages.search.candidates import CandidatePostures, Grid, Nodes
-from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, SequenceProblem
-from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.plans import closed_form, general
+from dualarm_cli.stages.plans.candidates import CandidatePostures, Grid, Nodes
+from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem
+from dualarm_cli.stages.plans.stops import StopTable
 
 FEW_ANGLES = 3
 """At no more platform angles all of the self-motion is looked at; arms that have none keep to a plan."""
