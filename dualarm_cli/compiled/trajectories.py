@@ -136,6 +136,35 @@ def launches(
     return coordinate, time, velocity, acceleration
 
 
+def launched_lines(
+    position: Array, limits: Sequence[Array], profile: Array, cut: float
+) -> tuple[Array, Array, Array]:
+    """Returns estimates of many lines that pass their far ends by one profile.
+
+    Args:
+        position: joints at equidistant gridpoints [rad], shape (lines, m, n), m at least 8.
+        limits: of velocity, acceleration and jerk, which may be infinite, shape (n,) each.
+        profile: constant, cruise and inner, shape (3,).
+        cut: share of its time after which a line is over.
+
+    Returns:
+        Times [s], (lines,); velocities and accelerations at the far ends, (lines, n) each.
+
+    Raises:
+        MemoryError: there is none.
+    """
+    lines, _, n = position.shape
+    time, velocity, acceleration = np.empty(lines), np.empty((lines, n)), np.empty((lines, n))
+    if lines:
+        every, first = numbers(position), Path.of(position[0], limits)
+        first.position = pointer(every)
+        found = map(pointer, (time, velocity, acceleration))
+        asked = _int64(lines), pointer(profile), ctypes.c_double(cut)
+        if library().launched_lines(byref(first), *asked, *found):
+            raise MemoryError
+    return time, velocity, acceleration
+
+
 def transfer_knots(
     ends: tuple[Array, Array, Array, Array], limit: Array, phases: Sequence[Array], duration: float
 ) -> Knots:

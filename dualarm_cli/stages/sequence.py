@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dualarm_cli.effort import EFFORTS, WHOLE, evening
@@ -170,14 +172,14 @@ def solve_sequence(problem: MethodProblem) -> Decided:
         InfeasibleError: no method finds a plan; the reason of the first one.
     """
     model, job = problem.model, problem.job
-    numbers = sequence_problem(model, job, problem.holding, problem.barred)
+    numbers = _numbers(problem)
     spares, roomy = EFFORTS[problem.effort].spares, tuple[ArmWork, ...]()
     long = numbers.stages >= FEWEST_IN_PARTS and not numbers.returns
     in_parts = spares and problem.closed_forms and long
     if in_parts and problem.own is not None:
         # Where a part has no plan with narrower limits it gets one without, by itself.
         model, job, roomy = problem.own.model, problem.own.job, numbers.arms
-        numbers = sequence_problem(model, job, problem.holding, problem.barred)
+        numbers = _numbers(replace(problem, model=model, job=job))
     nearby: list[list[StagePlan]] = []
     # Long orders were chosen by a plan that simpler methods, which take long themselves, do not come near.
     given = problem.start is not None and len(job.stages()) > LONG and spares
@@ -235,6 +237,17 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     gap = _grid_gap(found) if problem.holding is None else None
     simpler = (lambda: _simpler(problem)) if general else None
     return Decided(stages, gap, (*nearby, *alternatives), simpler=simpler)
+
+
+def _numbers(problem: MethodProblem) -> SequenceProblem:
+    """Returns a job's stages as the search takes them: with motion through lines' ends where that is in its reach."""
+    job = problem.job
+    stops = [stop for task in job.tasks for stop in task.stops]
+    # The search knows no cap on the tools' speed and no conveyor.
+    known = job.tool_speed is None and all(stop.belt is None for stop in stops)
+    lines = any(stop.approach or stop.retract for stop in stops)
+    numbers = sequence_problem(problem.model, job, problem.holding, problem.barred)
+    return replace(numbers, passing=problem.blend and known and lines)
 
 
 def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:

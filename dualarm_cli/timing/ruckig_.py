@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing import double_s
 from dualarm_cli.timing.composition import hold
@@ -153,6 +155,51 @@ def _states(time: FloatArray, jerk: FloatArray, start: FloatArray) -> FloatArray
     return np.array(found).T
 
 
+State = Sequence[Sequence[float]]
+"""Positions, velocities and accelerations, a list of n numbers each."""
+
+
+class StatesToStates:
+    """Transfers of some joints from any state of motion to any other, of which many are tried."""
+
+    def __init__(self, limits: JointLimits, minimum_duration: float = 0.0) -> None:
+        """Prepares the request.
+
+        Args:
+            limits: of the joints; those of position do not count.
+            minimum_duration: least time that a transfer may take [s].
+        """
+        import ruckig
+
+        n = len(limits.joints)
+        self._request = ruckig.InputParameter(n)
+        self._request.max_velocity = limits.velocity.tolist()
+        self._request.max_acceleration = limits.acceleration.tolist()
+        self._request.max_jerk = limits.jerk.tolist()
+        if minimum_duration > 0.0:
+            self._request.minimum_duration = minimum_duration
+        self._solver = ruckig.Ruckig(n)
+        self._answer = ruckig.Trajectory(n)
+        self._good = (ruckig.Result.Working, ruckig.Result.Finished)
+        self._errors = (ruckig.RuckigError, ValueError)
+
+    def calculated(self, start: State, goal: State) -> Any:
+        """Returns ruckig's trajectory, None where it has none; valid until the next one is asked for."""
+        request = self._request
+        (
+            request.current_position,
+            request.current_velocity,
+            request.current_acceleration,
+        ) = start
+        request.target_position, request.target_velocity, request.target_acceleration = goal
+        try:
+            result = self._solver.calculate(request, self._answer)
+        except self._errors:
+            # ValueError: result codes that its Python binding does not know.
+            return None
+        return self._answer if result in self._good else None
+
+
 class MovingTransfer:
     """Transfers between two postures in given states of motion, of which many are tried."""
 
@@ -163,25 +210,14 @@ class MovingTransfer:
             problem: the transfer; its rates do not count.
             room: what joints keep free of their limits of position on the way [rad], where both ends do.
         """
-        import ruckig
-
-        n, limits = len(problem.joints), problem.limits
-        self._request = ruckig.InputParameter(n)
-        self._request.current_position = problem.start.tolist()
-        self._request.target_position = problem.goal.tolist()
-        self._request.max_velocity = limits.velocity.tolist()
-        self._request.max_acceleration = limits.acceleration.tolist()
-        self._request.max_jerk = limits.jerk.tolist()
-        if problem.minimum_duration > 0.0:
-            self._request.minimum_duration = problem.minimum_duration
+        limits = problem.limits
+        self._limits = limits
+        self._start, self._goal = problem.start.tolist(), problem.goal.tolist()
+        self._transfers = StatesToStates(limits, problem.minimum_duration)
         # Where it begins or ends outside by rounding, it may stay there.
         ends = np.stack([problem.start, problem.goal])
         self._lower = np.minimum(limits.lower + room, ends.min(axis=0))
         self._upper = np.maximum(limits.upper - room, ends.max(axis=0))
-        self._solver = ruckig.Ruckig(n)
-        self._answer = ruckig.Trajectory(n)
-        self._good = (ruckig.Result.Working, ruckig.Result.Finished)
-        self._errors = (ruckig.RuckigError, ValueError)
 
     def calculated(self, leaving: FloatArray, arriving: FloatArray) -> Any:
         """Returns ruckig's trajectory, None where it has none; valid until the next one is asked for.
@@ -190,15 +226,8 @@ class MovingTransfer:
             leaving: velocities and accelerations at the start, shape (2, n).
             arriving: the same at the end.
         """
-        request = self._request
-        request.current_velocity, request.current_acceleration = leaving.tolist()
-        request.target_velocity, request.target_acceleration = arriving.tolist()
-        try:
-            result = self._solver.calculate(request, self._answer)
-        except self._errors:
-            # ValueError: result codes that its Python binding does not know.
-            return None
-        return self._answer if result in self._good else None
+        start, goal = (self._start, *leaving.tolist()), (self._goal, *arriving.tolist())
+        return self._transfers.calculated(start, goal)
 
     def duration(self, leaving: FloatArray, arriving: FloatArray, most: float = np.inf) -> float:
         """Returns how long the transfer takes [s], see `calculated`.
@@ -235,8 +264,8 @@ class MovingTransfer:
         most = 1.0 + SAME_LIMIT
         begins = np.stack([time, q[:-1], v[:-1], a[:-1], jerk])[None]
         return bool(
-            np.abs(a).max() <= self._request.max_acceleration[joint] * most
-            and np.abs([*v, *inside]).max() <= self._request.max_velocity[joint] * most
+            np.abs(a).max() <= self._limits.acceleration[joint] * most
+            and np.abs([*v, *inside]).max() <= self._limits.velocity[joint] * most
             and trajectories.stays_between(begins, self._lower[[joint]], self._upper[[joint]])
         )
 

@@ -99,6 +99,22 @@ int launches(const Path *path, const double *profiles, int64_t count, const doub
     return 0;
 }
 
+/* Estimates one profile, cut as it is, of many lines of as many samples; `first` is the first of them and they follow one
+   another. Times, (lines,), velocities and accelerations at the far ends, (lines, joints). Returns 0, or 1 without memory. */
+int launched_lines(const Path *first, int64_t lines, const double *profile, double cut, double *time, double *velocity,
+                   double *acceleration)
+{
+    Path path = *first;
+    for (int64_t i = 0; i < lines; i++) {
+        int64_t coordinate;
+        path.position = first->position + i * path.samples * path.joints;
+        if (launches(&path, profile, 1, &cut, 1, 0, &coordinate, time + i, velocity + i * path.joints,
+                     acceleration + i * path.joints))
+            return 1;
+    }
+    return 0;
+}
+
 /* About `wanted` knots in [0, 1], ends of all phases but very short ones among them, at most 16 more. Knots that are much
    nearer to each other than others would let the spline swing. Returns how many. */
 static int64_t launch_knots(const double *length, const State *state, int64_t wanted, double *time, double *way)

@@ -36,11 +36,16 @@ class CandidatePostures:
     work: FloatArray
     """Time of approach, dwell and retract [s]; infinite where the candidate cannot be, shape (n,)."""
     approach: FloatArray
-    """What each joint asks for on the approach [s], shape (n, joints); the largest is its time."""
+    """What each joint asks for on the approach from rest to rest [s], shape (n, joints); the largest is its time."""
     retract: FloatArray
     """What each joint asks for on the retract [s], shape (n, joints)."""
     q_between: FloatArray
     """Joints at two places on the approach and at two on the retract [rad], shape (n, 4, joints)."""
+    shares: FloatArray
+    """How long approach and retract take, in those times: 1 from rest to rest, shape (n, 2)."""
+    rates: FloatArray
+    """Velocities and accelerations with which the approach begins and the retract ends, 0 at rest, shape (n, 2, 2,
+    joints)."""
 
     @property
     def possible(self) -> BoolArray:
@@ -141,7 +146,9 @@ def timed_postures(
         spent[:, ok] = joint_line_durations(both, work.limits).reshape(2, -1, joints)
     time = np.where(ok, dwell + spent.max(axis=2).sum(axis=0), np.inf)
     between = q[:, np.array(BETWEEN) if lines else [0, 0, 0, 0]]
-    return CandidatePostures(q[:, 0], q[:, middle], q[:, -1], time, spent[0], spent[1], between)
+    ends = q[:, 0], q[:, middle], q[:, -1]
+    rest = np.ones((n, 2)), np.zeros((n, 2, 2, joints))
+    return CandidatePostures(*ends, time, spent[0], spent[1], between, *rest)
 
 
 def bulges(steps: FloatArray) -> FloatArray:

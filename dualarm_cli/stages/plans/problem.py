@@ -144,6 +144,8 @@ class SequenceProblem:
     """Which stages are hand-overs; empty for none."""
     clearance: SequenceClearance | None = None
     """What is collision-free; None where nothing is asked for."""
+    passing: bool = False
+    """Whether tools pass the outer ends of lines in motion, see `plans/passing`; else they stop there."""
 
     @property
     def stages(self) -> int:

@@ -10,6 +10,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.stages.plans import closed_form, general
 from dualarm_cli.stages.plans.candidates import CandidatePostures, Grid, Nodes
+from dualarm_cli.stages.plans.passing import passed
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable
 
@@ -41,7 +42,8 @@ def postures(
         candidates: n of them.
     """
     own = closed_form if has_closed_form(problem.arms[arm]) else general
-    return own.postures(problem, arm, table, stage, angle, candidates)
+    found = own.postures(problem, arm, table, stage, angle, candidates)
+    return passed(problem, arm, stage, found) if problem.passing else found
 
 
 def grid_nodes(

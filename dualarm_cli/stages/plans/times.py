@@ -1,4 +1,4 @@
-"""How long the stages of a decided sequence take, in closed form."""
+"""How long the stages of a decided sequence take: in closed form where tools stop at the ends of lines."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.stages.plans.candidates import CandidatePostures
+from dualarm_cli.stages.plans.passing import transfer_times
 from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.source import anchored, has_closed_form, lines_hold, postures
 from dualarm_cli.stages.plans.stops import StopTable
@@ -53,7 +54,7 @@ class Evaluated:
 def evaluate(
     problem: SequenceProblem, tables: tuple[StopTable, ...], decisions: Decisions
 ) -> Evaluated:
-    """Returns a plan's postures and closed-form times."""
+    """Returns a plan's postures and times."""
     n = problem.stages
     rows = np.arange(n)
     arms = tuple(
@@ -66,7 +67,7 @@ def evaluate(
 def in_seconds(
     problem: SequenceProblem, decisions: Decisions, arms: tuple[CandidatePostures, ...]
 ) -> Evaluated:
-    """Returns a plan's closed-form times.
+    """Returns a plan's times.
 
     Args:
         problem: the sequence.
@@ -121,6 +122,10 @@ def stage_times(
         came = chain.previous[k]
         q_from = np.where(came[:, None] >= 0, found.q_retract[came], start)
         transfer = work.law.duration(found.q_approach[k] - q_from)
+        if problem.passing:
+            leaving = q_from[:, None], left_with(found, came)[:, None]
+            arriving = found.q_approach[k, None], found.rates[k, None, 0]
+            transfer = transfer_times(work, leaving, arriving)[:, 0, 0]
         arrived[a, k] = np.maximum(transfer, waiting[k])
         spent[a, k] = found.work[k]
         if problem.returns:
@@ -146,6 +151,16 @@ def start_joints(
     if problem.free_start and len(chain.active) and chain.active[0] == 0:
         return found.q_approach[0]
     return work.start
+
+
+def left_with(found: CandidatePostures, came: IntArray) -> FloatArray:
+    """Returns the rates with which an arm leaves the stages that its transfers come from, shape (m, 2, joints).
+
+    Args:
+        found: its postures in every stage.
+        came: those stages, -1 for the start, shape (m,).
+    """
+    return np.where(came[:, None, None] >= 0, found.rates[came, 1], 0.0)
 
 
 def platform_times(problem: SequenceProblem, moved: FloatArray) -> FloatArray:

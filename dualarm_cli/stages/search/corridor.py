@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, distinct
 from dualarm_cli.stages.plans.candidates import CandidatePostures
+from dualarm_cli.stages.plans.passing import transfer_times
 from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.source import has_closed_form, postures
 from dualarm_cli.stages.plans.stops import StopTable
@@ -18,6 +19,7 @@ from dualarm_cli.stages.plans.times import (
     evaluate,
     held,
     in_seconds,
+    left_with,
     platform_times,
     start_joints,
 )
@@ -231,7 +233,14 @@ def stage_costs(
         q_from[later] = now.q_retract[came[later], None]
         next_door = later & (came == k - 1)
         q_from[next_door] = arm.q_retract[came[next_door]]
-        transfer = work.law.duration(arm.q_approach[k][:, None] - q_from[:, :, None])
+        if problem.passing:
+            rates = np.empty((len(k), m, 2, work.joints))
+            rates[:] = left_with(now, came)[:, None]
+            rates[next_door] = arm.rates[came[next_door], :, 1]
+            arriving = arm.q_approach[k], arm.rates[k, :, 0]
+            transfer = transfer_times(work, (q_from, rates), arriving)
+        else:
+            transfer = work.law.duration(arm.q_approach[k][:, None] - q_from[:, :, None])
         if problem.free_start and k[0] == 0:
             transfer[0] = 0.0
         arrived[a, k] = np.maximum(transfer, waiting[k])

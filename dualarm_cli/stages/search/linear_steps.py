@@ -9,10 +9,17 @@ import numpy as np
 from dualarm_cli.beside import halves
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.linear_programs import least_cost
+from dualarm_cli.stages.plans import passing
 from dualarm_cli.stages.plans.candidates import CandidatePostures
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable
-from dualarm_cli.stages.plans.times import Evaluated, TransferChain, start_angle, start_joints
+from dualarm_cli.stages.plans.times import (
+    Evaluated,
+    TransferChain,
+    left_with,
+    start_angle,
+    start_joints,
+)
 from dualarm_cli.stages.search.variables import Slopes, Variables, slopes
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
@@ -153,6 +160,12 @@ def _transfer_rows(
         came[:, None] >= 0, found.q_retract[came], start_joints(problem, work, chain, found)
     )
     time, slope = timed_slopes(work.law, found.q_approach[k] - q_from)
+    if problem.passing:
+        leaving, arriving = (
+            (q_from, left_with(found, came)),
+            (found.q_approach[k], found.rates[k, 0]),
+        )
+        time, slope = passing.timed_slopes(work, leaving, arriving, (time, slope))
     here = slope[:, :, None] * rates.q_approach[k]
     there = np.where(came[:, None, None] >= 0, -slope[:, :, None] * rates.q_retract[came], 0.0)
     columns, columns_before = _columns(variables, a, k), _columns(variables, a, came)
@@ -222,6 +235,9 @@ def _line_rows(
     found = best.arms[a]
     pairs = ((found.approach, rates.approach), (found.retract, rates.retract))
     for end, (time, rate) in enumerate(pairs):
+        # A line that is passed in motion changes as it does from rest to rest.
+        share = found.shares[:, end, None]
+        time, rate = time * share, rate * share[:, :, None]
         watched = (time[k] >= NEAR_CRITICAL * time[k].max(axis=1, keepdims=True)) & (time[k] > 0)
         for joint in range(work.joints):
             used = watched[:, joint]

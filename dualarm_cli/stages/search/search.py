@@ -73,7 +73,7 @@ def search(
         seed: of the random steps of polishing.
         further: gives plans of simpler methods that take their time, told whether there is a plan on the grids.
     """
-    how = _how(problem, effort)
+    how, asked, problem = _how(problem, effort), problem, replace(problem, passing=False)
     tables = tuple(StopTable.of(work) for work in problem.arms)
     exact = ExactStages(problem, tables)
     made = halves(
@@ -100,8 +100,34 @@ def search(
         best = _combined(problem, tables, [best, *(plan for _, plan in around)], how, seed)
         if best.total > (1.0 - LITTLE) * before:
             break
-    best = polish(problem, tables, best, how.rounds, how.random_steps, seed)
-    return FoundSequence(best, bound, total)
+    return FoundSequence(_polished(asked, tables, best, how, seed), bound, total)
+
+
+def _polished(
+    problem: SequenceProblem,
+    tables: tuple[StopTable, ...],
+    best: Evaluated,
+    how: SearchEffort,
+    seed: int,
+    loose: BoolArray | None = None,
+) -> Evaluated:
+    """Returns a plan polished thoroughly: from rest to rest, and then as its lines' ends are passed, if they may be.
+
+    Args:
+        problem: the sequence.
+        tables: the arms' stops.
+        best: a plan, in times from rest to rest.
+        how: how hard is searched.
+        seed: of the random steps.
+        loose: stages in which something may change, shape (n,); all by default.
+    """
+    at_rest = replace(problem, passing=False)
+    best = polish(at_rest, tables, best, how.rounds, how.random_steps, seed, loose)
+    if not problem.passing:
+        return best
+    moving = evaluate(problem, tables, best.decisions)
+    moving = polish(problem, tables, moving, how.passing_rounds, how.random_steps, seed, loose)
+    return evaluate(at_rest, tables, moving.decisions)
 
 
 def search_in_parts(
@@ -144,9 +170,12 @@ def search_in_parts(
         for stretch in stretches:
             for part in _with_room(stretch.problem, roomy):
                 own = tuple(StopTable.of(work) for work in part.arms)
-                best = evaluate(part, own, decisions.take(stretch.stages))
+                at_rest = replace(part, passing=False)
+                best = evaluate(at_rest, own, decisions.take(stretch.stages))
                 if np.isfinite(best.total):
-                    best = polish(part, own, best, how.rounds, 0, seed, stretch.loose)
+                    best = _polished(
+                        part, own, best, replace(how, random_steps=0), seed, stretch.loose
+                    )
                     break
             found.append(best.decisions)
         return found
@@ -259,7 +288,8 @@ def _near(
         effort: how hard is searched, and on which grid.
         seed: of the random steps of polishing.
     """
-    problem, loose = stretch.problem, np.array(stretch.loose)
+    asked, loose = stretch.problem, np.array(stretch.loose)
+    problem = replace(asked, passing=False)
     how, mesh = effort
     tables = tuple(StopTable.of(work) for work in problem.arms)
     near = given.take(stretch.stages)
@@ -283,7 +313,7 @@ def _near(
     if not around:
         return None
     best = _combined(problem, tables, [*around, start], how, seed, loose)
-    best = polish(problem, tables, best, how.rounds, how.random_steps, seed, loose)
+    best = _polished(asked, tables, best, how, seed, loose)
     return best.decisions if np.isfinite(_worth(problem, best)) else None
 
 

@@ -109,7 +109,9 @@ def slopes(
     stage = np.repeat(np.arange(n), free.sum())
     step = np.tile(DIFFERENCE * np.eye(v)[free], (n, 1))
     candidates = shifted(decisions.arms[arm].take(stage), step[:, 1:])
-    found = postures(problem, arm, table, stage, decisions.angle[stage] + step[:, 0], candidates)
+    # From rest to rest: lines that are passed in motion are taken to change alike.
+    at_rest = replace(problem, passing=False)
+    found = postures(at_rest, arm, table, stage, decisions.angle[stage] + step[:, 0], candidates)
 
     def rate(ahead: FloatArray, here: FloatArray) -> FloatArray:
         rates = np.zeros((n, here.shape[1], v))
