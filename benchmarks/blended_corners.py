@@ -31,7 +31,6 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.blending import Passings, quickest_pair
 from dualarm_cli.motion.stop_motion import PATH_SAMPLES
 from dualarm_cli.postures import NoPosture
 from dualarm_cli.postures.arm_angle import choose_posture
@@ -40,6 +39,7 @@ from dualarm_cli.postures.stage_problems import stop_problems
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.timing.composition import concatenate
 from dualarm_cli.timing.launch import reversed_in_time, solve_launch
+from dualarm_cli.timing.line_ends import Passings, quickest_pair
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.ruckig_ import solve_moving_transfer

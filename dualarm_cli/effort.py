@@ -71,8 +71,11 @@ class SearchEffort:
     """Rounds of polishing of the combination."""
     random_steps: int
     """Random steps that are offered in each round."""
+    cycles: int
+    """How often a plan is polished for motion through the outer ends of lines, where tools may pass them: first with
+    one way of passing all, then with those that go best with it."""
     passing_rounds: int
-    """Rounds of polishing for motion through the outer ends of lines, where tools may pass them."""
+    """Rounds of polishing each time."""
     for_few: tuple[Mesh, ...]
     """Further grids for short sequences."""
     local: Mesh
@@ -295,7 +298,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         clocks=FreeEffort(60, 1500, 1, 1.0),
         epochs=EpochEffort(3, 20, 20, 400),
         search=SearchEffort(
-            (Mesh(np.radians(12.0), 14, 1000, 20),), 2, 3, 0, 3, (), LOCAL, local_rounds=0
+            (Mesh(np.radians(12.0), 14, 1000, 20),), 2, 3, 0, 1, 2, (), LOCAL, local_rounds=0
         ),
         bound=Resolution(np.radians(15.0), 9, 3),
         ipopt=NonlinearEffort(100, (np.inf, 0.3)),
@@ -317,7 +320,8 @@ EFFORTS: Mapping[str, EffortSettings] = {
             4,
             6,
             4,
-            4,
+            2,
+            3,
             (Mesh(np.radians(8.0), 22, 3000, 200, 8), Mesh(np.radians(10.0), 18, 3000, 100, 8)),
             LOCAL,
         ),
@@ -348,7 +352,8 @@ EFFORTS: Mapping[str, EffortSettings] = {
             12,
             60,
             24,
-            20,
+            4,
+            8,
             (),
             FINE,
             6,

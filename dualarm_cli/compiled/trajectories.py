@@ -137,15 +137,15 @@ def launches(
 
 
 def launched_lines(
-    position: Array, limits: Sequence[Array], profile: Array, cut: float
+    position: Array, limits: Sequence[Array], profiles: Array, cuts: Array
 ) -> tuple[Array, Array, Array]:
-    """Returns estimates of many lines that pass their far ends by one profile.
+    """Returns estimates of many lines that pass their far ends in motion.
 
     Args:
         position: joints at equidistant gridpoints [rad], shape (lines, m, n), m at least 8.
         limits: of velocity, acceleration and jerk, which may be infinite, shape (n,) each.
-        profile: constant, cruise and inner, shape (3,).
-        cut: share of its time after which a line is over.
+        profiles: constant, cruise and inner of each line's, shape (lines, 3).
+        cuts: share of its time after which it is over, shape (lines,).
 
     Returns:
         Times [s], (lines,); velocities and accelerations at the far ends, (lines, n) each.
@@ -159,7 +159,7 @@ def launched_lines(
         every, first = numbers(position), Path.of(position[0], limits)
         first.position = pointer(every)
         found = map(pointer, (time, velocity, acceleration))
-        asked = _int64(lines), pointer(profile), ctypes.c_double(cut)
+        asked = _int64(lines), pointer(profiles), pointer(cuts)
         if library().launched_lines(byref(first), *asked, *found):
             raise MemoryError
     return time, velocity, acceleration

@@ -15,11 +15,12 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.bent_transfers import detour_pieces
-from dualarm_cli.motion.blending import WORTH, Passings, passings_beside, quickest_pair, with_ways
+from dualarm_cli.motion.blending import WORTH, passings_beside, with_ways
 from dualarm_cli.motion.stop_motion import rates_between
 from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers
 from dualarm_cli.postures.stage_plan import Detour, StagePlan
 from dualarm_cli.timing.launch import Launch
+from dualarm_cli.timing.line_ends import Passings, quickest_pair
 from dualarm_cli.timing.problem import TransferProblem
 from dualarm_cli.timing.ruckig_ import MovingTransfer
 

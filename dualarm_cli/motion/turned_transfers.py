@@ -16,7 +16,7 @@ import numpy as np
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import PoseTarget
-from dualarm_cli.motion.blending import Passings, quickest_pair, waits_for_time
+from dualarm_cli.motion.blending import waits_for_time
 from dualarm_cli.motion.line_motion import (
     groups_on_line,
     line_length,
@@ -28,6 +28,7 @@ from dualarm_cli.motion.stop_motion import rates_between
 from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, tool_speed_of
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.timing.launch import Launch
+from dualarm_cli.timing.line_ends import Passings, quickest_pair
 from dualarm_cli.timing.problem import TransferProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 

@@ -25,6 +25,7 @@ from dualarm_cli.stages.plans.times import (
     start_angle,
     start_joints,
 )
+from dualarm_cli.stages.plans.ways import middling_ways
 from dualarm_cli.stages.search.search import (
     FEWEST_IN_PARTS,
     FoundSequence,
@@ -247,7 +248,14 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
     known = job.tool_speed is None and all(stop.belt is None for stop in stops)
     lines = any(stop.approach or stop.retract for stop in stops)
     numbers = sequence_problem(problem.model, job, problem.holding, problem.barred)
-    return replace(numbers, passing=problem.blend and known and lines)
+    if not (problem.blend and known and lines):
+        return numbers
+    if problem.own is not None:
+        own = problem.own.job
+        limits = own.cell.robot.limits.scaled(own.speed)
+        arms = (replace(work, own=limits.select(work.limits.joints)) for work in numbers.arms)
+        numbers = replace(numbers, arms=tuple(arms))
+    return replace(numbers, ways=middling_ways(numbers))
 
 
 def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dualarm_cli.motion.blending import Passings, quickest_pair
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.timing.launch import CUTS, PROFILES, launches
+from dualarm_cli.timing.line_ends import Passings, quickest_pair
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.ruckig_ import MovingTransfer

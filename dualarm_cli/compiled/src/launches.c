@@ -99,16 +99,17 @@ int launches(const Path *path, const double *profiles, int64_t count, const doub
     return 0;
 }
 
-/* Estimates one profile, cut as it is, of many lines of as many samples; `first` is the first of them and they follow one
-   another. Times, (lines,), velocities and accelerations at the far ends, (lines, joints). Returns 0, or 1 without memory. */
-int launched_lines(const Path *first, int64_t lines, const double *profile, double cut, double *time, double *velocity,
-                   double *acceleration)
+/* Estimates many lines of as many samples, which follow one another from `first`, each with a profile, (lines, 3), and a
+   cut, (lines,), of its own: times, (lines,), velocities and accelerations at the far ends, (lines, joints). Returns 0,
+   or 1 without memory. */
+int launched_lines(const Path *first, int64_t lines, const double *profiles, const double *cuts, double *time,
+                   double *velocity, double *acceleration)
 {
     Path path = *first;
     for (int64_t i = 0; i < lines; i++) {
         int64_t coordinate;
         path.position = first->position + i * path.samples * path.joints;
-        if (launches(&path, profile, 1, &cut, 1, 0, &coordinate, time + i, velocity + i * path.joints,
+        if (launches(&path, profiles + 3 * i, 1, cuts + i, 1, 0, &coordinate, time + i, velocity + i * path.joints,
                      acceleration + i * path.joints))
             return 1;
     }

@@ -1,9 +1,7 @@
-"""Plans whose tools pass the outer ends of lines in motion, all in one way: an estimate that postures are chosen by.
+"""Candidates and transfers as tools pass the outer ends of lines in motion, in given ways: estimates.
 
-Which way is best at a transfer depends on the postures beside it (`motion/blending` looks for it when they are chosen).
-Here every line is the first part of one profile, a middling one, which fixes the state of motion at its outer end; the
-transfer between two such states is ruckig's, its limits of position left out. At rest remain ends beside which the arm
-does not move on, hand-overs, and the return. Our own.
+A way (`plans/ways`) makes a line the first part of one profile, which fixes the state of motion at its outer end; the
+transfer between two such states is ruckig's, its limits of position left out. Our own.
 """
 
 from __future__ import annotations
@@ -15,15 +13,11 @@ import numpy as np
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.stages.plans.candidates import CandidatePostures
-from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
+from dualarm_cli.stages.plans.problem import ArmWork
 from dualarm_cli.timing.launch import CUTS, PROFILES
 from dualarm_cli.timing.ruckig_ import StatesToStates
 from dualarm_cli.timing.shapes import lagrange_basis
 
-WAY = 0, 6
-"""A profile and a cut, as indices, by which all lines are passed under jerk limits."""
-EVEN = 8, 6
-"""Those without."""
 SAMPLES = 17
 """Samples of a line, interpolated from the four that are known."""
 STEP = 1e-6
@@ -32,33 +26,23 @@ STEEPEST = 50.0
 """Most that a slope of a transfer time counts [s/rad]: where ways jump it means nothing."""
 
 
-def passed(
-    problem: SequenceProblem, arm: int, stage: IntArray, found: CandidatePostures
-) -> CandidatePostures:
-    """Returns candidates with their lines' outer ends passed in motion, wherever the arm moves on there.
+def passed(work: ArmWork, ways: IntArray, found: CandidatePostures) -> CandidatePostures:
+    """Returns candidates whose lines' outer ends are passed in motion.
 
     Args:
-        problem: the sequence.
-        arm: index of the arm.
-        stage: stage of each candidate, shape (n,).
+        work: their arm.
+        ways: of approach and retract, shape (n, 2).
         found: the candidates, at rest at both ends of lines.
     """
-    work = problem.arms[arm]
-    asked = _passes(problem, work)[stage] & found.possible[:, None]
     rest = np.stack([found.approach.max(axis=1), found.retract.max(axis=1)], axis=1)
-    asked &= rest > 0.0
-    between, target = found.q_between, found.q_target
-    outwards = (
-        np.stack([target, between[:, 1], between[:, 0], found.q_approach], axis=1),
-        np.stack([target, between[:, 2], between[:, 3], found.q_retract], axis=1),
-    )
-    four = np.concatenate([q[asked[:, line]] for line, q in enumerate(outwards)])
-    profile, cut = WAY if np.isfinite(work.limits.jerk).all() else EVEN
+    asked = (ways > 0) & found.possible[:, None] & (rest > 0.0)
+    paths = np.concatenate([outwards(found, line)[asked[:, line]] for line in (0, 1)])
+    way = np.concatenate([ways[asked[:, line], line] for line in (0, 1)]) - 1
     time, velocity, acceleration = trajectories.launched_lines(
-        np.einsum("sf,nfj->nsj", _INTERPOLATION, four),
+        paths,
         (work.limits.velocity, work.limits.acceleration, work.limits.jerk),
-        np.array(PROFILES[profile]),
-        CUTS[cut],
+        np.array(PROFILES)[way // len(CUTS)],
+        np.array(CUTS)[way % len(CUTS)],
     )
     shares, rates = np.ones(rest.shape), np.zeros(found.rates.shape)
     count = int(asked[:, 0].sum())
@@ -73,15 +57,15 @@ def passed(
 _INTERPOLATION = lagrange_basis(np.linspace(0.0, 1.0, 4), np.linspace(0.0, 1.0, SAMPLES))
 
 
-def _passes(problem: SequenceProblem, work: ArmWork) -> BoolArray:
-    """Returns whether an arm passes the outer ends of its approach and retract in each stage, shape (stages, 2)."""
-    active = np.array([stop is not None for stop in work.stops], dtype=np.bool_)
-    passes = np.stack([active, active & np.append(active[1:], False)], axis=1)
-    if problem.free_start:
-        # It begins where the first approach does.
-        passes[0, 0] = False
-    passes[problem.together] = False
-    return passes
+def outwards(found: CandidatePostures, line: int) -> FloatArray:
+    """Returns the joints along approaches (0) or retracts (1), from the target outwards, shape (n, SAMPLES, joints)."""
+    near, far = (1, 0) if line == 0 else (2, 3)
+    ends = found.q_retract if line else found.q_approach
+    four = np.stack(
+        [found.q_target, found.q_between[:, near], found.q_between[:, far], ends], axis=1
+    )
+    joints: FloatArray = np.einsum("sf,nfj->nsj", _INTERPOLATION, four)
+    return joints
 
 
 def transfer_times(
@@ -91,7 +75,7 @@ def transfer_times(
 ) -> FloatArray:
     """Returns how long transfers take from every state to every state of the same row [s], shape (r, p, m).
 
-    Infinite where ruckig has none.
+    Infinite where ruckig has none; limits of position do not count.
 
     Args:
         work: the arm.

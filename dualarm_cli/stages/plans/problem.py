@@ -62,6 +62,8 @@ class ArmWork:
     """Its target in each stage; None where it has nothing to do and stands still."""
     start: FloatArray
     """Joints before the first stage [rad], shape (joints,); not used where the start is free."""
+    own: JointLimits | None = None
+    """The robot's own limits, where those keep joints away from theirs; what is in motion may come nearer to them."""
 
     @property
     def joints(self) -> int:
@@ -144,8 +146,9 @@ class SequenceProblem:
     """Which stages are hand-overs; empty for none."""
     clearance: SequenceClearance | None = None
     """What is collision-free; None where nothing is asked for."""
-    passing: bool = False
-    """Whether tools pass the outer ends of lines in motion, see `plans/passing`; else they stop there."""
+    ways: tuple[IntArray, ...] | None = None
+    """By arm, how the outer ends of approach and retract are passed in motion in every stage, see `plans/ways`, shape
+    (n, 2) each; None where all tools stop there."""
 
     @property
     def stages(self) -> int:

@@ -43,7 +43,11 @@ def postures(
     """
     own = closed_form if has_closed_form(problem.arms[arm]) else general
     found = own.postures(problem, arm, table, stage, angle, candidates)
-    return passed(problem, arm, stage, found) if problem.passing else found
+    return (
+        found
+        if problem.ways is None
+        else passed(problem.arms[arm], problem.ways[arm][stage], found)
+    )
 
 
 def grid_nodes(

@@ -122,7 +122,7 @@ def stage_times(
         came = chain.previous[k]
         q_from = np.where(came[:, None] >= 0, found.q_retract[came], start)
         transfer = work.law.duration(found.q_approach[k] - q_from)
-        if problem.passing:
+        if problem.ways is not None:
             leaving = q_from[:, None], left_with(found, came)[:, None]
             arriving = found.q_approach[k, None], found.rates[k, None, 0]
             transfer = transfer_times(work, leaving, arriving)[:, 0, 0]

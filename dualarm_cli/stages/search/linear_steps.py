@@ -160,7 +160,7 @@ def _transfer_rows(
         came[:, None] >= 0, found.q_retract[came], start_joints(problem, work, chain, found)
     )
     time, slope = timed_slopes(work.law, found.q_approach[k] - q_from)
-    if problem.passing:
+    if problem.ways is not None:
         leaving, arriving = (
             (q_from, left_with(found, came)),
             (found.q_approach[k], found.rates[k, 0]),

@@ -15,6 +15,7 @@ from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.source import has_closed_form
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
+from dualarm_cli.stages.plans.ways import best_ways
 from dualarm_cli.stages.search.beam import kind_of
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.node_plans import plans_on_nodes
@@ -73,7 +74,7 @@ def search(
         seed: of the random steps of polishing.
         further: gives plans of simpler methods that take their time, told whether there is a plan on the grids.
     """
-    how, asked, problem = _how(problem, effort), problem, replace(problem, passing=False)
+    how, asked, problem = _how(problem, effort), problem, replace(problem, ways=None)
     tables = tuple(StopTable.of(work) for work in problem.arms)
     exact = ExactStages(problem, tables)
     made = halves(
@@ -121,13 +122,19 @@ def _polished(
         seed: of the random steps.
         loose: stages in which something may change, shape (n,); all by default.
     """
-    at_rest = replace(problem, passing=False)
+    at_rest = replace(problem, ways=None)
     best = polish(at_rest, tables, best, how.rounds, how.random_steps, seed, loose)
-    if not problem.passing:
-        return best
-    moving = evaluate(problem, tables, best.decisions)
-    moving = polish(problem, tables, moving, how.passing_rounds, how.random_steps, seed, loose)
-    return evaluate(at_rest, tables, moving.decisions)
+    ways = problem.ways
+    for cycle in range(how.cycles if ways is not None else 0):
+        if cycle:
+            ways = best_ways(problem, best)
+        moving = replace(problem, ways=ways)
+        plan = evaluate(moving, tables, best.decisions)
+        plan = polish(
+            moving, tables, plan, how.passing_rounds, how.random_steps, seed + cycle, loose
+        )
+        best = evaluate(at_rest, tables, plan.decisions)
+    return best
 
 
 def search_in_parts(
@@ -170,7 +177,7 @@ def search_in_parts(
         for stretch in stretches:
             for part in _with_room(stretch.problem, roomy):
                 own = tuple(StopTable.of(work) for work in part.arms)
-                at_rest = replace(part, passing=False)
+                at_rest = replace(part, ways=None)
                 best = evaluate(at_rest, own, decisions.take(stretch.stages))
                 if np.isfinite(best.total):
                     best = _polished(
@@ -289,7 +296,7 @@ def _near(
         seed: of the random steps of polishing.
     """
     asked, loose = stretch.problem, np.array(stretch.loose)
-    problem = replace(asked, passing=False)
+    problem = replace(asked, ways=None)
     how, mesh = effort
     tables = tuple(StopTable.of(work) for work in problem.arms)
     near = given.take(stretch.stages)

@@ -1,0 +1,104 @@
+"""Ways of passing the outer ends of lines in motion, by which postures are chosen.
+
+A way is a number: 0 at rest, else one of the profiles and cuts of `timing/launch`, counted as `timing/line_ends` does.
+A plan begins with the same middling way everywhere, by which postures can be chosen; the ways that go best with these
+postures are what they are improved by. `motion/blending` looks at ways again, exactly, when postures no longer change.
+At rest remain ends beside which an arm does not move on, hand-overs, and the return. Our own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from dualarm_cli.beside import halves
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.stages.plans.passing import outwards
+from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
+from dualarm_cli.stages.plans.times import (
+    Evaluated,
+    TransferChain,
+    platform_times,
+    start_angle,
+    start_joints,
+)
+from dualarm_cli.timing.launch import CUTS
+from dualarm_cli.timing.line_ends import Passings, quickest_pair
+from dualarm_cli.timing.problem import LineProblem, TransferProblem
+
+MIDDLING = 0, 6
+"""A profile and a cut, as indices, by which postures are chosen at first, under jerk limits."""
+EVEN = 8, 6
+"""Those without."""
+SHARED = 16
+"""Transfers of so many stages or more are looked at in two processes."""
+
+
+def middling_ways(problem: SequenceProblem) -> tuple[IntArray, ...]:
+    """Returns one way for all lines' ends that may be passed, by arm, shape (n, 2) each."""
+    found = []
+    for work in problem.arms:
+        profile, cut = MIDDLING if np.isfinite(work.limits.jerk).all() else EVEN
+        found.append(np.where(_passes(problem, work), 1 + profile * len(CUTS) + cut, 0))
+    return tuple(found)
+
+
+def _passes(problem: SequenceProblem, work: ArmWork) -> BoolArray:
+    """Returns whether an arm may pass the outer ends of its approach and retract in each stage, shape (n, 2)."""
+    stops = [(0.0, 0.0) if stop is None else (stop.approach, stop.retract) for stop in work.stops]
+    passes = np.array(stops) > 0.0
+    active = np.array([stop is not None for stop in work.stops], dtype=np.bool_)
+    passes[:, 1] &= np.append(active[1:], False)
+    if problem.free_start:
+        # It begins where the first approach does.
+        passes[0, 0] = False
+    passes[problem.together] = False
+    return passes
+
+
+def best_ways(problem: SequenceProblem, plan: Evaluated) -> tuple[IntArray, ...]:
+    """Returns the ways that go best with the postures of a plan, each transfer by itself, by arm, shape (n, 2) each."""
+    angle = plan.decisions.angle
+    before = np.concatenate([[start_angle(problem, angle)], angle[:-1]])
+    platform = platform_times(problem, angle - before)
+    found = []
+    for a, work in enumerate(problem.arms):
+        ways = np.zeros((problem.stages, 2), dtype=np.int64)
+        of = partial(_best_ways, problem, plan, a, platform)
+        stages = TransferChain.of(work).active
+        for k, own in zip(stages.tolist(), halves(of, stages.tolist(), SHARED), strict=True):
+            ways[k, 0] = own[1]
+            if k:
+                ways[k - 1, 1] = own[0]
+        found.append(ways)
+    return tuple(found)
+
+
+def _best_ways(
+    problem: SequenceProblem, plan: Evaluated, a: int, platform: FloatArray, stages: Sequence[int]
+) -> list[tuple[int, int]]:
+    """Returns how an arm best passes the ends of the retract before each of some stages and of its approach there."""
+    work, postures = problem.arms[a], plan.arms[a]
+    limits, passes = work.own or work.limits, _passes(problem, work)
+    chain = TransferChain.of(work)
+    start = start_joints(problem, work, chain, postures)
+
+    def passings(k: int, line: int) -> Passings:
+        if k < 0 or not passes[k, line]:
+            return Passings.none(work.joints)
+        path = outwards(postures.take(np.array([k])), line)[0]
+        rest = (postures.retract if line else postures.approach)[k].max()
+        asked = LineProblem(limits.joints, path, np.linspace(0.0, 1.0, len(path)), limits)
+        return Passings.along(asked, float(rest), away=line == 1)
+
+    found = []
+    for k in stages:
+        came, goal = int(chain.previous[k]), postures.q_approach[k]
+        q = postures.q_retract[came] if came >= 0 else start
+        asked = TransferProblem(limits.joints, q, goal, limits, float(platform[k]))
+        rest = max(float(platform[k]), float(work.law.duration(goal - q)))
+        i, j, _ = quickest_pair(passings(k - 1, 1), passings(k, 0), asked, rest)
+        found.append((i, j))
+    return found

@@ -1,0 +1,149 @@
+"""Pairs of lines whose outer ends are passed in motion, and the transfer between them.
+
+A line away from a target, the transfer after it and the line to the next target take R + X + A. Each line has a family
+of ways to pass its outer end (`timing/launch`), which fix the state of motion there; the transfer between two such
+states is ruckig's. The pair of ways with the least R + X + A is found by a pattern search over both families. Our own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.timing.launch import CUTS, PROFILES, Launch, launches
+from dualarm_cli.timing.problem import LineProblem, TransferProblem
+from dualarm_cli.timing.ruckig_ import MovingTransfer
+
+MIDDLE = 2, 5
+"""A profile and a cut, as indices, that are quick under jerk limits."""
+EVEN = 8, 5
+"""Those that are quick without."""
+REST = 0, len(CUTS)
+"""What stands for rest: the last cut, after the whole profile."""
+LATE = (0, 9), (8, 9)
+"""Those that leave the line slowly, where limits of position are near, under jerk limits and without."""
+STARTS = tuple(
+    pair
+    for quick, slow in zip((MIDDLE, EVEN), LATE, strict=True)
+    for pair in ((quick, quick), (slow, slow), (quick, REST), (REST, quick))
+)
+"""Pairs from whose best one the search for a pair begins, if rest at both lines is not better."""
+STEPS = (2, 4), (1, 2), (1, 1)
+"""Steps of that search through PROFILES and CUTS, one width after the other."""
+LESS = 1e-9
+"""What counts as a shorter time [s]."""
+
+
+@dataclass(frozen=True)
+class Passings:
+    """One line: how long it takes and in which state its outer end is passed; the first is at rest."""
+
+    ways: tuple[Launch | None, ...]
+    """What each way is."""
+    time: FloatArray
+    """How long the line takes [s], shape (g,)."""
+    rates: FloatArray
+    """Velocities and accelerations at the outer end, in the direction of motion, shape (g, 2, n)."""
+
+    def index(self, profile: int, cut: int) -> int:
+        """Returns the way with one of the PROFILES and CUTS; with a cut beyond them, or without a line, rest."""
+        return 0 if cut >= len(CUTS) or len(self.ways) == 1 else 1 + profile * len(CUTS) + cut
+
+    @classmethod
+    def none(cls, joints: int) -> Passings:
+        """Returns those of no line: rest."""
+        return cls((None,), np.zeros(1), np.zeros((1, 2, joints)))
+
+    @classmethod
+    def only(cls, rates: FloatArray) -> Passings:
+        """Returns those of a target that is passed in one state, shape (2, n)."""
+        return cls((None,), np.zeros(1), rates[None])
+
+    @classmethod
+    def along(cls, problem: LineProblem, rest: float, *, away: bool) -> Passings:
+        """Returns those of a line that is given from its target outwards.
+
+        Args:
+            problem: the line.
+            rest: how long it takes from rest to rest [s].
+            away: whether the tool leaves the target on it; else it comes to it.
+        """
+        found = launches(problem)
+        velocity = found.velocity if away else -found.velocity
+        rates = np.stack([velocity, found.acceleration], axis=1)
+        return cls(
+            (None, *found.ways),
+            np.append(rest, found.time),
+            np.concatenate([np.zeros((1, *rates.shape[1:])), rates]),
+        )
+
+
+Place = tuple[int, int]
+"""A profile and a cut, as indices."""
+
+
+def quickest_pair(
+    before: Passings, after: Passings, problem: TransferProblem, rest: float, room: float = 0.0
+) -> tuple[int, int, float]:
+    """Returns which ways of two lines go best with the transfer between them, and how long all three take [s].
+
+    A pattern search: from the best of a few pairs to a better neighbour, profile and cut of one line or the cuts of
+    both changed, until there is none. Never slower than from rest to rest; no optimality is claimed.
+
+    Args:
+        before: of the retract.
+        after: of the approach.
+        problem: the transfer; its rates do not count.
+        rest: how long it takes from rest to rest [s].
+        room: what it keeps free of limits of position [rad].
+    """
+    transfer, platform = MovingTransfer(problem, room), problem.minimum_duration
+    least = {(0, 0): float(before.time[0] + rest + after.time[0])}
+
+    def time(pair: tuple[Place, Place], most: float) -> float:
+        i, j = before.index(*pair[0]), after.index(*pair[1])
+        if (i, j) not in least:
+            lines = float(before.time[i] + after.time[j])
+            if lines + platform >= most:
+                return np.inf
+            # What takes longer than the best pair known is not looked at again: that one only becomes better.
+            least[i, j] = lines + transfer.duration(before.rates[i], after.rates[j], most - lines)
+        return least[i, j]
+
+    best, pair = least[0, 0], (REST, REST)
+    for start in STARTS:
+        if (found := time(start, best)) < best:
+            best, pair = found, start
+    for width in STEPS:
+        moved = True
+        while moved:
+            moved = False
+            for one, other in _moves(*width):
+                tried = _moved(pair[0], one), _moved(pair[1], other)
+                if (found := time(tried, best)) < best - LESS:
+                    best, pair, moved = found, tried, True
+    return before.index(*pair[0]), after.index(*pair[1]), best
+
+
+@cache
+def _moves(profiles: int, cuts: int) -> tuple[tuple[Place, Place], ...]:
+    """Returns the changes of a pair that are tried, for steps through profiles and cuts."""
+    still, ways = (0, 0), (-1, 1)
+    single = [(0, k * cuts) for k in ways]
+    both = [(p * profiles, k * cuts) for k in (0, *ways) for p in ways]
+    return (
+        *((one, still) for one in single),
+        *((still, one) for one in single),
+        *((one, other) for one in single for other in single),
+        *((one, still) for one in both),
+        *((still, one) for one in both),
+    )
+
+
+@cache
+def _moved(place: Place, by: Place) -> Place:
+    profile, cut = place[0] + by[0], place[1] + by[1]
+    return min(max(profile, 0), len(PROFILES) - 1), min(max(cut, 0), len(CUTS))
