@@ -283,6 +283,8 @@ class EffortSettings:
     """Configurations that are drawn as starts of a seam."""
     seam_starts: int
     """Those of them that are improved."""
+    widths: int
+    """Widths of steps with which the ways of passing lines' ends in motion are refined."""
 
     @property
     def spares(self) -> bool:
@@ -308,6 +310,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         section_starts=1,
         seam_samples=500,
         seam_starts=2,
+        widths=1,
     ),
     "normal": EffortSettings(
         orders=StageEffort(4, 9_000, 1.5, 15_000, 12, 12),
@@ -333,6 +336,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         section_starts=4,
         seam_samples=1500,
         seam_starts=5,
+        widths=2,
     ),
     "thorough": EffortSettings(
         orders=StageEffort(8, 60_000, 8.0, 150_000, 16, 20),
@@ -369,6 +373,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         section_starts=12,
         seam_samples=5000,
         seam_starts=12,
+        widths=6,
     ),
 }
 """By the words of `--effort`; more of everything gives plans that are as fast or faster."""

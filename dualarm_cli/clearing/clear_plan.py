@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.clearing.repairs import Cleared, Clearing
 from dualarm_cli.clearing.stage_samples import StageSamples, alone_clear, stage_samples
 from dualarm_cli.collision.lying import too_near
-from dualarm_cli.effort import less_effort
+from dualarm_cli.effort import EFFORTS, less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job, PoseTarget
 from dualarm_cli.motion.bent_passing import bent_ways, with_bent_ways
@@ -378,7 +378,8 @@ def blended_plan(
     before = found.cleared.motion
     through = passed_targets(drive, found.cleared.plans, stopping)
     passing = with_passed_targets(drive, found.cleared.plans, through)
-    ways = dict(passing_ways(drive, passing, stopping))
+    widths = EFFORTS[problem.effort].widths
+    ways = dict(passing_ways(drive, passing, stopping, widths))
     touching: list[int] = []
     while ways or through:
         plans = with_ways(with_passed_targets(drive, found.cleared.plans, through), ways)
@@ -389,7 +390,7 @@ def blended_plan(
                 raise
             # An arm cannot pass its target as late as the stage ends.
             through = {}
-            ways = dict(passing_ways(drive, found.cleared.plans, stopping))
+            ways = dict(passing_ways(drive, found.cleared.plans, stopping, widths))
             continue
         touching = clearing.touching(plans, motion) if clearing is not None else []
         # A stage has the transfers to its lines, and ends as those of the next one begin.

@@ -25,7 +25,7 @@ from dualarm_cli.motion.stop_motion import (
 from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, tool_speed_of
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.timing.launch import Launch
-from dualarm_cli.timing.line_ends import Passings, quickest_pair
+from dualarm_cli.timing.line_ends import Passings, quickest_pair, refined_pair
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.ruckig_ import MovingTransfer
@@ -43,7 +43,10 @@ leads to and arm; None: it stops there."""
 
 
 def passing_ways(
-    drive: Drive, plans: Sequence[StagePlan], stopping: Collection[tuple[int, str]] = ()
+    drive: Drive,
+    plans: Sequence[StagePlan],
+    stopping: Collection[tuple[int, str]] = (),
+    widths: int = 0,
 ) -> Ways:
     """Returns the ways in which lines' outer ends are passed, each transfer by itself.
 
@@ -53,10 +56,11 @@ def passing_ways(
         drive: of the job.
         plans: its stages, with all stops.
         stopping: transfers between stops all the same, by the stage that they lead to and arm.
+        widths: of steps with which ways are refined, see `refined_pair`.
     """
 
     def of(stages: Sequence[int]) -> list[dict[str, _Passed]]:
-        return [_passed(drive, plans, k, stopping) for k in stages]
+        return [_passed(drive, plans, k, stopping, widths) for k in stages]
 
     found = {}
     for k, passed in enumerate(halves(of, range(len(plans)))):
@@ -81,7 +85,11 @@ class _Passed:
 
 
 def _passed(
-    drive: Drive, plans: Sequence[StagePlan], k: int, stopping: Collection[tuple[int, str]]
+    drive: Drive,
+    plans: Sequence[StagePlan],
+    k: int,
+    stopping: Collection[tuple[int, str]],
+    widths: int,
 ) -> dict[str, _Passed]:
     """Returns how arms that need not stop pass the ends of lines about the transfers to a stage, by arm."""
     before, plan, found = plans[k - 1] if k else None, plans[k], {}
@@ -89,7 +97,7 @@ def _passed(
     for name in drive.model.arms:
         if (k, name) in stopping or name in plan.waits or name in plan.detours:
             continue
-        tried = (_ways(drive, before, plan, name, platform, room) for room in ROOMS)
+        tried = (_ways(drive, before, plan, name, platform, widths, room) for room in ROOMS)
         ways = next(
             (one for one in tried if not one or _holds(drive, before, plan, name, one)), None
         )
@@ -161,7 +169,8 @@ def _ways(
     plan: StagePlan,
     name: str,
     platform: float,
-    room: float = 0.0,
+    widths: int,
+    room: float,
 ) -> tuple[Launch | None, Launch | None] | None:
     """Returns how an arm passes the ends of the lines about its transfer, None where it stops at both."""
     arm = drive.model.arms[name]
@@ -179,7 +188,7 @@ def _ways(
     i, j, time = quickest_pair(retract, approach, problem, rest, room)
     if time > float(retract.time[0] + rest + approach.time[0]) - WORTH:
         return None
-    return retract.ways[i], approach.ways[j]
+    return refined_pair((retract, approach), (i, j, time), problem, widths, room)
 
 
 def _giver_time(drive: Drive, plan: StagePlan, name: str) -> float:

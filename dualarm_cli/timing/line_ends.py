@@ -7,13 +7,15 @@ states is ruckig's. The pair of ways with the least R + X + A is found by a patt
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
+from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.timing.launch import CUTS, PROFILES, Launch, launches
+from dualarm_cli.timing.line_profile import path_of
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 from dualarm_cli.timing.ruckig_ import MovingTransfer
 
@@ -35,6 +37,18 @@ STEPS = (2, 4), (1, 2), (1, 1)
 """Steps of that search through PROFILES and CUTS, one width after the other."""
 LESS = 1e-9
 """What counts as a shorter time [s]."""
+WIDEST = 0.3, 0.3, 0.2, 0.03
+"""First steps with which the numbers of a way are changed: constant, cruise, inner and cut; the next ones are halves."""
+RANGES = (0.0, 40.0, 1.0), (0.0, 40.0, 1.0), (0.2, 1.5, 0.0), (0.1, 0.98, 0.0)
+"""Least and most of each number, and whether its steps grow with it."""
+NUMBERS = 3, 0, 1, 2
+"""The order in which they are changed: that which matters most first."""
+SWEEPS = 3
+"""So often all numbers are changed by one width of steps, at most."""
+THINNED = 4
+"""Every so many samples of a line are enough for estimates of changed ways."""
+FEWEST = 8
+"""Samples that a line has at least."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +61,10 @@ class Passings:
     """How long the line takes [s], shape (g,)."""
     rates: FloatArray
     """Velocities and accelerations at the outer end, in the direction of motion, shape (g, 2, n)."""
+    line: LineProblem | None = None
+    """The line, from its target outwards; None for no line."""
+    away: bool = True
+    """Whether the tool leaves the target on it; else it comes to it."""
 
     def index(self, profile: int, cut: int) -> int:
         """Returns the way with one of the PROFILES and CUTS; with a cut beyond them, or without a line, rest."""
@@ -78,6 +96,8 @@ class Passings:
             (None, *found.ways),
             np.append(rest, found.time),
             np.concatenate([np.zeros((1, *rates.shape[1:])), rates]),
+            problem,
+            away,
         )
 
 
@@ -147,3 +167,92 @@ def _moves(profiles: int, cuts: int) -> tuple[tuple[Place, Place], ...]:
 def _moved(place: Place, by: Place) -> Place:
     profile, cut = place[0] + by[0], place[1] + by[1]
     return min(max(profile, 0), len(PROFILES) - 1), min(max(cut, 0), len(CUTS))
+
+
+@dataclass(frozen=True)
+class _End:
+    """One line, passed in some way that is changed."""
+
+    time: float
+    """How long it takes [s]."""
+    rates: FloatArray
+    """Velocities and accelerations at its outer end, in the direction of motion, shape (2, n)."""
+    way: Launch | None
+    """How its outer end is passed; None: at rest, which is not changed."""
+    path: trajectories.Path | None = None
+    """The line, at fewer samples: they are enough for an estimate."""
+    away: bool = True
+    """Whether the tool leaves the target on it."""
+
+    @classmethod
+    def of(cls, lines: Passings, way: int) -> _End:
+        """Returns a line passed in one of its ways."""
+        launch, line = lines.ways[way], lines.line
+        if launch is None or line is None:
+            return cls(float(lines.time[way]), lines.rates[way], None)
+        sparse = replace(line, position=line.position[::THINNED], length=line.length[::THINNED])
+        path = path_of(sparse if len(sparse.length) >= FEWEST else line)
+        return cls(float(lines.time[way]), lines.rates[way], launch, path, lines.away)
+
+    def changed(self, number: int, step: float) -> _End | None:
+        """Returns the line with one of its way's numbers changed; None where that cannot be."""
+        assert (
+            self.way is not None and self.path is not None
+        )  # callers ask for lines in motion only
+        numbers = [self.way.constant, self.way.cruise, self.way.inner, self.way.cut]
+        least, most, relative = RANGES[number]
+        before = numbers[number]
+        numbers[number] = min(max(before + step * (1.0 + relative * before), least), most)
+        if numbers[number] == before:
+            return None
+        profile, cut = np.array([numbers[:3]]), np.array(numbers[3:])
+        coordinate, time, velocity, acceleration = trajectories.launches(self.path, profile, cut, 0)
+        n = self.rates.shape[1]
+        rates = np.stack([velocity[0, 0, :n], acceleration[0, 0, :n]])
+        if not self.away:
+            rates[0] *= -1.0
+        constant, cruise, inner, over = numbers
+        way = Launch(constant, cruise, inner, over, int(coordinate[0]))
+        return replace(self, time=float(time[0, 0]), rates=rates, way=way)
+
+
+def refined_pair(
+    lines: tuple[Passings, Passings],
+    pair: tuple[int, int, float],
+    problem: TransferProblem,
+    widths: int,
+    room: float = 0.0,
+) -> tuple[Launch | None, Launch | None]:
+    """Returns ways of two lines that go better with the transfer between them than a pair of their families does.
+
+    A compass search over the numbers of both ways, one at a time, with ever smaller steps. What is at rest stays so.
+
+    Args:
+        lines: of the retract and of the approach.
+        pair: the best of their ways, and how long all take with them [s], see `quickest_pair`.
+        problem: the transfer; its rates do not count.
+        widths: how many widths of steps are tried.
+        room: what it keeps free of limits of position [rad].
+    """
+    ends = [_End.of(one, way) for one, way in zip(lines, pair[:2], strict=True)]
+    transfer, best = MovingTransfer(problem, room), pair[2]
+    places = [(side, number) for side in (0, 1) if ends[side].way for number in NUMBERS]
+    for width in range(widths):
+        for _ in range(SWEEPS):
+            moved = False
+            for side, number in places:
+                for sign in (1.0, -1.0):
+                    one = ends[side].changed(number, sign * WIDEST[number] * 0.5**width)
+                    if one is None:
+                        continue
+                    tried = [one, ends[1]] if side == 0 else [ends[0], one]
+                    spent = tried[0].time + tried[1].time
+                    if spent + problem.minimum_duration >= best:
+                        continue
+                    time = spent + transfer.duration(tried[0].rates, tried[1].rates, best - spent)
+                    if time < best - LESS:
+                        best, ends, moved = time, tried, True
+                        break
+            if not moved:
+                break
+    return ends[0].way, ends[1].way
