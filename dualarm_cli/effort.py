@@ -76,6 +76,8 @@ class SearchEffort:
     one way of passing all, then with those that go best with it."""
     passing_rounds: int
     """Rounds of polishing each time."""
+    rivals: int
+    """So many other plans are polished so as well, and what is best of all of them once more."""
     for_few: tuple[Mesh, ...]
     """Further grids for short sequences."""
     local: Mesh
@@ -300,7 +302,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         clocks=FreeEffort(60, 1500, 1, 1.0),
         epochs=EpochEffort(3, 20, 20, 400),
         search=SearchEffort(
-            (Mesh(np.radians(12.0), 14, 1000, 20),), 2, 3, 0, 1, 2, (), LOCAL, local_rounds=0
+            (Mesh(np.radians(12.0), 14, 1000, 20),), 2, 3, 0, 2, 1, 0, (), LOCAL, local_rounds=0
         ),
         bound=Resolution(np.radians(15.0), 9, 3),
         ipopt=NonlinearEffort(100, (np.inf, 0.3)),
@@ -321,10 +323,11 @@ EFFORTS: Mapping[str, EffortSettings] = {
         search=SearchEffort(
             (Mesh(np.radians(12.0), 14, 1500, 40), Mesh(np.radians(15.0), 12, 1500, 20)),
             4,
-            6,
-            4,
-            2,
             3,
+            0,
+            2,
+            2,
+            0,
             (Mesh(np.radians(8.0), 22, 3000, 200, 8), Mesh(np.radians(10.0), 18, 3000, 100, 8)),
             LOCAL,
         ),
@@ -336,7 +339,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         section_starts=4,
         seam_samples=1500,
         seam_starts=5,
-        widths=2,
+        widths=1,
     ),
     "thorough": EffortSettings(
         orders=StageEffort(8, 60_000, 8.0, 150_000, 16, 20),
@@ -347,20 +350,19 @@ EFFORTS: Mapping[str, EffortSettings] = {
         search=SearchEffort(
             (
                 Mesh(np.radians(8.0), 22, 3000, 200, 8),
-                Mesh(np.radians(6.0), 30, 5000, 100, 8),
                 Mesh(np.radians(10.0), 18, 3000, 100, 8),
-                Mesh(np.radians(12.0), 16, 3000, 100, 8),
-                Mesh(np.radians(15.0), 12, 3000, 100, 8),
-                Mesh(np.radians(18.0), 14, 3000, 100, 8),
+                Mesh(np.radians(12.0), 14, 1500, 40),
+                Mesh(np.radians(15.0), 12, 1500, 20),
             ),
-            12,
-            60,
-            24,
             4,
-            8,
-            (),
-            FINE,
             6,
+            4,
+            4,
+            4,
+            6,
+            (),
+            LOCAL,
+            2,
             near=replace(NEAR, width=160),
             begun=np.inf,
             spares=False,

@@ -38,7 +38,7 @@ STEPS = (2, 4), (1, 2), (1, 1)
 LESS = 1e-9
 """What counts as a shorter time [s]."""
 WIDEST = 0.3, 0.3, 0.2, 0.03
-"""First steps with which the numbers of a way are changed: constant, cruise, inner and cut; the next ones are halves."""
+"""First steps by which the numbers of a way are changed: constant, cruise, inner and cut; the next ones are halves."""
 RANGES = (0.0, 40.0, 1.0), (0.0, 40.0, 1.0), (0.2, 1.5, 0.0), (0.1, 0.98, 0.0)
 """Least and most of each number, and whether its steps grow with it."""
 NUMBERS = 3, 0, 1, 2

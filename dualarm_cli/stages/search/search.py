@@ -33,6 +33,8 @@ LITTLE = 2e-3
 """Share of the cycle time; a finer grid that gains less is the last one."""
 PROMISING = 0.06
 """A plan that is slower than the best one by more than this share is not polished."""
+SAME_ANGLE = 1e-3
+"""Plans whose platform angles differ by less are one [rad]."""
 FEWEST_IN_PARTS = 2 * WHOLE
 """Sequences of so many stages or more are decided part by part, where an effort spares time."""
 POLISHED = 2
@@ -94,14 +96,27 @@ def search(
     pool = _different(problem, [plan for plan in pool if np.isfinite(plan.total)])
     if not pool:
         return None
-    best = _combined(problem, tables, pool, how, seed)
+    best, tried = _combined(problem, tables, pool, how, seed)
     for _ in range(how.local_rounds):
         around = plans_on_nodes(problem, tables, how.local, how.plans, best, exact=exact).plans
         before = best.total
-        best = _combined(problem, tables, [best, *(plan for _, plan in around)], how, seed)
+        pool = [best, *(plan for _, plan in around)]
+        best, more = _combined(problem, tables, pool, how, seed)
+        tried += more
         if best.total > (1.0 - LITTLE) * before:
             break
-    return FoundSequence(_polished(asked, tables, best, how, seed), bound, total)
+    rivals = _apart(best, tried)[: how.rivals] if asked.ways is not None else []
+    return FoundSequence(_polished(asked, tables, best, how, seed, rivals=rivals), bound, total)
+
+
+def _apart(best: Evaluated, plans: Sequence[Evaluated]) -> list[Evaluated]:
+    """Returns the plans, shortest first, that turn the platform otherwise than the best one and each other."""
+    found = [best]
+    for plan in sorted(plans, key=lambda plan: plan.total):
+        angle = plan.decisions.angle
+        if all(np.abs(angle - other.decisions.angle).max() > SAME_ANGLE for other in found):
+            found.append(plan)
+    return found[1:]
 
 
 def _polished(
@@ -111,6 +126,7 @@ def _polished(
     how: SearchEffort,
     seed: int,
     loose: BoolArray | None = None,
+    rivals: Sequence[Evaluated] = (),
 ) -> Evaluated:
     """Returns a plan polished thoroughly: from rest to rest, and then as its lines' ends are passed, if they may be.
 
@@ -121,20 +137,53 @@ def _polished(
         how: how hard is searched.
         seed: of the random steps.
         loose: stages in which something may change, shape (n,); all by default.
+        rivals: plans that may be as short when lines' ends are passed; what is best of all of them is taken.
     """
     at_rest = replace(problem, ways=None)
     best = polish(at_rest, tables, best, how.rounds, how.random_steps, seed, loose)
-    ways = problem.ways
-    for cycle in range(how.cycles if ways is not None else 0):
-        if cycle:
-            ways = best_ways(problem, best)
-        moving = replace(problem, ways=ways)
-        plan = evaluate(moving, tables, best.decisions)
-        plan = polish(
-            moving, tables, plan, how.passing_rounds, how.random_steps, seed + cycle, loose
-        )
-        best = evaluate(at_rest, tables, plan.decisions)
-    return best
+    if problem.ways is None:
+        return best
+    polished = partial(_polished_in_motion, problem, tables, how, seed, loose)
+    found = halves(polished, [best, *rivals])
+    if not rivals:
+        return found[0]
+    moving = [_moving(problem, tables, plan) for plan in found]
+    k = min(range(len(moving)), key=lambda k: moving[k][1].total)
+    others = [plan.decisions for plan in found[:k] + found[k + 1 :]]
+    best = best_combination(moving[k][0], tables, moving[k][1], others)
+    return polished([evaluate(at_rest, tables, best.decisions)])[0]
+
+
+def _moving(
+    problem: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated
+) -> tuple[SequenceProblem, Evaluated]:
+    """Returns a sequence with the ways of passing lines' ends that are best for a plan, and the plan as they take it."""
+    moving = replace(problem, ways=best_ways(problem, plan))
+    return moving, evaluate(moving, tables, plan.decisions)
+
+
+def _polished_in_motion(
+    problem: SequenceProblem,
+    tables: tuple[StopTable, ...],
+    how: SearchEffort,
+    seed: int,
+    loose: BoolArray | None,
+    plans: Sequence[Evaluated],
+) -> list[Evaluated]:
+    """Returns plans polished as their lines' ends are passed, in times from rest to rest."""
+    found = []
+    for plan in plans:
+        best = plan
+        for cycle in range(how.cycles):
+            if cycle:
+                moving, start = _moving(problem, tables, best)
+            else:
+                moving, start = problem, evaluate(problem, tables, best.decisions)
+            best = polish(
+                moving, tables, start, how.passing_rounds, how.random_steps, seed + cycle, loose
+            )
+        found.append(evaluate(replace(problem, ways=None), tables, best.decisions))
+    return found
 
 
 def search_in_parts(
@@ -319,7 +368,7 @@ def _near(
         problem = _settled(problem, lacking)
     if not around:
         return None
-    best = _combined(problem, tables, [*around, start], how, seed, loose)
+    best, _ = _combined(problem, tables, [*around, start], how, seed, loose)
     best = _polished(asked, tables, best, how, seed, loose)
     return best.decisions if np.isfinite(_worth(problem, best)) else None
 
@@ -379,13 +428,13 @@ def _combined(
     how: SearchEffort,
     seed: int,
     loose: BoolArray | None = None,
-) -> Evaluated:
-    """Returns the best combination of several plans after a little polishing; never slower than any of them.
+) -> tuple[Evaluated, list[Evaluated]]:
+    """Returns the best combination of several plans after a little polishing, never slower than any of them, and those.
 
     One plan by itself is left as it is where there is no grid around it: it is polished anyway.
     """
     if len(pool) == 1 and not how.local_rounds:
-        return pool[0]
+        return pool[0], []
     worth = [_worth(problem, plan) for plan in pool]
     least = min(worth)
     promising = [k for k, own in enumerate(worth) if own <= (1.0 + PROMISING) * least]
@@ -399,7 +448,7 @@ def _combined(
     )
     tried.sort(key=lambda plan: _worth(problem, plan))
     others = [plan.decisions for plan in (*tried[1:], *pool)]
-    return best_combination(problem, tables, tried[0], others)
+    return best_combination(problem, tables, tried[0], others), tried
 
 
 def _worth(problem: SequenceProblem, plan: Evaluated) -> float:
