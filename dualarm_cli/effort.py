@@ -321,7 +321,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         clocks=FreeEffort(150, 6000, 3, 4.0),
         epochs=EpochEffort(8, 60, 40, 2000),
         search=SearchEffort(
-            (Mesh(np.radians(12.0), 14, 1500, 40), Mesh(np.radians(15.0), 12, 1500, 20)),
+            (Mesh(np.radians(12.0), 14, 1000, 20),),
             4,
             3,
             0,

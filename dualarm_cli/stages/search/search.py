@@ -157,7 +157,7 @@ def _polished(
 def _moving(
     problem: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated
 ) -> tuple[SequenceProblem, Evaluated]:
-    """Returns a sequence with the ways of passing lines' ends that are best for a plan, and the plan as they take it."""
+    """Returns a sequence with the ways of passing lines' ends that are best for a plan, and the plan with them."""
     moving = replace(problem, ways=best_ways(problem, plan))
     return moving, evaluate(moving, tables, plan.decisions)
 
