@@ -26,6 +26,7 @@ import pinocchio as pin
 from long_sequences import ROOMS, write_sequence
 from numpy.polynomial import chebyshev
 
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -39,7 +40,7 @@ from dualarm_cli.postures.stage_problems import stop_problems
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.timing.composition import concatenate
 from dualarm_cli.timing.launch import reversed_in_time, solve_launch
-from dualarm_cli.timing.line_ends import Passings, quickest_pair
+from dualarm_cli.timing.line_ends import Passings, quickest_pair, refined_pair
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.ruckig_ import solve_moving_transfer
@@ -47,6 +48,8 @@ from dualarm_cli.verification.motion_checks import check_agreement, check_limits
 
 MARGIN = 0.05
 """How far lines of the comparison stay away from position limits [rad]."""
+WIDTHS = EFFORTS["normal"].widths
+"""Widths of steps with which ways are refined."""
 DEGREE = 12
 """Of the polynomials that lines are in joint space: they differ from the exact ones by less than 1e-9 rad."""
 LINE, TRANSFER = 30, 60
@@ -144,9 +147,10 @@ def blend(corner: Corner) -> Blend:
     rest = float(law.duration(goal - start))
     before = Passings.along(first, away.duration, away=True)
     after = Passings.along(second, back.duration, away=False)
-    i, j, _ = quickest_pair(before, after, asked, rest)
-    retract = away if (way := before.ways[i]) is None else solve_launch(first, way)
-    outward = back if (way := after.ways[j]) is None else solve_launch(second, way)
+    pair = quickest_pair(before, after, asked, rest)
+    leave, come = refined_pair((before, after), pair, asked, WIDTHS)
+    retract = away if leave is None else solve_launch(first, leave)
+    outward = back if come is None else solve_launch(second, come)
     approach = reversed_in_time(outward)
     leaving = np.stack([retract.velocity[-1], retract.acceleration[-1]])
     arriving = np.stack([approach.velocity[0], approach.acceleration[0]])

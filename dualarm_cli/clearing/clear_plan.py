@@ -246,6 +246,8 @@ class ClearedPlan:
     """Whether anything had to be collision-free."""
     known: Known = field(default_factory=Known, compare=False, repr=False)
     """What was timed for it."""
+    rivals: tuple[Cleared, ...] = field(default=(), compare=False, repr=False)
+    """Other collision-free plans of the method that take longer with all stops, but perhaps not in motion."""
     stopping: Cleared | None = field(default=None, compare=False, repr=False)
     """The plan with all stops that it was blended from; None where it is that."""
     standing: Cleared | None = field(default=None, compare=False, repr=False)
@@ -302,14 +304,28 @@ def quickest_clear(
         crossing=crossing,
     )
     progress("blending lines and transfers")
-    blended = blended_plan(problem, found, timing, clear=clear, crossing=crossing)
+    blended = _shortest_blended(problem, found, timing, clear=clear, crossing=crossing)
     motion = blended.cleared.motion
     if (motion.gain or 0.0) > ROOM_COSTS * motion.trajectory.duration:
         return blended
     # Room may cost more than it gains.
     found = _quickest_with_stops(problem, solve, timing, progress, clear=clear, crossing=crossing)
-    other = blended_plan(problem, found, timing, clear=clear, crossing=crossing)
+    other = _shortest_blended(problem, found, timing, clear=clear, crossing=crossing)
     return min(blended, other, key=lambda one: one.cleared.motion.trajectory.duration)
+
+
+def _shortest_blended(
+    problem: MethodProblem,
+    found: ClearedPlan,
+    timing: TimingSolver,
+    *,
+    clear: bool,
+    crossing: bool,
+) -> ClearedPlan:
+    """Returns the shortest of a plan and its rivals when all are blended, see `blended_plan`."""
+    plans = [found, *(replace(found, cleared=one, rivals=()) for one in found.rivals)]
+    blended = [blended_plan(problem, one, timing, clear=clear, crossing=crossing) for one in plans]
+    return min(blended, key=lambda one: one.cleared.motion.trajectory.duration)
 
 
 def has_blends(problem: MethodProblem) -> bool:
@@ -499,22 +515,28 @@ def _quickest_with_stops(
             replanned=False,
             checked=False,
             known=known,
+            rivals=tuple(Cleared(*one, ()) for one in timed[1:]),
         )
     clearing = Clearing(model, job, holding, timing, problem.seed, known)
-    best = None
+    best, clear_plans = None, list[Cleared]()
     for plans, motion in timed:
-        if best is not None and best.is_done_within(motion.trajectory.duration):
+        done = best is not None and best.is_done_within(motion.trajectory.duration)
+        if done and not problem.blend:
             break
         touching = clearing.touching(plans, motion)
         if not touching:
-            best = Cleared(plans, motion, ())
-        elif len(touching) <= max(1, FEW * len(plans)):
+            clear_plans.append(Cleared(plans, motion, ()))
+            best = _better(best, clear_plans[-1])
+        elif not done and len(touching) <= max(1, FEW * len(plans)):
             progress("avoiding collisions")
             best = _better(best, clearing.cleared(plans, motion, touching, give_up=True))
     if best is not None and not best.blocked:
         cost = best.motion.trajectory.duration - reference
         if cost <= NEGLIGIBLE * reference:
-            return ClearedPlan(unchecked, best, reference, replanned=False, known=known)
+            rivals = tuple(one for one in clear_plans if one is not best)
+            return ClearedPlan(
+                unchecked, best, reference, replanned=False, known=known, rivals=rivals
+            )
     found = None
     if best is not None:
         found = ClearedPlan(unchecked, best, reference, replanned=False, known=known)

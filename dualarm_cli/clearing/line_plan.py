@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from dualarm_cli.beside import halves
 from dualarm_cli.clearing.clear_plan import ClearedPlan, has_blends
 from dualarm_cli.clearing.repairs import Cleared, Clearing
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job
@@ -47,7 +49,8 @@ def turned_lines_plan(
         known: transfers that have been looked for; what is new is added.
     """
     plans, before, job = found.cleared.plans, found.cleared.motion, problem.job
-    _look_for(drive, plans, first, known, blend=has_blends(problem))
+    widths = EFFORTS[problem.effort].widths
+    _look_for(drive, plans, first, known, blend=has_blends(problem), widths=widths)
     tries = {
         k: one
         for k in range(len(plans))
@@ -82,16 +85,13 @@ def _look_for(
     known: TransferMemory,
     *,
     blend: bool,
+    widths: int,
 ) -> None:
     """Looks for the transfers on whose lines the platform turns that are not known yet."""
 
     def of(stages: Sequence[int]) -> list[TurnedTransfer | None]:
-        return [
-            turned_transfer(
-                drive, plans[k - 1] if k else None, plans[k], _first(first, k), blend=blend
-            )
-            for k in stages
-        ]
+        own = partial(turned_transfer, drive, blend=blend, widths=widths)
+        return [own(plans[k - 1] if k else None, plans[k], _first(first, k)) for k in stages]
 
     keys = [_key(drive, plans, first, k) for k in range(len(plans))]
     new = [k for k, key in enumerate(keys) if key not in known]

@@ -28,7 +28,7 @@ from dualarm_cli.motion.stop_motion import rates_between
 from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, tool_speed_of
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.timing.launch import Launch
-from dualarm_cli.timing.line_ends import Passings, quickest_pair
+from dualarm_cli.timing.line_ends import Passings, quickest_pair, refined_pair
 from dualarm_cli.timing.problem import TransferProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
@@ -126,6 +126,7 @@ def turned_transfer(
     first: tuple[float, float] = (0.0, 0.0),
     *,
     blend: bool,
+    widths: int = 0,
 ) -> TurnedTransfer | None:
     """Returns the quickest transfer found on whose lines the platform turns, None where there is none.
 
@@ -135,11 +136,12 @@ def turned_transfer(
         plan: the stage that it leads to, or the return.
         first: how far the platform may move on both lines to begin with, from the targets outwards [rad or m].
         blend: whether the lines' outer ends may be passed in motion.
+        widths: of steps with which the ways of passing them are refined, see `refined_pair`.
     """
     if not can_take_over(before, plan):
         return None
     search = _Search.of(drive, before, plan, blend)
-    return search.best(first) if search.free.any() else None
+    return search.best(first, widths) if search.free.any() else None
 
 
 @dataclass(frozen=True)
@@ -187,8 +189,8 @@ class _Search:
             return 0.0
         return float(_law(self.drive, (PLATFORM,)).reachable_distance(found.ways.time[:1])[0])
 
-    def best(self, first: tuple[float, float]) -> TurnedTransfer | None:
-        """Returns the quickest transfer found, with `first` among the starts of the search."""
+    def best(self, first: tuple[float, float], widths: int) -> TurnedTransfer | None:
+        """Returns the quickest transfer found, with `first` among the starts of the search, and its ways refined."""
         way = float(self.targets[1] - self.targets[0])
         movable = self.free > 0.0
         starts = [share * way * np.array([1.0, -1.0]) for share in FIRST_SHARES]
@@ -201,7 +203,7 @@ class _Search:
                 if not self.time(quickest) < self.time(place) - LESS:
                     break
                 place = quickest
-        return self.made(place)
+        return self.made(place, widths)
 
     def line(self, line: str, moved: float) -> _Line | None:
         """Returns a line on which the platform moves so far [rad or m] from its target outwards; None for none."""
@@ -250,8 +252,10 @@ class _Search:
         )
         return None if missing else (retract, approach)
 
-    def _quickest(self, place: FloatArray) -> tuple[Launch | None, Launch | None, float] | None:
-        """Returns how the lines' ends are passed at best, and how long all takes [s]."""
+    def _quickest(
+        self, place: FloatArray, widths: int = 0
+    ) -> tuple[Launch | None, Launch | None, float] | None:
+        """Returns how the lines' ends are passed at best, and how long all takes before ways are refined [s]."""
         ends = self._ends(place)
         if ends is None:
             return None
@@ -266,12 +270,12 @@ class _Search:
         rest = float(_law(drive, groups).duration(goal[index] - start[index]))
         columns = {group: drive.columns[group] for group in groups}
         before, after = _spread(retract, columns), _spread(approach, columns)
-        i, j, time = quickest_pair(before, after, problem, rest)
-        return before.ways[i], after.ways[j], time
+        pair = quickest_pair(before, after, problem, rest)
+        return *refined_pair((before, after), pair, problem, widths), pair[2]
 
-    def made(self, place: FloatArray) -> TurnedTransfer | None:
+    def made(self, place: FloatArray, widths: int) -> TurnedTransfer | None:
         """Returns a transfer whose lines move the platform so far, as it is really timed; None where there is none."""
-        found, drive = self._quickest(place), self.drive
+        found, drive = self._quickest(place, widths), self.drive
         if found is None:
             return None
         first, last = (self.targets + place).tolist()
@@ -330,18 +334,16 @@ def _spread(line: _Line | None, columns: Mapping[str, list[int]]) -> Passings:
     count = sum(len(own) for own in columns.values())
     if line is None:
         return Passings.none(count)
-    rates = np.zeros((len(line.ways.ways), 2, count))
-    on_line, first = {}, 0
-    for group in groups_on_line(line.plan):
-        width = len(columns[group])
-        on_line[group] = slice(first, first + width)
-        first += width
-    first = 0
+    first, begins = 0, {}
     for group, own in columns.items():
-        if group in on_line:
-            rates[:, :, first : first + len(own)] = line.ways.rates[:, :, on_line[group]]
+        begins[group] = first
         first += len(own)
-    return replace(line.ways, rates=rates)
+    places = np.concatenate(
+        [begins[group] + np.arange(len(columns[group])) for group in groups_on_line(line.plan)]
+    )
+    rates = np.zeros((len(line.ways.ways), 2, count))
+    rates[:, :, places] = line.ways.rates
+    return replace(line.ways, rates=rates, places=places)
 
 
 def _law(drive: Drive, groups: tuple[str, ...] | list[str]) -> RestToRest:

@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 
 from dualarm_cli.compiled import trajectories
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.timing.launch import CUTS, PROFILES, Launch, launches
 from dualarm_cli.timing.line_profile import path_of
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
@@ -65,6 +65,8 @@ class Passings:
     """The line, from its target outwards; None for no line."""
     away: bool = True
     """Whether the tool leaves the target on it; else it comes to it."""
+    places: IntArray | None = None
+    """Where its joints are among those of the rates; None where they are the same."""
 
     def index(self, profile: int, cut: int) -> int:
         """Returns the way with one of the PROFILES and CUTS; with a cut beyond them, or without a line, rest."""
@@ -183,6 +185,8 @@ class _End:
     """The line, at fewer samples: they are enough for an estimate."""
     away: bool = True
     """Whether the tool leaves the target on it."""
+    places: IntArray | None = None
+    """Where its joints are among those of the rates; None where they are the same."""
 
     @classmethod
     def of(cls, lines: Passings, way: int) -> _End:
@@ -192,7 +196,8 @@ class _End:
             return cls(float(lines.time[way]), lines.rates[way], None)
         sparse = replace(line, position=line.position[::THINNED], length=line.length[::THINNED])
         path = path_of(sparse if len(sparse.length) >= FEWEST else line)
-        return cls(float(lines.time[way]), lines.rates[way], launch, path, lines.away)
+        time, rates = float(lines.time[way]), lines.rates[way]
+        return cls(time, rates, launch, path, lines.away, lines.places)
 
     def changed(self, number: int, step: float) -> _End | None:
         """Returns the line with one of its way's numbers changed; None where that cannot be."""
@@ -207,8 +212,10 @@ class _End:
             return None
         profile, cut = np.array([numbers[:3]]), np.array(numbers[3:])
         coordinate, time, velocity, acceleration = trajectories.launches(self.path, profile, cut, 0)
-        n = self.rates.shape[1]
-        rates = np.stack([velocity[0, 0, :n], acceleration[0, 0, :n]])
+        places = np.arange(self.rates.shape[1]) if self.places is None else self.places
+        rates = np.zeros(self.rates.shape)
+        # A cap on the tool's speed is one more joint of the path.
+        rates[:, places] = velocity[0, 0, : len(places)], acceleration[0, 0, : len(places)]
         if not self.away:
             rates[0] *= -1.0
         constant, cruise, inner, over = numbers

@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dualarm_cli.compiled import trajectories
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.timing.launch import CUTS, PROFILES, launches
-from dualarm_cli.timing.line_ends import Passings, quickest_pair
+from dualarm_cli.timing.line_ends import RANGES, Passings, quickest_pair, refined_pair
+from dualarm_cli.timing.line_profile import path_of
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.ruckig_ import MovingTransfer
@@ -154,3 +156,55 @@ def test_without_lines_it_is_the_transfer_from_rest_to_rest(limits):
     none = Passings.none(7)
     problem = TransferProblem(limits.joints, np.zeros(7), np.ones(7), limits)
     assert quickest_pair(none, none, problem, 1.25) == (0, 0, 1.25)
+
+
+@pytest.mark.parametrize("platform", [0.0, 0.9])
+def test_refined_ways_are_quicker_than_the_pair_they_come_from(script, platform):
+    """Judged by estimates from all samples and ruckig's transfer; all numbers within their ranges."""
+    gained = []
+    for corner in islice(script.random_corners(0.08, 5), 6):
+        before, after, problem, rest = families(corner)
+        problem = replace(problem, minimum_duration=platform)
+        i, j, time = quickest_pair(before, after, problem, max(rest, platform))
+        assert refined_pair((before, after), (i, j, time), problem, 0) == (
+            before.ways[i],
+            after.ways[j],
+        )
+        spent = [time]
+        for widths in (1, 4):
+            ways = refined_pair((before, after), (i, j, time), problem, widths)
+            spent.append(estimated((before, after), ways, problem))
+            for way in filter(None, ways):
+                numbers = way.constant, way.cruise, way.inner, way.cut
+                assert all(
+                    low <= x <= high for x, (low, high, _) in zip(numbers, RANGES, strict=True)
+                )
+        # Refining looks at every fourth sample of a line only.
+        assert max(spent[1:]) < 1.004 * time
+        gained.append(1.0 - spent[-1] / time)
+    assert np.mean(gained) > (0.004 if platform == 0.0 else 0.0)
+
+
+def estimated(lines, ways, problem):
+    """How long both lines passed in some ways and the transfer between them take, all samples looked at."""
+    spent, rates = 0.0, []
+    for one, way in zip(lines, ways, strict=True):
+        if way is None:
+            spent += float(one.time[0])
+            rates.append(one.rates[0])
+            continue
+        profile = np.array([[way.constant, way.cruise, way.inner]])
+        _, time, velocity, acceleration = trajectories.launches(
+            path_of(one.line), profile, np.array([way.cut]), 0
+        )
+        spent += float(time[0, 0])
+        sign = 1.0 if one.away else -1.0
+        rates.append(np.stack([sign * velocity[0, 0], acceleration[0, 0]]))
+    return spent + MovingTransfer(problem).duration(*rates)
+
+
+def test_what_is_at_rest_is_not_refined(limits):
+    """Neither without a line nor where rest is best."""
+    none = Passings.none(7)
+    problem = TransferProblem(limits.joints, np.zeros(7), np.ones(7), limits)
+    assert refined_pair((none, none), (0, 0, 1.25), problem, 3) == (None, None)

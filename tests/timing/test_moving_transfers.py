@@ -13,7 +13,7 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.timing import ruckig_
 from dualarm_cli.timing.problem import TransferProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
-from dualarm_cli.timing.ruckig_ import MovingTransfer, solve_moving_transfer
+from dualarm_cli.timing.ruckig_ import MovingTransfer, StatesToStates, solve_moving_transfer
 
 JOINTS = ("s", "l", "e", "u", "r", "b", "t")
 
@@ -220,3 +220,41 @@ def test_where_ruckig_fails_there_is_none(limits, monkeypatch):
     problem = next(iter(random_problems(limits, 1, 3)))
     monkeypatch.setattr(ruckig.Ruckig, "calculate", broken)
     assert ruckig_.solve_moving_transfer(problem) is None
+
+
+def test_transfers_between_many_states_are_those_of_one_transfer(limits):
+    """The same durations, whatever was asked before; limits of position do not count."""
+    many = StatesToStates(limits)
+    for problem in random_problems(limits, 40, 11):
+        one = MovingTransfer(problem).calculated(*problem.rates())
+        start = [problem.start.tolist(), *problem.leaving.tolist()]
+        found = many.calculated(start, [problem.goal.tolist(), *problem.arriving.tolist()])
+        assert (found is None) == (one is None)
+        if found is not None:
+            assert found.duration == one.duration
+
+
+@pytest.mark.parametrize("room", [0.0, 0.05])
+def test_a_transfer_with_room_keeps_away_from_limits_of_position(limits, room):
+    """Sampled densely: what is said to be possible leaves that room, up to where it begins and ends."""
+    seen = refused = 0
+    for problem in random_problems(limits, 300, 4, most=0.15):
+        ends = np.stack([problem.start, problem.goal])
+        narrow = dataclasses.replace(
+            limits, lower=ends.min(axis=0) - 0.06, upper=ends.max(axis=0) + 0.06
+        )
+        transfer = MovingTransfer(dataclasses.replace(problem, limits=narrow), room)
+        duration = transfer.duration(*problem.rates())
+        found = transfer.calculated(*problem.rates())
+        if found is None:
+            continue
+        at = np.array([found.at_time(t)[0] for t in np.linspace(0.0, found.duration, 2001)])
+        beyond = np.maximum(at - ends.max(axis=0), ends.min(axis=0) - at).max()
+        allowed = 0.06 - room
+        if np.isfinite(duration):
+            assert beyond <= allowed + 1e-6
+            seen += 1
+        else:
+            assert beyond >= allowed - 1e-4
+            refused += 1
+    assert seen and refused

@@ -1,0 +1,237 @@
+"""Plans polished for motion through lines' outer ends: estimates against exact motions, and what it gains."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dualarm_cli import effort
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.postures.candidates import line_path
+from dualarm_cli.stages.plans.passing import timed_slopes, transfer_times
+from dualarm_cli.stages.plans.source import postures
+from dualarm_cli.stages.plans.stops import StopTable
+from dualarm_cli.stages.plans.times import evaluate
+from dualarm_cli.stages.plans.ways import best_ways, middling_ways
+from dualarm_cli.stages.search.corridor import Pool, stage_costs
+from dualarm_cli.stages.search.search import search
+from dualarm_cli.stages.search.stretches import stretch_of
+from dualarm_cli.stages.search.variables import Variables
+from dualarm_cli.stages.sequence import stage_plans
+from dualarm_cli.stages.sequence_problem import sequence_problem
+from dualarm_cli.timing.launch import CUTS, PROFILES, Launch, solve_launch
+from dualarm_cli.timing.problem import LineProblem, TransferProblem
+from dualarm_cli.timing.ruckig_ import MovingTransfer
+
+
+@pytest.fixture(scope="module", params=[1, 2])
+def sequence(request, random_job):
+    """A job with lines, its problem with the same way for all lines' ends, its stops, and a plan from rest to rest."""
+    job = random_job(request.param, (5, 4), line=0.08, dwell=0.1)
+    problem = sequence_problem(CellModel.from_cell(job.cell), job)
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    plan = search(problem, [], "quick", 0).best
+    return job, replace(problem, ways=middling_ways(problem)), tables, plan
+
+
+def test_estimated_lines_are_near_exact_ones(sequence):
+    """Time and state of motion at the outer end, from four samples, against the timed spline along 65 exact ones."""
+    job, problem, tables, plan = sequence
+    model = CellModel.from_cell(job.cell)
+    stages = stage_plans(model, job, problem, plan.decisions, "sequence")
+    wrong: list[float] = []
+    for a, work in enumerate(problem.arms):
+        found = evaluate(problem, tables, plan.decisions).arms[a]
+        for k in range(problem.stages):
+            for line, name in enumerate(("approach", "retract")):
+                number = int(problem.ways[a][k, line])
+                if not number:
+                    assert not found.rates[k, line].any()
+                    continue
+                stop = stages[k].stops[work.name]
+                q, length = line_path(stop.problem, stop.posture, name, 65)
+                outwards = q if line else q[::-1]
+                profile, cut = divmod(number - 1, len(CUTS))
+                asked = LineProblem(work.limits.joints, outwards, length, work.limits)
+                exact = min(
+                    (
+                        solve_launch(asked, Launch(*PROFILES[profile], CUTS[cut], coordinate))
+                        for coordinate in (0, 1)
+                    ),
+                    key=lambda one: one.duration,
+                )
+                rest = (found.retract if line else found.approach)[k].max()
+                wrong.append(abs(found.shares[k, line] * rest / exact.duration - 1.0))
+                if wrong[-1] > 0.03:
+                    continue
+                sign = 1.0 if line else -1.0
+                scale = np.abs(exact.velocity[-1]).max()
+                np.testing.assert_allclose(
+                    found.rates[k, line, 0], sign * exact.velocity[-1], atol=0.06 * scale
+                )
+    # Four samples do not see a line that bends sharply.
+    assert len(wrong) >= 12 and np.quantile(wrong, 0.9) < 0.03
+
+
+def test_work_is_dwell_and_both_lines_as_they_are_passed(sequence):
+    """By hand from what it is made of; from rest to rest without ways."""
+    _, problem, tables, plan = sequence
+    for ways in (problem.ways, None):
+        asked = replace(problem, ways=ways)
+        for a, work in enumerate(problem.arms):
+            found = evaluate(asked, tables, plan.decisions).arms[a]
+            for k, stop in enumerate(work.stops):
+                if stop is None:
+                    continue
+                lines = found.approach[k].max(), found.retract[k].max()
+                assert found.work[k] == pytest.approx(stop.dwell + lines @ found.shares[k])
+                assert ways is not None or (found.shares[k] == 1.0).all()
+
+
+def test_ends_beside_which_an_arm_does_not_move_on_are_at_rest(random_job):
+    """Behind an arm's last stop; at a free start; in hand-overs, which a sequence can have anywhere."""
+    job = random_job(3, (4, 2), line=0.05, start="free")
+    problem = sequence_problem(CellModel.from_cell(job.cell), job)
+    left, right = (ways > 0 for ways in middling_ways(problem))
+    np.testing.assert_array_equal(left, [[False, True], [True, True], [True, True], [True, False]])
+    np.testing.assert_array_equal(right, [[False, True], [True, False], [False] * 2, [False] * 2])
+    handing = replace(problem, handing=(False, True, False, False))
+    left, _ = (ways > 0 for ways in middling_ways(handing))
+    np.testing.assert_array_equal(left[:, 0], [False, False, True, True])
+    np.testing.assert_array_equal(left[:, 1], [True, False, True, False])
+    part = stretch_of(replace(problem, ways=middling_ways(problem)), 1, 3)
+    assert [len(ways) for ways in part.ways] == [2, 2]
+
+
+def test_transfers_take_what_ruckig_needs_between_their_states(sequence):
+    """Every pair of postures on its own; from rest to rest the closed form."""
+    _, problem, tables, plan = sequence
+    moving = evaluate(problem, tables, plan.decisions)
+    work, found = problem.arms[0], moving.arms[0]
+    q, rates = found.q_retract[:3, None], found.rates[:3, None, 1]
+    goal, arriving = found.q_approach[1:4, None], found.rates[1:4, None, 0]
+    time = transfer_times(work, (q, rates), (goal, arriving))
+    assert time.shape == (3, 1, 1)
+    free = replace(work.limits, lower=np.full(7, -np.inf), upper=np.full(7, np.inf))
+    for k in range(3):
+        asked = TransferProblem(free.joints, q[k, 0], goal[k, 0], free)
+        exact = MovingTransfer(asked).duration(rates[k, 0], arriving[k, 0])
+        assert time[k, 0, 0] == pytest.approx(exact, rel=1e-12)
+    rest = transfer_times(work, (q, 0 * rates), (goal, 0 * arriving))
+    np.testing.assert_array_equal(rest[:, 0, 0], work.law.duration(goal[:, 0] - q[:, 0]))
+
+
+def test_slopes_of_transfers_are_those_of_the_slowest_joint(sequence):
+    """Finite differences of the whole transfer's time, where one joint alone decides it."""
+    _, problem, tables, plan = sequence
+    moving = evaluate(problem, tables, plan.decisions)
+    work, found = problem.arms[0], moving.arms[0]
+    leaving = found.q_retract[:3], found.rates[:3, 1]
+    goal, arriving = found.q_approach[1:4], found.rates[1:4, 0]
+    nothing = np.zeros((3, 7)), np.zeros((3, 7))
+    time, slope = timed_slopes(work, leaving, (goal, arriving), nothing)
+    whole = transfer_times(
+        work, tuple(x[:, None] for x in leaving), (goal[:, None], arriving[:, None])
+    )
+    np.testing.assert_allclose(time.max(axis=1), whole[:, 0, 0], rtol=1e-9)
+    checked = 0
+    for k in range(3):
+        slowest, second = np.argsort(time[k])[[-1, -2]]
+        if time[k, slowest] - time[k, second] < 1e-3:
+            continue
+        step = 1e-5 * np.eye(7)[slowest]
+        ends = [
+            transfer_times(
+                work,
+                tuple(x[k : k + 1, None] for x in leaving),
+                (goal[k : k + 1, None] + side * step, arriving[k : k + 1, None]),
+            )[0, 0, 0]
+            for side in (1.0, -1.0)
+        ]
+        assert slope[k, slowest] == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-3, abs=1e-6)
+        checked += 1
+    assert checked
+
+
+def test_stage_costs_of_a_plan_are_its_stages(sequence):
+    """A pool's costs along each of its plans, with tools in motion, are what that plan is evaluated to."""
+    _, problem, tables, plan = sequence
+    best = evaluate(problem, tables, plan.decisions)
+    variables = Variables.of(problem)
+    random = np.random.default_rng(0)
+    moved = [
+        variables.moved(plan.decisions, random.normal(scale=0.01, size=variables.count))
+        for _ in range(2)
+    ]
+    pool = Pool.of(problem, tables, best, moved)
+    cost = stage_costs(problem, best, pool.arms, pool.angle)
+    for m, decisions in enumerate([plan.decisions, *moved]):
+        own = evaluate(problem, tables, decisions).stages
+        np.testing.assert_allclose(cost[1:, m, m], own[1:], rtol=1e-12)
+
+
+def test_best_ways_are_no_slower_than_rest_at_any_transfer(sequence):
+    """A retract, the transfer after it and the approach after that, for each arm alone."""
+    _, problem, tables, plan = sequence
+    ways = best_ways(problem, plan)
+    moving = evaluate(replace(problem, ways=ways), tables, plan.decisions)
+    gained = []
+    for a, work in enumerate(problem.arms):
+        own, rest = moving.arms[a], plan.arms[a]
+        lines = np.stack([rest.approach.max(axis=1), rest.retract.max(axis=1)], axis=1)
+        for k in range(1, problem.stages):
+            if work.stops[k] is None:
+                continue
+            leaving = own.q_retract[k - 1][None, None], own.rates[k - 1, 1][None, None]
+            arriving = own.q_approach[k][None, None], own.rates[k, 0][None, None]
+            transfer = transfer_times(work, leaving, arriving)[0, 0, 0]
+            platform = problem.platform_law.duration(np.diff(plan.decisions.angle)[k - 1, None])
+            still = float(work.law.duration(own.q_approach[k] - own.q_retract[k - 1]))
+            passed = lines[k - 1, 1] * own.shares[k - 1, 1] + lines[k, 0] * own.shares[k, 0]
+            stopped = lines[k - 1, 1] + lines[k, 0]
+            gained.append(stopped + max(still, platform) - passed - max(transfer, platform))
+    assert min(gained) > -1e-9
+    assert np.mean(gained) > 0.1
+
+
+def test_ways_know_the_robots_own_limits_of_position(sequence):
+    """Where joints may not leave the range of their postures, fewer lines' ends are passed in motion."""
+    _, problem, _, plan = sequence
+    every = [np.concatenate([arm.q_approach, arm.q_retract]) for arm in plan.arms]
+    arms = tuple(
+        replace(work, own=replace(work.limits, lower=q.min(axis=0), upper=q.max(axis=0)))
+        for work, q in zip(problem.arms, every, strict=True)
+    )
+    free = sum(int((ways > 0).sum()) for ways in best_ways(problem, plan))
+    kept = sum(int((ways > 0).sum()) for ways in best_ways(replace(problem, arms=arms), plan))
+    assert kept < free
+
+
+def test_postures_chosen_for_motion_give_shorter_cycles(random_job, monkeypatch):
+    """Random jobs without collision checking, with that polishing and without it: shorter together."""
+    jobs = [random_job(seed, (6, 6), line=0.08, dwell=0.1) for seed in (11, 12, 13, 14)]
+    settings = PlanSettings(effort="quick")
+    with_it = [plan_without_bound(job, settings, clear=False) for job in jobs]
+    quick = effort.EFFORTS["quick"]
+    without = replace(quick, search=replace(quick.search, cycles=0))
+    monkeypatch.setitem(effort.EFFORTS, "quick", without)
+    at_rest = [plan_without_bound(job, settings, clear=False) for job in jobs]
+    ours, theirs = (sum(one.trajectory.duration for one in plans) for plans in (with_it, at_rest))
+    assert ours < 0.997 * theirs
+
+
+def test_candidates_that_cannot_be_stay_impossible(sequence):
+    """Whatever way their lines would be passed."""
+    _, problem, tables, plan = sequence
+    rows = np.arange(problem.stages)
+    far = plan.decisions.arms[0]
+    far = replace(far, psi_target=far.psi_target + 2.0)
+    found = postures(problem, 0, tables[0], rows, plan.decisions.angle, far)
+    impossible = ~found.possible
+    assert impossible.any()
+    assert (found.shares[impossible] == 1.0).all()
+    assert not found.rates[impossible].any()
