@@ -1,4 +1,4 @@
-"""The fastest plan of a whole sequence: nodes, potentials, beam, polish; never slower than where it starts."""
+"""The fastest plan of a whole sequence: nodes, potentials, beam, polish."""
 
 from __future__ import annotations
 
@@ -66,8 +66,9 @@ def search(
 
     The nodes of all stops on several grids; backward dynamic programming per arm with the other one relaxed; a beam
     guided by it. The beams' plans and the given ones are polished a little and combined stage by stage; so are those of
-    finer grids around the best plan so far, where the effort has them. The last combination is polished thoroughly. The
-    result is never slower, in closed-form times, than any of the starts.
+    finer grids around the best plan so far, where the effort has them. The last combination is polished thoroughly, and
+    at last as lines' ends are passed in motion, where they may be. Without that the result is never slower, in
+    closed-form times, than any of the starts.
 
     Args:
         problem: the sequence.
