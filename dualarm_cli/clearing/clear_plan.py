@@ -226,6 +226,8 @@ UNLUCKY = 0.03
 elsewhere."""
 ROOM_COSTS = 0.01
 """Share of the cycle time; where blending gains less, a plan without room for it may be quicker."""
+ALIKE = 0.03
+"""Share of the cycle time with stops; a plan that takes longer by more is not shorter when both are blended."""
 ROUNDS = 3
 """So many times a method decides anew without the stages that would not do."""
 
@@ -323,9 +325,15 @@ def _shortest_blended(
     crossing: bool,
 ) -> ClearedPlan:
     """Returns the shortest of a plan and its rivals when all are blended, see `blended_plan`."""
-    plans = [found, *(replace(found, cleared=one, rivals=()) for one in found.rivals)]
-    blended = [blended_plan(problem, one, timing, clear=clear, crossing=crossing) for one in plans]
-    return min(blended, key=lambda one: one.cleared.motion.trajectory.duration)
+    best = blended_plan(problem, found, timing, clear=clear, crossing=crossing)
+    for rival in found.rivals:
+        plan = replace(found, cleared=rival, rivals=())
+        try:
+            other = blended_plan(problem, plan, timing, clear=clear, crossing=crossing)
+        except InfeasibleError:
+            continue
+        best = min(best, other, key=lambda one: one.cleared.motion.trajectory.duration)
+    return best
 
 
 def has_blends(problem: MethodProblem) -> bool:
@@ -515,13 +523,18 @@ def _quickest_with_stops(
             replanned=False,
             checked=False,
             known=known,
-            rivals=tuple(Cleared(*one, ()) for one in timed[1:]),
+            rivals=tuple(
+                Cleared(*one, ())
+                for one in timed[1:]
+                if problem.blend and one[1].trajectory.duration <= (1.0 + ALIKE) * reference
+            ),
         )
     clearing = Clearing(model, job, holding, timing, problem.seed, known)
     best, clear_plans = None, list[Cleared]()
     for plans, motion in timed:
         done = best is not None and best.is_done_within(motion.trajectory.duration)
-        if done and not problem.blend:
+        near = motion.trajectory.duration <= (1.0 + ALIKE) * reference
+        if done and not (problem.blend and near):
             break
         touching = clearing.touching(plans, motion)
         if not touching:

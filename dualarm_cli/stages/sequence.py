@@ -91,7 +91,8 @@ def stage_plans(
         solver: name of the method that made it.
     """
     tables = tuple(StopTable.of(work) for work in problem.arms)
-    found = evaluate(problem, tables, decisions)
+    # In times with stops, which is what plans are compared by before they are blended.
+    found = evaluate(replace(problem, ways=None), tables, decisions)
     position = _start(model, job, problem, found)
     first = position
     plans = []

@@ -241,6 +241,8 @@ def refined_pair(
         widths: how many widths of steps are tried.
         room: what it keeps free of limits of position [rad].
     """
+    if not widths:
+        return lines[0].ways[pair[0]], lines[1].ways[pair[1]]
     ends = [_End.of(one, way) for one, way in zip(lines, pair[:2], strict=True)]
     transfer, best = MovingTransfer(problem, room), pair[2]
     places = [(side, number) for side in (0, 1) if ends[side].way for number in NUMBERS]

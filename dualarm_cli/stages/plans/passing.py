@@ -75,7 +75,7 @@ def transfer_times(
 ) -> FloatArray:
     """Returns how long transfers take from every state to every state of the same row [s], shape (r, p, m).
 
-    Infinite where ruckig has none; limits of position do not count.
+    As long as from rest to rest where ruckig has none; limits of position do not count.
 
     Args:
         work: the arm.
@@ -88,7 +88,8 @@ def transfer_times(
     starts, goals = _states(*leaving), _states(*arriving)
     for row, one, other in np.argwhere(moving & np.isfinite(time)).tolist():
         found = solver.calculated(starts[row][one], goals[row][other])
-        time[row, one, other] = np.inf if found is None else found.duration
+        if found is not None:
+            time[row, one, other] = found.duration
     return time
 
 

@@ -106,16 +106,22 @@ def search(
         tried += more
         if best.total > (1.0 - LITTLE) * before:
             break
-    rivals = _apart(best, tried)[: how.rivals] if asked.ways is not None else []
+    rivals = _apart(problem, best, tried)[: how.rivals] if asked.ways is not None else []
     return FoundSequence(_polished(asked, tables, best, how, seed, rivals=rivals), bound, total)
 
 
-def _apart(best: Evaluated, plans: Sequence[Evaluated]) -> list[Evaluated]:
-    """Returns the plans, shortest first, that turn the platform otherwise than the best one and each other."""
+def _apart(
+    problem: SequenceProblem, best: Evaluated, plans: Sequence[Evaluated]
+) -> list[Evaluated]:
+    """Returns the plans, best first, whose platform angles or kinds are others than those of `best` and each other."""
     found = [best]
-    for plan in sorted(plans, key=lambda plan: plan.total):
-        angle = plan.decisions.angle
-        if all(np.abs(angle - other.decisions.angle).max() > SAME_ANGLE for other in found):
+    for plan in sorted(plans, key=lambda plan: _worth(problem, plan)):
+        angle, kind = plan.decisions.angle, kind_of(plan.decisions)
+        if all(
+            np.abs(angle - other.decisions.angle).max() > SAME_ANGLE
+            or kind != kind_of(other.decisions)
+            for other in found
+        ):
             found.append(plan)
     return found[1:]
 
@@ -145,14 +151,15 @@ def _polished(
     if problem.ways is None:
         return best
     polished = partial(_polished_in_motion, problem, tables, how, seed, loose)
-    found = halves(polished, [best, *rivals])
+    found = halves(partial(polished, range(how.cycles)), [best, *rivals])
     if not rivals:
         return found[0]
     moving = [_moving(problem, tables, plan) for plan in found]
-    k = min(range(len(moving)), key=lambda k: moving[k][1].total)
+    k = min(range(len(moving)), key=lambda k: _worth(*moving[k]))
     others = [plan.decisions for plan in found[:k] + found[k + 1 :]]
     best = best_combination(moving[k][0], tables, moving[k][1], others)
-    return polished([evaluate(at_rest, tables, best.decisions)])[0]
+    # The ways that go best with it are known.
+    return polished(range(1, how.cycles), [evaluate(at_rest, tables, best.decisions)])[0]
 
 
 def _moving(
@@ -169,13 +176,14 @@ def _polished_in_motion(
     how: SearchEffort,
     seed: int,
     loose: BoolArray | None,
+    cycles: range,
     plans: Sequence[Evaluated],
 ) -> list[Evaluated]:
     """Returns plans polished as their lines' ends are passed, in times from rest to rest."""
     found = []
     for plan in plans:
         best = plan
-        for cycle in range(how.cycles):
+        for cycle in cycles:
             if cycle:
                 moving, start = _moving(problem, tables, best)
             else:
@@ -206,6 +214,7 @@ def search_in_parts(
         effort: one of EFFORTS.
         seed: of the random steps of polishing.
     """
+    at_rest = replace(problem, ways=None)
 
     def decided(first: int, past: int) -> Decisions | None:
         own = [start.take(np.arange(first, past)) for start in starts]
@@ -227,8 +236,8 @@ def search_in_parts(
         for stretch in stretches:
             for part in _with_room(stretch.problem, roomy):
                 own = tuple(StopTable.of(work) for work in part.arms)
-                at_rest = replace(part, ways=None)
-                best = evaluate(at_rest, own, decisions.take(stretch.stages))
+                still = replace(part, ways=None)
+                best = evaluate(still, own, decisions.take(stretch.stages))
                 if np.isfinite(best.total):
                     best = _polished(
                         part, own, best, replace(how, random_steps=0), seed, stretch.loose
@@ -240,7 +249,7 @@ def search_in_parts(
     stretches = loose_stretches(problem, plan, near)
     for stretch, part in zip(stretches, halves(polished, stretches), strict=True):
         decisions = stretch.put(decisions, part)
-    best = evaluate(problem, tables, decisions)
+    best = evaluate(at_rest, tables, decisions)
     return FoundSequence(best, None, None) if np.isfinite(best.total) else None
 
 
@@ -370,7 +379,7 @@ def _near(
     if not around:
         return None
     best, _ = _combined(problem, tables, [*around, start], how, seed, loose)
-    best = _polished(asked, tables, best, how, seed, loose)
+    best = _polished(replace(problem, ways=asked.ways), tables, best, how, seed, loose)
     return best.decisions if np.isfinite(_worth(problem, best)) else None
 
 
