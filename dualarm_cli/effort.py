@@ -51,7 +51,6 @@ class Mesh:
 NEAR = Mesh(np.radians(6.0), 24, 1500, 40, 4, around=3)
 """The grid around a plan that collides, but for thorough effort."""
 LOCAL = Mesh(np.radians(3.0), 36, 1500, 40, 4, around=1)
-FINE = Mesh(np.radians(2.0), 48, 4000, 200, 8, around=2)
 
 
 def evening(stages: int) -> float:

@@ -227,7 +227,7 @@ elsewhere."""
 ROOM_COSTS = 0.01
 """Share of the cycle time; where blending gains less, a plan without room for it may be quicker."""
 ALIKE = 0.03
-"""Share of the cycle time with stops; a plan that takes longer by more is not shorter when both are blended."""
+"""Share of the cycle time with stops; a plan that takes longer by more is hardly shorter when both are blended."""
 ROUNDS = 3
 """So many times a method decides anew without the stages that would not do."""
 
