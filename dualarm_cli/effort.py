@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
+
+from dualarm_cli.records import dataclass
 
 WHOLE = 24
 """Sequences of so many stages or more take as long as they are."""

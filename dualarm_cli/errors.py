@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import errno
 import resource
-from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import CODES, Refusal, told
 
 

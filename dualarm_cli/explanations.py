@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

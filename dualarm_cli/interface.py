@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from time import perf_counter
@@ -28,6 +28,7 @@ from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning import planner
 from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.redundancy_choice import with_redundancy
+from dualarm_cli.records import dataclass
 from dualarm_cli.report.printable import printable
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify as judged

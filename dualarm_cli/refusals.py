@@ -7,10 +7,12 @@ what is wrong and filled in, so nobody has to read a place or a number out of a 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from string import Formatter
 from textwrap import indent
 from typing import Any, Protocol
+
+from dualarm_cli.records import dataclass
 
 
 class Located(Protocol):

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 from dualarm_cli.errors import UnknownSolverError
+from dualarm_cli.records import dataclass
 
 P = TypeVar("P")
 S = TypeVar("S")

@@ -18,7 +18,7 @@ both arms' counts. Our own; the proposal to bound pairs of cells instead of node
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -34,6 +34,7 @@ from dualarm_cli.bound.layers import (
 from dualarm_cli.compiled.transfer_times import CellRuns, boxes, least_by_groups, least_from
 from dualarm_cli.effort import EFFORTS, Resolution
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import TransferChain

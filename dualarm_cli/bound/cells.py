@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 ROUNDING = 1e-6

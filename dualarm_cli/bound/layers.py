@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +14,7 @@ from dualarm_cli.compiled.transfer_times import Laws, LineEnds, boxes, least_wor
 from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem, StopTarget
 from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.search.transfer_table import Coordinates, TransferTable

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from dualarm_cli.errors import InfeasibleError, UsageError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.geometry.rotations import skew
 from dualarm_cli.model.touches import Touches, TouchSide
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 ITERATIONS = 100

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from dualarm_cli.calibration.spread import (
     measure_spread,
 )
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.records import dataclass
 
 TOUCH_NOISE = 0.5e-3
 """Standard deviation that a touched coordinate is taken to have at most, where no noise is stated [m]."""

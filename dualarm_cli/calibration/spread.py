@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.calibration.problem import CalibrationProblem
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 LEVEL = 0.95

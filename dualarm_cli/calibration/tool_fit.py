@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pinocchio as pin
 
@@ -12,6 +10,7 @@ from dualarm_cli.errors import UsageError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.touches import TouchSide
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ collision-free.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from dualarm_cli.motion.transfers import Drive
 from dualarm_cli.motion.turned_transfers import can_take_over, may_turn
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.leaving import Leaving, LeavingSearch, MotionRoom, leaving_of, leaving_plans
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.problem import SequenceProblem

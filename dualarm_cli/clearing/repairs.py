@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -32,6 +32,7 @@ from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import Known, largest_tool_speed
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import Detour, StagePlan
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing import TimingSolver
 
 SPREADS = (0.2, 0.4, 0.7, 1.1)

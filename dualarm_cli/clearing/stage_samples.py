@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from dualarm_cli.motion.transfers import Drive
 from dualarm_cli.motion.waiting import SAME_TIME, transfer_ends
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import Detour, StagePlan
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing import TimingSolver
 
 STEP = 0.004

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import coal
 import numpy as np
@@ -12,6 +11,7 @@ from dualarm_cli.collision.hulls import box_around
 from dualarm_cli.collision.solids import Pair, Solid
 from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.records import dataclass
 
 LEAST_SINE = 0.05
 """Edges whose directions differ by less have no axis of their own: the sides' axes are nearly as good."""

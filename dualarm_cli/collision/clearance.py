@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.collision.solids import Pair
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.records import dataclass
 
 SLACK = 0.002
 """What stops keep beyond the required clearance, so that lines and motions near them keep theirs [m]."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import coal
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from dualarm_cli.collision.solids import Solid
 from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

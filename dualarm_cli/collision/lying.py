@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import coal
 import numpy as np
@@ -14,6 +13,7 @@ from dualarm_cli.collision.solids import WORLD, Solid, shape_solid
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.handover import Handover, taken_part
 from dualarm_cli.model.shape import Shape
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

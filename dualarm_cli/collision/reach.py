@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import coal
 import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.solids import Pair, Solid
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.records import dataclass
 
 SURE = 1e-6
 """What rounding may be off [m]."""

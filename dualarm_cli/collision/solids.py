@@ -6,7 +6,7 @@ It says what is there and judges nothing, as readers and the data model do.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import coal
 import numpy as np
@@ -15,6 +15,7 @@ import pinocchio as pin
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Hull, Shape
+from dualarm_cli.records import dataclass
 
 WORLD = 0
 """Number of the joint that never moves."""

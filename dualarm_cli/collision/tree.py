@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.compiled.pair_margins import JointSteps
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

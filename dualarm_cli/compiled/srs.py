@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import ctypes
 from ctypes import byref
-from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.compiled import library, numbers, pointer, whole
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.records import dataclass
 
 MOST_CUTS = 32
 """Most intervals of arm angles of one branch."""

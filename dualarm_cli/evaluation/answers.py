@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.evaluation.fingerprint import path_of
 from dualarm_cli.evaluation.request import Request, case_name
 from dualarm_cli.evaluation.store import Store
 from dualarm_cli.model.evaluation import Evaluation
+from dualarm_cli.records import dataclass
 
 Run = Callable[[Sequence[Request]], Iterator[tuple[int, Evaluation]]]
 """Evaluates requests: yields the place of each and what it came to, in the order in which they are done."""

@@ -13,13 +13,13 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from dualarm_cli.errors import DualArmError
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.model.evaluation import Evaluation, Finding, Status
+from dualarm_cli.records import dataclass
 
 _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "

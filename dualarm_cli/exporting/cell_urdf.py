@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import pinocchio as pin
 
@@ -14,6 +14,7 @@ from dualarm_cli.files.robots.urdf_writer import origin_words, urdf_text
 from dualarm_cli.files.source.text_source import TextSource
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.shape import Shape
+from dualarm_cli.records import dataclass
 
 GROUND = (6.0, 0.01)
 """Side and thickness of the plate that stands for a half-space, which a URDF cannot hold [m]."""

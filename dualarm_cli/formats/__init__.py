@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
 from dualarm_cli.formats.request import ExportRequest
 from dualarm_cli.formats.sampling import JointLoss, losses
 from dualarm_cli.geometry.interpolation import Interpolation
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

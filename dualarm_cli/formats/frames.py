@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.schedule import ScheduleRobot
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

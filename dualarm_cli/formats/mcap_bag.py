@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from heapq import merge
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from dualarm_cli.formats.request import ExportRequest, stamp
 from dualarm_cli.formats.ros2_files import points, trajectories
 from dualarm_cli.formats.sampling import NANO, Samples
 from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.records import dataclass
 
 BAG = "bag"
 """Name of the bag's folder and of its file."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 from dualarm_cli.errors import UsageError
@@ -11,6 +10,7 @@ from dualarm_cli.formats.sampling import NANO, Samples, sampled
 from dualarm_cli.geometry.interpolation import Interpolation
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.records import dataclass
 
 PlatformController = Literal["own", "both", "left", "right"]
 """Which controller moves the platform: one of its own, that of both arms, or that of one arm."""

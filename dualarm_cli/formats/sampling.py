@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from dualarm_cli.geometry.arrays import FloatArray, distinct
 from dualarm_cli.geometry.interpolation import Interpolation, extrema, interpolated
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.records import dataclass
 
 NANO = 1_000_000_000
 """Nanoseconds of a second."""

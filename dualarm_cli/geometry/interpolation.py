@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.records import dataclass
 
 Interpolation = Literal["linear", "cubic", "quintic"]
 """What a receiver makes of samples: from positions alone, from positions and velocities, or from accelerations too."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.records import dataclass
 
 SRS_TOLERANCE = 1e-6
 """Largest deviation from exact geometry that closed forms may ignore [m and rad]."""

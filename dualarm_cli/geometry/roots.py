@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.records import dataclass
 
 _CHARTS = np.arange(6) * (np.pi / 3)
 """Angles of which the one with the largest value becomes the point at infinity."""

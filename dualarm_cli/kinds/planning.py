@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 from dualarm_cli.clearing.clear_plan import ClearedPlan, quickest_clear
@@ -16,6 +16,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.records import dataclass
 from dualarm_cli.registry import Registry
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.timing import TimingSolver

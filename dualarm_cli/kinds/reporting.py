@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.schedule import Event, Schedule, Segment
+from dualarm_cli.records import dataclass
 
 Measure = Callable[[Schedule, Job], Any]
 """Measures a plan; its answer is JSON-ready."""

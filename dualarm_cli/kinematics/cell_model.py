@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -19,6 +18,7 @@ from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
 from dualarm_cli.kinematics.wrist_arm import WristArm
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.robot import Arm, Robot
+from dualarm_cli.records import dataclass
 
 ROUNDED_ANGLE = 1e-4
 """Deviations below this are what rounded angles in a URDF leave [m and rad]."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Self
 
 import numpy as np
@@ -12,6 +12,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.general_arm import LEAST_JOINTS, GeneralArm, ReachedPostures, pose_error
 from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, polished
 from dualarm_cli.kinematics.srs import srs_limits
+from dualarm_cli.records import dataclass
 
 EXACT = 1e-12
 """A geometry within this of its family needs no polish [m and rad]; what is polished comes nearer than this."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.closed_arm import ClosedArm
 from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
 from dualarm_cli.kinematics.numeric_inverse import RESIDUAL
+from dualarm_cli.records import dataclass
 
 NEWTON_STEPS = 6
 """Steps of Newton's method within which a sample of a line must be met."""

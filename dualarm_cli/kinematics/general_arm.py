@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -15,6 +15,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonl
 from dualarm_cli.geometry.joint_axes import parallel_deviation
 from dualarm_cli.kinematics.platform_chain import align_z
 from dualarm_cli.kinematics.srs import srs_limits
+from dualarm_cli.records import dataclass
 
 TURN = 2.0 * np.pi
 LEAST_JOINTS = 6

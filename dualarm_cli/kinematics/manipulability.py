@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinematics.whole_body import WholeBody, cobracket, screw_rates
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +19,7 @@ from dualarm_cli.kinematics.closed_arm import BRANCHES, EXACT, ClosedArm, PoseSo
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs.srs_limits import wrap
 from dualarm_cli.kinematics.wrist_arm import Turns, three_turns
+from dualarm_cli.records import dataclass
 
 LEAST_ANGLE = 1e-6
 """Least sine of the angle of axes 1 and 2, 4 and 5, 5 and 6."""

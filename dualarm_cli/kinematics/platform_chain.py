@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.records import dataclass
 
 LEVER = 0.5
 """How far a sliding platform moves where a turning one turns by a radian: about as far as shoulders then do [m]."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -17,6 +16,7 @@ from dualarm_cli.geometry.roots import (
     real_zeros,
 )
 from dualarm_cli.kinematics.srs.srs_limits import wrap
+from dualarm_cli.records import dataclass
 
 Family = Literal["elbow", "two_steps", "quartic"]
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pinocchio as pin
 
@@ -11,6 +9,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.rotations import log_rotation, skew
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

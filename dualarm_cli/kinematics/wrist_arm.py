@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +11,7 @@ from dualarm_cli.kinematics.closed_arm import BRANCHES, EXACT, ClosedArm, PoseSo
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs import srs_limits
 from dualarm_cli.kinematics.three_axes import ThreeAxes, point_miss, point_postures
+from dualarm_cli.records import dataclass
 
 ALIGNED = 1e-12
 """Sine of the angle of the outer axes below which only the sum or difference of their turns counts."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import pinocchio as pin
 
@@ -11,6 +11,7 @@ from dualarm_cli.model.conveyor import Conveyor
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Shape
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, field, fields
 from typing import Any, Literal, get_args
 
 from dualarm_cli.model.budget import Kept
+from dualarm_cli.records import dataclass
 
 Status = Literal[
     "planned",

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import pinocchio as pin
 
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.place import NOWHERE, Place
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Literal, TypeVar
 
 import pinocchio as pin
@@ -19,6 +19,7 @@ from dualarm_cli.model.handover import Handover
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 Action = Literal[

@@ -8,13 +8,13 @@ gets the same doubles. At some knots, the anchors, they are stated anew, so that
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct, frozen
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.records import dataclass
 
 SAME_TIME = 1e-9
 """Knots nearer than this are one knot [s]."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

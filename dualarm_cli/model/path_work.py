@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.curves.tool_path import ToolPath
 from dualarm_cli.model.place import NOWHERE, Place
+from dualarm_cli.records import dataclass
 
 SAME_SHARE = 1e-9
 """Difference of two shares of a way that count as one."""

@@ -7,7 +7,7 @@ for those that slide.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from types import MappingProxyType
 from typing import Literal
@@ -18,6 +18,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.shape import Shape
+from dualarm_cli.records import dataclass
 
 ArmKind = Literal["srs", "spherical_wrist", "parallel_axes", "general"]
 

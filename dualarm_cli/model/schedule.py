@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import Any, Literal
 
@@ -18,6 +18,7 @@ from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import JointLimits, sliding_joints
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Verification
+from dualarm_cli.records import dataclass
 
 DURATION = "duration"
 """What decides a stage whose transfer takes the time that the task file gives it."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +12,7 @@ from dualarm_cli.geometry.rotations import exp_rotation
 from dualarm_cli.model.curves.feature_curve import MeasuredCurve
 from dualarm_cli.model.curves.tool_path import Poses, ToolPath
 from dualarm_cli.model.place import NOWHERE, Place
+from dualarm_cli.records import dataclass
 
 RAMP = 1.2
 """Longest time of a ramp of a seam that may not be slower, where its file gives no acceleration, at full speed [s]."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Literal
 
 from dualarm_cli.model.place import Place
+from dualarm_cli.records import dataclass
 
 Apply = Literal["set", "shift", "scale"]
 Sense = Literal["minimise", "maximise"]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.model.robot import Robot
+from dualarm_cli.records import dataclass
 
 Fitted = Literal["tool", "base_height"]
 """What may be unknown of a robot besides where it stands."""

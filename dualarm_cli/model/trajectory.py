@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, frozen, readonly
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
+
+from dualarm_cli.records import dataclass
 
 Verdict = Literal["passed", "failed", "not checked"]
 

@@ -8,7 +8,7 @@ line on each side is chosen by itself. Whether the whole is collision-free is fo
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from dualarm_cli.motion.blending import WORTH, passings_beside, with_ways
 from dualarm_cli.motion.stop_motion import rates_between
 from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers
 from dualarm_cli.postures.stage_plan import Detour, StagePlan
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.launch import Launch
 from dualarm_cli.timing.line_ends import Passings, quickest_pair
 from dualarm_cli.timing.problem import TransferProblem

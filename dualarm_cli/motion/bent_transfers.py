@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 from math import comb
@@ -22,6 +22,7 @@ from dualarm_cli.motion.transfers import (
     transfers_within_tool_speed,
 )
 from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.line_profile import estimate_line_durations
 from dualarm_cli.timing.problem import LineProblem, TransferProblem

@@ -8,7 +8,7 @@ So every transfer of every arm is a problem of its own. Our own.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from dualarm_cli.motion.stop_motion import (
 )
 from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, tool_speed_of
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.launch import Launch
 from dualarm_cli.timing.line_ends import Passings, quickest_pair, refined_pair
 from dualarm_cli.timing.problem import LineProblem, TransferProblem

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.schedule import Event, Segment, Stage
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.waiting import SAME_TIME, with_ends
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.composition import concatenate
 
 LINES = ("approach", "dwell", "retract")

@@ -8,7 +8,6 @@ last one is there; where it does not, each arm moves by itself. No arm leaves it
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,6 +28,7 @@ from dualarm_cli.motion.world_poses import (
 )
 from dualarm_cli.postures import StopPosture
 from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.problem import LineProblem
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import groupby
 
 import numpy as np
@@ -34,6 +34,7 @@ from dualarm_cli.motion.transfers import (
     transfers_within_tool_speed,
 )
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import hold
 

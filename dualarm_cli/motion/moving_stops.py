@@ -7,7 +7,6 @@ stage begin that line together.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import MotionBuilder
@@ -16,6 +15,7 @@ from dualarm_cli.motion.line_motion import groups_on_line, turned_line
 from dualarm_cli.motion.stop_motion import add_segment, event_of, timed_line
 from dualarm_cli.motion.transfers import PLATFORM, Drive
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.composition import hold
 
 Moves = Sequence[tuple[float, Trajectory]]

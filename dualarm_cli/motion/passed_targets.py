@@ -8,7 +8,7 @@ the orientation that is asked for. Which point and which velocity, is tried. Our
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -23,6 +23,7 @@ from dualarm_cli.motion.blending import WORTH, platform_time, waits_for_time
 from dualarm_cli.motion.stop_motion import rates_between, transfers_in_motion
 from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, tool_speed_of
 from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.problem import TransferProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.ruckig_ import MovingTransfer

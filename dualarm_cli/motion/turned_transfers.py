@@ -9,7 +9,7 @@ best pair of ways to pass the lines' ends (`blending`), or from rest to rest. Ou
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from dualarm_cli.motion.line_motion import (
 from dualarm_cli.motion.stop_motion import rates_between
 from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, tool_speed_of
 from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.launch import Launch
 from dualarm_cli.timing.line_ends import Passings, quickest_pair, refined_pair
 from dualarm_cli.timing.problem import TransferProblem

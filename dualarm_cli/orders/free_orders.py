@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from dualarm_cli.orders.model.order_model import OrderModel
 from dualarm_cli.orders.proof.cp_sat import prove
 from dualarm_cli.orders.proof.relaxation import of_ways
 from dualarm_cli.orders.watch import Watch
+from dualarm_cli.records import dataclass
 
 MOST_PROVEN = 40
 """Of so many tasks at most a bound on all orders is looked for."""

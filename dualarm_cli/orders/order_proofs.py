@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.effort import EFFORTS
@@ -17,6 +15,7 @@ from dualarm_cli.orders.proof.near import near_orders
 from dualarm_cli.orders.proof.proof import StageProof, can_prove, prove_order
 from dualarm_cli.orders.proof.relaxation import of_stages, pair_bound
 from dualarm_cli.orders.watch import Watch
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.clearance import SAMPLES
 from dualarm_cli.stages.search.plan_clearance import move_waits
 

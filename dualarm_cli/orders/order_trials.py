@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.model.job import StopKey
 from dualarm_cli.orders.orders import DecidedOrder, PairedSearch
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.postures.holding import Holding
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.peers.feasible_start import repaired
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem, ap
 from dualarm_cli.orders.paired.times import totals, with_angles
 from dualarm_cli.orders.proof.relaxation import of_stages, of_ways
 from dualarm_cli.orders.watch import Watch
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.plans.problem import Decisions
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.records import dataclass
 
 INTERRUPTED = "it was interrupted"
 """Why a search ended that the user had seen enough of."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 import coal
@@ -16,6 +16,7 @@ from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Hull, Shape
 from dualarm_cli.page.packed import packed
+from dualarm_cli.records import dataclass
 
 WORLD_BODY = -1
 """Number that stands for the world, which has no body of its own."""

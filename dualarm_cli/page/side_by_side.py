@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from dualarm_cli.page.page import POLICY, page_ends, script_json
 from dualarm_cli.page.tables import STYLE, PageCell, PageRow, PageTable, table_html, text_html
+from dualarm_cli.records import dataclass
 
 SAME = 0.0005
 """Stages whose lengths differ by less are equally long [s]."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from urllib.parse import quote
 
+from dualarm_cli.records import dataclass
 from dualarm_cli.report.printable import printable
 
 STYLE = """\

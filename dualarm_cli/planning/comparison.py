@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 from dualarm_cli.errors import InfeasibleError, MissingDependencyError, UnsupportedError
@@ -16,6 +16,7 @@ from dualarm_cli.model.verification import Verification
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.planning.redundancy_choice import with_redundancy
 from dualarm_cli.postures import REDUNDANCY_SOLVERS
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.methods import METHODS
 from dualarm_cli.stages.serving import cell_model, own_redundancy, served_settings

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from dualarm_cli.kinematics.closed_arm import ClosedArm
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.model.job import Job, Task
 from dualarm_cli.orders.model.tool_changes import stand_tasks, with_changes
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.sequence_problem import sequence_problem
 

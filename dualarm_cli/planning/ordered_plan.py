@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 
 from dualarm_cli.effort import EFFORTS
@@ -23,6 +23,7 @@ from dualarm_cli.orders.orders import (
     StagePair,
 )
 from dualarm_cli.orders.watch import Watch
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import Decisions
 
 Planner = Callable[[Job, Decisions | None, bool], Schedule]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice, pairwise, permutations
 
 import numpy as np
@@ -16,6 +16,7 @@ from dualarm_cli.model.job import Job, PoseTarget, Task
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.orders.model.buffer_numbers import keeps_borders
 from dualarm_cli.orders.watch import Watch
+from dualarm_cli.records import dataclass
 
 MOST_PERMUTATIONS = 5040
 """So many orders of paths and seams are looked at at most."""

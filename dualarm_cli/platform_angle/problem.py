@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.records import dataclass
 
 REACH_SLACK = 1e-9
 """How far |x| = |cos q4| may exceed one by rounding before an arm counts as too short."""

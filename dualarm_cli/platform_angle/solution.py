@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
@@ -13,6 +11,7 @@ from dualarm_cli.platform_angle.problem import (
     PlatformProblem,
     cosine_coefficients,
 )
+from dualarm_cli.records import dataclass
 
 DEGENERATE = 1e-12
 """Below this change of x over a whole turn the platform angle does not matter to an arm."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.platform_angle.problem import (
@@ -12,6 +10,7 @@ from dualarm_cli.platform_angle.problem import (
     elbow_angles,
 )
 from dualarm_cli.platform_angle.solution import PlatformSolution
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

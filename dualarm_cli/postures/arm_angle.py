@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from dualarm_cli.postures.problem import NoPosture, Place, StopPosture, StopProb
 from dualarm_cli.postures.stop_batch import StopBatch, batches
 from dualarm_cli.postures.target_grid import target_postures
 from dualarm_cli.postures.ways import LINE_SAMPLES, SURE, StopWays, transfer_cost
+from dualarm_cli.records import dataclass
 
 SWINGS = np.array([0.0, -0.2, 0.2, -0.5, 0.5])
 """Changes of the arm angle along a line that are tried [rad]."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from dualarm_cli.postures import StopProblem
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.problem import Place, StopPosture
 from dualarm_cli.postures.stop_batch import StopBatch
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 PLACES: tuple[Place, ...] = ("approach", "target", "retract")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +14,7 @@ from dualarm_cli.collision.solids import tool_body
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import LYING, TAKES, Job, PoseTarget, Stop, Task
+from dualarm_cli.records import dataclass
 
 YAW_STEPS = 24
 """Turns about the tool's z axis that are tried where any will do: 15 degrees apart."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.srs.arm_angle_curves import ArmAngleCurves, flips
 from dualarm_cli.postures.stop_batch import StopBatch, ToolPoses
+from dualarm_cli.records import dataclass
 
 LARGEST_STEP = np.pi / 2
 """A joint that turns more than this between two samples of a line has jumped [rad]."""

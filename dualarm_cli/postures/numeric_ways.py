@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from dualarm_cli.kinematics.numeric_inverse import solve_poses
 from dualarm_cli.kinematics.self_motion import branches, self_motions
 from dualarm_cli.postures.problem import StopPosture
 from dualarm_cli.postures.stop_batch import StopBatch, ToolPoses
+from dualarm_cli.records import dataclass
 
 TRAVEL_WEIGHT = 1e-3
 """What a way costs for every radian of its transfer [s/rad]: of equals, the one that moves least."""

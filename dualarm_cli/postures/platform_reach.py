@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.records import dataclass
 
 FULL = 2.0 * np.pi
 ROUNDING = 1e-9

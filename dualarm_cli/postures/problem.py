@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Literal
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.records import dataclass
 
 Place = Literal["approach", "target", "retract"]
 """Where on a stop an arm is: where its approach starts, at its target, or where its retract ends."""

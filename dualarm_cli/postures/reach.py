@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from dualarm_cli.kinematics.platform_chain import PlatformChain, rotation_z
 from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs.srs_arm import closed_form
 from dualarm_cli.postures import StopProblem, numeric_reach
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 SCAN_STEP = np.radians(1.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Stop, Task
 from dualarm_cli.postures import StopPosture, StopProblem
 from dualarm_cli.postures.tracked import Tracked
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.launch import Launch
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -15,6 +14,7 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.postures import StopProblem
 from dualarm_cli.postures.clear_postures import KeepClear
 from dualarm_cli.postures.holding import stop_yaws
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.line_profile import estimate_line_durations
 from dualarm_cli.timing.rest_to_rest import RestToRest
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +11,7 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
 from dualarm_cli.postures.problem import StopProblem
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

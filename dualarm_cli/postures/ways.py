@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.postures.line_following import FollowedLines, Lines
 from dualarm_cli.postures.stop_batch import StopBatch, ToolPoses
+from dualarm_cli.records import dataclass
 
 LINE_SAMPLES = 7
 """Samples of a line while postures are compared."""

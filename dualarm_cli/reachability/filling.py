@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, descend, solve_pose
 from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.reachability.table_grid import YAWS, TableGrid, flange_poses
+from dualarm_cli.records import dataclass
 
 SEED_STEPS = (4, 3, 2, 1)
 """Postures are found from scratch on every so many nodes along each axis: the first of these with MANY nodes."""

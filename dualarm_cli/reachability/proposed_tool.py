@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import coal
 import numpy as np
@@ -19,6 +19,7 @@ from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.robot import Arm
 from dualarm_cli.model.shape import Shape
+from dualarm_cli.records import dataclass
 
 LENGTH, LENGTH_SHARE = 0.12, 0.13
 """Length of a gripper on a bare flange [m], and what share of the arm's length it is at most."""

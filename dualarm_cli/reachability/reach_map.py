@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, descend
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.reachability.filling import LARGEST_CHANGE, Postures, fill
 from dualarm_cli.reachability.table_grid import TableGrid, flange_poses
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
@@ -12,6 +10,7 @@ from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.reachability.reach_map import ReachMap, reach_map
 from dualarm_cli.reachability.table_grid import TableGrid
+from dualarm_cli.records import dataclass
 
 ANGLE_STEP = np.radians(15.0)
 """Spacing of platform angles [rad]."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.motion.waiting import MOVES, SAME_TIME
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.spline import largest_rates
 from dualarm_cli.verification.tool_model import ToolModel
 

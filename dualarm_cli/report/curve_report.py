@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from dualarm_cli.model.curves.discretisation import Points, Quality, by_euler, by_length, judge
 from dualarm_cli.model.curves.feature_curve import MeasuredCurve, PoseCurve
+from dualarm_cli.records import dataclass
 
 if TYPE_CHECKING:
     from rich.console import Console

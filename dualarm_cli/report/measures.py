@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.model.schedule import WORK_ENDS, Schedule
+from dualarm_cli.records import dataclass
 from dualarm_cli.report.stage_parts import PLATFORM, StageParts, overlap, stage_parts
 
 ELBOW = 3

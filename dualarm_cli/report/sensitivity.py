@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -12,6 +11,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import DURATION, Schedule
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.records import dataclass
 from dualarm_cli.report.stage_parts import PLATFORM, StageParts, is_handover, overlap, stage_parts
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.shapes import differentiation_matrix, lagrange_basis, symmetric_grid

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from dualarm_cli.model.schedule import Event, Schedule, Segment, Stage
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.waiting import MOVES, SAME_TIME, whole_transfers
+from dualarm_cli.records import dataclass
 
 STANDS = 1e-9
 """A joint that is off by less than this stands still [rad]."""

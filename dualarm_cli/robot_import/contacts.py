@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +16,7 @@ from dualarm_cli.collision.solids import (
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.robot import Robot
+from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.names import count_of
 
 MARGIN = 0.01

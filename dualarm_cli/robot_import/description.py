@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from decimal import Decimal
 
 from dualarm_cli.files.robots.mesh_writer import stl_bytes
@@ -12,6 +11,7 @@ from dualarm_cli.files.robots.urdf import Urdf, mesh_elements
 from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.files.robots.urdf_writer import urdf_text
 from dualarm_cli.model.shape import Hull, Shape
+from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.names import count_of
 
 NOISE, COARSE, UNITS = 1e-9, 1e-4, 5

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.robot import Robot
+from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.contacts import MARGIN, touching_links
 from dualarm_cli.robot_import.home import propose_home
 from dualarm_cli.robot_import.srdf import Srdf

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 
 from dualarm_cli.errors import Diagnostic, InputError
@@ -16,6 +16,7 @@ from dualarm_cli.files.robots.robots import HULL_NOTE, LoadedRobot, load_robot
 from dualarm_cli.files.robots.urdf import Urdf, moving_joints, read_urdf
 from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.contacts import contact_reasons, find_contacts
 from dualarm_cli.robot_import.convex_parts import convex_parts
 from dualarm_cli.robot_import.description import described

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +11,7 @@ import pinocchio as pin
 from dualarm_cli.errors import UsageError
 from dualarm_cli.files.robots.robot_pair import compose_pair, why_not_a_pair_member
 from dualarm_cli.model.robot import Robot
+from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.contacts import touches
 from dualarm_cli.robot_import.importing import Imported, ImportRequest, import_robot
 from dualarm_cli.robot_import.structure import NO_TIP

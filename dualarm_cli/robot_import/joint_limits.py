@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.text_source import quote, read_text, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc, parse_yaml
+from dualarm_cli.records import dataclass
 
 ASSUMED_SPEED, ASSUMED_SLIDING = math.radians(90.0), 0.1
 """Top speed of a joint for which nobody states one [rad/s]; of one that slides [m/s]."""

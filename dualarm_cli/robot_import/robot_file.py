@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from dualarm_cli.files.robots.schema_robot import JERK_RULE
+from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.contacts import Contact
 from dualarm_cli.robot_import.joint_limits import ASSUMED, StatedLimits
 from dualarm_cli.robot_import.structure import Structure

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 from dualarm_cli.errors import UsageError
 from dualarm_cli.files.robots.urdf import Urdf
 from dualarm_cli.files.robots.urdf_tree import Element, UrdfFindings, parse_xml
 from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.expanded_text import read_expanded
 from dualarm_cli.robot_import.names import GRIPPER, NO_ARM, side_of, tells, words
 from dualarm_cli.robot_import.structure import SIDES, NamedTip

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from dualarm_cli.errors import UsageError, did_you_mean
 from dualarm_cli.files.robots.frozen_joints import leader_of, nearest_to_zero, position_range
 from dualarm_cli.files.robots.urdf import MOVING_TYPES, Urdf
+from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.names import (
     GRIPPER,
     NO_ARM,

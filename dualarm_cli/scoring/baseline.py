@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from pathlib import Path
 from typing import Any, NoReturn
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.source.text_source import quote, read_bytes
 from dualarm_cli.model.evaluation import Evaluation
+from dualarm_cli.records import dataclass
 
 FORMAT = "dualarm.scores/1"
 LARGEST_FILE = 100_000_000

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.model.evaluation import Evaluation, Finding
+from dualarm_cli.records import dataclass
 from dualarm_cli.scoring.baseline import Recorded
 from dualarm_cli.scoring.verdict import STATES, State, Verdict
 

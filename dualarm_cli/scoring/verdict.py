@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Literal, get_args
 
 from dualarm_cli.model.evaluation import Evaluation, Finding
+from dualarm_cli.records import dataclass
 from dualarm_cli.scoring.baseline import Recorded
 
 State = Literal[

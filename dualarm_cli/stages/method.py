@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures.holding import Holding
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.clearance import Barred
 from dualarm_cli.stages.plans.problem import Decisions
 from dualarm_cli.stages.stage_by_stage import StagePlan

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from dualarm_cli.postures.clear_postures import KeepClear, angles_looked_at, exp
 from dualarm_cli.postures.reach import explain_reach, reachable_positions
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.postures.stage_problems import Clock, stage_problems
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.stage_length import stage_length
 

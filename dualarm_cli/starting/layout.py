@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -18,6 +18,7 @@ from dualarm_cli.reachability.proposed_tool import ProposedTool, with_tools
 from dualarm_cli.reachability.reach_map import ReachMap, reach_map
 from dualarm_cli.reachability.region import COARSER, Region, heights_reached, region
 from dualarm_cli.reachability.table_grid import TableGrid
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.starting.table import FRONT, Table, most_reached, room_for_table
 

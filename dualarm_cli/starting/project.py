@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from dualarm_cli import __version__
@@ -15,6 +14,7 @@ from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.studies.studies import load_study
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.reachability.proposed_tool import ProposedTool
+from dualarm_cli.records import dataclass
 from dualarm_cli.schemas import editor_line, schema_text
 from dualarm_cli.starting.layout import PICKS, Layout, Row, find_layout
 from dualarm_cli.starting.robot_source import RobotSource

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from dualarm_cli.errors import UsageError, did_you_mean
@@ -15,6 +14,7 @@ from dualarm_cli.files.source.bundled import ROBOT_FILE, bundled_robots
 from dualarm_cli.files.source.documents import read_document
 from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.source.text_source import read_bytes, recorded_reads
+from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.importing import ImportRequest, import_robot
 
 DEFAULT = "sda10f"

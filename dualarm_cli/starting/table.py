@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import coal
 import numpy as np
 import pinocchio as pin
@@ -12,6 +10,7 @@ from dualarm_cli.collision.solids import WORLD, cell_solids
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.cell import Cell, Obstacle
 from dualarm_cli.model.shape import Shape
+from dualarm_cli.records import dataclass
 
 ROOM = 0.03
 """Room between a table and the robot as it stands [m]."""

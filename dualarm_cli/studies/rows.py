@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.evaluation import STATUSES, Evaluation, Status
 from dualarm_cli.model.study import OBJECTIVES, Objective, Point
+from dualarm_cli.records import dataclass
 
 _BLOCK = 256
 

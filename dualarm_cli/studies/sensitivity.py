@@ -15,13 +15,14 @@ Three views, as none tells all:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.records import dataclass
 
 BINS = 4
 """Into how many equal parts a range without steps is cut for main effects, at most."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 from dualarm_cli.evaluation.answers import Run, answers
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.evaluation.store import Store
 from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.model.study import Point, Study
+from dualarm_cli.records import dataclass
 from dualarm_cli.studies.requests import point_requests, reference_requests
 from dualarm_cli.studies.rows import StudyRow
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.records import dataclass
 from dualarm_cli.registry import Registry
 from dualarm_cli.timing import double_s, line_profile, ruckig_, toppra_
 from dualarm_cli.timing.problem import (

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.problem import TransferProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest

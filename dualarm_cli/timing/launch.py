@@ -7,7 +7,6 @@ family: minimum time from event to event is in general none of its members.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.line_profile import path_of, trajectory_of
 from dualarm_cli.timing.problem import LineProblem
 

@@ -7,13 +7,14 @@ states is ruckig's. The pair of ways with the least R + X + A is found by a patt
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.launch import CUTS, PROFILES, Launch, launches
 from dualarm_cli.timing.line_profile import path_of
 from dualarm_cli.timing.problem import LineProblem, TransferProblem

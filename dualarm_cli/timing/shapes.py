@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.records import dataclass
 
 
 def lagrange_basis(nodes: FloatArray, x: FloatArray) -> FloatArray:

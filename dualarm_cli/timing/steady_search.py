@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ between instants: a contact of any length is found or excluded. Our own; the bou
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -19,6 +18,7 @@ import pinocchio as pin
 from dualarm_cli.collision.solids import WORLD, Pair, Solid, geometry_model
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.records import dataclass
 
 FIRST_STEP = 0.04
 """Length of the first intervals [s]; longer in motions of so many more that they would fill the memory."""

@@ -11,7 +11,7 @@ different times are judged where they really were to each other.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from dualarm_cli.model.logged_motion import LoggedMotion
 from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Check, Verification
+from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.clearance_checks import COLLISIONS, check_clearance

@@ -7,7 +7,6 @@ the same where it is right; it is checked (`segment_checks`) and never believed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.job import Job, Stop
 from dualarm_cli.model.schedule import Event, Schedule
+from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.dense_times import AT_ONCE, dense_spans
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle

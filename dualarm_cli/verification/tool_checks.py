@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +12,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, StopKey
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
+from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.dense_times import AT_ONCE, dense_spans, dense_times, tool_spans
 from dualarm_cli.verification.motion_checks import judge, not_checked

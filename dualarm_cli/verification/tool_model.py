@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +10,7 @@ import pinocchio as pin
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.records import dataclass
 
 UNIT_AXIS = 1e-6
 """How far a joint's axis may be from unit length."""

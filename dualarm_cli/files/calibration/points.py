@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -37,6 +36,7 @@ from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.touches import Touches, TouchSide
+from dualarm_cli.records import dataclass
 
 JointReading = Annotated[Any, WithJsonSchema(quantity_schema([quantities.ANGLE], -6.29, 6.29))]
 """Read once the robot is known."""

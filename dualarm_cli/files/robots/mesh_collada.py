@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TypeVar
 
 import numpy as np
@@ -18,6 +18,7 @@ from dualarm_cli.files.robots.mesh_formats import MeshError, check_numbers_of_co
 from dualarm_cli.files.robots.urdf_tree import Element, parse_xml
 from dualarm_cli.files.source.text_source import TextSource, quote
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.records import dataclass
 
 _PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 _TRANSFORMS = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from dualarm_cli.files.source.projects import BadReferenceError
 from dualarm_cli.files.source.text_source import quote, read_bytes
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.shape import Hull, Shape
+from dualarm_cli.records import dataclass
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".dae")
 """Kinds of mesh files."""

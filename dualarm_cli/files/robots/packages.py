@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from dualarm_cli.files.source.projects import BadReferenceError, Project
 from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.records import dataclass
 
 _SCHEME = "package://"
 

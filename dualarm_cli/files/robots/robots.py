@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import pinocchio as pin
@@ -34,6 +33,7 @@ from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Shape
+from dualarm_cli.records import dataclass
 
 HULL_NOTE = "collision meshes are taken as their convex hulls"
 """How the note on meshes begins."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from dualarm_cli.errors import did_you_mean
 from dualarm_cli.files.robots.urdf_tree import Element, UrdfFindings, parse_xml
 from dualarm_cli.files.source.text_source import TextSource, quote, suggest
+from dualarm_cli.records import dataclass
 
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _SIZES: dict[str, tuple[tuple[str, int], ...]] = {

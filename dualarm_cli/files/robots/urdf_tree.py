@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from xml.parsers import expat
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.source.text_source import TextSource, quote
+from dualarm_cli.records import dataclass
 
 MAX_ELEMENTS = 50_000
 """Most elements in one URDF."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -25,6 +24,7 @@ from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.quantities import Dimension, QuantityError, parse_quantity
 from dualarm_cli.files.source.quantity_schemas import quantity_schema
 from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.records import dataclass
 
 MAX_NAME_LENGTH = 120
 """Longest name or id."""

@@ -8,11 +8,11 @@ that the cell names is `base.left` or `base.right`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.records import dataclass
 
 if TYPE_CHECKING:
     from dualarm_cli.files.source.yaml_source import Document

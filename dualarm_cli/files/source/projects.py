@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.source.bundled import robots_folder
 from dualarm_cli.files.source.overrides import Overrides
 from dualarm_cli.files.source.text_source import TextSource, quote, read_text
+from dualarm_cli.records import dataclass
 
 _MARKERS = ("dualarm.toml", ".git")
 

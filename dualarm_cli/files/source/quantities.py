@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
 
 from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.records import dataclass
 
 _NUMBER = r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
 _QUANTITY = re.compile(rf"({_NUMBER})\s*([A-WYZa-wyz%][A-Za-z0-9/^%]*)?", re.ASCII)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel, GetCoreSchemaHandler, GetJsonSchemaHandler
@@ -12,6 +11,7 @@ from pydantic_core import core_schema
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document, Loc, Node
+from dualarm_cli.records import dataclass
 
 NAME = "name"
 """The key of a list's entry that is its name."""

@@ -9,11 +9,11 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
+from dualarm_cli.records import dataclass
 
 MAX_FILE_BYTES = 20_000_000
 """Largest input file that is read [bytes]."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Loc
+from dualarm_cli.records import dataclass
 
 _STEP = re.compile(r"""\[\s*(?:"([^"]*)"|'([^']*)'|([^\]'"]*?))\s*\]|\.?([^.\[\]]+)""")
 _NAMES = ("name", "id")

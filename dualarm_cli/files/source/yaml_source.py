@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cache
 from typing import Any
 
@@ -14,6 +14,7 @@ import yaml
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.source.overrides import Override
 from dualarm_cli.files.source.text_source import TextSource, quote
+from dualarm_cli.records import dataclass
 
 MAX_NUMBER_LENGTH = 40
 """Longest spelling of a number."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import Annotated, Any
 
@@ -30,6 +30,7 @@ from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import ANY, Action, Dwell, Job, Stop, Task
 from dualarm_cli.model.place import Place
+from dualarm_cli.records import dataclass
 
 ACTIONS: tuple[Action, ...] = ("pick", "place", "move")
 """What tasks do by keys of the core's own."""

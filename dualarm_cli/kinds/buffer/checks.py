@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
+from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.kind_checks import KindChecks
 from dualarm_cli.verification.motion_checks import NO_TASKS, judge, not_checked

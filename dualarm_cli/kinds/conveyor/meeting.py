@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from dualarm_cli.postures.stage_plan import ArmStop, StagePlan
 from dualarm_cli.postures.stop_batch import StopBatch
 from dualarm_cli.postures.target_grid import target_postures
 from dualarm_cli.postures.tracked import Tracked
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing import TimingSolver
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -24,6 +23,7 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.postures import StopPosture, StopProblem
 from dualarm_cli.postures.candidates import flange_poses
 from dualarm_cli.postures.tracked import Tracked, TrackingPhases
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
 

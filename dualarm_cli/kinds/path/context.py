@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +21,7 @@ from dualarm_cli.model.curves.tool_path import TURN_LENGTH, Poses, ToolPath
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.double_s import fastest_phases
 from dualarm_cli.timing.rest_to_rest import RestToRest
 

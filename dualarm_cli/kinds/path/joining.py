@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from dualarm_cli.kinds.path.following import PathMotion, PathProblem
 from dualarm_cli.kinds.path.following.velocity import pose_error
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
 
 CAP_KEPT_FREE = 2e-4

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from dualarm_cli.model.curves.tool_path import RoundedCorner
 from dualarm_cli.model.job import Job, Task
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.records import dataclass
 from dualarm_cli.verification.tool_model import ToolModel
 
 

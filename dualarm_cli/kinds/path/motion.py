@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -19,6 +19,7 @@ from dualarm_cli.model.curves.tool_path import TURN_LENGTH
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.postures.holding import Holding
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.registry import Solver
 

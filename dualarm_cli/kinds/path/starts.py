@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -16,6 +15,7 @@ from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.kinematics.whole_body import Reached, reach
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 PLATFORMS = 24

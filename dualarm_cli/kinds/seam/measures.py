@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.records import dataclass
 from dualarm_cli.verification.tool_model import ToolModel
 
 STANDS_WAY, STANDS_TURN = 1e-6, 1e-6

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +13,7 @@ from dualarm_cli.kinds.seam.path import SeamPath
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.seam import SeamWork, longest_ramp
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.spline import clamped_spline, largest_rates, rest_to_rest_spline
 from dualarm_cli.timing.steady_search import (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -15,6 +14,7 @@ from dualarm_cli.kinds.seam.closed_chain.problem import SeamMotion, SeamProblem
 from dualarm_cli.kinds.seam.closed_chain.starts import part_poses, standing_joints
 from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.steady_search import PathRates, steady_limit
 
 PER_NODE = 16

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
@@ -16,6 +14,7 @@ from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitR
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import MotionBuilder
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.composition import hold
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from dualarm_cli.model.job import Action, Dwell, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
+from dualarm_cli.records import dataclass
 from dualarm_cli.verification.as_done import is_change
 from dualarm_cli.verification.kind_checks import KindChecks
 from dualarm_cli.verification.motion_checks import NO_TASKS, judge, not_checked

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.srs.srs_canonical import SrsCanonical
 from dualarm_cli.kinematics.srs.srs_limits import wrap
+from dualarm_cli.records import dataclass
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 

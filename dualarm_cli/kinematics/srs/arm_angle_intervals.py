@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.compiled import srs as compiled
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.kinematics.srs.srs_limits import TURN
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +18,7 @@ from dualarm_cli.kinematics.srs.arm_angle_curves import (
     reference_directions,
 )
 from dualarm_cli.kinematics.srs.srs_canonical import SrsCanonical
+from dualarm_cli.records import dataclass
 
 SRS_TOLERANCE = 1e-6
 """Largest deviation from exact SRS geometry that the closed forms ignore [m and rad]."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.geometry.joint_axes import SrsGeometry
+from dualarm_cli.records import dataclass
 
 ZERO = 1e-12
 """Offsets below this are rounding of the robot description and count as none [rad]."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.model.curves.contours import Contour
 from dualarm_cli.model.curves.feature_curve import MeasuredCurve
+from dualarm_cli.records import dataclass
 
 SHORTEST_STEP = 2e-6
 """Least step [m]."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +21,7 @@ from dualarm_cli.model.curves.point_spline import (
     telling,
 )
 from dualarm_cli.model.curves.tool_path import Poses
+from dualarm_cli.records import dataclass
 
 STANDS = 1e-9
 """Share of a contour's largest speed by its parameter below which it stands still."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
 from dualarm_cli.model.curves.contours import NODES
+from dualarm_cli.records import dataclass
 
 ALONG = 1e-9
 """Sine of the angle to the curve below which a normal points along it."""

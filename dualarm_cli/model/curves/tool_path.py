@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from itertools import pairwise
 from math import comb
@@ -14,6 +14,7 @@ import pinocchio as pin
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.geometry.rotations import exp_rotation, log_rotation
 from dualarm_cli.model.curves.arc_length import ArcLength
+from dualarm_cli.records import dataclass
 
 TURN_LENGTH = 0.1
 """Length that turning by one radian counts as [m]: what a tool that turns on the spot travels."""

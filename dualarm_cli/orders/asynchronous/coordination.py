@@ -8,11 +8,11 @@ plane [ODonnell1989]. Dynamic programming over the plane finds the quickest way 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.records import dataclass
 
 FAR_DOWN = 1e7
 """More steps than any way has."""

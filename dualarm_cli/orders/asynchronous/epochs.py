@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import combinations, pairwise, permutations
 
 import numpy as np
@@ -16,6 +16,7 @@ from dualarm_cli.orders.asynchronous.recreate import Recreator
 from dualarm_cli.orders.asynchronous.times import Timed
 from dualarm_cli.orders.rules.stores import Stores
 from dualarm_cli.orders.rules.tool_stands import ToolStands
+from dualarm_cli.records import dataclass
 
 FEW = 5
 """So many tasks of one epoch are ordered exactly."""

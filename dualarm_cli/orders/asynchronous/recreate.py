@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.orders.asynchronous.problem import Order, SequencingProblem
 from dualarm_cli.orders.asynchronous.times import Timed, best_ways, timed
+from dualarm_cli.records import dataclass
 
 NEIGHBOURS = 40
 """So many of a task's nearest tasks are thought of when pieces about it are removed."""

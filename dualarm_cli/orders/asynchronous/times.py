@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.orders.asynchronous.problem import Order, SequencingProblem
+from dualarm_cli.records import dataclass
 
 MOST_BRANCHED = 24
 """Of orders of up to so many stops all interleavings are looked at."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from dualarm_cli.orders.model.stop_nodes import platform_angles, stop_nodes
 from dualarm_cli.orders.model.tool_changes import stand_tasks
 from dualarm_cli.orders.rules.tool_stands import NO_TOOL, ToolStands
 from dualarm_cli.postures.stage_problems import Clock
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import Nodes
 
 SIMILAR = 0.08

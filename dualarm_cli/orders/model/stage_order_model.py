@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from dualarm_cli.orders.model.order_model import OrderModel
 from dualarm_cli.orders.paired.changes import StageStands, StageTools
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.rules.tool_stands import NO_TOOL
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import Nodes
 from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions
 from dualarm_cli.timing.rest_to_rest import RestToRest

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +11,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.orders.paired.problem import IDLE, StageProblem
 from dualarm_cli.orders.paired.times import closing, stage_values
 from dualarm_cli.orders.rules.stores import Stores
+from dualarm_cli.records import dataclass
 
 Queue = Sequence[int]
 """Stops of one arm in their order."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +12,7 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray, distinct
 from dualarm_cli.orders.paired.alignment import Alignments
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.rules.tool_stands import NO_TOOL
+from dualarm_cli.records import dataclass
 
 
 def closed(problem: StageProblem, found: StageOrder) -> StageOrder:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
 from dualarm_cli.orders.rules.stores import Stores
+from dualarm_cli.records import dataclass
 
 IDLE = -1
 """Stands for an arm without a stop in a stage."""

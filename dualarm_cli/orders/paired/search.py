@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from dualarm_cli.orders.paired.times import (
     totals,
     with_angles,
 )
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

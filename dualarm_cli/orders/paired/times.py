@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
+from dualarm_cli.records import dataclass
 
 LATE = 1000.0
 """What an instant of a window that is missed counts, in instants of the total."""

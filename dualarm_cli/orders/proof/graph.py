@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Protocol
@@ -12,6 +12,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, SingleArray
 from dualarm_cli.orders.paired.problem import IDLE, StageProblem
+from dualarm_cli.records import dataclass
 
 SPARSE = 0.25
 """Where fewer of all ways are possible only those are kept."""

@@ -8,7 +8,7 @@ have become is the bound.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from heapq import heapify, heappop, heappush
 
 import numpy as np
@@ -17,6 +17,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, SingleA
 from dualarm_cli.orders.paired.problem import IDLE
 from dualarm_cli.orders.proof.graph import StageGraph, followers, task_of
 from dualarm_cli.orders.proof.prices import ROUNDING, Paths, Prices
+from dualarm_cli.records import dataclass
 
 
 class StageSteps:

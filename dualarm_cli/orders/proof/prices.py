@@ -6,13 +6,13 @@ Lagrangian relaxation [Held1971] of paths with as many stops as there are [Chris
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, SingleArray
 from dualarm_cli.orders.paired.problem import IDLE
 from dualarm_cli.orders.proof.graph import StageGraph
+from dualarm_cli.records import dataclass
 
 ROUNDING = 1e-4
 """What single precision may add to the length of a path [s]."""

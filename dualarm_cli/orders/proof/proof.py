@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from dualarm_cli.orders.paired.times import with_angles
 from dualarm_cli.orders.proof.graph import StageGraph, count_nodes, followers
 from dualarm_cli.orders.proof.labels import MOST_STOPS, LabelSearch
 from dualarm_cli.orders.proof.prices import Prices, good_prices, needed
+from dualarm_cli.records import dataclass
 
 FIRST_LOOK = 4000
 """Labels that are kept to find a better order before anything else is done."""

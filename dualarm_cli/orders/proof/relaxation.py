@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +12,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.orders.asynchronous.problem import SequencingProblem
 from dualarm_cli.orders.paired.problem import StageProblem
 from dualarm_cli.orders.rules.stores import Stores
+from dualarm_cli.records import dataclass
 
 AT_ONCE = 64
 """Stops of one arm that are looked at together."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.records import dataclass
 
 MISSING = 1000.0
 """What a part counts in the total that is taken and not there, or put where there is no room [s]."""

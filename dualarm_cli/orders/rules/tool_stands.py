@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, distinct, readonly
+from dualarm_cli.records import dataclass
 
 NO_TOOL = -1
 """Stands for no tool."""

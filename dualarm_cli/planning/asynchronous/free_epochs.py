@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from dualarm_cli.orders.model.order_model import OrderModel
 from dualarm_cli.orders.model.tool_changes import cell_after, changes_of, with_changes
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
+from dualarm_cli.records import dataclass
 
 HERE = "(where the platform stood before)"
 """Name of the posture in which an epoch starts."""

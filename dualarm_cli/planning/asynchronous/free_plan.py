@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from dualarm_cli.orders.model.tool_changes import cell_after
 from dualarm_cli.planning.asynchronous.meeting_arms import ArmCoordination
 from dualarm_cli.planning.asynchronous.own_clock import OwnClock, Wait
 from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.timing import TimingSolver

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.schedule import WaitReason
 from dualarm_cli.motion.waiting import SAME_TIME
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from dualarm_cli.planning.asynchronous.leaving_times import (
     waits_at,
 )
 from dualarm_cli.planning.asynchronous.own_clock import OwnClock, Wait
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

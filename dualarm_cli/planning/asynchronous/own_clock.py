@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from dualarm_cli.model.schedule import Event, Segment, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.waiting import SAME_TIME
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.composition import concatenate, hold
 
 LINES = ("approach", "dwell", "retract")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from itertools import pairwise
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from dualarm_cli.errors import UsageError
 from dualarm_cli.model.schedule import DURATION, TOOL_SPEED, Schedule
+from dualarm_cli.records import dataclass
 from dualarm_cli.report.stage_parts import StageParts, overlap, stage_parts
 from dualarm_cli.timing.rest_to_rest import RestToRest
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain, groupby, takewhile
 from typing import Any
@@ -16,6 +15,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.job import AT_STANDS, Job
 from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.motion.waiting import MOVES
+from dualarm_cli.records import dataclass
 from dualarm_cli.report.figures.figures import new_figure, rendered
 from dualarm_cli.report.report import plan_title, relative_gap
 

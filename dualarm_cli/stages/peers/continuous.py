@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
 
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.peers.program import NonlinearProgram
 from dualarm_cli.stages.peers.program_kinematics import inverse, turned_pose
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem

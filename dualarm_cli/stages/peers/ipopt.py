@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
 
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.peers.program import NonlinearProgram, reachable_distance
 from dualarm_cli.stages.peers.program_kinematics import chain_function, turned_pose
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork
 from dualarm_cli.timing.line_profile import joint_line_durations
 

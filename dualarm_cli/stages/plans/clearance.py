@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK, CellClearance
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.records import dataclass
 
 SAMPLES = 8
 """Postures along a move, between its ends."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
 from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.clearance import SequenceClearance
 from dualarm_cli.timing.rest_to_rest import RestToRest
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
 from dualarm_cli.kinematics.platform_chain import PlatformChain, rotation_z
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from dualarm_cli.beside import halves
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.effort import Mesh
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import CandidatePostures, Grid, Nodes
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.source import grid_nodes, has_closed_form, postures

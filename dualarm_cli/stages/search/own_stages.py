@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.kinematics.srs.arm_angle_intervals import ArmAngleIntervals, feasible_arm_angles
 from dualarm_cli.postures.platform_reach import reachable_cells, reachable_spans
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import Grid, Nodes, thinned
 from dualarm_cli.stages.plans.problem import ArmDecisions, SequenceProblem
 from dualarm_cli.stages.plans.source import grid_nodes, has_closed_form, postures

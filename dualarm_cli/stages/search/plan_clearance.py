@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.clearance import SAMPLES, SequenceClearance
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.times import Evaluated, TransferChain, start_angle, start_joints

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import Nodes
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem
 from dualarm_cli.stages.plans.times import TransferChain

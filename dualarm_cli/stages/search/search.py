@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from dualarm_cli.beside import halves
 from dualarm_cli.effort import EFFORTS, WHOLE, Mesh, SearchEffort
 from dualarm_cli.geometry.arrays import BoolArray
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.source import has_closed_form
 from dualarm_cli.stages.plans.stops import StopTable

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dualarm_cli.compiled.transfer_times import Laws, boxes, gap_times
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 SAME_LAW = 0.03

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from dualarm_cli.kinds.path.following.problem import (
 from dualarm_cli.kinds.path.following.velocity import LeastSquares, pose_error
 from dualarm_cli.kinematics.manipulability import manipulability_rates
 from dualarm_cli.kinematics.whole_body import tool_drift
+from dualarm_cli.records import dataclass
 
 STIFFNESS = 400.0
 """Task-space feedback on the tools' errors [1/s²]."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinds.path.following.problem import NoPath, PathMotion, PathProblem, within_limits
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.records import dataclass
 
 STATIONS = 61
 """Places along the path at which arm angles are compared."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.whole_body import cross
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.records import dataclass
 
 TURN = 0.1
 """Length that a radian counts as where residuals are compared [m]."""

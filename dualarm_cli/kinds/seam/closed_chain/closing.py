@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain, Equations
 from dualarm_cli.model.curves.tool_path import Poses
+from dualarm_cli.records import dataclass
 
 CONVERGED = 1e-11
 """Residual below which no more steps are taken [m, radians by TURN]."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
 from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 FEWEST_NODES, MOST_NODES = 41, 321

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +13,7 @@ from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
 from dualarm_cli.kinds.seam.closed_chain.problem import SeamProblem
 from dualarm_cli.kinds.seam.closed_chain.starts import part_poses
 from dualarm_cli.kinds.seam.closed_chain.ways import ROOM
+from dualarm_cli.records import dataclass
 
 SMOOTH = 1e-4
 """Weight of the joints' effort against time, both as shares: decides what time leaves open."""

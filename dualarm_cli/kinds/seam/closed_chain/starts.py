@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -13,6 +12,7 @@ from dualarm_cli.kinds.seam.closed_chain.closing import Closed, all_equations, c
 from dualarm_cli.kinds.seam.closed_chain.problem import NoSeam, SeamProblem
 from dualarm_cli.kinds.seam.closed_chain.ways import turned_back, way_cost
 from dualarm_cli.model.curves.tool_path import Poses
+from dualarm_cli.records import dataclass
 
 LIMITS = "no motion along it was found that is within joint limits and collision-free"
 """Why there is none where the tool gets along the whole seam."""
