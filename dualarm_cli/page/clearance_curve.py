@@ -55,17 +55,18 @@ def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     names = [[solids[i].label for i in (pairs[k].first, pairs[k].second)] for k in kept]
     geometry = geometry_model(solids, places)
     found, data = pin.GeometryData(geometry), model.createData()
+    results = list(found.distanceResults)  # filled anew each time
     order = [schedule.trajectory.joints.index(name) for name in model.names[1:]]
     curves = [(CLEARANCE, ~near), (NEAR_LINKS, near)]
     samples = {name: _Samples() for name, own_pairs in curves if own_pairs.any()}
     for row, q in enumerate(schedule.trajectory.at(times)[0][:, order]):
         pin.computeDistances(model, data, geometry, found, q)
-        distances = np.array([result.min_distance for result in found.distanceResults])
+        distances = np.array([result.min_distance for result in results])
         for name, own_pairs in curves:
             margins = np.where(counts[:, row] & own_pairs, distances[own] - required, np.inf)
             least = int(np.argmin(margins))
             if np.isfinite(margins[least]):
-                result = found.distanceResults[int(own[least])]
+                result = results[int(own[least])]
                 samples[name].add(times[row], least, result, job.cell.base)
     return [
         {"name": name} | some.packed(names, required) for name, some in samples.items() if some.time

@@ -76,6 +76,8 @@ class ClearanceProof:
         number_of = {place: number for number, place in enumerate(places)}
         self._place = np.array([number_of[pair.first, pair.second] for pair in pairs])
         self._distances = pin.GeometryData(self._geometry)
+        # Kept, as pinocchio fills the same ones each time, and each would be wrapped anew otherwise.
+        self._results = list(self._distances.distanceResults)
         self._required = np.array([pair.required for pair in pairs])
         self._windows = windows
         self._trajectory = trajectory
@@ -159,10 +161,10 @@ class ClearanceProof:
     def _all_margins(self, times: FloatArray) -> FloatArray:
         """Returns the margins of all pairs at some instants [m], shape (t, pairs)."""
         q = self._trajectory.at(times)[0][:, self._order]
-        found = np.empty((len(times), len(self._distances.distanceResults)))
+        found = np.empty((len(times), len(self._results)))
         for row, position in enumerate(q):
             pin.computeDistances(self._model, self._data, self._geometry, self._distances, position)
-            found[row] = [result.min_distance for result in self._distances.distanceResults]
+            found[row] = [result.min_distance for result in self._results]
         return found[:, self._place] - self._required
 
     def _margins_at(self, times: FloatArray, pairs: IntArray) -> FloatArray:
