@@ -181,7 +181,7 @@ def transfer_knots(
         MemoryError: there is none.
     """
     numbers = np.concatenate([x.ravel() for x in (*ends, limit, *phases)])
-    n, begin = len(limit), pointer(numbers).value or 0
+    n, begin = len(limit), numbers.ctypes.data
     first = (begin + numbers.itemsize * n * k for k in (0, 1, 3, 4, 6, 7, 14, 21))
     arrays, motion = _motion(2 * (8 * n + 2), n)
     asked = _Transfer(*first, duration, n)
@@ -272,7 +272,7 @@ def _motion(room: int, joints: int) -> tuple[Knots, _Motion]:
     """Returns arrays for so many knots, and where they are."""
     n, block = joints, np.empty(room * (1 + 3 * joints))
     q, v, a = block[room:].reshape(3, room, n)
-    begin = pointer(block).value or 0
+    begin = block.ctypes.data
     rows = (begin + block.itemsize * room * (1 + k * n) for k in range(3))
     return (block[:room], q, v, a), _Motion(begin, *rows)
 
