@@ -242,7 +242,7 @@ def launches(position, law):
     paths = PathCoordinates.measure(position, law)
     found = [], [], [], []
     for profile in PROFILES:
-        times = [launch_time(paths, profile, CUTS[COMPARED], c) for c in (0, 1)]
+        times = [launch_time(paths, profile, COMPARED, c) for c in (0, 1)]
         along = first_least(np.array(times))
         found[0].append(along)
         for cut in CUTS:

@@ -34,14 +34,14 @@ class Path(PointerStruct):
 
     @classmethod
     def of(cls, position: Array, limits: Sequence[Array]) -> Path:
-        """Returns a path.
+        """Returns a path, the first one of several.
 
         Args:
-            position: joints at equidistant gridpoints [rad], shape (m, n), m at least 8.
+            position: joints at equidistant gridpoints [rad], shape (m, n) or (lines, m, n), m at least 8.
             limits: of velocity, acceleration and jerk, which may be infinite, shape (n,) each.
         """
         arrays = [numbers(array) for array in (position, *limits)]
-        own = cls(*map(pointer, arrays), *position.shape)
+        own = cls(*map(pointer, arrays), *position.shape[-2:])
         own.held = tuple(arrays)
         return own
 
@@ -107,7 +107,7 @@ def launched_line(
 
 
 def launches(
-    path: Path, profiles: Array, cuts: Array, compared: int
+    path: Path, profiles: Array, cuts: Array, compared: float
 ) -> tuple[NDArray[np.int64], Array, Array, Array]:
     """Returns estimates of profiles that pass a line's far end, each with all cuts.
 
@@ -115,7 +115,7 @@ def launches(
         path: the line, of n joints.
         profiles: constant, cruise and inner, shape (p, 3).
         cuts: shape (c,).
-        compared: the cut, as an index, with which path coordinates are compared.
+        compared: the cut with which path coordinates are compared.
 
     Returns:
         The fastest coordinate of each profile, (p,); times [s], (p, c); velocities and accelerations at the far end,
@@ -131,38 +131,37 @@ def launches(
     )
     asked = pointer(profiles), _int64(counts[0]), pointer(cuts), _int64(counts[1])
     found = map(pointer, (coordinate, time, velocity, acceleration))
-    if library().launches(byref(path), *asked, _int64(compared), *found):
+    if library().launches(byref(path), *asked, ctypes.c_double(compared), *found):
         raise MemoryError
     return coordinate, time, velocity, acceleration
 
 
 def launched_lines(
-    position: Array, limits: Sequence[Array], profiles: Array, cuts: Array
-) -> tuple[Array, Array, Array]:
-    """Returns estimates of many lines that pass their far ends in motion.
+    lines: Path, profiles: Array, cuts: Array, compared: float
+) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    """Returns estimates of many lines that pass their far ends in motion, each in several ways of its own.
 
     Args:
-        position: joints at equidistant gridpoints [rad], shape (lines, m, n), m at least 8.
-        limits: of velocity, acceleration and jerk, which may be infinite, shape (n,) each.
-        profiles: constant, cruise and inner of each line's, shape (lines, 3).
-        cuts: share of its time after which it is over, shape (lines,).
+        lines: of n joints, one after the other.
+        profiles: constant, cruise and inner, shape (lines, ways, 3).
+        cuts: shape (lines, ways).
+        compared: the cut with which path coordinates are compared.
 
     Returns:
-        Times [s], (lines,); velocities and accelerations at the far ends, (lines, n) each.
+        Coordinates and times [s], (lines, ways); velocities and accelerations at the far ends, (lines, ways, n).
 
     Raises:
         MemoryError: there is none.
     """
-    lines, _, n = position.shape
-    time, velocity, acceleration = np.empty(lines), np.empty((lines, n)), np.empty((lines, n))
-    if lines:
-        every, first = numbers(position), Path.of(position[0], limits)
-        first.position = pointer(every)
-        found = map(pointer, (time, velocity, acceleration))
-        asked = _int64(lines), pointer(profiles), pointer(cuts)
-        if library().launched_lines(byref(first), *asked, *found):
+    counts = cuts.shape
+    coordinate, time = np.empty(counts, dtype=np.int64), np.empty(counts)
+    velocity, acceleration = (np.empty((*counts, lines.joints)) for _ in range(2))
+    if cuts.size:
+        asked = *map(_int64, counts), pointer(profiles), pointer(cuts), ctypes.c_double(compared)
+        found = map(pointer, (coordinate, time, velocity, acceleration))
+        if library().launched_lines(byref(lines), *asked, *found):
             raise MemoryError
-    return time, velocity, acceleration
+    return coordinate, time, velocity, acceleration
 
 
 def transfer_knots(

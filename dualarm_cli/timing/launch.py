@@ -35,8 +35,8 @@ PROFILES = (
 """Constant, cruise and inner, see `Launch`, of whole profiles; neighbours are alike."""
 CUTS = tuple(np.linspace(0.24, 0.92, 12).tolist())
 """Shares of a whole profile's time after which the line is over, rising."""
-COMPARED = 5
-"""Index of the cut with which path coordinates are compared."""
+COMPARED = CUTS[5]
+"""The cut with which path coordinates are compared."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.records import dataclass
-from dualarm_cli.timing.launch import CUTS, PROFILES, Launch, launches
+from dualarm_cli.timing.launch import COMPARED, CUTS, PROFILES, Launch, launches
 from dualarm_cli.timing.line_profile import path_of
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 from dualarm_cli.timing.ruckig_ import MovingTransfer
@@ -46,10 +46,6 @@ NUMBERS = 3, 0, 1, 2
 """The order in which they are changed: that which matters most first."""
 SWEEPS = 3
 """So often all numbers are changed by one width of steps, at most."""
-THINNED = 4
-"""Every so many samples of a line are enough for estimates of changed ways."""
-FEWEST = 8
-"""Samples that a line has at least."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +179,7 @@ class _End:
     way: Launch | None
     """How its outer end is passed; None: at rest, which is not changed."""
     path: trajectories.Path | None = None
-    """The line, at fewer samples: they are enough for an estimate."""
+    """The line."""
     away: bool = True
     """Whether the tool leaves the target on it."""
     places: IntArray | None = None
@@ -192,36 +188,42 @@ class _End:
     @classmethod
     def of(cls, lines: Passings, way: int) -> _End:
         """Returns a line passed in one of its ways."""
-        launch, line = lines.ways[way], lines.line
+        launch, line, time, rates = lines.ways[way], lines.line, lines.time[way], lines.rates[way]
         if launch is None or line is None:
-            return cls(float(lines.time[way]), lines.rates[way], None)
-        sparse = replace(line, position=line.position[::THINNED], length=line.length[::THINNED])
-        path = path_of(sparse if len(sparse.length) >= FEWEST else line)
-        time, rates = float(lines.time[way]), lines.rates[way]
-        return cls(time, rates, launch, path, lines.away, lines.places)
+            return cls(float(time), rates, None)
+        return cls(float(time), rates, launch, path_of(line), lines.away, lines.places)
 
-    def changed(self, number: int, step: float) -> _End | None:
-        """Returns the line with one of its way's numbers changed; None where that cannot be."""
-        assert (
-            self.way is not None and self.path is not None
-        )  # callers ask for lines in motion only
-        numbers = [self.way.constant, self.way.cruise, self.way.inner, self.way.cut]
-        least, most, relative = RANGES[number]
-        before = numbers[number]
-        numbers[number] = min(max(before + step * (1.0 + relative * before), least), most)
-        if numbers[number] == before:
-            return None
-        profile, cut = np.array([numbers[:3]]), np.array(numbers[3:])
-        coordinate, time, velocity, acceleration = trajectories.launches(self.path, profile, cut, 0)
+    def changed(self, halved: int) -> list[tuple[int, _End]]:
+        """Returns the line with one of its way's numbers changed, each both up and down, with that number's index.
+
+        Args:
+            halved: how often the widest steps are halved.
+        """
+        if self.way is None or self.path is None:
+            return []
+        own = [self.way.constant, self.way.cruise, self.way.inner, self.way.cut]
+        numbers, which = [], []
+        for number in NUMBERS:
+            least, most, relative = RANGES[number]
+            step = WIDEST[number] * 0.5**halved * (1.0 + relative * own[number])
+            for value in (own[number] + step, own[number] - step):
+                if (value := min(max(value, least), most)) != own[number]:
+                    numbers.append([*own[:number], value, *own[number + 1 :]])
+                    which.append(number)
+        asked = np.array(numbers)
+        profiles, cuts = np.ascontiguousarray(asked[None, :, :3]), asked[None, :, 3].copy()
+        estimates = trajectories.launched_lines(self.path, profiles, cuts, COMPARED)
+        coordinate, time, velocity, acceleration = (x[0] for x in estimates)
         places = np.arange(self.rates.shape[1]) if self.places is None else self.places
-        rates = np.zeros(self.rates.shape)
+        rates = np.zeros((len(which), *self.rates.shape))
         # A cap on the tool's speed is one more joint of the path.
-        rates[:, places] = velocity[0, 0, : len(places)], acceleration[0, 0, : len(places)]
-        if not self.away:
-            rates[0] *= -1.0
-        constant, cruise, inner, over = numbers
-        way = Launch(constant, cruise, inner, over, int(coordinate[0]))
-        return replace(self, time=float(time[0, 0]), rates=rates, way=way)
+        rates[:, 0, places] = velocity[:, : len(places)] * (1.0 if self.away else -1.0)
+        rates[:, 1, places] = acceleration[:, : len(places)]
+        found = []
+        for k, (constant, cruise, inner, cut) in enumerate(numbers):
+            way = Launch(constant, cruise, inner, cut, int(coordinate[k]))
+            found.append(replace(self, time=float(time[k]), rates=rates[k], way=way))
+        return list(zip(which, found, strict=True))
 
 
 def refined_pair(
@@ -246,15 +248,13 @@ def refined_pair(
         return lines[0].ways[pair[0]], lines[1].ways[pair[1]]
     ends = [_End.of(one, way) for one, way in zip(lines, pair[:2], strict=True)]
     transfer, best = MovingTransfer(problem, room), pair[2]
-    places = [(side, number) for side in (0, 1) if ends[side].way for number in NUMBERS]
     for width in range(widths):
         for _ in range(SWEEPS):
             moved = False
-            for side, number in places:
-                for sign in (1.0, -1.0):
-                    one = ends[side].changed(number, sign * WIDEST[number] * 0.5**width)
-                    if one is None:
-                        continue
+            for side in (0, 1):
+                left = ends[side].changed(width)
+                while left:
+                    number, one = left.pop(0)
                     tried = [one, ends[1]] if side == 0 else [ends[0], one]
                     spent = tried[0].time + tried[1].time
                     if spent + problem.minimum_duration >= best:
@@ -262,7 +262,8 @@ def refined_pair(
                     time = spent + transfer.duration(tried[0].rates, tried[1].rates, best - spent)
                     if time < best - LESS:
                         best, ends, moved = time, tried, True
-                        break
+                        after = NUMBERS[NUMBERS.index(number) + 1 :]
+                        left = [found for found in one.changed(width) if found[0] in after]
             if not moved:
                 break
     return ends[0].way, ends[1].way

@@ -12,7 +12,7 @@ import pytest
 
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.timing import TIMING_SOLVERS
-from dualarm_cli.timing.launch import CUTS, PROFILES, launches
+from dualarm_cli.timing.launch import COMPARED, CUTS, PROFILES, launches
 from dualarm_cli.timing.line_ends import RANGES, Passings, quickest_pair, refined_pair
 from dualarm_cli.timing.line_profile import path_of
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
@@ -195,7 +195,7 @@ def estimated(lines, ways, problem):
             continue
         profile = np.array([[way.constant, way.cruise, way.inner]])
         _, time, velocity, acceleration = trajectories.launches(
-            path_of(one.line), profile, np.array([way.cut]), 0
+            path_of(one.line), profile, np.array([way.cut]), COMPARED
         )
         spent += float(time[0, 0])
         sign = 1.0 if one.away else -1.0

@@ -59,59 +59,84 @@ static double launch_time(const Path *path, const Measures *measures, int64_t co
     return needed_time(&needs);
 }
 
+/* Returns the path coordinate along which a profile with some cut is the fastest. */
+static int64_t fastest_coordinate(const Path *path, const Measures *measures, Launch launch)
+{
+    enum { TRIED = 2 }; /* the others are too rough where the speed is greatest at the end */
+    double length[PHASES], least = INFINITY;
+    State state[PHASES + 1];
+    int64_t fastest = 0;
+    launch_phases(launch, length, state);
+    for (int64_t c = 0; c < TRIED; c++) {
+        const double own = launch_time(path, measures, c, length, state);
+        if (own < least) {
+            least = own;
+            fastest = c;
+        }
+    }
+    return fastest;
+}
+
+/* Estimates a profile along a path coordinate: how long it takes, and velocities and accelerations at the end, (joints,). */
+static double estimate(const Path *path, const Measures *measures, int64_t coordinate, Launch launch, double *velocity,
+                       double *acceleration)
+{
+    double length[PHASES];
+    State state[PHASES + 1];
+    launch_phases(launch, length, state);
+    const double time = launch_time(path, measures, coordinate, length, state) * ROUNDING;
+    const double speed = state[PHASES].speed, gain = state[PHASES].acceleration;
+    const int64_t n = path->joints, m = path->samples, s = measures->stride;
+    const double *first = measures->rates + (coordinate * m + m - 1) * 3 * s, *second = first + s;
+    for (int64_t k = 0; k < n; k++) {
+        velocity[k] = first[k] * speed / time;
+        acceleration[k] = (second[k] * speed * speed + first[k] * gain) / (time * time);
+    }
+    return time;
+}
+
 /* Estimates profiles of a line that pass its far end, each with all cuts: time, (profiles, cuts), velocities and
    accelerations at the end, (profiles, cuts, joints), and the coordinate along which each profile is the fastest with the
    cut `compared`, (profiles,). Returns 0, or 1 without memory. */
-int launches(const Path *path, const double *profiles, int64_t count, const double *cuts, int64_t many, int64_t compared,
+int launches(const Path *path, const double *profiles, int64_t count, const double *cuts, int64_t many, double compared,
              int64_t *coordinate, double *time, double *velocity, double *acceleration)
 {
-    enum { TRIED = 2 }; /* the others are too rough where the speed is greatest at the end */
     Measures measures;
-    double length[PHASES];
-    State state[PHASES + 1];
     if (measure(path, &measures))
         return 1;
-    const int64_t n = path->joints, m = path->samples, s = measures.stride;
+    const int64_t n = path->joints;
     for (int64_t p = 0; p < count; p++) {
-        Launch launch = {profiles[3 * p], profiles[3 * p + 1], profiles[3 * p + 2], cuts[compared]};
-        double least = INFINITY;
-        launch_phases(launch, length, state);
-        for (int64_t c = 0; c < TRIED; c++) {
-            const double own = launch_time(path, &measures, c, length, state);
-            if (own < least) {
-                least = own;
-                coordinate[p] = c;
-            }
-        }
-        const double *first = measures.rates + (coordinate[p] * m + m - 1) * 3 * s, *second = first + s;
+        Launch launch = {profiles[3 * p], profiles[3 * p + 1], profiles[3 * p + 2], compared};
+        coordinate[p] = fastest_coordinate(path, &measures, launch);
         for (int64_t i = p * many; i < (p + 1) * many; i++) {
             launch.cut = cuts[i - p * many];
-            launch_phases(launch, length, state);
-            time[i] = launch_time(path, &measures, coordinate[p], length, state) * ROUNDING;
-            const double speed = state[PHASES].speed, gain = state[PHASES].acceleration;
-            for (int64_t k = 0; k < n; k++) {
-                velocity[i * n + k] = first[k] * speed / time[i];
-                acceleration[i * n + k] = (second[k] * speed * speed + first[k] * gain) / (time[i] * time[i]);
-            }
+            time[i] = estimate(path, &measures, coordinate[p], launch, velocity + i * n, acceleration + i * n);
         }
     }
     release(&measures);
     return 0;
 }
 
-/* Estimates many lines of as many samples, which follow one another from `first`, each with a profile, (lines, 3), and a
-   cut, (lines,), of its own: times, (lines,), velocities and accelerations at the far ends, (lines, joints). Returns 0,
-   or 1 without memory. */
-int launched_lines(const Path *first, int64_t lines, const double *profiles, const double *cuts, double *time,
-                   double *velocity, double *acceleration)
+/* Estimates many lines of as many samples, which follow one another from `first`, each with profiles, (lines, each, 3),
+   and cuts, (lines, each), of its own: coordinates and times, (lines, each), velocities and accelerations at the far ends,
+   (lines, each, joints). Returns 0, or 1 without memory. */
+int launched_lines(const Path *first, int64_t lines, int64_t each, const double *profiles, const double *cuts,
+                   double compared, int64_t *coordinate, double *time, double *velocity, double *acceleration)
 {
     Path path = *first;
-    for (int64_t i = 0; i < lines; i++) {
-        int64_t coordinate;
-        path.position = first->position + i * path.samples * path.joints;
-        if (launches(&path, profiles + 3 * i, 1, cuts + i, 1, 0, &coordinate, time + i, velocity + i * path.joints,
-                     acceleration + i * path.joints))
+    Measures measures;
+    const int64_t n = path.joints;
+    for (int64_t line = 0; line < lines; line++) {
+        path.position = first->position + line * path.samples * n;
+        if (measure(&path, &measures))
             return 1;
+        for (int64_t i = line * each; i < (line + 1) * each; i++) {
+            Launch launch = {profiles[3 * i], profiles[3 * i + 1], profiles[3 * i + 2], compared};
+            coordinate[i] = fastest_coordinate(&path, &measures, launch);
+            launch.cut = cuts[i];
+            time[i] = estimate(&path, &measures, coordinate[i], launch, velocity + i * n, acceleration + i * n);
+        }
+        release(&measures);
     }
     return 0;
 }

@@ -14,7 +14,7 @@ from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.stages.plans.candidates import CandidatePostures
 from dualarm_cli.stages.plans.problem import ArmWork
-from dualarm_cli.timing.launch import CUTS, PROFILES
+from dualarm_cli.timing.launch import COMPARED, CUTS, PROFILES
 from dualarm_cli.timing.ruckig_ import StatesToStates
 from dualarm_cli.timing.shapes import lagrange_basis
 
@@ -38,12 +38,14 @@ def passed(work: ArmWork, ways: IntArray, found: CandidatePostures) -> Candidate
     asked = (ways > 0) & found.possible[:, None] & (rest > 0.0)
     paths = np.concatenate([outwards(found, line)[asked[:, line]] for line in (0, 1)])
     way = np.concatenate([ways[asked[:, line], line] for line in (0, 1)]) - 1
-    time, velocity, acceleration = trajectories.launched_lines(
-        paths,
-        (work.limits.velocity, work.limits.acceleration, work.limits.jerk),
-        np.array(PROFILES)[way // len(CUTS)],
-        np.array(CUTS)[way % len(CUTS)],
+    limits = work.limits.velocity, work.limits.acceleration, work.limits.jerk
+    _, *estimates = trajectories.launched_lines(
+        trajectories.Path.of(paths, limits),
+        np.array(PROFILES)[way // len(CUTS), None],
+        np.array(CUTS)[way % len(CUTS), None],
+        COMPARED,
     )
+    time, velocity, acceleration = (x[:, 0] for x in estimates)
     shares, rates = np.ones(rest.shape), np.zeros(found.rates.shape)
     count = int(asked[:, 0].sum())
     for line, part, sign in ((0, slice(0, count), -1.0), (1, slice(count, None), 1.0)):
