@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import field, replace
 from itertools import pairwise
 
@@ -174,7 +174,7 @@ class Clearing:
     """Of what is tried at random."""
     known: Known = field(default_factory=Known)
     """What is timed already: repaired stages keep their lines."""
-    seen: dict[tuple[int | str | bytes, ...], bool] = field(default_factory=dict)
+    seen: dict[tuple[Hashable, ...], bool] = field(default_factory=dict)
     """Which stages are collision-free, as far as known, by their number and all that their motion depends on."""
 
     def timed(self, plans: list[StagePlan]) -> Motion:
@@ -321,7 +321,7 @@ class Clearing:
         return tries[int(np.argmin(lengths))]
 
 
-def _stage_key(k: int, plan: StagePlan, before: StagePlan | None) -> tuple[int | str | bytes, ...]:
+def _stage_key(k: int, plan: StagePlan, before: StagePlan | None) -> tuple[Hashable, ...]:
     """Returns all that the motion of a stage that nobody waits in depends on, its number first."""
     postures = [plan.start, plan.arrival, plan.end, *plan.turned.values()]
     for stop in (*plan.stops.values(), *plan.leaving.values()):
@@ -330,7 +330,7 @@ def _stage_key(k: int, plan: StagePlan, before: StagePlan | None) -> tuple[int |
             made.q_target,
             np.array([made.psi_target, made.psi_approach, made.psi_retract]),
         ]
-    passes = [*plan.turned, *(str(way) for way in plan.passes.items())]
+    passes: list[Hashable] = [*plan.turned, *plan.passes.items()]
     passes += [
         f"{name} by {one.points.tolist()} {np.asarray(one.rates).tolist()}"
         for name, one in plan.detours.items()
@@ -338,7 +338,7 @@ def _stage_key(k: int, plan: StagePlan, before: StagePlan | None) -> tuple[int |
     passes += [f"{name} through {rate.tolist()}" for name, rate in plan.through.items()]
     if before is not None:
         passes += [f"{name} from {rate.tolist()}" for name, rate in before.through.items()]
-        passes += [f"left {way}" for way in before.passes.items() if way[0][1] == "retract"]
+        passes += [("left", way) for way in before.passes.items() if way[0][1] == "retract"]
     return (k, *passes, *(posture.tobytes() for posture in postures))
 
 

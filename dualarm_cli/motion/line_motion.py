@@ -155,7 +155,7 @@ def turned_line(drive: Drive, plan: StagePlan, line: str) -> Mapping[str, Trajec
         end = made.psi_retract if line == "retract" else made.psi_approach
         ways = [made.psi_target, end, made.branch, line_length(one, line)]
         numbers += [made.q_target, np.array(ways)]
-    key: Key = (line, str(launch), *groups, np.concatenate(numbers).tobytes())
+    key: Key = (line, launch, *groups, np.concatenate(numbers).tobytes())
     if key not in drive.known.together:
         timed = _timed(drive, plan, line, launch)
         parts = tuple(timed.select(drive.joints(group)) for group in groups)

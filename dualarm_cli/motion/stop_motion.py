@@ -267,7 +267,7 @@ def remember_line(
 def _timed_key(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Key:
     """Returns all that a timed line depends on."""
     launch = plan.passes.get((arm_stop.arm, line))
-    return (line, str(launch), *_line_key(drive.model, plan, arm_stop, line))
+    return (line, launch, *_line_key(drive.model, plan, arm_stop, line))
 
 
 def joints_along(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from typing import TypeVar
@@ -66,7 +66,7 @@ class Transfers:
         return TOOL_SPEED if self.capped else self.slowest[slowest]
 
 
-Key = tuple[str | int | bytes, ...]
+Key = tuple[Hashable, ...]
 """All that something depends on."""
 
 

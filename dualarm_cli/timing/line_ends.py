@@ -120,12 +120,13 @@ def quickest_pair(
         room: what it keeps free of limits of position [rad].
     """
     transfer, platform = MovingTransfer(problem, room), problem.minimum_duration
-    least = {(0, 0): float(before.time[0] + rest + after.time[0])}
+    times = before.time.tolist(), after.time.tolist()
+    least = {(0, 0): times[0][0] + rest + times[1][0]}
 
     def time(pair: tuple[Place, Place], most: float) -> float:
         i, j = before.index(*pair[0]), after.index(*pair[1])
         if (i, j) not in least:
-            lines = float(before.time[i] + after.time[j])
+            lines = times[0][i] + times[1][j]
             if lines + platform >= most:
                 return np.inf
             # What takes longer than the best pair known is not looked at again: that one only becomes better.
