@@ -9,7 +9,8 @@ from functools import partial
 import numpy as np
 
 from dualarm_cli.beside import halves
-from dualarm_cli.clearing.clear_plan import ClearedPlan, has_blends
+from dualarm_cli.clearing.blended_plan import has_blends
+from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.repairs import Cleared, Clearing
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import InfeasibleError

@@ -12,7 +12,8 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from dualarm_cli.clearing.clear_plan import ClearedPlan, blended_plan, has_blends
+from dualarm_cli.clearing.blended_plan import blended_plan, has_blends
+from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.line_plan import TransferMemory, turned_lines_plan
 from dualarm_cli.clearing.permissions import permitted, why_not
 from dualarm_cli.clearing.repairs import Cleared, Clearing
@@ -24,7 +25,6 @@ from dualarm_cli.motion.dwell_motion import dwell_motions
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import Drive
 from dualarm_cli.motion.turned_transfers import can_take_over, may_turn
-from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.leaving import Leaving, LeavingSearch, MotionRoom, leaving_of, leaving_plans
@@ -54,8 +54,6 @@ def moving_plan(
     found: ClearedPlan,
     timing: TimingSolver,
     progress: Callable[[str], None],
-    *,
-    clear: bool = True,
 ) -> ClearedPlan:
     """Returns a plan in which joints move in dwells and the platform on lines, where tasks allow it and it is shorter.
 
@@ -66,12 +64,11 @@ def moving_plan(
         found: the plan in which they stand, blended where the problem allows it.
         timing: how motions are timed.
         progress: receives what is being done.
-        clear: whether anything has to be collision-free.
     """
     if not permitted(problem.job):
         return found
     numbers = sequence_problem(problem.model, problem.job)
-    trial = _Trial.of(problem, numbers, found, timing, clear=clear)
+    trial = _Trial.of(problem, numbers, found, timing)
     room = trial.room()
     progress("moving platform and arms while tools dwell or are on lines")
     # What the search finds without such motion is not gained by it.
@@ -128,14 +125,12 @@ class _Trial:
         numbers: SequenceProblem,
         found: ClearedPlan,
         timing: TimingSolver,
-        *,
-        clear: bool,
     ) -> _Trial:
         model, job, known = problem.model, problem.job, found.known
         stopping = found.stopping or found.cleared
         clearing = None
-        if clear:
-            clearing = Clearing(model, job, Holding.of(job), timing, problem.seed, known)
+        if found.holding is not None:
+            clearing = Clearing(model, job, found.holding, timing, problem.seed, known)
         return cls(
             problem,
             numbers,
@@ -290,7 +285,7 @@ class _Trial:
                 return None, self._beside(plan, touching)
             made = replace(self.found, cleared=Cleared(plans, motion, ()), stopping=None)
             if has_blends(problem):
-                made = blended_plan(problem, made, self.timing, clear=self.clearing is not None)
+                made = blended_plan(problem, made, self.timing)
             if lines:
                 made = self._with_lines(made, plan.outer)
         except InfeasibleError:

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import field, replace
 from typing import Any
 
-from dualarm_cli.clearing.clear_plan import ClearedPlan, quickest_clear
+from dualarm_cli.clearing.clear_plan import quickest_clear
+from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.errors import Diagnostic
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds

@@ -12,7 +12,8 @@ import numpy as np
 from dualarm_cli import __version__
 from dualarm_cli.beside import Beside
 from dualarm_cli.bound.bound import LowerBound
-from dualarm_cli.clearing.clear_plan import clearance_notes, quickest_clear
+from dualarm_cli.clearing.clear_plan import quickest_clear
+from dualarm_cli.clearing.cleared_plan import clearance_notes
 from dualarm_cli.clearing.moving_plan import moving_plan
 from dualarm_cli.clearing.permissions import (
     ASYNCHRONOUS,
@@ -319,7 +320,7 @@ def _decided_plan(
     found = quickest(problem, method.solve, timing, progress, clear=clear)
     moving = unused_notes(job, CONVEYORS)
     if quickest is quickest_clear:
-        found = moving_plan(problem, found, timing, progress, clear=clear)
+        found = moving_plan(problem, found, timing, progress)
         gain, turns = found.cleared.motion.motion_gain, problem.model.platform.is_chosen
         moving = permission_notes(job, gain, platform=turns)
     stages, motion = found.cleared.plans, found.cleared.motion

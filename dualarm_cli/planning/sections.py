@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.clearing.clear_plan import check_start, clearance_notes, quickest_clear
+from dualarm_cli.clearing.blocked import check_start
+from dualarm_cli.clearing.clear_plan import quickest_clear
+from dualarm_cli.clearing.cleared_plan import clearance_notes
 from dualarm_cli.clearing.moving_plan import moving_plan
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import SectionBuilder, SectionTools, kind_of, with_needs
@@ -91,7 +93,7 @@ class SectionPlanner(SectionTools):
         problem = self._ordered(replace(problem, job=begun(problem.job, done)))
         self.progress("deciding platform angles and postures")
         found = quickest_clear(problem, self.method, self.timing, self.progress, clear=self.clear)
-        found = moving_plan(problem, found, self.timing, self.progress, clear=self.clear)
+        found = moving_plan(problem, found, self.timing, self.progress)
         record.append(found.cleared.motion)
         record.count(found)
         record.stage_plans += found.cleared.plans

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.clearing import clear_plan
+from dualarm_cli.clearing import blended_plan
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.repairs import Clearing
 from dualarm_cli.collision.solids import (
@@ -288,13 +288,13 @@ def test_detours_keep_a_cap_on_the_tools_speed_and_cost_little(tasks_folder, mon
 
     Under a cap detours are between stops.
     """
-    found, bent = clear_plan.bent_ways, []
+    found, bent = blended_plan.bent_ways, []
 
     def noted(*args):
         bent.append(found(*args))
         return bent[-1]
 
-    monkeypatch.setattr(clear_plan, "bent_ways", noted)
+    monkeypatch.setattr(blended_plan, "bent_ways", noted)
     job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
     job = dataclasses.replace(job, tasks=job.tasks[:4], tool_speed=0.5)
     schedule = plan_without_bound(job, QUICK)

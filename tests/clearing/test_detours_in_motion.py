@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dualarm_cli.clearing import clear_plan
+from dualarm_cli.clearing import blended_plan
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
@@ -41,16 +41,16 @@ def test_detours_in_motion_are_verified_and_quicker_than_with_stops(
     """Against the same stages with all detours between stops."""
     job = load_job(tasks_folder / name / "tasks.yaml")
     job = replace(job, tasks=job.tasks[some])
-    found, calls = clear_plan.bent_ways, []
+    found, calls = blended_plan.bent_ways, []
 
     def noted(*args):
         calls.append(found(*args))
         return calls[-1]
 
-    monkeypatch.setattr(clear_plan, "bent_ways", noted)
+    monkeypatch.setattr(blended_plan, "bent_ways", noted)
     moving = planned(job)
     assert any(calls)
-    monkeypatch.setattr(clear_plan, "bent_ways", lambda *_: {})
+    monkeypatch.setattr(blended_plan, "bent_ways", lambda *_: {})
     assert moving.duration < planned(job).duration - 1e-3
 
 

@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.clearing.clear_plan import check_start, quickest_clear
+from dualarm_cli.clearing.blocked import check_start
+from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel

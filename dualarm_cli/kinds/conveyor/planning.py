@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from dualarm_cli.clearing.clear_plan import ClearedPlan, quickest_clear
+from dualarm_cli.clearing.clear_plan import quickest_clear
+from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinds.conveyor.meeting import ConveyorMeeting, MissedError, Times, met_times
 from dualarm_cli.kinds.planning import KindPlanning

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from dualarm_cli.clearing.clear_plan import ClearedPlan
+from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import Diagnostic, InfeasibleError, did_you_mean
 from dualarm_cli.geometry.arrays import FloatArray

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.clearing.clear_plan import ClearedPlan
+from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import (

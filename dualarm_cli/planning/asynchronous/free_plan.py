@@ -7,13 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.clearing.clear_plan import (
-    ClearedPlan,
-    blended_plan,
-    has_blends,
-    quickest_clear,
-    with_room,
-)
+from dualarm_cli.clearing.blended_plan import blended_plan, has_blends, with_room
+from dualarm_cli.clearing.clear_plan import quickest_clear
+from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.stage_samples import STEP, StageSamples, which_are_clear
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.errors import InfeasibleError
@@ -193,9 +189,7 @@ class FreePlanner:
             last = max(stage.start + SAME_TIME, stage.end - SAME_TIME)
             if any(stage.start - SAME_TIME <= at <= last for at in waited):
                 stopping.add((k, name))
-        found = blended_plan(
-            way.problem, way.found, self.timing, stopping, clear=self.clear, crossing=False
-        )
+        found = blended_plan(way.problem, way.found, self.timing, stopping)
         return self._clock(way.problem, name, found.cleared.motion)
 
     def _still(self, model: CellModel, work: FloatArray) -> Motion:

@@ -1,0 +1,153 @@
+"""Why nothing can be collision-free: what touches whatever is done about it, and what stays blocked."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.clearing.repairs import Cleared, Clearing
+from dualarm_cli.clearing.stage_samples import stage_samples
+from dualarm_cli.collision.lying import too_near
+from dualarm_cli.errors import BlockedError, InfeasibleError
+from dualarm_cli.model.job import Job, PoseTarget
+from dualarm_cli.motion.builder import Motion
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.refusals import Refusal
+from dualarm_cli.stages.method import MethodProblem
+
+MOST_PAIRS = 30
+"""Most pairs of bodies that a message lists, worst first."""
+MANY = 0.02
+"""Share of stages; where lines touch in more of them, another order is better than repairing."""
+
+
+def check_start(problem: MethodProblem, holding: Holding) -> None:
+    """Refuses a start that is not collision-free: no motion begins there.
+
+    Raises:
+        InfeasibleError: with the posture, all pairs of bodies and what each lacks.
+    """
+    job, cell = problem.job, holding.cell
+    if job.start == "free":
+        return
+    position = np.array(job.start_joints)
+    held = holding.before[0]
+    lacking = cell.lacking(position, held)
+    if lacking:
+        pairs = [
+            Refusal("touches", measured=-margin, more={"one": one, "other": other})
+            for one, other, margin in lacking
+        ]
+        rest = len(pairs) - MOST_PAIRS
+        more = {
+            "posture": job.start,
+            "pairs": pairs[:MOST_PAIRS],
+            "rest": f", and {rest} more pairs" if rest > 0 else "",
+        }
+        raise InfeasibleError(Refusal("start_touches", more=more))
+
+
+def check_parts(problem: MethodProblem, holding: Holding) -> None:
+    """Refuses parts that reach into something where they are picked or placed, and tools at stands: no posture helps.
+
+    Raises:
+        InfeasibleError: with task, part or tool, obstacle and depth, of all of them.
+    """
+    found = []
+    stages = problem.job.stages()
+    for (k, arm), (depth, into) in holding.misfits.items():
+        task, stop = stages[k][arm]
+        if isinstance(stop.target, PoseTarget) and stop.target.free_yaw:
+            continue  # between the turns that were tried there are others
+        what = "tool_reaches_into" if task.is_change else "part_reaches_into"
+        held = task.tool if task.is_change else task.part
+        more = {"action": stop.action.split("_")[0], "held": held, "into": into}
+        found.append(Refusal(what, stop.place, task.id, arm, depth, more=more))
+    if found:
+        raise InfeasibleError(*found)
+
+
+def check_grips(problem: MethodProblem) -> None:
+    """Refuses hand-overs in which tools or part are too near to each other: no posture changes that.
+
+    Raises:
+        InfeasibleError: with task, bodies and what is missing, of all of them.
+    """
+    tasks = problem.job.tasks
+    takes = {task.id: task.stops[0] for task in tasks if task.stops[0].action == "take"}
+    found = []
+    for task in tasks:
+        work, give = task.handover, task.stops[-1]
+        if work is None or give.action != "give":
+            continue
+        lengths = takes[task.id].approach, give.retract
+        for one in too_near(problem.job.cell, work, task.id, task.part, *lengths):
+            more = {"where": one.where, "one": one.bodies[0], "other": one.bodies[1]}
+            found.append(
+                Refusal("grip_touches", work.place, task.id, task.arm, -one.margin, more=more)
+            )
+    if found:
+        raise InfeasibleError(*found)
+
+
+def refuse_touching_lines(clearing: Clearing, plans: list[StagePlan], motion: Motion) -> None:
+    """Refuses many stages in which both arms' lines touch: no repairing helps them as much as another order.
+
+    Args:
+        clearing: the job.
+        plans: its stages.
+        motion: theirs.
+
+    Raises:
+        BlockedError: with those stages.
+    """
+    apart = tuple(clearing.side_by_side(plans, clearing.touching(plans, motion)))
+    if len(apart) > max(1.0, MANY * len(plans)):
+        raise BlockedError(*why_blocked(clearing, Cleared(plans, motion, apart)), stages=apart)
+
+
+def why_blocked(clearing: Clearing, found: Cleared | None) -> list[Refusal]:
+    """Returns which stages collide, with the pair of bodies and what is missing."""
+    if found is None:
+        return [Refusal("not_clear")]
+    refusals, cell = [], clearing.holding.cell
+    standing = _standing(clearing.job, found)
+    for k in found.blocked:
+        samples = stage_samples(found.motion, k, k, clearing.holding)
+        margins = cell.margins(samples.position, samples.held)
+        worst = int(np.argmin(margins))
+        one, other, margin = cell.nearest(samples.position[worst], samples.held[worst])
+        stage = found.motion.stages[k]
+        stops = list(found.plans[k].stops.values())
+        more = {
+            "one": one,
+            "other": other,
+            "when": (stage.end - stage.start) * worst / (len(margins) - 1),
+            "stage": k + 1,
+            "beside": [
+                Refusal("beside", None, stop.task.id, stop.arm, more={"there": stop.stop.place})
+                for stop in stops[1:]
+            ],
+            "standing": standing,
+        }
+        refused = Refusal("return_touches", measured=max(0.0, -margin), more=more)
+        for stop in stops[:1]:
+            whose = stop.stop.place, stop.task.id, stop.arm
+            refused = Refusal("stage_touches", *whose, refused.measured, more=more)
+        refusals.append(refused)
+    return refusals
+
+
+def _standing(job: Job, found: Cleared) -> list[Refusal]:
+    """Returns which arms stand where they started in stages that collide, as their work begins later."""
+    standing = []
+    for arm in job.cell.robot.arms:
+        first = next((k for k, plan in enumerate(found.plans) if arm.name in plan.stops), 0)
+        if found.blocked and min(found.blocked) < first:
+            more = {
+                "posture": job.start_posture,
+                "stage": first + 1,
+                "start": [Refusal("starts_there")] if job.start == "free" else [],
+            }
+            standing.append(Refusal("stands_in_the_way", arm=arm.name, more=more))
+    return standing
