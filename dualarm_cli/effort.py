@@ -303,7 +303,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         clocks=FreeEffort(60, 1500, 1, 1.0),
         epochs=EpochEffort(3, 20, 20, 400),
         search=SearchEffort(
-            (Mesh(np.radians(12.0), 14, 1000, 20),), 2, 3, 0, 2, 1, 0, (), LOCAL, local_rounds=0
+            (Mesh(np.radians(12.0), 14, 1000, 20),), 2, 3, 0, 1, 2, 0, (), LOCAL, local_rounds=0
         ),
         bound=Resolution(np.radians(15.0), 9, 3),
         ipopt=NonlinearEffort(100, (np.inf, 0.3)),
