@@ -7,8 +7,8 @@ A comment above a block says how it is checked; several are separated by semicol
 - `<!-- exit: N -->`: the commands end with exit code N.
 - `<!-- slow -->`: the commands, and the output below them, are checked with `-m slow` only.
 
-Blocks of a page run in order in one folder that holds `tasks/`. In an output (`text`) `…` stands for anything; a block
-without a language is a drawing.
+Blocks of a page run in order in one folder that holds `tasks/`. In an output (`text`) `…` stands for anything, and
+numbers are about those that are printed; a block without a language is a drawing.
 """
 
 from __future__ import annotations
@@ -51,6 +51,10 @@ SET_UP = ("python3", ".venv/", "PYTHONPATH=. .venv/", "pip ", "dask ", "sphinx-b
 SHELL = re.compile(r"[|<>;&$*`]")
 """What only a shell understands; a glob in quotes as well, which the shell hands over as it is."""
 PLACEHOLDER = re.compile(r"(?<![\w-])[A-Z]{2,}(?:\.\w+)?\b")
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
+NEAR, ROUNDED, COUNTS = 0.05, 0.02, 100
+"""How far a number that is printed may be from the one in the docs: a share, and in decimals so much more. Machines
+round differently, and a search may then end elsewhere. Whole numbers below the last one are counts, and exact."""
 FIGURES = {
     "any_order.png": ("dualarm plan tasks/11_any_order/tasks.yaml", "order.png"),
     "circles.png": ("dualarm plan tasks/papers/choi_circles/tasks.yaml", "circles_paths.png"),
@@ -201,12 +205,30 @@ def check_yaml(block: Block, folder: Path) -> None:
 
 
 def check_output(block: Block, printed: str) -> None:
-    """Every line of an output block is in what the commands have printed."""
+    """Every line of an output block is in what the commands have printed, numbers as near as `NEAR` says."""
     real = [" ".join(line.split()) for line in printed.splitlines()]
     for line in block.text.splitlines():
-        parts = [re.escape(part) for part in " ".join(line.split()).split("…")]
-        pattern = re.compile(".*".join(parts))
-        assert any(pattern.search(one) for one in real), f"not printed: {line}\n{printed}"
+        assert any(is_printed(" ".join(line.split()), one) for one in real), (
+            f"not printed: {line}\n{printed}"
+        )
+
+
+def is_printed(shown: str, line: str) -> bool:
+    """Whether a line of the docs is a printed one, or part of it."""
+    parts = shown.split("…")
+    if re.search(".*".join(map(re.escape, parts)), line):
+        return True
+    texts = [map(re.escape, NUMBER.split(part)) for part in parts]
+    found = re.search(".*".join(f"({NUMBER.pattern})".join(text) for text in texts), line)
+    return found is not None and all(map(is_near, found.groups(), NUMBER.findall(shown)))
+
+
+def is_near(printed: str, shown: str) -> bool:
+    """Whether a number is the one in the docs; small whole numbers are counts."""
+    one, other = float(printed), float(shown)
+    if "." not in shown and other < COUNTS:
+        return one == other
+    return abs(one - other) <= NEAR * other + ("." in shown) * ROUNDED
 
 
 def check_figures(folder: Path) -> None:
