@@ -1,16 +1,17 @@
-"""Dataclasses that load quickly: as those of `dataclasses`, whose decorator compiles six functions for a frozen class.
+"""Dataclasses that load quickly.
 
-With some 400 classes these are a third of the time in which the package loads. Here one function of each class is
-compiled, its `__init__`, and all classes share the others.
+`dataclasses.dataclass` compiles six functions for each frozen class, and this package has some 450 of them: before,
+a third of the time in which the planner loads. Here only `__init__` is compiled, and all classes share the rest.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections.abc import Callable, Sequence
 from operator import attrgetter
 from reprlib import recursive_repr
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 T = TypeVar("T")
 
@@ -22,57 +23,87 @@ else:
         """Makes a class a dataclass, as `dataclasses.dataclass` does with the same arguments."""
         if cls is None:
             return lambda made: dataclass(made, frozen=frozen, eq=eq)
-        if not frozen:
-            return dataclasses.dataclass(cls, eq=eq)
+        if not frozen or _is_special(cls):
+            return dataclasses.dataclass(cls, frozen=frozen, eq=eq)
         return _frozen(cls, eq)
+
+
+def _is_special(cls: type) -> bool:
+    """Returns whether a class asks for what only the standard library does."""
+    own = {"__init__", "__repr__", "__eq__", "__hash__", "__setattr__", "__delattr__"}
+    annotated = vars(cls).get("__annotations__", {})
+    values = [vars(cls).get(name) for name in annotated]
+    fields = [value for value in values if isinstance(value, dataclasses.Field)]
+    return (
+        bool(own & set(vars(cls)))
+        or any("InitVar" in str(kind) or "KW_ONLY" in str(kind) for kind in annotated.values())
+        or any(f.hash is not None or f.kw_only is True for f in fields)
+    )
 
 
 def _frozen(cls: type[T], eq: bool) -> type[T]:
     """Returns a class as a frozen dataclass."""
-    own = vars(cls).get
-    # Asked for a frozen class it compiles two functions, which are shared here; derived classes have to be asked for.
+    # The standard library refuses a class that is not frozen under one that is; else it is spared two functions.
     derived = any(dataclasses.is_dataclass(base) for base in cls.__mro__[1:])
     made = dataclasses.dataclass(init=False, repr=False, eq=False, frozen=derived)(cls)
-    made.__dataclass_params__.frozen = True  # type: ignore[attr-defined]
+    parameters = made.__dataclass_params__  # type: ignore[attr-defined]
+    parameters.init = parameters.repr = parameters.frozen = True
+    parameters.eq = eq
     fields = dataclasses.fields(made)  # type: ignore[arg-type]
     added: dict[str, Any] = {
         "__init__": _init(made, fields),
-        "__repr__": own("__repr__") or _repr([f.name for f in fields if f.repr]),
-        "__setattr__": _no_assignment,
-        "__delattr__": _no_deletion,
+        "__repr__": _repr([f.name for f in fields if f.repr]),
+        "__setattr__": _set_attribute,
+        "__delattr__": _delete_attribute,
     }
     if eq:
         values = _values([f.name for f in fields if f.compare])
-        added["__eq__"], added["__hash__"] = _eq(values), lambda one: hash(values(one))
+        added["__eq__"], added["__hash__"] = _eq(values), _hash(values)
     for name, function in added.items():
         setattr(made, name, function)
     return made
 
 
+class _Made:
+    """What stands for a default that is made anew each time."""
+
+    def __repr__(self) -> str:
+        return "<factory>"
+
+
+_MADE = _Made()
+
+
 def _init(cls: type, fields: Sequence[dataclasses.Field[Any]]) -> Callable[..., None]:
     """Returns `__init__` of a class, which sets its fields, and calls `__post_init__` if there is one."""
-    known: dict[str, Any] = {"_set": object.__setattr__, "_missing": dataclasses.MISSING}
-    arguments, lines = ["self"], []
+    known: dict[str, Any] = {"__set__": object.__setattr__, "__made__": _MADE}
+    this = "self" if all(f.name != "self" for f in fields) else "__self__"
+    arguments, lines = [this], []
     for field in fields:
         name = value = argument = field.name
         is_made = field.default_factory is not dataclasses.MISSING
+        default = f"__of_{name}__"
         if is_made:
-            known[f"_of_{name}"] = field.default_factory
-            argument = f"{name}=_missing"
-            value = f"_of_{name}() if {name} is _missing else {name}"
+            known[default] = field.default_factory
+            argument = f"{name}=__made__"
+            value = f"{default}() if {name} is __made__ else {name}"
         elif field.default is not dataclasses.MISSING:
-            known[f"_of_{name}"] = field.default
-            argument = f"{name}=_of_{name}"
+            known[default] = field.default
+            argument = f"{name}={default}"
         if field.init:
             arguments.append(argument)
-            lines.append(f" _set(self, {name!r}, {value})")
+            lines.append(f"__set__({this}, {name!r}, {value})")
         elif is_made:
-            lines.append(f" _set(self, {name!r}, _of_{name}())")
+            lines.append(f"__set__({this}, {name!r}, {default}())")
     if hasattr(cls, "__post_init__"):
-        lines.append(" self.__post_init__()")
-    exec(f"def __init__({', '.join(arguments)}):\n" + ("\n".join(lines) or " pass"), known)
-    made: Callable[..., None] = known["__init__"]
-    made.__qualname__, made.__module__ = f"{cls.__qualname__}.__init__", cls.__module__
+        lines.append(f"{this}.__post_init__()")
+    body = "\n  ".join(lines or ["pass"])
+    text = f"def of({', '.join(known)}):\n def __init__({', '.join(arguments)}):\n  {body}\n return __init__"
+    # Names in annotations are those of the class's module.
+    found: dict[str, Any] = {}
+    exec(text, vars(sys.modules[cls.__module__]), found)
+    made: Callable[..., None] = found["of"](**known)
+    made.__qualname__ = f"{cls.__qualname__}.__init__"
     made.__annotations__ = {f.name: f.type for f in fields if f.init} | {"return": None}
     return made
 
@@ -96,7 +127,7 @@ def _values(names: Sequence[str]) -> Callable[[Any], tuple[Any, ...]]:
 
 
 def _eq(values: Callable[[Any], tuple[Any, ...]]) -> Callable[[Any, object], bool]:
-    """Returns `__eq__` of a class by the values that are compared."""
+    """Returns `__eq__` of a class by the values that are compared, as a tuple: what is the same object is equal."""
 
     def __eq__(self: Any, other: object) -> bool:
         return values(self) == values(other) if type(other) is type(self) else NotImplemented
@@ -104,9 +135,27 @@ def _eq(values: Callable[[Any], tuple[Any, ...]]) -> Callable[[Any, object], boo
     return __eq__
 
 
-def _no_assignment(self: object, name: str, value: object) -> NoReturn:
-    raise dataclasses.FrozenInstanceError(f"cannot assign to field {name!r}")
+def _hash(values: Callable[[Any], tuple[Any, ...]]) -> Callable[[Any], int]:
+    """Returns `__hash__` of a class by the values that are compared."""
+
+    def __hash__(self: Any) -> int:
+        return hash(values(self))
+
+    return __hash__
 
 
-def _no_deletion(self: object, name: str) -> NoReturn:
-    raise dataclasses.FrozenInstanceError(f"cannot delete field {name!r}")
+def _is_fixed(self: object, name: str) -> bool:
+    """Returns whether an attribute must not change: a field, or any of a dataclass; what is derived may have more."""
+    return "__dataclass_fields__" in vars(type(self)) or name in self.__dataclass_fields__  # type: ignore[attr-defined]
+
+
+def _set_attribute(self: object, name: str, value: object) -> None:
+    if _is_fixed(self, name):
+        raise dataclasses.FrozenInstanceError(f"cannot assign to field {name!r}")
+    object.__setattr__(self, name, value)
+
+
+def _delete_attribute(self: object, name: str) -> None:
+    if _is_fixed(self, name):
+        raise dataclasses.FrozenInstanceError(f"cannot delete field {name!r}")
+    object.__delattr__(self, name)

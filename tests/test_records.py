@@ -8,7 +8,7 @@ import inspect
 import pickle
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, get_type_hints
 
 import pytest
 
@@ -52,7 +52,7 @@ def pair(dataclass: Decorator) -> tuple[type, type]:
 
 
 @KINDS
-def test_what_it_is_made_of(dataclass: Decorator) -> None:
+def test_fields_and_signature(dataclass: Decorator) -> None:
     first, second = pair(dataclass)
     assert [(f.name, f.init, f.compare) for f in dataclasses.fields(second)] == [
         ("a", True, True),
@@ -75,7 +75,7 @@ def test_what_it_is_made_of(dataclass: Decorator) -> None:
 
 
 @KINDS
-def test_what_it_holds(dataclass: Decorator) -> None:
+def test_values_and_defaults(dataclass: Decorator) -> None:
     first, second = pair(dataclass)
     one, other = first(1), second(b=[3], d=1.0)
     assert (one.a, one.b, one.c, one.d, one._e) == (1, [], "c", 2.5, [7])
@@ -89,7 +89,7 @@ def test_what_it_holds(dataclass: Decorator) -> None:
 
 
 @KINDS
-def test_what_is_equal(dataclass: Decorator) -> None:
+def test_equality_and_hashes(dataclass: Decorator) -> None:
     first, second = pair(dataclass)
     assert first(1, c="x") == first(1, c="y") != first(1, d=3.0)
     assert second(1) != first(1)
@@ -117,7 +117,7 @@ def test_what_is_equal(dataclass: Decorator) -> None:
 
 
 @KINDS
-def test_it_is_frozen(dataclass: Decorator) -> None:
+def test_nothing_can_be_set_or_deleted(dataclass: Decorator) -> None:
     one = pair(dataclass)[1](1)
     for change in (
         lambda: setattr(one, "a", 2),
@@ -153,6 +153,60 @@ def test_what_derives_from_it_is_frozen_as_well(dataclass: Decorator, base: Deco
             """One that could be changed."""
 
 
+@KINDS
+def test_more_attributes_of_a_plain_class_derived_from_it_can_be_set(dataclass: Decorator) -> None:
+    class Plain(pair(dataclass)[0]):
+        """No dataclass."""
+
+    one = Plain(1)
+    one.new = 2
+    del one.new
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        one.a = 2
+
+
+@KINDS
+def test_what_a_class_does_itself_stays(dataclass: Decorator) -> None:
+    @dataclass(frozen=True)
+    class Own:
+        """One that says itself how it is shown, and what it equals."""
+
+        self: int
+        _set: dataclasses.InitVar[int] = 3
+        kept: int = dataclasses.field(default=4, kw_only=True, hash=False)
+
+        def __repr__(self) -> str:
+            return "own"
+
+        def __eq__(self, other: object) -> bool:
+            return True
+
+        def __hash__(self) -> int:
+            return 7
+
+        def __post_init__(self, _set: int) -> None:
+            object.__setattr__(self, "kept", self.kept + _set)
+
+    one = Own(1, 5, kept=2)
+    assert (repr(one), one == 2, hash(one), one.kept, one.self) == ("own", True, 7, 7, 1)
+
+
+@KINDS
+def test_names_of_fields_are_free(dataclass: Decorator) -> None:
+    @dataclass(frozen=True)
+    class Odd:
+        """Names that code which makes methods could use itself."""
+
+        self: int
+        known: int = 1
+        _missing: list[int] = dataclasses.field(default_factory=list)
+
+    assert dataclasses.astuple(Odd(3)) == (3, 1, [])
+    assert str(inspect.signature(Odd)).endswith("_missing: 'list[int]' = <factory>) -> None")
+    assert get_type_hints(Odd.__init__)["known"] is int
+    assert Odd.__dataclass_params__.eq and Odd.__dataclass_params__.frozen
+
+
 @records.dataclass(frozen=True)
 class Sent:
     """What goes to another process."""
@@ -161,7 +215,7 @@ class Sent:
     inner: Sent | None = None
 
 
-def test_it_travels() -> None:
+def test_it_is_pickled() -> None:
     sent = Sent([1.5], Sent("x"))
     assert pickle.loads(pickle.dumps(sent)) == sent
 
@@ -174,7 +228,7 @@ def test_one_within_itself_is_shown() -> None:
 
 
 @KINDS
-def test_others_change(dataclass: Decorator) -> None:
+def test_a_class_that_is_not_frozen_can_be_changed(dataclass: Decorator) -> None:
     @dataclass
     class Counter:
         """One that is not frozen."""
