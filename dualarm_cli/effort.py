@@ -74,7 +74,7 @@ class SearchEffort:
     """Random steps that are offered in each round."""
     cycles: int
     """How often a plan is polished for motion through the outer ends of lines, where tools may pass them: first with
-    one way of passing all, then with those that go best with it."""
+    one way of passing all, from the second time on with those that go best with it."""
     passing_rounds: int
     """Rounds of polishing each time."""
     rivals: int

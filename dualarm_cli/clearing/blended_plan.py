@@ -94,9 +94,7 @@ def blended_plan(
     """
     model, job, known = problem.model, problem.job, found.known
     drive = Drive.of(model, job, timing, known)
-    clearing = None
-    if found.holding is not None:
-        clearing = Clearing(model, job, found.holding, timing, problem.seed, known)
+    clearing = found.clearing(problem, timing)
     before = found.cleared.motion
     through = passed_targets(drive, found.cleared.plans, stopping)
     passing = with_passed_targets(drive, found.cleared.plans, through)

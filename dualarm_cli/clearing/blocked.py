@@ -1,4 +1,4 @@
-"""Why nothing can be collision-free: what touches whatever is done about it, and what stays blocked."""
+"""Reasons why a job has no collision-free plan: of its start, parts and grips, and of stages that stay blocked."""
 
 from __future__ import annotations
 

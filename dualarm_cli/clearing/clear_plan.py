@@ -114,25 +114,24 @@ def quickest_clear(
     Raises:
         InfeasibleError: no posture reaches a target, or nothing that was found is collision-free.
     """
+    holding = None
+    if clear:
+        # What no plan can repair is refused before one is looked for.
+        holding = Holding.of(problem.job, crossing=crossing)
+        check_start(problem, holding)
+        check_parts(problem, holding)
+        check_grips(problem)
     if not has_blends(problem):
-        return _quickest_with_stops(
-            problem, solve, timing, progress, clear=clear, crossing=crossing
-        )
-    found = _quickest_with_stops(
-        problem,
-        with_room(problem, solve),
-        timing,
-        progress,
-        clear=clear,
-        crossing=crossing,
-    )
+        return _quickest_with_stops(problem, solve, timing, progress, holding)
+    roomy = with_room(problem, solve)
+    found = _quickest_with_stops(problem, roomy, timing, progress, holding)
     progress("blending lines and transfers")
     blended = shortest_blended(problem, found, timing)
     motion = blended.cleared.motion
     if (motion.gain or 0.0) > ROOM_COSTS * motion.trajectory.duration:
         return blended
     # Room may cost more than it gains.
-    found = _quickest_with_stops(problem, solve, timing, progress, clear=clear, crossing=crossing)
+    found = _quickest_with_stops(problem, solve, timing, progress, holding)
     other = shortest_blended(problem, found, timing)
     return min(blended, other, key=lambda one: one.cleared.motion.trajectory.duration)
 
@@ -142,9 +141,7 @@ def _quickest_with_stops(
     solve: Callable[[MethodProblem], Decided],
     timing: TimingSolver,
     progress: Callable[[str], None],
-    *,
-    clear: bool = True,
-    crossing: bool = True,
+    holding: Holding | None,
 ) -> ClearedPlan:
     """Returns the quickest plan of a method that is collision-free, with all tools stopping at both ends of lines.
 
@@ -157,20 +154,11 @@ def _quickest_with_stops(
         solve: the method.
         timing: how motions are timed.
         progress: receives what is being done.
-        clear: whether anything has to be collision-free.
-        crossing: whether arms have to be clear of one another.
+        holding: what has to be collision-free; None: nothing.
 
     Raises:
         InfeasibleError: no posture reaches a target, or nothing that was found is collision-free.
     """
-    model, job = problem.model, problem.job
-    holding = None
-    if clear:
-        # What no plan can repair is refused before one is looked for.
-        holding = Holding.of(job, crossing=crossing)
-        check_start(problem, holding)
-        check_parts(problem, holding)
-        check_grips(problem)
     unchecked = solve(problem)
     progress("timing the motion")
     known = Known()
@@ -182,6 +170,7 @@ def _quickest_with_stops(
             Cleared(*timed[0], ()),
             reference,
             replanned=False,
+            holding=None,
             known=known,
             rivals=tuple(
                 Cleared(*one, ())
@@ -189,7 +178,7 @@ def _quickest_with_stops(
                 if problem.blend and one[1].trajectory.duration <= (1.0 + ALIKE) * reference
             ),
         )
-    clearing = Clearing(model, job, holding, timing, problem.seed, known)
+    clearing = Clearing(problem.model, problem.job, holding, timing, problem.seed, known)
     best, clear_plans = None, list[Cleared]()
     for plans, motion in timed:
         done = best is not None and best.is_done_within(motion.trajectory.duration)
@@ -270,14 +259,8 @@ def _quickest_with_stops(
             return found
         progress("comparing with the plan of less effort")
         try:
-            other = _quickest_with_stops(
-                replace(problem, effort=less),
-                solve,
-                timing,
-                progress,
-                clear=clear,
-                crossing=crossing,
-            )
+            easier = replace(problem, effort=less)
+            other = _quickest_with_stops(easier, solve, timing, progress, holding)
         except InfeasibleError:
             return found
         quicker = min(found, other, key=lambda one: _badness(one.cleared))

@@ -1,15 +1,16 @@
-"""A collision-free plan, what it came from, and what is said of it."""
+"""A collision-free plan, what it came from, and notes on its clearance."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import field
 
-from dualarm_cli.clearing.repairs import Cleared
+from dualarm_cli.clearing.repairs import Cleared, Clearing
 from dualarm_cli.motion.transfers import Known
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass
-from dualarm_cli.stages.method import Decided
+from dualarm_cli.stages.method import Decided, MethodProblem
+from dualarm_cli.timing import TimingSolver
 
 DEAR = 0.25
 """Share of the cycle time; where avoiding collisions costs more, a note says so."""
@@ -29,7 +30,7 @@ class ClearedPlan:
     """Duration of the method's plan where nothing has to be collision-free [s]."""
     replanned: bool
     """Whether other postures or platform angles were needed."""
-    holding: Holding | None = field(default=None, compare=False, repr=False)
+    holding: Holding | None = field(compare=False, repr=False)
     """What had to be collision-free; None where nothing had to."""
     known: Known = field(default_factory=Known, compare=False, repr=False)
     """What was timed for it."""
@@ -40,6 +41,12 @@ class ClearedPlan:
     standing: Cleared | None = field(default=None, compare=False, repr=False)
     """The plan that it came from, in which platform and arms stand in dwells and the platform on lines; None where it
     is that."""
+
+    def clearing(self, problem: MethodProblem, timing: TimingSolver) -> Clearing | None:
+        """Returns what other plans of the same problem are tested with; None where nothing has to be collision-free."""
+        if self.holding is None:
+            return None
+        return Clearing(problem.model, problem.job, self.holding, timing, problem.seed, self.known)
 
     @property
     def cost(self) -> float | None:

@@ -128,9 +128,6 @@ class _Trial:
     ) -> _Trial:
         model, job, known = problem.model, problem.job, found.known
         stopping = found.stopping or found.cleared
-        clearing = None
-        if found.holding is not None:
-            clearing = Clearing(model, job, found.holding, timing, problem.seed, known)
         return cls(
             problem,
             numbers,
@@ -139,7 +136,7 @@ class _Trial:
             leaving_of(numbers, model, stopping.plans),
             timing,
             Drive.of(model, job, timing, known),
-            clearing,
+            found.clearing(problem, timing),
         )
 
     def room(self) -> MotionRoom | None:

@@ -332,12 +332,12 @@ def _stage_key(k: int, plan: StagePlan, before: StagePlan | None) -> tuple[Hasha
         ]
     passes: list[Hashable] = [*plan.turned, *plan.passes.items()]
     passes += [
-        f"{name} by {one.points.tolist()} {np.asarray(one.rates).tolist()}"
+        ("by", name, one.points.tobytes(), one.rates is None or np.asarray(one.rates).tobytes())
         for name, one in plan.detours.items()
     ]
-    passes += [f"{name} through {rate.tolist()}" for name, rate in plan.through.items()]
+    passes += [("through", name, rate.tobytes()) for name, rate in plan.through.items()]
     if before is not None:
-        passes += [f"{name} from {rate.tolist()}" for name, rate in before.through.items()]
+        passes += [("from", name, rate.tobytes()) for name, rate in before.through.items()]
         passes += [("left", way) for way in before.passes.items() if way[0][1] == "retract"]
     return (k, *passes, *(posture.tobytes() for posture in postures))
 

@@ -34,7 +34,7 @@ class Path(PointerStruct):
 
     @classmethod
     def of(cls, position: Array, limits: Sequence[Array]) -> Path:
-        """Returns a path, the first one of several.
+        """Returns a path, or the first of several lines in one array.
 
         Args:
             position: joints at equidistant gridpoints [rad], shape (m, n) or (lines, m, n), m at least 8.
@@ -142,7 +142,7 @@ def launched_lines(
     """Returns estimates of many lines that pass their far ends in motion, each in several ways of its own.
 
     Args:
-        lines: of n joints, one after the other.
+        lines: the first of them, of n joints, see `Path.of`.
         profiles: constant, cruise and inner, shape (lines, ways, 3).
         cuts: shape (lines, ways).
         compared: the cut with which path coordinates are compared.
@@ -154,6 +154,8 @@ def launched_lines(
         MemoryError: there is none.
     """
     counts = cuts.shape
+    assert profiles.shape == (*counts, 3)
+    assert lines.held[0].size == counts[0] * lines.samples * lines.joints
     coordinate, time = np.empty(counts, dtype=np.int64), np.empty(counts)
     velocity, acceleration = (np.empty((*counts, lines.joints)) for _ in range(2))
     if cuts.size:

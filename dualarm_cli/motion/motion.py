@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from itertools import groupby
 
@@ -246,18 +246,17 @@ def _transfers(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Trans
     rates = rates_between(drive, before, plan)
     if plan.through or giver_and_taker(plan.stops) is not None:
         return transfers_in_motion(drive, plan, rates)
-    left: tuple[Hashable, ...] = ()
-    if before is not None:
-        through = ((name, rate.tobytes()) for name, rate in before.through.items())
-        left = (*before.passes.items(), *through)
+    passed = (
+        (name, *(None if rate is None else rate.tobytes() for rate in own))
+        for name, own in rates.items()
+    )
     # Where the platform turns on the approach, it arrives together with the arms.
     key: Key = (
         *plan.stops,
         "approach" in plan.turned,
         plan.start.tobytes(),
         plan.arrival.tobytes(),
-        left,
-        *plan.passes.items(),
+        *passed,
     )
     if key not in drive.known.transfers:
         drive.known.transfers[key] = transfers_within_tool_speed(drive, plan, rates)

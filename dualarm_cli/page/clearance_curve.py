@@ -55,7 +55,8 @@ def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     names = [[solids[i].label for i in (pairs[k].first, pairs[k].second)] for k in kept]
     geometry = geometry_model(solids, places)
     found, data = pin.GeometryData(geometry), model.createData()
-    results = list(found.distanceResults)  # filled anew each time
+    # Kept, as pinocchio fills the same ones each time, and each would be wrapped anew otherwise.
+    results = list(found.distanceResults)
     order = [schedule.trajectory.joints.index(name) for name in model.names[1:]]
     curves = [(CLEARANCE, ~near), (NEAR_LINKS, near)]
     samples = {name: _Samples() for name, own_pairs in curves if own_pairs.any()}

@@ -7,6 +7,7 @@ states is ruckig's. The pair of ways with the least R + X + A is found by a patt
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -194,23 +195,26 @@ class _End:
             return cls(float(time), rates, None)
         return cls(float(time), rates, launch, path_of(line), lines.away, lines.places)
 
-    def changed(self, halved: int) -> list[tuple[int, _End]]:
+    def changed(self, halved: int, wanted: Sequence[int]) -> list[tuple[int, _End]]:
         """Returns the line with one of its way's numbers changed, each both up and down, with that number's index.
 
         Args:
             halved: how often the widest steps are halved.
+            wanted: which numbers.
         """
         if self.way is None or self.path is None:
             return []
         own = [self.way.constant, self.way.cruise, self.way.inner, self.way.cut]
         numbers, which = [], []
-        for number in NUMBERS:
+        for number in wanted:
             least, most, relative = RANGES[number]
             step = WIDEST[number] * 0.5**halved * (1.0 + relative * own[number])
             for value in (own[number] + step, own[number] - step):
                 if (value := min(max(value, least), most)) != own[number]:
                     numbers.append([*own[:number], value, *own[number + 1 :]])
                     which.append(number)
+        if not numbers:
+            return []
         asked = np.array(numbers)
         profiles, cuts = np.ascontiguousarray(asked[None, :, :3]), asked[None, :, 3].copy()
         estimates = trajectories.launched_lines(self.path, profiles, cuts, COMPARED)
@@ -253,7 +257,7 @@ def refined_pair(
         for _ in range(SWEEPS):
             moved = False
             for side in (0, 1):
-                left = ends[side].changed(width)
+                left = ends[side].changed(width, NUMBERS)
                 while left:
                     number, one = left.pop(0)
                     tried = [one, ends[1]] if side == 0 else [ends[0], one]
@@ -263,8 +267,7 @@ def refined_pair(
                     time = spent + transfer.duration(tried[0].rates, tried[1].rates, best - spent)
                     if time < best - LESS:
                         best, ends, moved = time, tried, True
-                        after = NUMBERS[NUMBERS.index(number) + 1 :]
-                        left = [found for found in one.changed(width) if found[0] in after]
+                        left = one.changed(width, NUMBERS[NUMBERS.index(number) + 1 :])
             if not moved:
                 break
     return ends[0].way, ends[1].way

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dualarm_cli.clearing import clear_plan as clear_words
+from dualarm_cli.clearing import blocked as clear_words
+from dualarm_cli.clearing.repairs import Cleared
 from dualarm_cli.errors import BlockedError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -121,7 +122,7 @@ def test_an_arm_that_stands_where_it_started_is_told_with_a_way_out(
     motion = SimpleNamespace(stages=[SimpleNamespace(start=0.0, end=1.0)] * 4)
 
     def said_of(*blocked):
-        found = clear_words.Cleared(plans, motion, blocked)
+        found = Cleared(plans, motion, blocked)
         return told(clear_words.why_blocked(clearing, found))
 
     said = "the right arm stands in posture 'home' before stage 3, its first: a `move`"
