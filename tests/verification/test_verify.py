@@ -163,6 +163,7 @@ def test_the_verifier_loads_no_solver(clean, tmp_path):
             "geometry",
             "kinds",
             "model",
+            "records",
             "refusals",
             "registry",
             "verification",
