@@ -42,11 +42,14 @@ def sequence(request, random_job):
 
 
 def test_estimated_lines_are_near_exact_ones(sequence):
-    """Time and state of motion at the outer end, from four samples, against the timed spline along 65 exact ones."""
+    """Time and state of motion at the outer end, from four samples, against the timed spline along 65 exact ones.
+
+    Lines that bend so sharply that four samples do not show it are left out: few.
+    """
     job, problem, tables, plan = sequence
     model = CellModel.from_cell(job.cell)
     stages = stage_plans(model, job, problem, plan.decisions, "sequence")
-    wrong: list[float] = []
+    wrong, bent = [], 0
     for a, work in enumerate(problem.arms):
         found = evaluate(problem, tables, plan.decisions).arms[a]
         for k in range(problem.stages):
@@ -58,19 +61,21 @@ def test_estimated_lines_are_near_exact_ones(sequence):
                 stop = stages[k].stops[work.name]
                 q, length = line_path(stop.problem, stop.posture, name, 65)
                 path = q if line else q[::-1]
+                seen = outwards(found.take(np.array([k])), line)[0]
+                if np.abs(seen - path[:: 64 // (len(seen) - 1)]).max() > 1e-4:
+                    bent += 1
+                    continue
                 asked = LineProblem(work.limits.joints, path, length, work.limits)
                 exact = solve_launch(asked, launches(asked).ways[number - 1])
                 rest = (found.retract if line else found.approach)[k].max()
                 wrong.append(abs(found.shares[k, line] * rest / exact.duration - 1.0))
-                if wrong[-1] > 0.03:
-                    continue
                 sign = 1.0 if line else -1.0
                 scale = np.abs(exact.velocity[-1]).max()
                 np.testing.assert_allclose(
                     found.rates[k, line, 0], sign * exact.velocity[-1], atol=0.06 * scale
                 )
-    # Four samples do not see a line that bends sharply.
-    assert len(wrong) >= 12 and np.quantile(wrong, 0.9) < 0.035
+    assert len(wrong) >= 12 and max(wrong) < 0.03
+    assert bent <= 2
 
 
 def test_a_way_is_estimated_as_in_its_family(sequence):
@@ -269,14 +274,16 @@ def test_ways_know_the_robots_own_limits_of_position(sequence):
 def test_postures_chosen_for_motion_give_shorter_cycles(random_job, monkeypatch):
     """Random jobs without collision checking, with that polishing and without it: shorter together."""
     jobs = [random_job(seed, (6, 6), line=0.08, dwell=0.1) for seed in (11, 12, 13, 14)]
-    settings = PlanSettings(effort="quick")
-    with_it = [plan_without_bound(job, settings, clear=False) for job in jobs]
-    quick = effort.EFFORTS["quick"]
-    without = replace(quick, search=replace(quick.search, cycles=0))
-    monkeypatch.setitem(effort.EFFORTS, "quick", without)
-    at_rest = [plan_without_bound(job, settings, clear=False) for job in jobs]
+    settings, quick = PlanSettings(effort="quick"), effort.EFFORTS["quick"]
+
+    def planned(cycles):
+        other = replace(quick, search=replace(quick.search, cycles=cycles))
+        monkeypatch.setitem(effort.EFFORTS, "quick", other)
+        return [plan_without_bound(job, settings, clear=False) for job in jobs]
+
+    with_it, at_rest = planned(2), planned(0)
     ours, theirs = (sum(one.trajectory.duration for one in plans) for plans in (with_it, at_rest))
-    assert ours < 0.998 * theirs
+    assert ours < 0.997 * theirs
 
 
 def test_candidates_that_cannot_be_stay_impossible(sequence):
