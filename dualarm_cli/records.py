@@ -28,6 +28,11 @@ else:
         return _frozen(cls, eq)
 
 
+def by_name(record: Any) -> dict[str, Any]:
+    """Returns the values of a record's fields by name; `dataclasses.asdict` copies all that is in them."""
+    return {name: getattr(record, name) for name in record.__dataclass_fields__}
+
+
 def _is_special(cls: type) -> bool:
     """Returns whether a class asks for what only the standard library does."""
     own = {"__init__", "__repr__", "__eq__", "__hash__", "__setattr__", "__delattr__"}

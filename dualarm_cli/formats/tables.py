@@ -98,23 +98,20 @@ def targets_table(schedule: Schedule) -> bytes:
     for part in schedule.segments:
         if part.kind in ("approach", "retract"):
             lines[part.arm, part.task, part.action].append(part)
-    for event in schedule.events:
-        for point, time in _points(event, lines[event.arm, event.task, event.action]):
-            position = motion.at(np.array([time]))[0][0]
-            pose = event.pose if point == "target" else model.pose(event.arm, position)
-            words = event.arm, event.task, event.action, point
-            names = [*robot.platform, *robot.arms[event.arm].joints]
-            joints = _numbers(*(position[motion.joints.index(name)] for name in names))
-            joints += [""] * (len(robot.platform) + widest - len(names))
-            rows.append(
-                [
-                    stages.get(id(event), ""),
-                    *_numbers(time),
-                    *map(_safe, words),
-                    *_pose(pose),
-                    *joints,
-                ]
-            )
+    points = [
+        (event, *point)
+        for event in schedule.events
+        for point in _points(event, lines[event.arm, event.task, event.action])
+    ]
+    positions = motion.at(np.array([time for _, _, time in points]))[0]
+    for (event, point, time), position in zip(points, positions, strict=True):
+        pose = event.pose if point == "target" else model.pose(event.arm, position)
+        words = event.arm, event.task, event.action, point
+        names = [*robot.platform, *robot.arms[event.arm].joints]
+        joints = _numbers(*(position[motion.joints.index(name)] for name in names))
+        joints += [""] * (len(robot.platform) + widest - len(names))
+        stage = stages.get(id(event), "")
+        rows.append([stage, *_numbers(time), *map(_safe, words), *_pose(pose), *joints])
     header = ["stage", "time", "arm", "task", "action", "point"]
     numbered = [f"j{k + 1}" for k in range(widest)]
     return _table([*header, *POSE, *map(_safe, robot.platform), *numbered], rows)

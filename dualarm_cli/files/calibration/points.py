@@ -54,7 +54,7 @@ class ToucherSection(Section):
 
     robot: Name = Field(description="Bundled robot's name, or path of a robot file; one arm.")
     tcp: TipSection = Field(
-        default=TipSection(xyz=[0.0, 0.0, 0.0]),
+        default=TipSection.model_construct(xyz=[0.0, 0.0, 0.0]),
         description="Tip of its tool; default: the flange's origin.",
     )
 

@@ -134,7 +134,9 @@ class ClearanceSection(Section):
 class ToolSection(Section):
     """What an arm carries on its flange."""
 
-    tcp: ToolPose = Field(default=ToolPose(), description="Tool centre point in the flange frame.")
+    tcp: ToolPose = Field(
+        default=ToolPose.model_construct(), description="Tool centre point in the flange frame."
+    )
     mass: Mass = Field(default=0.0, description="Mass [kg].")
     shapes: list[ToolShapeSection] = Field(
         default_factory=list, description="Solids in the flange frame."
@@ -201,9 +203,11 @@ class CellFile(Section):
     robot: Annotated[Any, RobotReference()] = Field(
         description="Bundled robot's name, path of a robot file, or {left: …, right: …} for two.",
     )
-    base: Pose = Field(default=Pose(), description="The robot's root link in the world.")
+    base: Pose = Field(
+        default=Pose.model_construct(), description="The robot's root link in the world."
+    )
     tools: Annotated[ToolsSection, ByName("tool")] = Field(
-        default=ToolsSection(), description="Tools by arm."
+        default=ToolsSection.model_construct(), description="Tools by arm."
     )
     frames: Annotated[dict[Name, FramedPose], ByName("frame")] = Field(
         default_factory=dict, description="Named frames, in the world or in each other."
@@ -223,4 +227,6 @@ class CellFile(Section):
     parts: dict[Name, PartSection] = Field(
         default_factory=dict, description="Kinds of parts that tools carry, by name."
     )
-    limits: LimitsSection = Field(default=LimitsSection(), description="Caps for the whole cell.")
+    limits: LimitsSection = Field(
+        default=LimitsSection.model_construct(), description="Caps for the whole cell."
+    )

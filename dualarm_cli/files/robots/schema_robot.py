@@ -59,8 +59,12 @@ Rows = Annotated[list[RowSection], Field(min_length=1, max_length=12)]
 class BasesSection(Section):
     """Where each arm's table begins."""
 
-    left: Pose = Field(default=Pose(), description="Frame 0 of the left table in the root link.")
-    right: Pose = Field(default=Pose(), description="Frame 0 of the right table in the root link.")
+    left: Pose = Field(
+        default=Pose.model_construct(), description="Frame 0 of the left table in the root link."
+    )
+    right: Pose = Field(
+        default=Pose.model_construct(), description="Frame 0 of the right table in the root link."
+    )
 
 
 class DhSection(Section):
@@ -74,7 +78,7 @@ class DhSection(Section):
     left: Rows | None = Field(default=None, description="Rows of the left arm, base to flange.")
     right: Rows | None = Field(default=None, description="Rows of the right arm, base to flange.")
     bases: BasesSection = Field(
-        default=BasesSection(),
+        default=BasesSection.model_construct(),
         description="Frame 0 of each arm's DH parameters; by default the root link.",
     )
 

@@ -33,17 +33,20 @@ class ShortForm:
         self, source: type[Any], handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
         """Makes a mapping of the value before pydantic checks it."""
-        return core_schema.no_info_before_validator_function(self.read, handler(source))
+        return core_schema.no_info_before_validator_function(
+            self.read, handler(source), metadata={"mapping": source}
+        )
 
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
         """Returns the JSON Schema: that of the key, or of the mapping."""
-        mapping = handler(schema)
-        short = dict(handler.resolve_ref_schema(mapping)["properties"][self.key])
+        # What refers to the mapping may come before its definition.
+        whole = handler(schema["metadata"]["mapping"].__pydantic_core_schema__)
+        short = dict(handler.resolve_ref_schema(whole)["properties"][self.key])
         for note in ("title", "default"):
             short.pop(note, None)
-        return {"anyOf": [short, mapping]}
+        return {"anyOf": [short, handler(schema)]}
 
 
 @dataclass(frozen=True)

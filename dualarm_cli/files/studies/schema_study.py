@@ -186,5 +186,5 @@ class StudyFile(Section):
         default=None, description="How ranges without step and count are sampled."
     )
     settings: SettingsSection = Field(
-        default=SettingsSection(), description="Settings of planning."
+        default=SettingsSection.model_construct(), description="Settings of planning."
     )

@@ -250,7 +250,9 @@ class DefaultsSection(Section):
     retract: StraightLine = Field(
         default=0.0, description="Straight retract along the tool's z axis [m]."
     )
-    dwell: Dwell = Field(default=DwellSection(), description="Time at each target [s].")
+    dwell: Dwell = Field(
+        default=DwellSection.model_construct(), description="Time at each target [s]."
+    )
     part: Name | None = Field(
         default=None, description="Kind of part carried from pick to place, as the cell names it."
     )
@@ -298,9 +300,11 @@ class TasksFile(Section):
     speed: SpeedFraction = Field(
         default=1.0, description="Fraction of full speed for the whole plan."
     )
-    limits: LimitsSection = Field(default=LimitsSection(), description="Caps for these tasks.")
+    limits: LimitsSection = Field(
+        default=LimitsSection.model_construct(), description="Caps for these tasks."
+    )
     defaults: DefaultsSection = Field(
-        default=DefaultsSection(), description="Default values for all tasks."
+        default=DefaultsSection.model_construct(), description="Default values for all tasks."
     )
     budget: BudgetSection | None = Field(
         default=None, description="Limits that every plan of these tasks must meet."

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from rich.markup import escape
-
 from dualarm_cli.kinds.reporting import KindMeasures
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
@@ -61,7 +59,7 @@ def conveyor_lines(report: dict[str, Any]) -> list[str]:
         report: as built by `build_report`.
     """
     return [
-        f"conveyor {escape(row['conveyor'])}: {escape(row['task'])} {DONE[row['action']]} by the "
+        f"conveyor {row['conveyor']}: {row['task']} {DONE[row['action']]} by the "
         f"{row['arm']} arm at {row['time']:.3f} s, {round(row['gone'] * 1e3)} mm on of {row['within'] * 1e3:.0f} mm"
         + (f"; waited {row['waited']:.2f} s for it" if row["waited"] >= 5e-3 else "")
         for row in report["conveyors"]

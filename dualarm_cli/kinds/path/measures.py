@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.markup import escape
-from rich.table import Table
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.path.checks import along_path, followed_work
@@ -23,6 +21,9 @@ from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.tool_model import ToolModel
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 def path_lines(report: dict[str, Any]) -> list[str]:
@@ -82,6 +83,9 @@ def paths_table(section: dict[str, Any]) -> Table | None:
     Args:
         section: one member of the comparison's `comparisons`.
     """
+    from rich.markup import escape
+    from rich.table import Table
+
     rows = [row for row in section["rows"] if row["paths"]]
     if not rows:
         return None

@@ -110,7 +110,8 @@ class PathSection(CurveSection):
         description="Posture near which the path begins; default: the planner's choice.",
     )
     critical_points: CriticalPoints = Field(
-        default=CriticalPoints(), description="Where virtual springs pull the elbows."
+        default=CriticalPoints.model_construct(),
+        description="Where virtual springs pull the elbows.",
     )
     stiffness: Stiffness = Field(default=10.0, description="Of the virtual springs.")
     torque: Literal["limited", "ignored"] = Field(

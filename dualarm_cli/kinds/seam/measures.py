@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
-from rich.markup import escape
-from rich.table import Table
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.rotations import log_rotation
@@ -21,6 +19,9 @@ from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.tool_model import ToolModel
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 STANDS_WAY, STANDS_TURN = 1e-6, 1e-6
 """A part that moves and turns less stands [m, rad]."""
@@ -83,6 +84,9 @@ def seams_table(section: dict[str, Any]) -> Table | None:
     Args:
         section: one member of the comparison's `comparisons`.
     """
+    from rich.markup import escape
+    from rich.table import Table
+
     rows = [row for row in section["rows"] if row["seams"]]
     if not rows:
         return None

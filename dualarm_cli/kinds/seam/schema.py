@@ -224,10 +224,11 @@ class CoordinateSection(Section):
         description="The part's frame in the master's flange; without a master in the world or a named frame."
     )
     tool: SeamToolSection = Field(
-        default=SeamToolSection(), description="Stand-off, angles and freedoms of the tool."
+        default=SeamToolSection.model_construct(),
+        description="Stand-off, angles and freedoms of the tool.",
     )
     hold: Hold = Field(
-        default=HoldSection(mode="free"),
+        default=HoldSection.model_construct(mode="free"),
         description="Where the part is: free (default), still, a pose in the world, or a curve that its frame follows.",
     )
     speed: ToolSpeed | None = Field(
@@ -248,8 +249,12 @@ class CoordinateSection(Section):
         default=None,
         description="Largest angle between the surface normal under the tool and the upward vertical [rad].",
     )
-    entry: EntrySection = Field(default=EntrySection(), description="Approach of the tool.")
-    exit: ExitSection = Field(default=ExitSection(), description="Retract of the tool.")
+    entry: EntrySection = Field(
+        default=EntrySection.model_construct(), description="Approach of the tool."
+    )
+    exit: ExitSection = Field(
+        default=ExitSection.model_construct(), description="Retract of the tool."
+    )
     not_before: Duration = Field(
         default=0.0, description="When the curve begins at the earliest, from the plan's start [s]."
     )

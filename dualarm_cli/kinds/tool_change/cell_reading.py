@@ -87,7 +87,8 @@ class ToolChangesFile(CellFile):
     """A cell file that may have tools that arms change."""
 
     tool_changes: ToolChangesSection = Field(
-        default=ToolChangesSection(), description="Tools that arms change by themselves, by arm."
+        default=ToolChangesSection.model_construct(),
+        description="Tools that arms change by themselves, by arm.",
     )
 
 
