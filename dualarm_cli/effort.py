@@ -51,7 +51,7 @@ class Mesh:
 
 
 NEAR = Mesh(np.radians(6.0), 24, 1500, 40, 4, around=3)
-"""The grid around a plan that collides, but for thorough effort."""
+"""The grid around a plan that collides, at normal effort."""
 LOCAL = Mesh(np.radians(3.0), 36, 1500, 40, 4, around=1)
 
 
@@ -313,6 +313,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             for_few=(),
             local=LOCAL,
             local_rounds=0,
+            near=Mesh(np.radians(6.0), 18, 1000, 20, 3, around=3),
         ),
         bound=Resolution(np.radians(15.0), 9, 3),
         ipopt=NonlinearEffort(100, (np.inf, 0.3)),

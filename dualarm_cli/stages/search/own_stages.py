@@ -331,15 +331,17 @@ class ExactStages:
             self._known[k, count, most] = self._nodes(k, count, most)
         return self._known[k, count, most]
 
+    def shared(self, k: int) -> list[Interval]:
+        """Returns the platform angles at which all arms reach their stops of a stage [rad]; see `shared_intervals`."""
+        if k not in self._shared:
+            start = float(self.problem.platform_start[0])
+            around = self.problem.platform.around(start, *self.problem.platform_range)
+            self._shared[k] = shared_intervals(self.problem, self.tables, k, around)
+        return self._shared[k]
+
     def _nodes(self, k: int, count: int, most: int) -> tuple[FloatArray, list[Nodes | None]]:
         problem, tables = self.problem, self.tables
-        angles = np.zeros(1)
-        if problem.turns:
-            if k not in self._shared:
-                start = float(problem.platform_start[0])
-                around = problem.platform.around(start, *problem.platform_range)
-                self._shared[k] = shared_intervals(problem, tables, k, around)
-            angles = spread(self._shared[k], count)
+        angles = spread(self.shared(k), count) if problem.turns else np.zeros(1)
         if not len(angles):
             return angles, []
         return angles, [
@@ -368,6 +370,9 @@ def with_own_angles(
         most: most nodes of one stop.
         spares: margins beyond the clearance that is asked for [m]: each is tried where the one before leaves no angle.
     """
+    # Whether there are angles at all is known long before the nodes at them.
+    if problem.turns and not all(exact.shared(k) for k in stages):
+        return None
     layers = [list(arm.layers) for arm in arms]
     for k in stages:
         made = _own_nodes(problem, exact, k, angles.shape[1], most, spares)
