@@ -8,7 +8,7 @@ from ctypes import byref
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.compiled import PointerStruct, library, pointer
+from dualarm_cli.compiled import PointerStruct, library, pointer, whole
 
 _pointer, _int32, _int64 = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64
 
@@ -140,6 +140,59 @@ def gap_times(laws: Laws, before: CoordinateBoxes, after: CoordinateBoxes) -> ND
     found = np.empty((before.count, after.count), dtype=np.float32)
     library().gap_times(byref(laws), byref(before), byref(after), pointer(found))
     return found
+
+
+def work_times(
+    laws: Laws,
+    before: NDArray[np.int16],
+    after: NDArray[np.int16],
+    work: NDArray[np.float32],
+    groups: tuple[NDArray[np.int64], NDArray[np.int64], int],
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Returns the times of all transfers with the work after them [s], (n, m), and the least for every pair of groups.
+
+    Args:
+        laws: tables of times.
+        before: coordinates where transfers begin, shape (c, n).
+        after: where they end, shape (c, m).
+        work: of each of these [s], shape (m,).
+        groups: group of each coordinate where transfers begin, (n,), and end, ascending, (m,), and their number g; the
+            second answer is of shape (g, g), infinite for none.
+    """
+    group, column, count = whole(groups[0]), groups[1], groups[2]
+    first = np.searchsorted(column, np.arange(count + 1)).astype(np.int64)
+    times = np.empty((before.shape[1], after.shape[1]), dtype=np.float32)
+    least = np.full((count, count), np.inf, dtype=np.float32)
+    ends = *map(byref, (boxes(before, before), boxes(after, after))), pointer(work)
+    held = pointer(group), pointer(first), _int64(count), pointer(times), pointer(least)
+    library().work_times(byref(laws), *ends, *held)
+    return times, least
+
+
+def least_through(
+    times: NDArray[np.float32],
+    groups: tuple[NDArray[np.int64], NDArray[np.int64]],
+    floor: NDArray[np.float32],
+    left: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """Returns the least of max(time, floor) + left from every row [s], shape (n,).
+
+    Args:
+        times: of stages [s], shape (n, m).
+        groups: of the rows, those of one next to each other, (n,), and of the columns, (m,).
+        floor: least length of the stage for every pair of groups [s], shape (g, g).
+        left: what is left after every column [s], shape (m,).
+
+    Raises:
+        MemoryError: there is none.
+    """
+    least = np.empty(len(times), dtype=np.float32)
+    rows, columns = map(whole, groups)
+    table = np.ascontiguousarray(floor, dtype=np.float32)
+    sizes = pointer(times), *map(_int64, times.shape), pointer(rows), pointer(columns)
+    given = _int64(len(table)), pointer(table), pointer(left), pointer(least)
+    _checked(library().least_through(*sizes, *given))
+    return least
 
 
 def least_by_groups(

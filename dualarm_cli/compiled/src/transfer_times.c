@@ -42,6 +42,15 @@ static void row_times(const Laws *laws, Boxes from, int64_t i, Boxes to, int64_t
             const int16_t low = from.low[column * from.count + i], high = from.high[column * from.count + i];
             const int16_t *goal_low = to.low + column * to.count + begin;
             const int16_t *goal_high = to.high + column * to.count + begin;
+            if (low == high && goal_low == goal_high) {
+                /* Between points the gap is the same either way. */
+                for (int64_t j = 0; j < count; j++) {
+                    const int16_t over = (int16_t)(goal_low[j] - low), under = (int16_t)-over;
+                    const int16_t most = over > under ? over : under;
+                    gap[j] = gap[j] > most ? gap[j] : most;
+                }
+                continue;
+            }
             for (int64_t j = 0; j < count; j++) {
                 const int16_t over = (int16_t)(goal_low[j] - high), under = (int16_t)(low - goal_high[j]);
                 const int16_t most = over > under ? over : under;
@@ -64,6 +73,64 @@ void gap_times(const Laws *laws, const Boxes *from, const Boxes *to, float *time
             const int64_t count = to->count - j < TILE ? to->count - j : TILE;
             row_times(laws, *from, i, *to, j, count, time + i * to->count + j);
         }
+}
+
+/* Times of all pairs with `work` (of each box of `to`), (from->count, to->count), and the least of them for every pair of
+   groups, (groups, groups), infinite at first: of each box of `from` its group, and where each group of `to` begins,
+   (groups + 1,). */
+void work_times(const Laws *laws, const Boxes *from, const Boxes *to, const float *work, const int64_t *group,
+                const int64_t *first, int64_t groups, float *time, float *least)
+{
+    gap_times(laws, from, to, time);
+    for (int64_t i = 0; i < from->count; i++) {
+        float *row = time + i * to->count, *best = least + group[i] * groups;
+        for (int64_t g = 0; g < groups; g++) {
+            float own = best[g];
+            for (int64_t j = first[g]; j < first[g + 1]; j++) {
+                row[j] += work[j];
+                own = row[j] < own ? row[j] : own;
+            }
+            best[g] = own;
+        }
+    }
+}
+
+enum { LANES = 8 };
+
+/* The least of max(time, floor) + left from every row, (rows,): time (rows, count), floor of every pair of groups,
+   (groups, groups), the row's and the column's, left of every column. Returns 0, or 1 without memory. */
+int least_through(const float *time, int64_t rows, int64_t count, const int64_t *group, const int64_t *column,
+                  int64_t groups, const float *floor, const float *left, float *least)
+{
+    float *own = malloc(sizeof(float) * (size_t)(count + 1));
+    if (!own)
+        return 1;
+    for (int64_t i = 0; i < rows; i++) {
+        /* Rows come in order of their groups. */
+        if (!i || group[i] != group[i - 1])
+            for (int64_t j = 0; j < count; j++)
+                own[j] = floor[group[i] * groups + column[j]];
+        const float *row = time + i * count;
+        float best[LANES];
+        for (int lane = 0; lane < LANES; lane++)
+            best[lane] = INFINITY;
+        int64_t j = 0;
+        for (; j + LANES <= count; j += LANES)
+            for (int lane = 0; lane < LANES; lane++) {
+                const float stage = row[j + lane] > own[j + lane] ? row[j + lane] : own[j + lane];
+                const float all = stage + left[j + lane];
+                best[lane] = all < best[lane] ? all : best[lane];
+            }
+        for (; j < count; j++) {
+            const float all = (row[j] > own[j] ? row[j] : own[j]) + left[j];
+            best[0] = all < best[0] ? all : best[0];
+        }
+        for (int lane = 1; lane < LANES; lane++)
+            best[0] = best[lane] < best[0] ? best[lane] : best[0];
+        least[i] = best[0];
+    }
+    free(own);
+    return 0;
 }
 
 /* One end of a stop's lines. */

@@ -8,15 +8,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dualarm_cli.compiled.transfer_times import least_through, work_times
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import Nodes
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem
 from dualarm_cli.stages.plans.times import TransferChain
 from dualarm_cli.stages.search.transfer_table import Coordinates, TransferTable
-
-ROWS = 48
-"""Rows of a block of pairs: small enough for the cache."""
 
 Times = NDArray[np.float32]
 
@@ -63,8 +61,8 @@ class _Edges:
 
     times: Times
     """Longer of arm and platform, and the stop's work [s], shape (n before, n)."""
-    angle_before: IntArray | None
-    """Index of the platform angle of each node before; None if another stage lies between."""
+    before: IntArray | None
+    """Index of the platform angle of each node before; None if another stage lies between, so that any will do."""
     angle: IntArray
     """Index of the platform angle of each node."""
     relaxed: Times
@@ -205,53 +203,37 @@ def _edges(problem: SequenceProblem, a: int, arm: ArmLayers, k: int, angles: int
     layer, came = arm.layers[k], int(arm.chain.previous[k])
     assert layer is not None
     before = arm.layers[came] if came >= 0 else None
-    angle = layer.angle_index
+    angle, adjacent = layer.angle_index, came == k - 1
     if came < 0 and k == 0 and problem.free_start:
-        return _Edges(
-            layer.work[None], None, angle, _by_angles(layer.work[None], None, angle, angles)
-        )
-    adjacent = came == k - 1
+        columns, first = np.unique(angle, return_index=True)
+        relaxed = np.full((angles, angles), np.inf, dtype=np.float32)
+        relaxed[:, columns] = np.minimum.reduceat(layer.work, first)
+        return _Edges(layer.work[None], None, angle, relaxed)
     without = (
         *free_columns(problem, a, layer, before),
         *(() if adjacent else platform_columns(problem, a)),
     )
     start = start_coordinates(problem, a, arm.table) if before is None else before.retract
-    times = arm.table.times(start, layer.approach, without)
-    times += layer.work
-    angle_before = None
+    # There is but one angle at the start: by any number.
+    come = np.zeros(start.shape[1], dtype=np.int64)
+    if adjacent and before is not None:
+        come = before.angle_index
+    times, relaxed = work_times(
+        arm.table.laws(without), start, layer.approach, layer.work, (come, angle, angles)
+    )
     if adjacent:
-        # There is but one angle at the start: by any number.
-        angle_before = np.zeros(1, dtype=np.int64) if before is None else before.angle_index
-    return _Edges(times, angle_before, angle, _by_angles(times, angle_before, angle, angles))
-
-
-def _by_angles(times: Times, angle_before: IntArray | None, angle: IntArray, angles: int) -> Times:
-    """Returns the least time of every pair of platform angles, shape (f, f); nodes are in their order."""
-    columns, first = np.unique(angle, return_index=True)
-    least = np.minimum.reduceat(times, first, axis=1)
-    table = np.full((angles, angles), np.inf, dtype=np.float32)
-    if angle_before is None:
-        table[:, columns] = least.min(axis=0)
-        return table
-    rows, first = np.unique(angle_before, return_index=True)
-    table[np.ix_(rows, columns)] = np.minimum.reduceat(least, first, axis=0)
-    return table
+        return _Edges(times, come, angle, relaxed)
+    return _Edges(times, None, angle, np.tile(relaxed[0], (angles, 1)))
 
 
 def _least(edges: _Edges, left: Times, others: Sequence[Times]) -> Times:
     """Returns the least time from every node before, the other arm's included, shape (n before,)."""
-    least = np.empty(len(edges.times), dtype=np.float32)
-    floor = None
+    before, floor = edges.before, np.zeros_like(edges.relaxed)
+    if before is None:
+        before = np.zeros(len(edges.times), dtype=np.int64)
     for other in others:
-        floor = other if edges.angle_before is not None else other.min(axis=0, keepdims=True)
-        floor = floor[:, edges.angle]
-    for k in range(0, len(least), ROWS):
-        times = edges.times[k : k + ROWS]
-        if floor is not None:
-            rows = edges.angle_before
-            times = np.maximum(times, floor if rows is None else floor[rows[k : k + ROWS]])
-        least[k : k + ROWS] = (times + left).min(axis=1)
-    return least
+        np.maximum(floor, other if edges.before is not None else other.min(axis=0), out=floor)
+    return least_through(edges.times, (before, edges.angle), floor, left)
 
 
 def _return_times(problem: SequenceProblem, a: int, arm: ArmLayers, layer: Layer, k: int) -> Times:
