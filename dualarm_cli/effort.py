@@ -21,6 +21,9 @@ FEW = 4
 MOST = 4
 """The shortest ones get so many times more rounds and plans."""
 
+SHORT, SHORT_ROUNDS = 12, 3
+"""Sequences of so many stages or fewer are polished in so many rounds, at least, times what they get more."""
+
 FULL_STAGES = 24
 """Up to so many stages as many orders are polished as an effort says."""
 
@@ -110,7 +113,7 @@ class SearchEffort:
             self,
             meshes=self.meshes if more < FEW else (*self.meshes, *self.for_few),
             trial_rounds=self.trial_rounds * min(more, 2),
-            rounds=self.rounds * more,
+            rounds=more * (max(self.rounds, SHORT_ROUNDS) if stages <= SHORT else self.rounds),
             random_steps=self.random_steps * more,
             local_rounds=self.local_rounds * more,
             plans=self.plans * more,
@@ -304,7 +307,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         epochs=EpochEffort(3, 20, 20, 400),
         search=SearchEffort(
             meshes=(Mesh(np.radians(12.0), 14, 1000, 20, 3),),
-            trial_rounds=1,
+            trial_rounds=2,
             rounds=1,
             random_steps=0,
             cycles=1,

@@ -37,7 +37,7 @@ def sequence(request, random_job):
     job = random_job(request.param, (5, 4), line=0.08, dwell=0.1)
     problem = sequence_problem(CellModel.from_cell(job.cell), job)
     tables = tuple(StopTable.of(work) for work in problem.arms)
-    plan = search(problem, [], "quick", 0).best
+    plan = search(problem, [], "normal", 0).best
     return job, replace(problem, ways=middling_ways(problem)), tables, plan
 
 
