@@ -21,8 +21,11 @@ FEW = 4
 MOST = 4
 """The shortest ones get so many times more rounds and plans."""
 
-SHORT, SHORT_ROUNDS = 12, 3
-"""Sequences of so many stages or fewer are polished in so many rounds, at least, times what they get more."""
+SHORT = 12
+"""Sequences of so many stages or fewer are short."""
+
+LEAST_ROUNDS = 3
+"""Least rounds of polishing of a short sequence, before they are multiplied."""
 
 FULL_STAGES = 24
 """Up to so many stages as many orders are polished as an effort says."""
@@ -54,7 +57,7 @@ class Mesh:
 
 
 NEAR = Mesh(np.radians(6.0), 24, 1500, 40, 4, around=3)
-"""The grid around a plan that collides, at normal effort."""
+"""The grid around a plan that collides, at normal effort; others vary it."""
 LOCAL = Mesh(np.radians(3.0), 36, 1500, 40, 4, around=1)
 
 
@@ -113,7 +116,7 @@ class SearchEffort:
             self,
             meshes=self.meshes if more < FEW else (*self.meshes, *self.for_few),
             trial_rounds=self.trial_rounds * min(more, 2),
-            rounds=more * (max(self.rounds, SHORT_ROUNDS) if stages <= SHORT else self.rounds),
+            rounds=more * (max(self.rounds, LEAST_ROUNDS) if stages <= SHORT else self.rounds),
             random_steps=self.random_steps * more,
             local_rounds=self.local_rounds * more,
             plans=self.plans * more,
@@ -129,6 +132,7 @@ class SearchEffort:
             self,
             meshes=(self.for_few if few else self.meshes)[:1],
             trial_rounds=max(1, self.trial_rounds // 2),
+            rounds=max(self.rounds, LEAST_ROUNDS),
             plans=max(2, self.plans),
             local_rounds=max(1, self.local_rounds),
         )
@@ -316,7 +320,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             for_few=(),
             local=LOCAL,
             local_rounds=0,
-            near=Mesh(np.radians(6.0), 18, 1000, 20, 3, around=3),
+            near=replace(NEAR, arm_angles=18, most_nodes=1000, width=20, per_angle=3),
         ),
         bound=Resolution(np.radians(15.0), 9, 3),
         ipopt=NonlinearEffort(100, (np.inf, 0.3)),

@@ -28,8 +28,8 @@ else:
         return _frozen(cls, eq)
 
 
-def by_name(record: Any) -> dict[str, Any]:
-    """Returns the values of a record's fields by name; `dataclasses.asdict` copies all that is in them."""
+def field_values(record: Any) -> dict[str, Any]:
+    """Returns the values of a record's fields by name, as they are; `dataclasses.asdict` copies all that is in them."""
     return {name: getattr(record, name) for name in record.__dataclass_fields__}
 
 

@@ -159,13 +159,16 @@ def work_times(
         groups: group of each coordinate where transfers begin, (n,), and end, ascending, (m,), and their number g; the
             second answer is of shape (g, g), infinite for none.
     """
-    group, column, count = whole(groups[0]), groups[1], groups[2]
-    first = np.searchsorted(column, np.arange(count + 1)).astype(np.int64)
+    *each, count = groups
+    rows, columns = (_groups(own, count) for own in each)
+    first = np.searchsorted(columns, np.arange(count + 1)).astype(np.int64)
+    own = np.ascontiguousarray(work, dtype=np.float32)
     times = np.empty((before.shape[1], after.shape[1]), dtype=np.float32)
+    assert (len(rows), len(columns), len(own)) == (*times.shape, times.shape[1])
     least = np.full((count, count), np.inf, dtype=np.float32)
-    ends = *map(byref, (boxes(before, before), boxes(after, after))), pointer(work)
-    held = pointer(group), pointer(first), _int64(count), pointer(times), pointer(least)
-    library().work_times(byref(laws), *ends, *held)
+    ends = *map(byref, (boxes(before, before), boxes(after, after))), pointer(own)
+    cells = pointer(rows), pointer(first), _int64(count)
+    library().work_times(byref(laws), *ends, *cells, pointer(times), pointer(least))
     return times, least
 
 
@@ -186,13 +189,21 @@ def least_through(
     Raises:
         MemoryError: there is none.
     """
-    least = np.empty(len(times), dtype=np.float32)
-    rows, columns = map(whole, groups)
-    table = np.ascontiguousarray(floor, dtype=np.float32)
-    sizes = pointer(times), *map(_int64, times.shape), pointer(rows), pointer(columns)
-    given = _int64(len(table)), pointer(table), pointer(left), pointer(least)
-    _checked(library().least_through(*sizes, *given))
+    rows, columns = (_groups(own, len(floor)) for own in groups)
+    time, table, rest = (np.ascontiguousarray(x, dtype=np.float32) for x in (times, floor, left))
+    assert (len(rows), len(columns), len(rest)) == (*time.shape, time.shape[1])
+    least = np.empty(len(time), dtype=np.float32)
+    pairs = pointer(time), *map(_int64, time.shape), pointer(rows), pointer(columns)
+    others = _int64(len(table)), pointer(table), pointer(rest)
+    _checked(library().least_through(*pairs, *others, pointer(least)))
     return least
+
+
+def _groups(given: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Returns groups, of so many, as compiled functions read them."""
+    found = whole(given)
+    assert not len(found) or (found.min() >= 0 and found.max() < count)
+    return found
 
 
 def least_by_groups(

@@ -16,7 +16,7 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Event, Schedule, Segment, Stage
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Verification
-from dualarm_cli.records import by_name
+from dualarm_cli.records import field_values
 
 FORMAT = "dualarm.schedule/2"
 BLOCK = 4096
@@ -176,16 +176,16 @@ def _pose(pose: pin.SE3) -> dict[str, list[float]]:
 
 def stage_row(stage: Stage) -> dict[str, Any]:
     """Returns a stage as the file has it."""
-    return by_name(stage) | {"tasks": list(stage.tasks)}
+    return field_values(stage) | {"tasks": list(stage.tasks)}
 
 
 def segment_row(segment: Segment) -> dict[str, Any]:
     """Returns a segment as the file has it."""
-    row = by_name(segment)
+    row = field_values(segment)
     if segment.dwell is None:
         del row["dwell"]
     else:
-        row["dwell"] = by_name(segment.dwell)
+        row["dwell"] = field_values(segment.dwell)
     if not segment.reason:
         del row["reason"]
     return row
@@ -196,5 +196,5 @@ def _verification(verification: Verification | None) -> dict[str, Any] | None:
         return None
     return {
         "passed": verification.passed,
-        "checks": [by_name(check) for check in verification.checks],
+        "checks": [field_values(check) for check in verification.checks],
     }

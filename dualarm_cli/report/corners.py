@@ -11,7 +11,7 @@ import numpy as np
 from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.motion.waiting import MOVES, SAME_TIME
-from dualarm_cli.records import by_name, dataclass
+from dualarm_cli.records import dataclass, field_values
 from dualarm_cli.timing.spline import largest_rates
 from dualarm_cli.verification.tool_model import ToolModel
 
@@ -126,7 +126,7 @@ def blending_rows(schedule: Schedule, job: Job) -> dict[str, Any] | None:
         "gain": schedule.blend_gain,
         "share": schedule.blend_gain / stopping if stopping > 0.0 else 0.0,
         "largest_deviation": max((one.beside for one in found if one.line), default=0.0),
-        "corners": [by_name(corner) for corner in found],
+        "corners": [field_values(corner) for corner in found],
     }
 
 

@@ -12,7 +12,7 @@ from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import WORK_ENDS, Schedule, Stage
 from dualarm_cli.model.verification import Check, Verification
-from dualarm_cli.records import by_name
+from dualarm_cli.records import field_values
 from dualarm_cli.report.corners import blending_rows
 from dualarm_cli.report.measures import elbow_imbalance, joint_travel, platform_travel
 from dualarm_cli.report.sensitivity import sensitivity
@@ -54,7 +54,9 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "clearance_cost": schedule.clearance_cost,
         "blending": blending_rows(schedule, job),
         **_motion_rows(schedule, job),
-        "budget": [by_name(line) | {"text": str(line)} for line in judge_budget(schedule, job)],
+        "budget": [
+            field_values(line) | {"text": str(line)} for line in judge_budget(schedule, job)
+        ],
         **_kind_rows("work", schedule, job),
         "stages": _stage_rows(schedule),
         "bottlenecks": _bottlenecks(schedule),
@@ -75,7 +77,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "tool_speed_cap": job.tool_speed,
         "assumed_limits": assumed_joints(schedule),
         "without_jerk_limit": joints_without_jerk_limit(schedule),
-        "sensitivity": [by_name(entry) for entry in sensitivity(schedule)],
+        "sensitivity": [field_values(entry) for entry in sensitivity(schedule)],
         "verification": verification_document(schedule.verification),
         "settings": dict(schedule.provenance.settings),
         "notes": list(schedule.notes),
@@ -137,7 +139,7 @@ def joints_without_jerk_limit(schedule: Schedule) -> list[str]:
 def smallest_clearance(schedule: Schedule) -> dict[str, Any] | None:
     """Returns the stage whose clearance is nearest to what is required, or None where none was proven."""
     stages = schedule.verification.clearances if schedule.verification is not None else ()
-    return by_name(min(stages, key=lambda stage: stage.margin)) if stages else None
+    return field_values(min(stages, key=lambda stage: stage.margin)) if stages else None
 
 
 def _collisions(schedule: Schedule) -> str:
@@ -160,7 +162,7 @@ def verification_document(verification: Verification | None) -> dict[str, Any] |
     return {
         "passed": verification.passed,
         "checks": [_check_row(check) for check in verification.checks],
-        "clearances": [by_name(stage) for stage in verification.clearances],
+        "clearances": [field_values(stage) for stage in verification.clearances],
     }
 
 

@@ -116,6 +116,8 @@ def test_what_is_reported_is_what_was_done(belt, planned):
         assert row["gone"] == pytest.approx(0.15 * (row["time"] - row["passes"]))
         assert f"{row['task']} picked by the {row['arm']} arm" in line
         assert f"{max(0.0, row['gone']) * 1e3:.0f} mm on of 500 mm" in line
+    named = [{**row, "conveyor": "belt [1]"} for row in report["conveyors"]]
+    assert conveyor_lines({"conveyors": named})[0].startswith("conveyor belt [1]: ")
     assert report["sensitivity"] == []
     assert b"".join(to_json(planned, "robot.urdf", {})).count(b'"velocity": [0.0, -0.15, 0.0]') == 4
     assert any("the cycle repeats every" in note for note in planned.notes)

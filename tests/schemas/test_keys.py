@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -37,3 +38,23 @@ def test_keys_are_spelled_as_in_the_files() -> None:
     assert "return" in schema["properties"] and "return_" not in schema["properties"]
     assert "in" in schema["$defs"]["TargetSection"]["properties"]
     assert schema["required"] == ["dualarm", "cell", "tasks"]
+
+
+def _every(section: type[Section]) -> Iterator[type[Section]]:
+    """Yields all that are derived from one."""
+    for one in section.__subclasses__():
+        yield one
+        yield from _every(one)
+
+
+def test_defaults_that_are_sections_are_good() -> None:
+    """They are made without validation: each is what reading it from a file gives."""
+    checked = 0
+    for section in set(_every(Section)):
+        for field in section.model_fields.values():
+            made = field.default
+            if isinstance(made, Section):
+                read = type(made).model_validate(made.model_dump(exclude_unset=True, by_alias=True))
+                assert made == read and made.model_fields_set == read.model_fields_set
+                checked += 1
+    assert checked >= 15

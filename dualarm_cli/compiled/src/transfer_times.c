@@ -75,59 +75,61 @@ void gap_times(const Laws *laws, const Boxes *from, const Boxes *to, float *time
         }
 }
 
+/* Minima at once, so that the compiler can take them together. */
+enum { LANES = 8 };
+
+static float least_of(const float *value, int64_t begin, int64_t end)
+{
+    float least[LANES];
+    int64_t j = begin;
+    for (int lane = 0; lane < LANES; lane++)
+        least[lane] = INFINITY;
+    for (; j + LANES <= end; j += LANES)
+        for (int lane = 0; lane < LANES; lane++)
+            least[lane] = value[j + lane] < least[lane] ? value[j + lane] : least[lane];
+    for (; j < end; j++)
+        least[0] = value[j] < least[0] ? value[j] : least[0];
+    for (int lane = 1; lane < LANES; lane++)
+        least[0] = least[lane] < least[0] ? least[lane] : least[0];
+    return least[0];
+}
+
 /* Times of all pairs with `work` (of each box of `to`), (from->count, to->count), and the least of them for every pair of
-   groups, (groups, groups), infinite at first: of each box of `from` its group, and where each group of `to` begins,
-   (groups + 1,). */
+   groups, (groups, groups), which is infinite at first. `group` is that of each box of `from`; `first` is the first box
+   of each group of `to`, and their number, (groups + 1,). */
 void work_times(const Laws *laws, const Boxes *from, const Boxes *to, const float *work, const int64_t *group,
                 const int64_t *first, int64_t groups, float *time, float *least)
 {
     gap_times(laws, from, to, time);
     for (int64_t i = 0; i < from->count; i++) {
         float *row = time + i * to->count, *best = least + group[i] * groups;
+        for (int64_t j = 0; j < to->count; j++)
+            row[j] += work[j];
         for (int64_t g = 0; g < groups; g++) {
-            float own = best[g];
-            for (int64_t j = first[g]; j < first[g + 1]; j++) {
-                row[j] += work[j];
-                own = row[j] < own ? row[j] : own;
-            }
-            best[g] = own;
+            const float own = least_of(row, first[g], first[g + 1]);
+            best[g] = own < best[g] ? own : best[g];
         }
     }
 }
-
-enum { LANES = 8 };
 
 /* The least of max(time, floor) + left from every row, (rows,): time (rows, count), floor of every pair of groups,
    (groups, groups), the row's and the column's, left of every column. Returns 0, or 1 without memory. */
 int least_through(const float *time, int64_t rows, int64_t count, const int64_t *group, const int64_t *column,
                   int64_t groups, const float *floor, const float *left, float *least)
 {
-    float *own = malloc(sizeof(float) * (size_t)(count + 1));
+    float *own = malloc(sizeof(float) * (size_t)(2 * count + 1));
     if (!own)
         return 1;
+    float *all = own + count;
     for (int64_t i = 0; i < rows; i++) {
         /* Rows come in order of their groups. */
         if (!i || group[i] != group[i - 1])
             for (int64_t j = 0; j < count; j++)
                 own[j] = floor[group[i] * groups + column[j]];
         const float *row = time + i * count;
-        float best[LANES];
-        for (int lane = 0; lane < LANES; lane++)
-            best[lane] = INFINITY;
-        int64_t j = 0;
-        for (; j + LANES <= count; j += LANES)
-            for (int lane = 0; lane < LANES; lane++) {
-                const float stage = row[j + lane] > own[j + lane] ? row[j + lane] : own[j + lane];
-                const float all = stage + left[j + lane];
-                best[lane] = all < best[lane] ? all : best[lane];
-            }
-        for (; j < count; j++) {
-            const float all = (row[j] > own[j] ? row[j] : own[j]) + left[j];
-            best[0] = all < best[0] ? all : best[0];
-        }
-        for (int lane = 1; lane < LANES; lane++)
-            best[0] = best[lane] < best[0] ? best[lane] : best[0];
-        least[i] = best[0];
+        for (int64_t j = 0; j < count; j++)
+            all[j] = (row[j] > own[j] ? row[j] : own[j]) + left[j];
+        least[i] = least_of(all, 0, count);
     }
     free(own);
     return 0;
@@ -173,14 +175,6 @@ static int by_bound(const void *one, const void *other)
     if (a->bound != b->bound)
         return a->bound < b->bound ? -1 : 1;
     return a->run - b->run;
-}
-
-static float least_of(const float *value, int64_t begin, int64_t end)
-{
-    float least = INFINITY;
-    for (int64_t j = begin; j < end; j++)
-        least = value[j] < least ? value[j] : least;
-    return least;
 }
 
 /* The least of transfer and `work` (of each cell of `to`) for every pair of groups, (groups, groups); infinite at first.

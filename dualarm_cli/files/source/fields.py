@@ -44,7 +44,11 @@ def refuse(message: str, key: str = "", code: str = "E200") -> PydanticCustomErr
 
 
 class Section(BaseModel):
-    """A mapping of an input file: no conversions, no unknown keys, frozen."""
+    """A mapping of an input file: no conversions, no unknown keys, frozen.
+
+    A default that is a section is made by `model_construct`: validating it when its module is loaded would build its
+    schema at once, which `defer_build` puts off.
+    """
 
     model_config = ConfigDict(
         strict=True, extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True

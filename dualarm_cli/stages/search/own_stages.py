@@ -323,8 +323,8 @@ class ExactStages:
         """Returns platform angles at which all arms reach their stops of a stage, and each arm's nodes there.
 
         Args:
-            k: number of the stage.
-            count: so many angles at most [rad]; none where the arms share none.
+            k: number of the stage, in which the arms share platform angles.
+            count: so many angles at most [rad].
             most: most nodes of one stop.
         """
         if (k, count, most) not in self._known:
@@ -342,8 +342,6 @@ class ExactStages:
     def _nodes(self, k: int, count: int, most: int) -> tuple[FloatArray, list[Nodes | None]]:
         problem, tables = self.problem, self.tables
         angles = spread(self.shared(k), count) if problem.turns else np.zeros(1)
-        if not len(angles):
-            return angles, []
         return angles, [
             None if work.stops[k] is None else exact_nodes(problem, a, tables[a], k, angles, most)
             for a, work in enumerate(problem.arms)
@@ -440,8 +438,6 @@ def _own_nodes(
 ) -> tuple[FloatArray, list[Nodes | None]] | None:
     """Returns platform angles (count,) [rad] at which all arms make their stops of a stage, and the nodes there."""
     angles, every = exact.nodes(k, max(LOOKED_AT, count), most)
-    if not len(angles):
-        return None
     for spare in spares:
         nodes = [
             None if own is None else free_nodes(problem, a, k, angles, own, spare)

@@ -61,8 +61,10 @@ class _Edges:
 
     times: Times
     """Longer of arm and platform, and the stop's work [s], shape (n before, n)."""
-    before: IntArray | None
-    """Index of the platform angle of each node before; None if another stage lies between, so that any will do."""
+    angle_before: IntArray
+    """Index of the platform angle of each node before; 0 where it does not count."""
+    adjacent: bool
+    """Whether it counts: else another stage lies between, or nothing is before."""
     angle: IntArray
     """Index of the platform angle of each node."""
     relaxed: Times
@@ -208,32 +210,30 @@ def _edges(problem: SequenceProblem, a: int, arm: ArmLayers, k: int, angles: int
         columns, first = np.unique(angle, return_index=True)
         relaxed = np.full((angles, angles), np.inf, dtype=np.float32)
         relaxed[:, columns] = np.minimum.reduceat(layer.work, first)
-        return _Edges(layer.work[None], None, angle, relaxed)
+        return _Edges(layer.work[None], np.zeros(1, dtype=np.int64), False, angle, relaxed)
     without = (
         *free_columns(problem, a, layer, before),
         *(() if adjacent else platform_columns(problem, a)),
     )
     start = start_coordinates(problem, a, arm.table) if before is None else before.retract
     # There is but one angle at the start: by any number.
-    come = np.zeros(start.shape[1], dtype=np.int64)
+    angle_before = np.zeros(start.shape[1], dtype=np.int64)
     if adjacent and before is not None:
-        come = before.angle_index
+        angle_before = before.angle_index
     times, relaxed = work_times(
-        arm.table.laws(without), start, layer.approach, layer.work, (come, angle, angles)
+        arm.table.laws(without), start, layer.approach, layer.work, (angle_before, angle, angles)
     )
-    if adjacent:
-        return _Edges(times, come, angle, relaxed)
-    return _Edges(times, None, angle, np.tile(relaxed[0], (angles, 1)))
+    relaxed = relaxed if adjacent else np.tile(relaxed[0], (angles, 1))
+    return _Edges(times, angle_before, adjacent, angle, relaxed)
 
 
 def _least(edges: _Edges, left: Times, others: Sequence[Times]) -> Times:
     """Returns the least time from every node before, the other arm's included, shape (n before,)."""
-    before, floor = edges.before, np.zeros_like(edges.relaxed)
-    if before is None:
-        before = np.zeros(len(edges.times), dtype=np.int64)
+    # No stage is shorter than 0: alone an arm is as long as it needs.
+    floor = np.zeros_like(edges.relaxed)
     for other in others:
-        np.maximum(floor, other if edges.before is not None else other.min(axis=0), out=floor)
-    return least_through(edges.times, (before, edges.angle), floor, left)
+        np.maximum(floor, other if edges.adjacent else other.min(axis=0), out=floor)
+    return least_through(edges.times, (edges.angle_before, edges.angle), floor, left)
 
 
 def _return_times(problem: SequenceProblem, a: int, arm: ArmLayers, layer: Layer, k: int) -> Times:
