@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from dualarm_cli.model.schedule import Event, JointSamples, Schedule
     from dualarm_cli.model.verification import Check, Verification
 
-    __version__: str
+__version__ = "0.1.0"
 
 __all__ = [
     "Check",
@@ -77,8 +77,6 @@ def __getattr__(name: str) -> Any:
     Raises:
         AttributeError: there is no such name.
     """
-    if name == "__version__":
-        return _version()
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'dualarm_cli' has no attribute {name!r}")
@@ -87,12 +85,3 @@ def __getattr__(name: str) -> Any:
 def __dir__() -> list[str]:
     """Returns the public names."""
     return sorted(__all__)
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("dualarm")
-    except PackageNotFoundError:  # run from a source tree that was never installed
-        return "0+source"

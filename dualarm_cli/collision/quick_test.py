@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from dualarm_cli.collision.hulls import Hulls
 from dualarm_cli.collision.pair_groups import PairGroup, pair_group
-from dualarm_cli.collision.reach import can_meet
+from dualarm_cli.collision.reach import Reach
 from dualarm_cli.collision.solids import (
     WORLD,
     Pair,
@@ -54,10 +54,11 @@ class QuickTest:
         model = pin.buildModelFromXML(robot.urdf)
         self._tree = JointTree.of(model, robot.joints)
         self._solids = cell_solids(cell, model, carried)
+        reach = Reach(model)
         self._pairs = [
             pair
             for pair in pairs_that_must_keep_apart(model, self._solids, cell)
-            if can_meet(model, self._solids[pair.first], self._solids[pair.second], pair, ENOUGH)
+            if reach.can_meet(self._solids[pair.first], self._solids[pair.second], pair, ENOUGH)
         ]
         self._steps = self._tree.steps()
         self._hulls = Hulls.of(self._solids, self._tree)

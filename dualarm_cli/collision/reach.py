@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -12,10 +14,12 @@ from dualarm_cli.records import dataclass
 
 SURE = 1e-6
 """What rounding may be off [m]."""
+TURNS = 0.5
+"""Joints whose axes of rotation are shorter slide."""
 
 
 @dataclass(frozen=True)
-class _Ball:
+class Ball:
     """Where a solid is always within, in the frame of a joint below it."""
 
     center: FloatArray
@@ -24,33 +28,69 @@ class _Ball:
     """Radius [m]; infinite where there is none."""
 
 
-def can_meet(model: pin.Model, one: Solid, other: Solid, pair: Pair, within: float = 0.0) -> bool:
-    """Returns whether two solids can come within their required clearance and a little more of each other.
+class Reach:
+    """Where solids can be, whatever the joints of one robot do."""
 
-    From the last joint that moves both, each solid is within a ball about a point of the axis of the next joint
-    towards it: as far from it as the lengths of the links from there on add up to.
+    def __init__(self, model: pin.Model) -> None:
+        """Looks up how joints move.
 
-    Args:
-        model: of the robot's URDF.
-        one: the pair's first solid.
-        other: its second one.
-        pair: for its clearance.
-        within: what is added to the clearance [m].
-    """
-    below = [_chain(model, solid.joint) for solid in (one, other)]
-    common = max(set(below[0]) & set(below[1]), key=below[0].index)
-    balls = [
-        _ball(model, solid, chain[chain.index(common) + 1 :])
-        for solid, chain in zip((one, other), below, strict=True)
-    ]
-    far = pair.required + within + SURE
-    if balls[0] is not None and balls[1] is not None:
-        apart = float(np.linalg.norm(balls[0].center - balls[1].center))
-        return apart - balls[0].radius - balls[1].radius < far
-    for ball, fixed in ((balls[0], other), (balls[1], one)):
-        if ball is not None and np.isfinite(ball.radius):
-            return _distance(ball.center, fixed) - ball.radius < far
-    return True
+        Args:
+            model: of the robot's URDF; every joint has one degree of freedom.
+        """
+        self._model = model
+        twists = np.array([_twist(model, joint) for joint in range(1, model.njoints)]).reshape(
+            -1, 6
+        )
+        self._axis = dict(enumerate(twists[:, 3:], start=1))
+
+    def can_meet(self, one: Solid, other: Solid, pair: Pair, within: float = 0.0) -> bool:
+        """Returns whether two solids can come within their required clearance and a little more of each other.
+
+        From the last joint that moves both, each solid is within a ball about a point of the axis of the next joint
+        towards it: as far from it as the lengths of the links from there on add up to.
+
+        Args:
+            one: the pair's first solid.
+            other: its second one.
+            pair: for its clearance.
+            within: what is added to the clearance [m].
+        """
+        below = [_chain(self._model, solid.joint) for solid in (one, other)]
+        common = max(set(below[0]) & set(below[1]), key=below[0].index)
+        balls = [
+            self.ball(solid, chain[chain.index(common) + 1 :])
+            for solid, chain in zip((one, other), below, strict=True)
+        ]
+        far = pair.required + within + SURE
+        if balls[0] is not None and balls[1] is not None:
+            apart = float(np.linalg.norm(balls[0].center - balls[1].center))
+            return apart - balls[0].radius - balls[1].radius < far
+        for ball, fixed in ((balls[0], other), (balls[1], one)):
+            if ball is not None and np.isfinite(ball.radius):
+                return _distance(ball.center, fixed) - ball.radius < far
+        return True
+
+    def ball(self, solid: Solid, chain: Sequence[int]) -> Ball | None:
+        """Returns where a solid is always within, in the frame that its chain of joints begins in.
+
+        None where it does not move.
+        """
+        if not chain:
+            return None
+        placements = [self._model.jointPlacements[joint] for joint in chain[:2]]
+        if any(np.linalg.norm(self._axis[joint]) <= TURNS for joint in chain):
+            return Ball(np.asarray(placements[0].translation), np.inf)
+        rest = solid.extent + sum(
+            float(np.linalg.norm(self._model.jointPlacements[joint].translation))
+            for joint in chain[2:]
+        )
+        if len(chain) == 1:
+            return Ball(np.asarray(placements[0].translation), rest)
+        # The next joint's origin goes round on a circle about the first one's axis.
+        axis, step = self._axis[chain[0]], placements[1].translation
+        along = float(axis @ step)
+        center = np.asarray(placements[0].act(along * axis))
+        return Ball(center, float(np.linalg.norm(step - along * axis)) + rest)
 
 
 def _chain(model: pin.Model, joint: int) -> list[int]:
@@ -60,32 +100,6 @@ def _chain(model: pin.Model, joint: int) -> list[int]:
         joint = model.parents[joint]
         chain.append(joint)
     return chain[::-1]
-
-
-def _ball(model: pin.Model, solid: Solid, chain: list[int]) -> _Ball | None:
-    """Returns where a solid is always within, in the frame that its chain begins in; None where it does not move."""
-    if not chain:
-        return None
-    steps = [np.asarray(model.jointPlacements[joint].translation) for joint in chain]
-    if any(not _turns(model, joint) for joint in chain):
-        return _Ball(steps[0], np.inf)
-    rest = sum(float(np.linalg.norm(step)) for step in steps[2:]) + solid.extent
-    if len(chain) == 1:
-        return _Ball(steps[0], rest)
-    # The next joint's origin goes round on a circle about the first one's axis.
-    axis = _axis(model, chain[0])
-    along = float(axis @ steps[1])
-    center = np.asarray(model.jointPlacements[chain[0]].act(along * axis))
-    return _Ball(center, float(np.linalg.norm(steps[1] - along * axis)) + rest)
-
-
-def _turns(model: pin.Model, joint: int) -> bool:
-    return bool(np.linalg.norm(_twist(model, joint)[3:]) > 0.5)
-
-
-def _axis(model: pin.Model, joint: int) -> FloatArray:
-    axis: FloatArray = _twist(model, joint)[3:]
-    return axis
 
 
 def _twist(model: pin.Model, joint: int) -> FloatArray:

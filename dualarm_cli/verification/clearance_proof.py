@@ -20,7 +20,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinc
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 
-FIRST_STEP = 0.04
+FIRST_STEP = 0.08
 """Length of the first intervals [s]; longer in motions of so many more that they would fill the memory."""
 MOST_FIRST = 20_000
 """First intervals at most, but for those that edges make; whichever are too long are halved."""

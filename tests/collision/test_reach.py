@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.collision.reach import _ball, can_meet
+from dualarm_cli.collision.reach import Reach
 from dualarm_cli.collision.solids import (
     WORLD,
     Pair,
@@ -28,7 +28,7 @@ def test_pairs_that_cannot_meet_keep_apart_at_three_thousand_random_postures(tas
     pairs = [
         pair
         for pair in pairs_that_must_keep_apart(model, solids, cell)
-        if not can_meet(model, solids[pair.first], solids[pair.second], pair)
+        if not Reach(model).can_meet(solids[pair.first], solids[pair.second], pair)
     ]
     assert pairs
     geometry = geometry_model(solids, [(pair.first, pair.second) for pair in pairs])
@@ -55,7 +55,8 @@ def ball(joint: int, x: float, radius: float) -> Solid:
 def meets_at(model: pin.Model, one: Solid, other: Solid, required: float, within: float) -> bool:
     """Whether they can meet; the same whichever is first."""
     both = [
-        can_meet(model, a, b, Pair(0, 1, required), within) for a, b in ((one, other), (other, one))
+        Reach(model).can_meet(a, b, Pair(0, 1, required), within)
+        for a, b in ((one, other), (other, one))
     ]
     assert both[0] == both[1]
     return both[0]
@@ -115,9 +116,9 @@ def test_what_the_second_joint_carries_goes_round_on_a_circle_about_the_first_on
     at = pin.SE3(np.eye(3), np.array([0.0, 0.1, 0.0]))
     third = model.addJoint(second, pin.JointModelRX(), at, "third")
     solid = ball(third, 0.0, 0.05)
-    found = _ball(model, solid, [first, second, third])
+    found = Reach(model).ball(solid, [first, second, third])
     np.testing.assert_allclose(found.center, placed(0.0, 1.0, 0.2).translation, atol=1e-12)
     assert found.radius == pytest.approx(0.5 + 0.1 + solid.extent)
-    alone = _ball(model, ball(first, 0.0, 0.05), [first])
+    alone = Reach(model).ball(ball(first, 0.0, 0.05), [first])
     np.testing.assert_allclose(alone.center, placed(0.0, 1.0).translation)
     assert alone.radius == pytest.approx(ball(first, 0.0, 0.05).extent)
