@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import pickle
@@ -15,7 +16,12 @@ from typing import Generic, TypeVar
 S = TypeVar("S")
 T = TypeVar("T")
 
+LENGTH = 8
+"""So many bytes before a result say how long it is: what is shorter is not whole."""
+
 _copies: ContextVar[bool] = ContextVar("copies", default=False)
+_ending: list[int] = []
+"""Copies whose results are there. Giving their memory back takes longer than sending a small one: none waits for it."""
 
 
 @contextmanager
@@ -53,6 +59,7 @@ class Beside(Generic[T]):
         """Makes the copy."""
         if not _copies.get():
             return self
+        _forget(os.WNOHANG)
         self._pipe, end = os.pipe()
         try:
             self._child = os.fork()
@@ -74,7 +81,8 @@ class Beside(Generic[T]):
         """Ends the copy, if it still works."""
         if self._child is not None:
             os.kill(self._child, signal.SIGKILL)
-            self._wait()
+            _has_ended(self._child)
+            self._child = None
         if self._pipe is not None:
             os.close(self._pipe)
 
@@ -84,17 +92,13 @@ class Beside(Generic[T]):
             parts = []
             while part := os.read(self._pipe, 1 << 20):
                 parts.append(part)
-            if self._wait() == 0:
-                found: T = pickle.loads(b"".join(parts))
+            written = memoryview(b"".join(parts))
+            if len(written) == LENGTH + int.from_bytes(written[:LENGTH]):
+                _ending.append(self._child)
+                self._child = None
+                found: T = pickle.loads(written[LENGTH:])
                 return found
         return self.made()
-
-    def _wait(self) -> int:
-        """Returns how the copy ended: 0 where its result is whole."""
-        assert self._child is not None
-        _, status = os.waitpid(self._child, 0)
-        self._child = None
-        return status
 
 
 def both(one: Callable[[], S], other: Callable[[], T]) -> tuple[S, T]:
@@ -130,7 +134,6 @@ def halves(
 
 def _work(made: Callable[[], T], end: int) -> None:
     """Writes a function's result to one end of a pipe and ends the process, without anything that is done at exit."""
-    status = 1
     try:
         # Ctrl-C is answered by the process that was copied.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -138,8 +141,27 @@ def _work(made: Callable[[], T], end: int) -> None:
         _copies.set(False)
         # What was there before is not looked through: each page that is touched would be copied.
         gc.freeze()
+        result = pickle.dumps(made(), pickle.HIGHEST_PROTOCOL)
         with os.fdopen(end, "wb") as pipe:
-            pipe.write(pickle.dumps(made(), pickle.HIGHEST_PROTOCOL))
-        status = 0
+            pipe.write(len(result).to_bytes(LENGTH))
+            pipe.write(result)
     finally:
-        os._exit(status)
+        os._exit(0)
+
+
+def _forget(options: int = 0) -> None:
+    """Lets the system forget copies that have ended, all of them after waiting for that; with WNOHANG at once."""
+    _ending[:] = [copy for copy in _ending if not _has_ended(copy, options)]
+
+
+def _has_ended(copy: int, options: int = 0) -> bool:
+    """Returns whether a copy has ended, see `_forget`."""
+    try:
+        return os.waitpid(copy, options)[0] == copy
+    except ChildProcessError:
+        # Where SIGCHLD is ignored the system has forgotten it already.
+        return True
+
+
+# The last ones; so the processor time of all copies counts as this process's.
+atexit.register(_forget)

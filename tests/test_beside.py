@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dualarm_cli.beside import Beside, both, copies, halves
+from dualarm_cli.beside import Beside, _ending, _forget, both, copies, halves
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.interface import planned
 from dualarm_cli.model.settings import PlanSettings
@@ -36,6 +36,7 @@ def _no_copy_is_left():
     """Looks for copies of this process after a test, running or waited for; other tests may have left processes."""
     before = children()
     yield
+    _forget()
     assert children() <= before
 
 
@@ -125,6 +126,30 @@ def test_a_copy_that_is_killed_is_replaced(by):
 
     with copies(True), Beside(made) as beside:
         assert beside.result() == 7
+
+
+def test_copies_that_have_ended_are_forgotten():
+    """The system keeps those that nobody asks for: of ten copies only the last ones are still there."""
+    with copies(True):
+        for _ in range(10):
+            with Beside(os.getpid) as beside:
+                assert beside.result() != os.getpid()
+            time.sleep(0.02)
+    assert len(_ending) < 5
+
+
+def test_ended_copies_may_be_forgotten_by_the_system():
+    """As where this process was started by one that ignores SIGCHLD."""
+    before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    try:
+        with copies(True):
+            assert halves(lambda some: [2 * one for one in some], range(4)) == [0, 2, 4, 6]
+            time.sleep(0.05)
+            assert both(lambda: 1, lambda: 2) == (1, 2)
+            with Beside(lambda: time.sleep(60.0)):
+                pass
+    finally:
+        signal.signal(signal.SIGCHLD, before)
 
 
 def test_ctrl_c_is_left_to_the_first_process():

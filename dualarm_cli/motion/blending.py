@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from dualarm_cli.motion.stop_motion import (
     timed_line,
     transfers_in_motion,
 )
-from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, tool_speed_of
+from dualarm_cli.motion.transfers import PLATFORM, Drive, Key, time_transfers, tool_speed_of
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.launch import Launch
@@ -67,6 +68,7 @@ def passing_ways(
     for k, passed in enumerate(halves(of, range(len(plans)))):
         for name, one in passed.items():
             found[k, name] = one.ways
+            drive.known.moving.update(one.transfers)
             for at, line, trajectory in one.lines:
                 launch = one.ways[line == "approach"]
                 assert launch is not None  # only lines that are passed in motion are listed
@@ -83,6 +85,8 @@ class _Passed:
     """Of the retract before it and of the approach after it; None: it stops there."""
     lines: tuple[tuple[int, str, Trajectory], ...]
     """Stage, name and motion of those that are passed in motion."""
+    transfers: Mapping[Key, Trajectory | None]
+    """What was timed in motion on the way to them, see `Known`."""
 
 
 def _passed(
@@ -98,6 +102,7 @@ def _passed(
     for name in drive.model.arms:
         if (k, name) in stopping or name in plan.waits or name in plan.detours:
             continue
+        timed = len(drive.known.moving)
         tried = (_ways(drive, before, plan, name, platform, widths, room) for room in ROOMS)
         ways = next(
             (one for one in tried if not one or _holds(drive, before, plan, name, one)), None
@@ -108,9 +113,9 @@ def _passed(
         for at, line, launch in ((k - 1, "retract", ways[0]), (k, "approach", ways[1])):
             if launch is not None:
                 passing = _with_pass(plans[at], name, line, launch)
-                timed = timed_line(drive, passing, passing.stops[name], line)
-                lines.append((at, line, timed))
-        found[name] = _Passed(ways, tuple(lines))
+                lines.append((at, line, timed_line(drive, passing, passing.stops[name], line)))
+        transfers = dict(islice(drive.known.moving.items(), timed, None))
+        found[name] = _Passed(ways, tuple(lines), transfers)
     return found
 
 

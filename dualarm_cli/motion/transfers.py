@@ -80,6 +80,8 @@ class Known:
     """Joints along lines and lengths travelled, with their stop."""
     transfers: dict[Key, Transfers] = field(default_factory=dict)
     """Straight transfers of stages."""
+    moving: dict[Key, Trajectory | None] = field(default_factory=dict)
+    """Transfers of one group that begin or end in motion; None where there is none."""
     together: dict[Key, tuple[Trajectory, ...]] = field(default_factory=dict)
     """What moves together while tools stand, or are on lines on which the platform turns."""
 
@@ -177,7 +179,7 @@ def time_transfers(
     for group in sorted(rates or {}, key=lambda group: group != PLATFORM):
         least = platform if plan.stops else max(times.values())
         least = max(0.0 if group == PLATFORM else least, (longer or {}).get(group, 0.0))
-        found = solve_moving_transfer(problem(group, least))
+        found = _moving(drive, group, problem(group, least))
         if found is None:
             raise InfeasibleError(Refusal("no_plan_on_grid"))
         motion[group], lengths[group] = found, found.duration
@@ -193,6 +195,15 @@ def time_transfers(
             motion[group] = drive.timing.transfer(problem(group, lengths[group]))
     joint_times = dict(zip(limits.joints, alone.tolist(), strict=True))
     return Transfers(motion, times, joint_times, slowest)
+
+
+def _moving(drive: Drive, group: str, asked: TransferProblem) -> Trajectory | None:
+    """Returns a group's transfer that begins or ends in motion, under the job's limits; None where there is none."""
+    ends = (asked.start, asked.goal, *asked.rates())
+    key: Key = (group, asked.minimum_duration, *(end.tobytes() for end in ends))
+    if key not in drive.known.moving:
+        drive.known.moving[key] = solve_moving_transfer(asked)
+    return drive.known.moving[key]
 
 
 def _all_together(
