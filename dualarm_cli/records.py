@@ -1,7 +1,8 @@
 """Dataclasses that load quickly.
 
 `dataclasses.dataclass` compiles six functions for each frozen class, and this package has some 450 of them: before,
-a third of the time in which the planner loads. Here only `__init__` is compiled, and all classes share the rest.
+a third of the time in which the planner loads. Here only `__init__` is, once for all classes that differ in the names
+of their fields, and all share the rest.
 """
 
 from __future__ import annotations
@@ -9,8 +10,10 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections.abc import Callable, Sequence
+from functools import cache
 from operator import attrgetter
 from reprlib import recursive_repr
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 T = TypeVar("T")
@@ -81,8 +84,31 @@ _MADE = _Made()
 
 def _init(cls: type, fields: Sequence[dataclasses.Field[Any]]) -> Callable[..., None]:
     """Returns `__init__` of a class, which sets its fields, and calls `__post_init__` if there is one."""
-    known: dict[str, Any] = {"__set__": object.__setattr__, "__made__": _MADE}
+    posts, module = hasattr(cls, "__post_init__"), vars(sys.modules[cls.__module__])
     this = "self" if all(f.name != "self" for f in fields) else "__self__"
+    if any(f.default_factory is not dataclasses.MISSING or not f.init for f in fields):
+        made = _compiled(this, fields, posts, module)
+    else:
+        made = _renamed(_plain(len(fields), posts), (this, *(f.name for f in fields)), module)
+        # The last ones: a class whose fields are in another order is refused before.
+        made.__defaults__ = tuple(f.default for f in fields if f.default is not dataclasses.MISSING)
+    made.__qualname__ = f"{cls.__qualname__}.__init__"
+    made.__annotations__ = {f.name: f.type for f in fields if f.init} | {"return": None}
+    return made
+
+
+def _compiled(
+    this: str, fields: Sequence[dataclasses.Field[Any]], posts: bool, module: dict[str, Any]
+) -> FunctionType:
+    """Returns an `__init__` with the names of some fields, compiled.
+
+    Args:
+        this: what it calls the object.
+        fields: what it sets.
+        posts: whether `__post_init__` is called.
+        module: the names of the class's module: those in annotations are there.
+    """
+    known: dict[str, Any] = {"__set__": object.__setattr__, "__made__": _MADE}
     arguments, lines = [this], []
     for field in fields:
         name = value = argument = field.name
@@ -100,17 +126,39 @@ def _init(cls: type, fields: Sequence[dataclasses.Field[Any]]) -> Callable[..., 
             lines.append(f"__set__({this}, {name!r}, {value})")
         elif is_made:
             lines.append(f"__set__({this}, {name!r}, {default}())")
-    if hasattr(cls, "__post_init__"):
+    if posts:
         lines.append(f"{this}.__post_init__()")
     body = "\n  ".join(lines or ["pass"])
     text = f"def of({', '.join(known)}):\n def __init__({', '.join(arguments)}):\n  {body}\n return __init__"
-    # Names in annotations are those of the class's module.
     found: dict[str, Any] = {}
-    exec(text, vars(sys.modules[cls.__module__]), found)
-    made: Callable[..., None] = found["of"](**known)
-    made.__qualname__ = f"{cls.__qualname__}.__init__"
-    made.__annotations__ = {f.name: f.type for f in fields if f.init} | {"return": None}
+    exec(text, module, found)
+    made: FunctionType = found["of"](**known)
     return made
+
+
+@cache
+def _plain(count: int, posts: bool) -> FunctionType:
+    """Returns an `__init__` that sets so many fields, named by their places: most classes differ in names alone."""
+    fields = [dataclasses.field() for _ in range(count)]
+    for k, field in enumerate(fields):
+        field.name = f"_{k}"
+    return _compiled("_self", fields, posts, {})
+
+
+def _renamed(like: FunctionType, names: tuple[str, ...], module: dict[str, Any]) -> FunctionType:
+    """Returns a function with other names for its arguments, as variables and as the texts that it sets them by.
+
+    Args:
+        like: the function.
+        names: all arguments'.
+        module: the names that it sees.
+    """
+    code = like.__code__
+    named: dict[Any, Any] = dict(zip(code.co_varnames, names, strict=True))
+    renamed = code.replace(
+        co_varnames=names, co_consts=tuple(named.get(one, one) for one in code.co_consts)
+    )
+    return FunctionType(renamed, module, like.__name__, None, like.__closure__)
 
 
 def _repr(names: Sequence[str]) -> Callable[[Any], str]:
