@@ -68,7 +68,7 @@ def _end(code: int) -> NoReturn:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
-        # What could not be written was told by the command, as far as anybody listens.
+        # The command itself has said what could not be written, as far as anybody listens.
         with suppress(OSError, ValueError):
             stream.flush()
     os._exit(code)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import atexit
 import gc
+import math
 import os
 import pickle
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from pathlib import Path
 from types import TracebackType
 from typing import Generic, TypeVar
 
@@ -19,9 +21,39 @@ T = TypeVar("T")
 LENGTH = 8
 """So many bytes before a result say how long it is: what is shorter is not whole."""
 
+CONTROL_GROUPS = Path("/sys/fs/cgroup")
+"""Where Linux shows what a container is given."""
+MOST_CORES = 1024
+"""More than any machine has."""
+
 _copies: ContextVar[bool] = ContextVar("copies", default=False)
 _ending: list[int] = []
 """Copies whose results are there. Giving their memory back takes longer than sending a small one: none waits for it."""
+
+
+def usable_cores() -> int:
+    """Returns how many cores this process may use: those that it may run on, no more than its container is given."""
+    return max(1, min(len(os.sched_getaffinity(0)), math.ceil(_given_cores(CONTROL_GROUPS))))
+
+
+def _given_cores(root: Path) -> float:
+    """Returns how many cores' time this process's control group has, or one around it; many where none says.
+
+    Args:
+        root: where the kernel shows control groups (version 2).
+    """
+    cores = float(MOST_CORES)
+    with suppress(OSError, StopIteration, ValueError):
+        lines = Path("/proc/self/cgroup").read_text().splitlines()
+        own = next(line.removeprefix("0::/") for line in lines if line.startswith("0::/"))
+        for folder in (
+            root,
+            *(root.joinpath(*own.split("/")[:k]) for k in range(1, own.count("/") + 2)),
+        ):
+            with suppress(OSError, ValueError):
+                quota, period = (folder / "cpu.max").read_text().split()
+                cores = min(cores, int(quota) / int(period))
+    return cores
 
 
 @contextmanager

@@ -17,7 +17,6 @@ from dualarm_cli.exporting.cell_urdf import cell_urdf
 from dualarm_cli.exporting.files import REPORT, write_schedule_set
 from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
 from dualarm_cli.exporting.whole_files import write_file
-from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.formats import export
 from dualarm_cli.formats.request import COLUMNS, ExportRequest, columns_named
 from dualarm_cli.model.job import Job
@@ -172,6 +171,8 @@ def load(tasks: str | Path, changes: Mapping[str, Any] | None = None) -> Job:
     Raises:
         InputError: all that is wrong with the files, with file, line and column (`diagnostics`).
     """
+    from dualarm_cli.files.tasks.tasks import load_job
+
     return load_job(tasks, overrides=changes)
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dualarm_cli.beside import Beside, _ending, _forget, both, copies, halves
+import dualarm_cli.beside as beside_module
+from dualarm_cli.beside import Beside, _ending, _forget, both, copies, halves, usable_cores
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.interface import planned
 from dualarm_cli.model.settings import PlanSettings
@@ -180,3 +181,31 @@ def test_a_plan_is_the_same_with_a_second_process(tasks_folder):
     one, other = found
     assert one.schedule.lower_bound is not None
     assert one.report == other.report
+
+
+@pytest.mark.parametrize(
+    ("quotas", "cores"),
+    [
+        ({}, 8),
+        ({"": "max 100000"}, 8),
+        ({"": "200000 100000"}, 2),
+        ({"": "250000 100000"}, 3),
+        ({"": "20000 100000"}, 1),
+        ({"": "400000 100000", "a": "300000 100000", "a/b": "max 100000"}, 3),
+        ({"a/b": "1600000 100000"}, 8),
+        ({"": "damaged"}, 8),
+    ],
+)
+def test_no_more_processes_than_the_container_is_given_cores(tmp_path, monkeypatch, quotas, cores):
+    """Of 8 that the machine has: the least quota of the group and those around it, rounded up."""
+    own = "0::/a/b\n"
+    read = Path.read_text
+    monkeypatch.setattr(
+        Path, "read_text", lambda p: own if str(p) == "/proc/self/cgroup" else read(p)
+    )
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
+    monkeypatch.setattr(beside_module, "CONTROL_GROUPS", tmp_path)
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    for folder, text in quotas.items():
+        (tmp_path / folder / "cpu.max").write_text(f"{text}\n")
+    assert usable_cores() == cores

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -56,6 +57,8 @@ MAX_ROWS = 1_000_000
 """Most rows of the CSV file: about a gigabyte for fifteen joints."""
 MAX_RATE = 10_000.0
 """Highest sampling rate of the CSV file [Hz]."""
+NEEDED = ("dualarm_cli.interface", "dualarm_cli.page.page", "ruckig", "highspy")
+"""What nearly every plan needs, besides what kinds of work add to it."""
 STOP_LASTS = 30.0
 """Longer than any stop with its transfer, of jobs whose length is looked at beforehand [s]."""
 
@@ -115,17 +118,7 @@ def plan_command(
 
     Exit code 1 if the verifier fails the plan, or if it misses the task file's budget; its files are written.
     """
-    from dualarm_cli.beside import copies
-    from dualarm_cli.cli.parts.watching import keep_planning
-    from dualarm_cli.evaluation.crew import usable_cores
-    from dualarm_cli.exporting.files import URDF
-    from dualarm_cli.exporting.schedule_json import to_json
-    from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.formats.request import columns_named
-    from dualarm_cli.interface import RATE, load
-    from dualarm_cli.model.settings import PlanSettings
-    from dualarm_cli.page.page import PageNotBuiltError
-    from dualarm_cli.planning.redundancy_choice import with_redundancy
 
     if rate is not None and not 0.0 < rate <= MAX_RATE:
         raise UsageError(f"--rate {rate:g}: must be above 0 and at most {MAX_RATE:g} Hz")
@@ -168,9 +161,20 @@ def plan_command(
             force=True,
             quiet=quiet,
         )
+        from dualarm_cli.cli.parts.watching import keep_planning
+
         keep_planning(tasks, folder / PAGE, again)
         return
-    job = load(tasks)
+    job = _read(tasks)
+    from dualarm_cli.beside import copies, usable_cores
+    from dualarm_cli.exporting.files import URDF
+    from dualarm_cli.exporting.schedule_json import to_json
+    from dualarm_cli.exporting.whole_files import write_file
+    from dualarm_cli.interface import RATE
+    from dualarm_cli.model.settings import PlanSettings
+    from dualarm_cli.page.page import PageNotBuiltError
+    from dualarm_cli.planning.redundancy_choice import with_redundancy
+
     figures = figures_of(plot, job) if plot is not None else {}
     for file in figures:
         refuse_plot(file, force)
@@ -251,13 +255,33 @@ def refuse_existing(folder: Path, force: bool) -> None:
     check_writable(folder, force)
 
 
+def _read(tasks: Path) -> Job:
+    """Returns the job of a task file, read by a second process, if there is a core for it, while this one loads."""
+    from dualarm_cli.beside import Beside, copies, usable_cores
+    from dualarm_cli.kinds import of_kinds
+
+    # Both need it: loaded by each, it would take the time of two.
+    import_module("dualarm_cli.model.job")
+
+    def job() -> Job:
+        from dualarm_cli.files.tasks.tasks import load_job
+
+        return load_job(tasks)
+
+    with copies(usable_cores() > 1), Beside(job) as reading:
+        for name in NEEDED:
+            import_module(name)
+        for name in ("planning", "checks"):
+            of_kinds(name)
+        return reading.result()
+
+
 def _planned(job: Job, settings: PlanSettings, quiet: bool) -> Plan:
     from contextlib import nullcontext
 
-    from dualarm_cli.beside import copies
+    from dualarm_cli.beside import copies, usable_cores
     from dualarm_cli.cli.parts.interrupts import Interrupts
     from dualarm_cli.cli.parts.status_line import StatusLine
-    from dualarm_cli.evaluation.crew import usable_cores
     from dualarm_cli.interface import planned
     from dualarm_cli.orders.watch import Watch
 

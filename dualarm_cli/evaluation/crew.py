@@ -13,7 +13,6 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 from dualarm_cli.errors import DualArmError
@@ -156,12 +155,6 @@ LONGEST_WAIT = 3600.0
 """Longest time that is waited at once [s]; the kernel counts no further than some weeks."""
 FAILED_STARTS = 3
 """After how many processes that die before they are ready it is given up."""
-
-
-CONTROL_GROUPS = Path("/sys/fs/cgroup")
-"""Where Linux shows what a container is given."""
-MOST_CORES = 1024
-"""More than any machine has."""
 
 
 class WorkersFailedError(DualArmError):
@@ -334,28 +327,3 @@ class Crew:
         else:
             text = f"its process ended {ATTEMPTS} times, the last time by {ended}"
         return [(attempt.index, Evaluation(case, status, findings=(Finding(text, case),)))]
-
-
-def usable_cores() -> int:
-    """Returns how many cores this process may use: those that it may run on, no more than its container is given."""
-    return max(1, min(len(os.sched_getaffinity(0)), math.ceil(_given_cores(CONTROL_GROUPS))))
-
-
-def _given_cores(root: Path) -> float:
-    """Returns how many cores' time this process's control group has, or one around it; many where none says.
-
-    Args:
-        root: where the kernel shows control groups (version 2).
-    """
-    cores = float(MOST_CORES)
-    with suppress(OSError, StopIteration, ValueError):
-        lines = Path("/proc/self/cgroup").read_text().splitlines()
-        own = next(line.removeprefix("0::/") for line in lines if line.startswith("0::/"))
-        for folder in (
-            root,
-            *(root.joinpath(*own.split("/")[:k]) for k in range(1, own.count("/") + 2)),
-        ):
-            with suppress(OSError, ValueError):
-                quota, period = (folder / "cpu.max").read_text().split()
-                cores = min(cores, int(quota) / int(period))
-    return cores

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from functools import cached_property
-from types import MappingProxyType
 from typing import Literal
 from xml.etree import ElementTree
 
@@ -145,7 +144,7 @@ class Robot:
             raise ValueError("two arms share a name")
         frozen = {name: readonly(q) for name, q in self.postures.items()}
         frozen.setdefault("home", readonly(np.zeros(len(self.joints))))
-        object.__setattr__(self, "postures", MappingProxyType(frozen))
+        object.__setattr__(self, "postures", frozen)
 
     @property
     def joints(self) -> tuple[str, ...]:

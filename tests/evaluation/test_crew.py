@@ -11,9 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from dualarm_cli.evaluation import crew as crew_module
 from dualarm_cli.evaluation import crew as module
-from dualarm_cli.evaluation.crew import Crew, WorkersFailedError, usable_cores
+from dualarm_cli.evaluation.crew import Crew, WorkersFailedError
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.model.evaluation import Evaluation
 
@@ -252,31 +251,3 @@ def test_the_working_directory_is_no_place_for_modules(cells, request_for):
         found = list(crew.run([request_for(case)]))
     assert found[0][1].status == "planned"
     assert os.environ.get("PYTHONPATH") is None or str(Path.cwd()) not in os.environ["PYTHONPATH"]
-
-
-@pytest.mark.parametrize(
-    ("quotas", "cores"),
-    [
-        ({}, 8),
-        ({"": "max 100000"}, 8),
-        ({"": "200000 100000"}, 2),
-        ({"": "250000 100000"}, 3),
-        ({"": "20000 100000"}, 1),
-        ({"": "400000 100000", "a": "300000 100000", "a/b": "max 100000"}, 3),
-        ({"a/b": "1600000 100000"}, 8),
-        ({"": "damaged"}, 8),
-    ],
-)
-def test_no_more_processes_than_the_container_is_given_cores(tmp_path, monkeypatch, quotas, cores):
-    """Of 8 that the machine has: the least quota of the group and those around it, rounded up."""
-    own = "0::/a/b\n"
-    read = Path.read_text
-    monkeypatch.setattr(
-        Path, "read_text", lambda p: own if str(p) == "/proc/self/cgroup" else read(p)
-    )
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
-    monkeypatch.setattr(crew_module, "CONTROL_GROUPS", tmp_path)
-    (tmp_path / "a" / "b").mkdir(parents=True)
-    for folder, text in quotas.items():
-        (tmp_path / folder / "cpu.max").write_text(f"{text}\n")
-    assert usable_cores() == cores
