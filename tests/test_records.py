@@ -89,6 +89,42 @@ def test_values_and_defaults(dataclass: Decorator) -> None:
 
 
 @KINDS
+def test_classes_that_differ_in_names_alone_keep_their_own(dataclass: Decorator) -> None:
+    """Both have two fields and one default; one has a method that is called, and names that mean something else."""
+
+    @dataclass(frozen=True)
+    class Way:
+        length: float
+        name: str = "_0"
+
+    @dataclass(frozen=True)
+    class Turn:
+        _1: int
+        _0: str = "right"
+
+    @dataclass(frozen=True)
+    class Called:
+        self: int
+        other: list[int]
+
+        def __post_init__(self) -> None:
+            self.other.append(self.self)
+
+    way, turn, called = Way(2.0), Turn(1), Called(3, [])
+    assert (way.length, way.name, turn._0, turn._1) == (2.0, "_0", "right", 1)
+    assert (called.self, called.other) == (3, [3])
+    assert Turn(_0="left", _1=2) == Turn(2, "left")
+    assert inspect.signature(Way).parameters["name"].default == "_0"
+    assert get_type_hints(Way.__init__) == {"length": float, "name": str, "return": type(None)}
+    for made in (Way, Turn):
+        assert made.__init__.__qualname__.endswith(f"{made.__name__}.__init__")
+    with pytest.raises(TypeError, match="missing 1 required positional argument: '_1'"):
+        Turn()
+    with pytest.raises(TypeError, match="unexpected keyword argument 'length'"):
+        Turn(1, length=2.0)
+
+
+@KINDS
 def test_equality_and_hashes(dataclass: Decorator) -> None:
     first, second = pair(dataclass)
     assert first(1, c="x") == first(1, c="y") != first(1, d=3.0)

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.beside import copies
 from dualarm_cli.clearing import blended_plan
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.repairs import Clearing
@@ -448,3 +449,23 @@ def test_a_stage_is_judged_anew_with_every_way_of_passing_its_lines(packing):
         assert clearing.touching(own, motion) == fresh.touching(own, motion)
     # With no way, with all of them, and the first two stages with those about the second stage's transfers.
     assert len(clearing.seen) == 2 * len(plans) + 2
+
+
+@pytest.mark.parametrize("copied", [False, True])
+def test_transfers_in_motion_are_timed_once(packing, copied, monkeypatch):
+    """Six stages: what chose their ways has timed all transfers, whichever process it was; the motion is the same."""
+    model, timing = CellModel.from_cell(packing.cell), TIMING_SOLVERS["ruckig"]
+    plans = choose_stages(model, packing, "fixed", "arm_angle")
+    drive = Drive.of(model, packing, timing)
+    with copies(copied):
+        own = with_ways(plans, passing_ways(drive, plans))
+    assert sum(len(plan.passes) for plan in own) >= 4
+    apart = realise(model, packing, own, timing).trajectory
+
+    def refused(problem):
+        raise AssertionError(f"{problem} is timed again")
+
+    monkeypatch.setattr("dualarm_cli.motion.transfers.solve_moving_transfer", refused)
+    together = realise(model, packing, own, timing, drive.known).trajectory
+    np.testing.assert_array_equal(together.time, apart.time)
+    np.testing.assert_array_equal(together.position, apart.position)
