@@ -19,7 +19,7 @@ LEAST_MEMORY = 400_000_000
 COLLECT_AFTER = 300_000
 """Objects more than before after which garbage is looked for."""
 STACK = 70_000
-"""Words of the frame that all others are called from: more than half of a megabyte, which is then its chunk."""
+"""Words that the outermost frame asks for: CPython gives it a chunk of 1 MB, of which half is left for the others."""
 
 
 def main() -> NoReturn:
@@ -53,23 +53,30 @@ def _run(arguments: list[str]) -> int:
     return run(arguments)
 
 
-# Python keeps frames in chunks of 16 kB. Where the calls of a loop happen to cross the end of one, each of them maps
-# and unmaps memory, which makes it ten times slower. All frames fit in the chunk of one that asks for so much.
+# CPython keeps frames in chunks of 16 kB. Where the calls of a loop happen to cross the end of one, each of them maps
+# and unmaps memory: some of numpy's modules, loaded at such a depth, took ten times as long.
 _run.__code__ = _run.__code__.replace(co_stacksize=STACK)
 
 
 def _end(code: int) -> NoReturn:
-    """Ends the process without the interpreter's tidying up, which takes longer than a short command.
+    """Ends the process without the interpreter's tidying up, which takes longer than many a command.
+
+    Threads that are no daemons are not waited for: there are none by then.
 
     Args:
         code: its exit code.
     """
     # Whoever asks once more gets the same answer.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    if sys.getprofile() or sys.gettrace() or sys.flags.inspect:
+        # A profiler, a debugger or whoever looks around afterwards wants it otherwise.
+        sys.exit(code)
+    # Nothing public does it: libraries close their files so, and coverage writes its own.
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         # The command itself has said what could not be written, as far as anybody listens.
-        with suppress(OSError, ValueError):
+        with suppress(AttributeError, OSError, ValueError):
             stream.flush()
     os._exit(code)
 

@@ -27,8 +27,9 @@ MOST_CORES = 1024
 """More than any machine has."""
 
 _copies: ContextVar[bool] = ContextVar("copies", default=False)
-_ending: list[int] = []
-"""Copies whose results are there. Giving their memory back takes longer than sending a small one: none waits for it."""
+_unreaped: list[int] = []
+"""Copies whose results are there: giving their memory back takes longer than sending a small one. They are reaped as
+the next copy is made, the last ones as the process ends."""
 
 
 def usable_cores() -> int:
@@ -91,7 +92,7 @@ class Beside(Generic[T]):
         """Makes the copy."""
         if not _copies.get():
             return self
-        _forget(os.WNOHANG)
+        _reap(os.WNOHANG)
         self._pipe, end = os.pipe()
         try:
             self._child = os.fork()
@@ -112,8 +113,10 @@ class Beside(Generic[T]):
     ) -> None:
         """Ends the copy, if it still works."""
         if self._child is not None:
-            os.kill(self._child, signal.SIGKILL)
-            _has_ended(self._child)
+            # Where SIGCHLD is ignored it may be gone already.
+            with suppress(ProcessLookupError):
+                os.kill(self._child, signal.SIGKILL)
+            _is_reaped(self._child)
             self._child = None
         if self._pipe is not None:
             os.close(self._pipe)
@@ -125,11 +128,12 @@ class Beside(Generic[T]):
             while part := os.read(self._pipe, 1 << 20):
                 parts.append(part)
             written = memoryview(b"".join(parts))
+            child, self._child = self._child, None
             if len(written) == LENGTH + int.from_bytes(written[:LENGTH]):
-                _ending.append(self._child)
-                self._child = None
+                _unreaped.append(child)
                 found: T = pickle.loads(written[LENGTH:])
                 return found
+            _is_reaped(child)
         return self.made()
 
 
@@ -181,19 +185,19 @@ def _work(made: Callable[[], T], end: int) -> None:
         os._exit(0)
 
 
-def _forget(options: int = 0) -> None:
-    """Lets the system forget copies that have ended, all of them after waiting for that; with WNOHANG at once."""
-    _ending[:] = [copy for copy in _ending if not _has_ended(copy, options)]
+def _reap(options: int = 0) -> None:
+    """Reaps copies that have ended; waits for all of them, but with the option WNOHANG."""
+    _unreaped[:] = [copy for copy in _unreaped if not _is_reaped(copy, options)]
 
 
-def _has_ended(copy: int, options: int = 0) -> bool:
-    """Returns whether a copy has ended, see `_forget`."""
+def _is_reaped(copy: int, options: int = 0) -> bool:
+    """Reaps a copy, if it has ended, see `_reap`; returns whether it has."""
     try:
         return os.waitpid(copy, options)[0] == copy
     except ChildProcessError:
-        # Where SIGCHLD is ignored the system has forgotten it already.
+        # Where SIGCHLD is ignored the system has done it.
         return True
 
 
-# The last ones; so the processor time of all copies counts as this process's.
-atexit.register(_forget)
+# So the processor time of all copies counts as this process's.
+atexit.register(_reap)

@@ -171,6 +171,7 @@ def load(tasks: str | Path, changes: Mapping[str, Any] | None = None) -> Job:
     Raises:
         InputError: all that is wrong with the files, with file, line and column (`diagnostics`).
     """
+    # Who plans what another process has read does without it.
     from dualarm_cli.files.tasks.tasks import load_job
 
     return load_job(tasks, overrides=changes)

@@ -1,8 +1,8 @@
 """Dataclasses that load quickly.
 
 `dataclasses.dataclass` compiles six functions for each frozen class, and this package has some 450 of them: before,
-a third of the time in which the planner loads. Here only `__init__` is, once for all classes that differ in the names
-of their fields, and all share the rest.
+a third of the time in which the planner loads. Here only `__init__` is compiled, once for all classes that differ in
+the names of their fields alone, and all classes share the other functions.
 """
 
 from __future__ import annotations
@@ -84,29 +84,33 @@ _MADE = _Made()
 
 def _init(cls: type, fields: Sequence[dataclasses.Field[Any]]) -> Callable[..., None]:
     """Returns `__init__` of a class, which sets its fields, and calls `__post_init__` if there is one."""
-    posts, module = hasattr(cls, "__post_init__"), vars(sys.modules[cls.__module__])
+    has_post_init, module = hasattr(cls, "__post_init__"), vars(sys.modules[cls.__module__])
     this = "self" if all(f.name != "self" for f in fields) else "__self__"
     if any(f.default_factory is not dataclasses.MISSING or not f.init for f in fields):
-        made = _compiled(this, fields, posts, module)
+        made = _compiled(this, fields, has_post_init, module)
     else:
-        made = _renamed(_plain(len(fields), posts), (this, *(f.name for f in fields)), module)
-        # The last ones: a class whose fields are in another order is refused before.
-        made.__defaults__ = tuple(f.default for f in fields if f.default is not dataclasses.MISSING)
+        defaults = [f.default for f in fields if f.default is not dataclasses.MISSING]
+        for f in fields[len(fields) - len(defaults) :]:
+            if f.default is dataclasses.MISSING:
+                raise TypeError(f"non-default argument {f.name!r} follows default argument")
+        template = _positional_init(len(fields), has_post_init)
+        made = _renamed(template, (this, *(f.name for f in fields)), module)
+        made.__defaults__ = tuple(defaults)
     made.__qualname__ = f"{cls.__qualname__}.__init__"
     made.__annotations__ = {f.name: f.type for f in fields if f.init} | {"return": None}
     return made
 
 
 def _compiled(
-    this: str, fields: Sequence[dataclasses.Field[Any]], posts: bool, module: dict[str, Any]
+    this: str, fields: Sequence[dataclasses.Field[Any]], has_post_init: bool, module: dict[str, Any]
 ) -> FunctionType:
     """Returns an `__init__` with the names of some fields, compiled.
 
     Args:
         this: what it calls the object.
         fields: what it sets.
-        posts: whether `__post_init__` is called.
-        module: the names of the class's module: those in annotations are there.
+        has_post_init: whether `__post_init__` is called.
+        module: names of the class's module, in which annotations are looked up.
     """
     known: dict[str, Any] = {"__set__": object.__setattr__, "__made__": _MADE}
     arguments, lines = [this], []
@@ -126,7 +130,7 @@ def _compiled(
             lines.append(f"__set__({this}, {name!r}, {value})")
         elif is_made:
             lines.append(f"__set__({this}, {name!r}, {default}())")
-    if posts:
+    if has_post_init:
         lines.append(f"{this}.__post_init__()")
     body = "\n  ".join(lines or ["pass"])
     text = f"def of({', '.join(known)}):\n def __init__({', '.join(arguments)}):\n  {body}\n return __init__"
@@ -137,28 +141,30 @@ def _compiled(
 
 
 @cache
-def _plain(count: int, posts: bool) -> FunctionType:
-    """Returns an `__init__` that sets so many fields, named by their places: most classes differ in names alone."""
+def _positional_init(count: int, has_post_init: bool) -> FunctionType:
+    """Returns an `__init__` of so many fields that are named by their places: most classes differ in names alone."""
     fields = [dataclasses.field() for _ in range(count)]
     for k, field in enumerate(fields):
         field.name = f"_{k}"
-    return _compiled("_self", fields, posts, {})
+    return _compiled("_self", fields, has_post_init, {})
 
 
-def _renamed(like: FunctionType, names: tuple[str, ...], module: dict[str, Any]) -> FunctionType:
-    """Returns a function with other names for its arguments, as variables and as the texts that it sets them by.
+def _renamed(
+    template: FunctionType, names: tuple[str, ...], module: dict[str, Any]
+) -> FunctionType:
+    """Returns an `__init__` with other names for its arguments, which it sets by names that are constants.
 
     Args:
-        like: the function.
+        template: the function.
         names: all arguments'.
-        module: the names that it sees.
+        module: the globals that it gets.
     """
-    code = like.__code__
+    code = template.__code__
     named: dict[Any, Any] = dict(zip(code.co_varnames, names, strict=True))
     renamed = code.replace(
         co_varnames=names, co_consts=tuple(named.get(one, one) for one in code.co_consts)
     )
-    return FunctionType(renamed, module, like.__name__, None, like.__closure__)
+    return FunctionType(renamed, module, template.__name__, None, template.__closure__)
 
 
 def _repr(names: Sequence[str]) -> Callable[[Any], str]:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import dualarm_cli.beside as beside_module
-from dualarm_cli.beside import Beside, _ending, _forget, both, copies, halves, usable_cores
+from dualarm_cli.beside import Beside, _reap, _unreaped, both, copies, halves, usable_cores
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.interface import planned
 from dualarm_cli.model.settings import PlanSettings
@@ -37,7 +37,7 @@ def _no_copy_is_left():
     """Looks for copies of this process after a test, running or waited for; other tests may have left processes."""
     before = children()
     yield
-    _forget()
+    _reap()
     assert children() <= before
 
 
@@ -129,26 +129,36 @@ def test_a_copy_that_is_killed_is_replaced(by):
         assert beside.result() == 7
 
 
-def test_copies_that_have_ended_are_forgotten():
-    """The system keeps those that nobody asks for: of ten copies only the last ones are still there."""
+def test_copies_that_have_ended_are_reaped_as_the_next_one_is_made():
     with copies(True):
-        for _ in range(10):
+        for _ in range(3):
+            before = set(_unreaped)
+            for copy in before:
+                os.waitid(os.P_PID, copy, os.WEXITED | os.WNOWAIT)
             with Beside(os.getpid) as beside:
-                assert beside.result() != os.getpid()
-            time.sleep(0.02)
-    assert len(_ending) < 5
+                own = beside.result()
+            assert own != os.getpid()
+            assert _unreaped == [own]
+            assert not before & {int(child) for child in children()}
 
 
-def test_ended_copies_may_be_forgotten_by_the_system():
-    """As where this process was started by one that ignores SIGCHLD."""
+def refusing():
+    raise ValueError("nothing reaches it")
+
+
+@pytest.mark.parametrize("made", [refusing, lambda: time.sleep(60.0)])
+def test_ended_copies_may_be_reaped_by_the_system(made):
+    """As where this process was started by one that ignores SIGCHLD: those with a result, without, and at work."""
     before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     try:
         with copies(True):
             assert halves(lambda some: [2 * one for one in some], range(4)) == [0, 2, 4, 6]
-            time.sleep(0.05)
             assert both(lambda: 1, lambda: 2) == (1, 2)
-            with Beside(lambda: time.sleep(60.0)):
-                pass
+            with Beside(made):
+                time.sleep(0.1)
+            with pytest.raises(ValueError, match="reaches"), Beside(refusing) as beside:
+                time.sleep(0.1)
+                beside.result()
     finally:
         signal.signal(signal.SIGCHLD, before)
 

@@ -125,6 +125,26 @@ def test_classes_that_differ_in_names_alone_keep_their_own(dataclass: Decorator)
 
 
 @KINDS
+@pytest.mark.parametrize("inherited", [False, True])
+def test_a_field_without_default_after_one_with_a_default_is_refused(
+    dataclass: Decorator, inherited: bool
+) -> None:
+    @dataclass(frozen=True)
+    class Base:
+        a: int = 1
+
+    class Own:
+        a: int = 1
+        b: str
+
+    class Derived(Base):
+        b: str
+
+    with pytest.raises(TypeError, match="non-default argument 'b' follows default argument"):
+        dataclass(frozen=True)(Derived if inherited else Own)
+
+
+@KINDS
 def test_equality_and_hashes(dataclass: Decorator) -> None:
     first, second = pair(dataclass)
     assert first(1, c="x") == first(1, c="y") != first(1, d=3.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -41,7 +42,7 @@ from dualarm_cli.cli.parts.output import (
     write_out,
 )
 from dualarm_cli.cli.report import PAGE
-from dualarm_cli.errors import UsageError
+from dualarm_cli.errors import Diagnostic, InputError, UsageError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -57,7 +58,7 @@ MAX_ROWS = 1_000_000
 """Most rows of the CSV file: about a gigabyte for fifteen joints."""
 MAX_RATE = 10_000.0
 """Highest sampling rate of the CSV file [Hz]."""
-NEEDED = ("dualarm_cli.interface", "dualarm_cli.page.page", "ruckig", "highspy")
+PRELOADED = ("dualarm_cli.interface", "dualarm_cli.page.page", "ruckig", "highspy")
 """What nearly every plan needs, besides what kinds of work add to it."""
 STOP_LASTS = 30.0
 """Longer than any stop with its transfer, of jobs whose length is looked at beforehand [s]."""
@@ -256,24 +257,37 @@ def refuse_existing(folder: Path, force: bool) -> None:
 
 
 def _read(tasks: Path) -> Job:
-    """Returns the job of a task file, read by a second process, if there is a core for it, while this one loads."""
+    """Returns the job of a task file. With two cores a copy of this process reads it while this one loads the planner.
+
+    Raises:
+        InputError: all that is wrong with the files.
+    """
     from dualarm_cli.beside import Beside, copies, usable_cores
     from dualarm_cli.kinds import of_kinds
 
     # Both need it: loaded by each, it would take the time of two.
     import_module("dualarm_cli.model.job")
 
-    def job() -> Job:
+    def read() -> Job | list[Diagnostic]:
         from dualarm_cli.files.tasks.tasks import load_job
 
-        return load_job(tasks)
+        try:
+            return load_job(tasks)
+        except InputError as error:
+            return error.diagnostics
 
-    with copies(usable_cores() > 1), Beside(job) as reading:
-        for name in NEEDED:
-            import_module(name)
-        for name in ("planning", "checks"):
-            of_kinds(name)
-        return reading.result()
+    # Of several plans in one process only the first one has something to import.
+    apart = usable_cores() > 1 and PRELOADED[0] not in sys.modules
+    with copies(apart), Beside(read) as reading:
+        if apart:
+            for name in PRELOADED:
+                import_module(name)
+            for name in ("planning", "checks"):
+                of_kinds(name)
+        found = reading.result()
+    if isinstance(found, list):
+        raise InputError(found)
+    return found
 
 
 def _planned(job: Job, settings: PlanSettings, quiet: bool) -> Plan:

@@ -14,12 +14,10 @@ from dualarm_cli.records import dataclass
 
 SURE = 1e-6
 """What rounding may be off [m]."""
-TURNS = 0.5
-"""Joints whose axes of rotation are shorter slide."""
 
 
 @dataclass(frozen=True)
-class Ball:
+class _Ball:
     """Where a solid is always within, in the frame of a joint below it."""
 
     center: FloatArray
@@ -42,6 +40,7 @@ class Reach:
             -1, 6
         )
         self._axis = dict(enumerate(twists[:, 3:], start=1))
+        self._slides = {joint for joint, axis in self._axis.items() if not axis.any()}
 
     def can_meet(self, one: Solid, other: Solid, pair: Pair, within: float = 0.0) -> bool:
         """Returns whether two solids can come within their required clearance and a little more of each other.
@@ -58,7 +57,7 @@ class Reach:
         below = [_chain(self._model, solid.joint) for solid in (one, other)]
         common = max(set(below[0]) & set(below[1]), key=below[0].index)
         balls = [
-            self.ball(solid, chain[chain.index(common) + 1 :])
+            self._ball(solid, chain[chain.index(common) + 1 :])
             for solid, chain in zip((one, other), below, strict=True)
         ]
         far = pair.required + within + SURE
@@ -70,7 +69,7 @@ class Reach:
                 return _distance(ball.center, fixed) - ball.radius < far
         return True
 
-    def ball(self, solid: Solid, chain: Sequence[int]) -> Ball | None:
+    def _ball(self, solid: Solid, chain: Sequence[int]) -> _Ball | None:
         """Returns where a solid is always within, in the frame that its chain of joints begins in.
 
         None where it does not move.
@@ -78,19 +77,19 @@ class Reach:
         if not chain:
             return None
         placements = [self._model.jointPlacements[joint] for joint in chain[:2]]
-        if any(np.linalg.norm(self._axis[joint]) <= TURNS for joint in chain):
-            return Ball(np.asarray(placements[0].translation), np.inf)
+        if not self._slides.isdisjoint(chain):
+            return _Ball(np.asarray(placements[0].translation), np.inf)
         rest = solid.extent + sum(
             float(np.linalg.norm(self._model.jointPlacements[joint].translation))
             for joint in chain[2:]
         )
         if len(chain) == 1:
-            return Ball(np.asarray(placements[0].translation), rest)
+            return _Ball(np.asarray(placements[0].translation), rest)
         # The next joint's origin goes round on a circle about the first one's axis.
         axis, step = self._axis[chain[0]], placements[1].translation
         along = float(axis @ step)
         center = np.asarray(placements[0].act(along * axis))
-        return Ball(center, float(np.linalg.norm(step - along * axis)) + rest)
+        return _Ball(center, float(np.linalg.norm(step - along * axis)) + rest)
 
 
 def _chain(model: pin.Model, joint: int) -> list[int]:

@@ -132,7 +132,7 @@ class Robot:
     """Collision meshes by their links, in the links' frames; they are not in the URDF text."""
 
     def __post_init__(self) -> None:
-        """Freezes the postures.
+        """Adds the home posture, where there is none, and freezes all.
 
         Raises:
             ValueError: arms share a name or a joint, or a joint is not among the limits.
@@ -142,9 +142,9 @@ class Robot:
             raise ValueError("every moving joint belongs to exactly one of platform and arms")
         if len({arm.name for arm in self.arms}) != len(self.arms):
             raise ValueError("two arms share a name")
-        frozen = {name: readonly(q) for name, q in self.postures.items()}
-        frozen.setdefault("home", readonly(np.zeros(len(self.joints))))
-        object.__setattr__(self, "postures", frozen)
+        postures = {name: readonly(q) for name, q in self.postures.items()}
+        postures.setdefault("home", readonly(np.zeros(len(self.joints))))
+        object.__setattr__(self, "postures", postures)
 
     @property
     def joints(self) -> tuple[str, ...]:

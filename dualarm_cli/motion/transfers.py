@@ -270,7 +270,7 @@ def transfers_within_tool_speed(
         if factor == 1.0:
             return transfers
         slow = replace(limits, velocity=limits.velocity * factor)
-        return time_transfers(replace(drive, limits=slow), plan)
+        return time_transfers(replace(drive, limits=slow, known=Known()), plan)
 
     best = slowed(slower, lambda tried: tool_speed_of(drive, plan, tried), cap)
     if best is None:

@@ -284,6 +284,34 @@ def test_an_interrupt_within_a_generated_method_ends_with_the_exit_code_too(tmp_
     assert result.returncode == 130
 
 
+def test_the_end_of_a_process_is_not_lost(tmp_path):
+    """Its exit code, what is still to be written, what libraries do as it ends, and a profile of it."""
+    (tmp_path / "ending.py").write_text(
+        "import atexit\n"
+        "import dualarm_cli.cli.run as command_line\n"
+        "from dualarm_cli.__main__ import main\n"
+        "def printing(arguments):\n"
+        "    print('a result', end='')\n"
+        "    return 3\n"
+        "command_line.run = printing\n"
+        "atexit.register(print, ' and more')\n"
+        "main()\n"
+    )
+    folders = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
+    # A profiled program's exit code is not that of cProfile.
+    for how, code in (([], 3), (["-m", "cProfile", "-o", tmp_path / "profile"], 0)):
+        result = subprocess.run(
+            [sys.executable, *how, "-m", "ending"],
+            env=os.environ | {"PYTHONPATH": folders},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert result.returncode == code
+        assert (result.stdout, result.stderr) == ("a result and more\n", "")
+    assert (tmp_path / "profile").stat().st_size > 0
+
+
 def test_a_closed_pipe_is_no_traceback(tasks_folder):
     """`dualarm robot show sda10f | head -1`."""
     command = f"{sys.executable} -m dualarm_cli robot show sda10f | head -1"

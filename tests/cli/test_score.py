@@ -485,7 +485,7 @@ def test_a_limit_on_files_costs_the_cache_and_not_the_result(cells):
         "--cache",
         "c",
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300)),
-        # CPython takes 300 bytes of a module's bytecode for all of it, and keeps them for the tests that follow.
+        # CPython would take 300 bytes of a module's bytecode for all of it, and keep them for later tests.
         env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},
     )
     out, err = process.communicate(timeout=60)
