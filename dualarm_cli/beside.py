@@ -13,11 +13,13 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from types import TracebackType
-from typing import Generic, TypeVar
+from typing import Generic, NoReturn, TypeVar
 
 S = TypeVar("S")
 T = TypeVar("T")
 
+ENDING = signal.SIGINT, signal.SIGTERM
+"""Signals that end a command."""
 LENGTH = 8
 """So many bytes before a result say how long it is: what is shorter is not whole."""
 
@@ -93,16 +95,23 @@ class Beside(Generic[T]):
         if not _copies.get():
             return self
         _reap(os.WNOHANG)
-        self._pipe, end = os.pipe()
+        # A signal in between would leave a copy that nobody ends, or one that does all that this process does.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
         try:
-            self._child = os.fork()
-        except OSError:
-            # There is no memory or no place for another process: this one does the work.
+            self._pipe, end = os.pipe()
+            try:
+                self._child = os.fork()
+                if self._child == 0:
+                    _work(self.made, end, before)
+            except OSError:
+                # There is no memory or no place for another process: this one does the work.
+                pass
             os.close(end)
-            return self
-        if self._child == 0:
-            _work(self.made, end)
-        os.close(end)
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        except BaseException:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            self._end()
+            raise
         return self
 
     def __exit__(
@@ -112,6 +121,9 @@ class Beside(Generic[T]):
         trace: TracebackType | None,
     ) -> None:
         """Ends the copy, if it still works."""
+        self._end()
+
+    def _end(self) -> None:
         if self._child is not None:
             # Where SIGCHLD is ignored it may be gone already.
             with suppress(ProcessLookupError):
@@ -120,6 +132,7 @@ class Beside(Generic[T]):
             self._child = None
         if self._pipe is not None:
             os.close(self._pipe)
+            self._pipe = None
 
     def result(self) -> T:
         """Returns the result as soon as there is one."""
@@ -128,12 +141,15 @@ class Beside(Generic[T]):
             while part := os.read(self._pipe, 1 << 20):
                 parts.append(part)
             written = memoryview(b"".join(parts))
-            child, self._child = self._child, None
-            if len(written) == LENGTH + int.from_bytes(written[:LENGTH]):
-                _unreaped.append(child)
+            whole = len(written) == LENGTH + int.from_bytes(written[:LENGTH])
+            if whole:
+                _unreaped.append(self._child)
+            else:
+                _is_reaped(self._child)
+            self._child = None
+            if whole:
                 found: T = pickle.loads(written[LENGTH:])
                 return found
-            _is_reaped(child)
         return self.made()
 
 
@@ -168,12 +184,19 @@ def halves(
         return [*first, *rest.result()]
 
 
-def _work(made: Callable[[], T], end: int) -> None:
-    """Writes a function's result to one end of a pipe and ends the process, without anything that is done at exit."""
+def _work(made: Callable[[], T], end: int, mask: set[int]) -> NoReturn:
+    """Writes a function's result to one end of a pipe and ends the process, without anything that is done at exit.
+
+    Args:
+        made: the function.
+        end: of the pipe.
+        mask: signals that are blocked from here on.
+    """
     try:
         # Ctrl-C is answered by the process that was copied.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         _copies.set(False)
         # What was there before is not looked through: each page that is touched would be copied.
         gc.freeze()

@@ -163,6 +163,31 @@ def test_ended_copies_may_be_reaped_by_the_system(made):
         signal.signal(signal.SIGCHLD, before)
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_a_copy_is_made_leaves_none(number, monkeypatch):
+    """In this process and in the copy, as Ctrl-C on a terminal reaches both; before either knows of the other."""
+    fork, made = os.fork, []
+
+    def interrupted(_number, _frame):
+        made.append("interrupted")
+        raise KeyboardInterrupt
+
+    def forked():
+        child = fork()
+        os.kill(os.getpid(), number)
+        return child
+
+    before = signal.signal(number, interrupted)
+    monkeypatch.setattr(os, "fork", forked)
+    try:
+        with pytest.raises(KeyboardInterrupt), copies(True), Beside(lambda: time.sleep(60.0)):
+            made.append("within")
+    finally:
+        signal.signal(number, before)
+    assert made == ["interrupted"]
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == set()
+
+
 def test_ctrl_c_is_left_to_the_first_process():
     def made():
         os.kill(os.getpid(), signal.SIGINT)
