@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import ctypes
 import gc
 import math
 import os
@@ -18,6 +19,8 @@ from typing import Generic, NoReturn, TypeVar
 S = TypeVar("S")
 T = TypeVar("T")
 
+PR_SET_PDEATHSIG = 1
+"""Linux's number of the request to get a signal when the parent ends (`linux/prctl.h`)."""
 ENDING = signal.SIGINT, signal.SIGTERM
 """Signals that end a command."""
 LENGTH = 8
@@ -197,6 +200,8 @@ def _work(made: Callable[[], T], end: int, mask: set[int]) -> NoReturn:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        # However the process ends that was copied, this one does not outlive it.
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
         _copies.set(False)
         # What was there before is not looked through: each page that is touched would be copied.
         gc.freeze()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -163,29 +165,48 @@ def test_ended_copies_may_be_reaped_by_the_system(made):
         signal.signal(signal.SIGCHLD, before)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_while_a_copy_is_made_leaves_none(number, monkeypatch):
-    """In this process and in the copy, as Ctrl-C on a terminal reaches both; before either knows of the other."""
-    fork, made = os.fork, []
+INTERRUPTED = """
+import os, signal, sys, threading, time
+from dualarm_cli.beside import Beside, copies
+fork = os.fork
+def forked():
+    child = fork()
+    if child:
+        print(child, flush=True)
+    # As Ctrl-C on a terminal, which reaches both before either knows of the other.
+    os.kill(os.getpid(), signal.Signals[sys.argv[1]])
+    return child
+def ended(number, frame):
+    raise KeyboardInterrupt
+os.fork = forked
+signal.signal(signal.Signals[sys.argv[1]], ended)
+if sys.argv[2] == "threads":
+    # The signal is this thread's, as the first one has blocked it.
+    threading.Thread(target=time.sleep, args=(60.0,), daemon=True).start()
+try:
+    with copies(True), Beside(lambda: time.sleep(60.0)):
+        print("within", flush=True)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
 
-    def interrupted(_number, _frame):
-        made.append("interrupted")
-        raise KeyboardInterrupt
 
-    def forked():
-        child = fork()
-        os.kill(os.getpid(), number)
-        return child
-
-    before = signal.signal(number, interrupted)
-    monkeypatch.setattr(os, "fork", forked)
-    try:
-        with pytest.raises(KeyboardInterrupt), copies(True), Beside(lambda: time.sleep(60.0)):
-            made.append("within")
-    finally:
-        signal.signal(number, before)
-    assert made == ["interrupted"]
-    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == set()
+@pytest.mark.parametrize("threads", ["threads", "no"])
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+def test_a_signal_while_a_copy_is_made_leaves_none(number, threads):
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED, number, threads],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=30,
+    )
+    copy, what = done.stdout.split()
+    assert (what, done.stderr) == ("interrupted", "")
+    end = time.monotonic() + 10.0
+    while Path(f"/proc/{copy}").exists():
+        assert time.monotonic() < end, f"{copy} still works"
+        time.sleep(0.01)
 
 
 def test_ctrl_c_is_left_to_the_first_process():
