@@ -175,6 +175,7 @@ def forked():
         print(child, flush=True)
     # As Ctrl-C on a terminal, which reaches both before either knows of the other.
     os.kill(os.getpid(), signal.Signals[sys.argv[1]])
+    time.sleep(0.3)
     return child
 def ended(number, frame):
     raise KeyboardInterrupt
