@@ -423,20 +423,26 @@ def _times(law: RestToRest, low: FloatArray, high: FloatArray) -> FloatArray:
     return np.take_along_axis(table.astype(np.float64), step, axis=1)
 
 
+def within_reach(
+    arm: SrsArm, R: FloatArray, p: FloatArray, edges: FloatArray, resolution: Resolution
+) -> AngleCells:
+    """Returns the parts of the platform's cells from which a flange pose is within reach."""
+    return reachable_cells(arm, arm.wrist_center(R, p), finer_edges(edges, resolution.finer))
+
+
 def pose_cells(
     arm: SrsArm,
     R: FloatArray,
     p: FloatArray,
-    edges: FloatArray,
+    intervals: AngleCells,
     resolution: Resolution,
     free_last: bool,
     line: LineToTarget | None,
 ) -> Cells:
     """Returns cells that cover every posture of one flange pose, as `bound/cells.py` has it."""
     finer, parts = resolution.finer, resolution.arm_angles * resolution.finer
-    intervals = reachable_cells(arm, arm.wrist_center(R, p), finer_edges(edges, finer))
     if not len(intervals.index):
-        return free_cells(arm, edges[:1])
+        return free_cells(arm, np.zeros(1))
     h = half(intervals), np.pi / parts
     made = []
     for point in (p, *(() if line is None else (line.target,))):

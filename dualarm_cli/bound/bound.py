@@ -19,47 +19,30 @@ both arms' counts. Our own; the proposal to bound pairs of cells instead of node
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
+from functools import lru_cache
 
 import numpy as np
 
+from dualarm_cli.bound.cells import finer_edges
 from dualarm_cli.bound.layers import (
     PostureBoxes,
     StopBoxes,
+    StopReach,
     StopWork,
     Times,
     stop_boxes,
+    stop_reach,
     stop_work,
 )
-from dualarm_cli.compiled.transfer_times import CellRuns, boxes, least_by_groups, least_from
+from dualarm_cli.compiled.transfer_times import least_by_groups, least_from
 from dualarm_cli.effort import EFFORTS, Resolution
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import TransferChain
 from dualarm_cli.stages.search.potentials import platform_columns, transfer_table
 from dualarm_cli.stages.search.transfer_table import TransferTable
-
-RUN = 32
-"""Most cells of one run."""
-
-
-def side_of(cells: PostureBoxes) -> CellRuns:
-    """Returns cells for the compiled functions, in runs of cells next to each other in platform cell, branch, angle.
-
-    Args:
-        cells: in order of their platform cells and kinds.
-    """
-    n = len(cells.index)
-    change = (np.diff(cells.index) != 0) | (np.diff(cells.kind) != 0)
-    begins = np.concatenate([[True], change])
-    start = np.maximum.accumulate(np.where(begins, np.arange(n), 0))
-    first = np.flatnonzero((np.arange(n) - start) % RUN == 0)
-    low = np.minimum.reduceat(cells.low, first, axis=1)
-    high = np.maximum.reduceat(cells.high, first, axis=1)
-    index = np.ascontiguousarray(cells.index, dtype=np.int64)
-    return CellRuns.of(boxes(cells.low, cells.high), index, boxes(low, high), np.append(first, n))
 
 
 @dataclass(frozen=True)
@@ -79,11 +62,6 @@ class Pairs:
     without: tuple[int, ...]
     """Coordinates that do not count."""
 
-    @cached_property
-    def sides(self) -> tuple[CellRuns, CellRuns]:
-        """Both sides for the compiled functions."""
-        return side_of(self.before), side_of(self.after)
-
     def by_cells(self, work: Times, cells: int) -> Times:
         """Returns the least of transfer and work for every pair of platform cells [s], (g, g), infinite for none.
 
@@ -92,7 +70,9 @@ class Pairs:
             cells: number g of platform cells.
         """
         least = np.full((cells, cells), np.inf, dtype=np.float32)
-        least_by_groups(self.table.laws(self.without), *self.sides, work, least)
+        least_by_groups(
+            self.table.laws(self.without), self.before.runs, self.after.runs, work, least
+        )
         return least
 
     def least_from(self, own: Times, floor: Times, beyond: Times) -> Times:
@@ -104,7 +84,15 @@ class Pairs:
             beyond: from each cell where a transfer ends, all the rest alone [s], shape (m,).
         """
         least = np.empty(len(self.before.index), dtype=np.float32)
-        least_from(self.table.laws(self.without), *self.sides, own, floor, beyond, least)
+        least_from(
+            self.table.laws(self.without),
+            self.before.runs,
+            self.after.runs,
+            own,
+            floor,
+            beyond,
+            least,
+        )
         return least
 
 
@@ -203,10 +191,20 @@ def _backward(problem: SequenceProblem, resolution: Resolution) -> float:
         for work in problem.arms
     ]
 
+    parts = finer_edges(edges, resolution.finer)
+
+    @lru_cache(maxsize=2)
+    def reach_of(stage: int) -> tuple[list[StopReach | None], BoolArray]:
+        each = [stop_reach(problem, a, arm.stops, stage, parts) for a, arm in enumerate(arms)]
+        return each, np.logical_and.reduce([one.angles for one in each if one is not None])
+
     def cells_of(a: int, stage: int) -> StopBoxes | None:
         if stage < 0:
             return None
-        return stop_boxes(problem, a, arms[a].stops, arms[a].table, stage, edges, resolution)
+        each, shared = reach_of(stage)
+        own = each[a]
+        assert own is not None  # callers ask for active stages only
+        return stop_boxes(problem, a, arms[a].table, stage, own, shared, edges, resolution)
 
     for a, arm in enumerate(arms):
         if len(arm.chain.active):

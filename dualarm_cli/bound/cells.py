@@ -11,7 +11,7 @@ from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
-from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells
+from dualarm_cli.postures.platform_reach import AngleCells
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
@@ -70,12 +70,12 @@ def pose_cells(
     arm: SrsArm,
     R: FloatArray,
     p: FloatArray,
-    edges: FloatArray,
+    intervals: AngleCells,
     resolution: Resolution,
     free_last: bool,
     line: LineToTarget | None,
 ) -> Cells:
-    """Returns cells that cover every posture of one flange pose that stands in the world.
+    """Returns cells that cover every posture of one flange pose that stands in the world, over some platform angles.
 
     Enclosures on fine cells, cut at the joint limits; cells in which a joint cannot be within its limits are left
     out. Where two turns of a joint meet its limits there is a cell for either. Fine cells of one branch and turn are
@@ -107,15 +107,14 @@ def pose_cells(
         arm: kinematics in the carried frame.
         R: flange rotation in the carried frame at platform angle zero, shape (3, 3).
         p: flange position there [m], shape (3,).
-        edges: borders of the platform's cells [rad], shape (g + 1,).
+        intervals: the platform angles, within the parts of its cells (`finer_edges`).
         resolution: how finely.
         free_last: whether joint 7 is free.
         line: the line that begins or ends there; None without one.
     """
-    finer = resolution.finer
-    intervals = reachable_cells(arm, arm.wrist_center(R, p), finer_edges(edges, finer))
     if not len(intervals.index):
-        return free_cells(arm, edges[:1])
+        return free_cells(arm, np.zeros(1))
+    finer = resolution.finer
     known = np.zeros(len(intervals.index)) if line is None else line.floor(intervals)
     found = compiled.posture_cells(
         arm.numbers,

@@ -10,16 +10,21 @@ from numpy.typing import NDArray
 from dualarm_cli.bound.branches import branch_cells
 from dualarm_cli.bound.cells import Cells, LineToTarget, free_cells, point_cells, pose_cells
 from dualarm_cli.bound.stretched_lines import line_bounds
-from dualarm_cli.compiled.transfer_times import Laws, LineEnds, boxes, least_work
+from dualarm_cli.compiled.transfer_times import CellRuns, Laws, LineEnds, boxes, least_work
 from dualarm_cli.effort import Resolution
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem, StopTarget
 from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.search.transfer_table import Coordinates, TransferTable
 
 Times = NDArray[np.float32]
+Pose = tuple[FloatArray, FloatArray, FloatArray]
+"""Of the flange at the target, and the tool's direction, as of `flange_poses`, shape (1, ...)."""
+RUN = 32
+"""Most cells of one run."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,20 @@ class PostureBoxes:
         """Returns the cells as one end of lines, in so many platform cells."""
         first = np.searchsorted(self.index, np.arange(groups + 1)).astype(np.int64)
         return LineEnds.of(boxes(self.low, self.high), first, self.line)
+
+    @cached_property
+    def runs(self) -> CellRuns:
+        """The cells in runs of those next to each other in platform cell, branch and arm angle."""
+        n = len(self.index)
+        change = (np.diff(self.index) != 0) | (np.diff(self.kind) != 0)
+        begins = np.concatenate([[True], change])
+        start = np.maximum.accumulate(np.where(begins, np.arange(n), 0))
+        first = np.flatnonzero((np.arange(n) - start) % RUN == 0)
+        low = np.minimum.reduceat(self.low, first, axis=1)
+        high = np.maximum.reduceat(self.high, first, axis=1)
+        index = np.ascontiguousarray(self.index, dtype=np.int64)
+        cells = boxes(self.low, self.high)
+        return CellRuns.of(cells, index, boxes(low, high), np.append(first, n))
 
 
 @dataclass(frozen=True)
@@ -77,12 +96,73 @@ class StopBoxes:
         return bool((used[0][:most] & used[1][:most]).any())
 
 
+@dataclass(frozen=True)
+class StopReach:
+    """Where one stop's lines begin and end, and from which platform angles that is within the arm's reach."""
+
+    poses: tuple[Pose, ...]
+    """One for every yaw; none where joints are given or may be anything."""
+    ends: tuple[tuple[AngleCells, AngleCells], ...]
+    """Of each pose of an arm with an arm angle, where the approach begins and where the retract ends."""
+    angles: BoolArray
+    """Of all parts of the platform's cells, those from which both are, for some yaw."""
+
+
+def stop_reach(
+    problem: SequenceProblem, arm: int, stops: StopTable, stage: int, edges: FloatArray
+) -> StopReach | None:
+    """Returns the reach of one arm's stop, None where it has none.
+
+    Args:
+        problem: the sequence.
+        arm: index of the arm.
+        stops: its stops.
+        stage: which stage.
+        edges: borders of the parts of the platform's cells [rad], shape (f + 1,).
+    """
+    work = problem.arms[arm]
+    stop = work.stops[stage]
+    if stop is None:
+        return None
+    every = np.ones(len(edges) - 1, dtype=np.bool_)
+    free_last = _last_is_free(work, stop)
+    if stop.configurations is not None or (stop.free_yaw and not free_last):
+        return StopReach((), (), every)
+    yaws = np.zeros(1) if free_last else stop.yaw
+    row, zero = stops.first[[stage]], platform_positions(problem, np.zeros(1))
+    poses = tuple(
+        flange_poses(problem.platform, work, stops, row, np.array([yaw]), zero) for yaw in yaws
+    )
+    if not isinstance(work.kinematics, SrsArm):
+        return StopReach(poses, (), every)
+    ends = tuple(_ends_within_reach(work.kinematics, stop, pose, edges) for pose in poses)
+    counts = [[np.bincount(end.index, minlength=len(every)) for end in both] for both in ends]
+    return StopReach(poses, ends, np.any([(a > 0) & (b > 0) for a, b in counts], axis=0))
+
+
+def _ends_within_reach(
+    arm: SrsArm, stop: StopTarget, pose: Pose, edges: FloatArray
+) -> tuple[AngleCells, AngleCells]:
+    """Returns from where the outer ends of a pose's lines are within reach: of the approach and of the retract."""
+    R, p, z = (x[0] for x in pose)
+    lengths = dict.fromkeys((stop.approach, stop.retract))
+    ends = [reachable_cells(arm, arm.wrist_center(R, p - x * z), edges) for x in lengths]
+    return ends[0], ends[-1]
+
+
+def _last_is_free(work: ArmWork, stop: StopTarget) -> bool:
+    """Returns whether the last joint tells nothing, because turning the tool turns it alone."""
+    free = stop.configurations is None and (stop.free_yaw or len(stop.yaw) > 1)
+    return free and work.last_axis_is_tools
+
+
 def stop_boxes(
     problem: SequenceProblem,
     arm: int,
-    stops: StopTable,
     table: TransferTable,
     stage: int,
+    reach: StopReach,
+    angles: BoolArray,
     edges: FloatArray,
     resolution: Resolution,
 ) -> StopBoxes:
@@ -95,9 +175,10 @@ def stop_boxes(
     Args:
         problem: the sequence.
         arm: index of the arm.
-        stops: its stops.
         table: its transfer times.
         stage: which stage; the arm works in it.
+        reach: of the stop.
+        angles: which parts of the platform's cells count, as all arms reach their stops from there, shape (finer g,).
         edges: borders of the platform's cells [rad], shape (g + 1,).
         resolution: how finely.
     """
@@ -106,22 +187,19 @@ def stop_boxes(
     assert stop is not None  # callers ask for active stages only
     columns = work.joints + (1 if problem.turns else 0)
     still = stop.approach == 0.0 and stop.retract == 0.0
-    straight = work.last_axis_is_tools
-    free_last = straight and (stop.free_yaw or len(stop.yaw) > 1) and stop.configurations is None
+    free_last = _last_is_free(work, stop)
     if stop.configurations is not None and still:
         ends = [point_cells(stop.configurations, edges)] * 2
-    elif stop.configurations is not None or (stop.free_yaw and not straight):
+    elif not reach.poses:
         ends = [free_cells(work.kinematics, edges)] * 2
     else:
-        yaws = np.zeros(1) if free_last else stop.yaw
-        row, zero = stops.first[[stage]], platform_positions(problem, np.zeros(1))
-        poses = [
-            flange_poses(problem.platform, work, stops, row, np.array([yaw]), zero) for yaw in yaws
-        ]
-        if isinstance(work.kinematics, SrsArm):
-            parts = [_pose_cells(work, stop, pose, edges, resolution, free_last) for pose in poses]
+        if reach.ends:
+            parts = [
+                _pose_cells(work, stop, pose, own, angles, resolution)
+                for pose, own in zip(reach.poses, reach.ends, strict=True)
+            ]
         else:
-            parts = [branch_cells(work, table, stop, pose, free_last) for pose in poses]
+            parts = [branch_cells(work, table, stop, pose, free_last) for pose in reach.poses]
         ends = (
             parts[0]
             if len(parts) == 1
@@ -136,23 +214,28 @@ def stop_boxes(
 def _pose_cells(
     work: ArmWork,
     stop: StopTarget,
-    pose: tuple[FloatArray, FloatArray, FloatArray],
-    edges: FloatArray,
+    pose: Pose,
+    reach: tuple[AngleCells, AngleCells],
+    angles: BoolArray,
     resolution: Resolution,
-    free_last: bool,
 ) -> list[Cells]:
-    """Returns the cells at both outer ends of a pose's lines; its pose as of `flange_poses`, shape (1, ...)."""
+    """Returns the cells at both outer ends of a pose's lines; arguments as of `stop_boxes`."""
     arm = work.closed_form
     R, p, z = (x[0] for x in pose)
 
-    def cells(length: float) -> Cells:
+    def cells(length: float, within: AngleCells) -> Cells:
         outer = p - length * z
         ends = arm.wrist_center(R, outer), arm.wrist_center(R, p)
         line = LineToTarget(p, work.law, lambda intervals: line_bounds(work, R, *ends, intervals))
-        return pose_cells(arm, R, outer, edges, resolution, free_last, line if length else None)
+        within = within.take(np.flatnonzero(angles[within.index]))
+        free_last = _last_is_free(work, stop)
+        return pose_cells(arm, R, outer, within, resolution, free_last, line if length else None)
 
-    approach = cells(stop.approach)
-    return [approach, approach if stop.approach == stop.retract else cells(stop.retract)]
+    approach = cells(stop.approach, reach[0])
+    return [
+        approach,
+        approach if stop.approach == stop.retract else cells(stop.retract, reach[1]),
+    ]
 
 
 @dataclass(frozen=True)

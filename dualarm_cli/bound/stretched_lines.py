@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.postures.platform_reach import AngleCells, ShapeRates, shape_rates, turned
+from dualarm_cli.postures.platform_reach import AngleCells, distances, turned
 from dualarm_cli.stages.plans.problem import ArmWork
 
 STRETCHED = 0.95
@@ -69,7 +69,7 @@ def _line_bounds(
 ) -> FloatArray:
     arm = work.closed_form
     geometry = arm.geometry
-    one, other = (shape_rates(arm, x, cells) for x in (wrist, end))
+    one, other = (distances(arm, x, cells) for x in (wrist, end))
     v, w = (turned(x, cells.middle) - geometry.shoulder for x in (wrist, end))
     length = float(np.linalg.norm(end - wrist))
     # The shoulder goes round under the line: how far it gets from the interval's middle.
@@ -78,8 +78,8 @@ def _line_bounds(
     size = np.maximum(np.linalg.norm(cross, axis=1), 1e-12)
     axis = cross / size[:, None]
     beta = np.arctan2(size, (v * w).sum(axis=1))
-    for end_rates in (one, other):
-        beta -= _turn(away / np.maximum(end_rates.distance_low, 1e-12))
+    for nearest, _ in (one, other):
+        beta -= _turn(away / np.maximum(nearest, 1e-12))
     # m = v × w changes by no more than |v - w| times the shoulder's way.
     tilt = 2.0 * np.sin(0.5 * _turn(length * away / size))
     near, far, passes = _distances(v, w, length, size, away, one, other)
@@ -108,12 +108,11 @@ def _distances(
     length: float,
     size: FloatArray,
     away: FloatArray,
-    one: ShapeRates,
-    other: ShapeRates,
+    one: tuple[FloatArray, FloatArray],
+    other: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns least and greatest distance of shoulder and wrist [m], and whether the least is between the ends."""
-    far = np.maximum(one.distance_high, other.distance_high)
-    ends = np.minimum(one.distance_low, other.distance_low)
+    far, ends = np.maximum(one[1], other[1]), np.minimum(one[0], other[0])
     # Where the foot of the shoulder's height lies along the line.
     place = -(v * (w - v)).sum(axis=1) / length
     passes = (place > -away) & (place < length + away)
@@ -147,14 +146,18 @@ def _shares(along: FloatArray, tilt: FloatArray) -> tuple[FloatArray, FloatArray
     return np.minimum(along + tilt, 1.0), np.sqrt(1.0 - least**2)
 
 
-def _turns_of_joint_4(upper: float, fore: float, one: ShapeRates, other: ShapeRates) -> FloatArray:
+def _turns_of_joint_4(
+    upper: float,
+    fore: float,
+    one: tuple[FloatArray, FloatArray],
+    other: tuple[FloatArray, FloatArray],
+) -> FloatArray:
     """Returns by how much joint 4 turns at least between the ends of the line [rad], (c,)."""
 
     def bend(r: FloatArray) -> FloatArray:
         return np.arccos(np.clip((r * r - upper**2 - fore**2) / (2.0 * upper * fore), -1.0, 1.0))
 
-    low_1, high_1 = bend(one.distance_high), bend(one.distance_low)
-    low_2, high_2 = bend(other.distance_high), bend(other.distance_low)
+    (high_1, low_1), (high_2, low_2) = map(bend, one), map(bend, other)
     return np.maximum(np.maximum(low_1 - high_2, low_2 - high_1), 0.0)
 
 

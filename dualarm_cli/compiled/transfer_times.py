@@ -122,10 +122,14 @@ def least_work(
         retract: m cells where the retract ends.
         groups: number of groups.
         rest: from each of the latter [s], shape (m,).
+
+    Raises:
+        MemoryError: there is none.
     """
     least = np.full(approach.cells.count, np.inf, dtype=np.float32)
     arguments = *map(byref, (laws, approach, retract)), _int64(groups), pointer(rest)
-    library().least_work(*arguments, pointer(least))
+    if library().least_work(*arguments, pointer(least)):
+        raise MemoryError
     return least
 
 

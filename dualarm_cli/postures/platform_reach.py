@@ -1,4 +1,4 @@
-"""Platform angles from which a pose can be reached, in intervals, and how fast the arm's shape changes there."""
+"""Platform angles from which a pose can be reached, in intervals, and how far the wrist is from the shoulder there."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FULL = 2.0 * np.pi
 ROUNDING = 1e-9
 """What distances are widened by, since they are computed in floating point [m]."""
 TINY = 1e-5
-"""Where the wrist may be this close to the shoulder, nothing is known of the directions between them [m]."""
+"""Nearer to the shoulder than this the wrist's distance may have a kink [m]."""
 HAIR = 1e-7
 """What arcs are widened by for the same reason [rad]: a square root of what is lost at the end of the reach."""
 
@@ -37,6 +37,10 @@ class AngleCells:
     def half(self) -> FloatArray:
         """Half their widths [rad], shape (c,)."""
         return 0.5 * (self.high - self.low)
+
+    def take(self, rows: IntArray) -> AngleCells:
+        """Returns some of them."""
+        return AngleCells(self.index[rows], self.low[rows], self.high[rows])
 
 
 def reachable_cells(arm: SrsArm, wrist: FloatArray, edges: FloatArray) -> AngleCells:
@@ -115,98 +119,29 @@ def turned(wrist: FloatArray, angle: FloatArray) -> FloatArray:
     return np.stack([c * x + s * y, c * y - s * x, np.full(len(angle), z)], axis=1)
 
 
-@dataclass(frozen=True)
-class ShapeRates:
-    """Bounds over each interval of the platform angle on how the arm's triangle moves; all of shape (c,)."""
+def distances(arm: SrsArm, wrist: FloatArray, cells: AngleCells) -> tuple[FloatArray, FloatArray]:
+    """Returns the least and the greatest distance from shoulder to wrist centre [m], shape (c,) each.
 
-    distance_low: FloatArray
-    """Least distance from shoulder to wrist [m]."""
-    distance_high: FloatArray
-    """Greatest distance [m]."""
-    sin_upper: FloatArray
-    """Greatest sine of the angle between upper arm and shoulder-wrist line."""
-    sin_fore: FloatArray
-    """Greatest sine of the angle between forearm and shoulder-wrist line."""
-    shoulder_first: FloatArray
-    """Greatest turning rate of the upper arm's frame in the carried frame [rad/rad]."""
-    shoulder_second: FloatArray
-    """Bound on second derivatives of directions seen from it."""
-    wrist_first: FloatArray
-    """Greatest turning rate of the forearm's frame in the world [rad/rad]."""
-    wrist_second: FloatArray
-    """Bound on second derivatives of directions seen from it."""
+    In the world the shoulder goes round a circle of radius R0 and the wrist stands: with r its distance,
+    |r'| <= R0 and |r''| <= R0 + R0²/r.
 
-
-def shape_rates(arm: SrsArm, wrist: FloatArray, cells: AngleCells) -> ShapeRates:
-    """Returns bounds for the arm plane that follows the platform by smallest rotations.
-
-    In the world the shoulder goes round a circle of radius R0 and the wrist stands. With r its distance, u its
-    direction: |u'| <= R0/r and |u''| <= 2 R0/r + 3 R0²/r². The arm plane is carried along from the interval's
-    middle by the smallest rotation of u, whose angular velocity is (u_c + u) × u' / (1 + u_c·u); the upper arm turns in
-    it by alpha(r), the forearm by gamma(r), by the law of cosines. All norms, no directions: second derivatives
-    count only with the square of an interval's width. Our own derivation.
+    Args:
+        arm: kinematics in the carried frame.
+        wrist: wrist centre in the carried frame at platform angle zero [m], shape (3,).
+        cells: intervals of the platform angle.
     """
-    geometry = arm.geometry
-    R0 = float(np.hypot(*geometry.shoulder[:2])) if (cells.half > 0).any() else 0.0
     half = cells.half
-    ends = np.stack(
-        [
-            np.linalg.norm(turned(wrist, angle) - geometry.shoulder, axis=1)
-            for angle in (cells.low, cells.middle, cells.high)
-        ]
-    )
-    least, most = arm.reach
-    near = np.maximum(ends.min(axis=0) - R0 * half, TINY)
-    # Between three samples half a width apart: the way to the nearest one, or the error of a parabola's chord.
-    bulge = np.where(near > TINY, (R0 + R0**2 / near) * half**2 / 8.0, np.inf)
-    bulge = np.minimum(bulge, 0.5 * R0 * half)
-    # Cells end at the reach, but for a hair.
-    least, most = least - R0 * HAIR, most + R0 * HAIR
-    low = np.clip(ends.min(axis=0) - bulge - ROUNDING, least, most)
-    high = np.clip(ends.max(axis=0) + bulge + ROUNDING, least, most)
-    nearest, low = np.maximum(low, 0.0), np.maximum(low, TINY)
-    rate = R0 / low
-    rate_2 = 2.0 * R0 / low + 3.0 * (R0 / low) ** 2
-    angle = np.minimum(rate * half, 1.5)
-    kappa = np.sqrt(2.0 / (1.0 + np.cos(angle)))
-    spin = rate * kappa
-    spin_2 = rate_2 * kappa + spin * rate * np.sin(angle) / (1.0 + np.cos(angle))
-    r_1, r_2 = R0, R0 + R0**2 / low
-    upper_1, upper_2, sin_upper = _bend_rates(geometry.upper, geometry.fore, low, high, r_1, r_2)
-    fore_1, fore_2, sin_fore = _bend_rates(geometry.fore, geometry.upper, low, high, r_1, r_2)
-    turning = 1.0 if (half > 0).any() else 0.0
-    carried, carried_2 = spin + turning, spin_2 + spin * turning
-    first, wrist_first = carried + upper_1, spin + fore_1
-    rates = [
-        first,
-        carried_2 + upper_2 + upper_1 * carried + first**2,
-        wrist_first,
-        spin_2 + fore_2 + fore_1 * spin + wrist_first**2,
+    radius = float(np.hypot(*arm.geometry.shoulder[:2])) if (half > 0).any() else 0.0
+    samples = [
+        np.linalg.norm(turned(wrist, angle) - arm.geometry.shoulder, axis=1)
+        for angle in (cells.low, cells.middle, cells.high)
     ]
-    rates = [np.where(low > TINY, r, np.inf) for r in rates]
-    return ShapeRates(nearest, high, sin_upper, sin_fore, *rates)
-
-
-def _bend_rates(
-    own: float, other: float, low: FloatArray, high: FloatArray, r_1: float, r_2: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns bounds on the first and second derivative of a link's angle to u, and on its sine.
-
-    cos alpha = (r² + own² - other²) / (2 own r); infinite where the arm may be stretched or folded.
-    """
-    difference = own**2 - other**2
-    stationary = np.clip(np.sqrt(max(difference, 0.0)), low, high)
-    cosines = np.stack([(r * r + difference) / (2.0 * own * r) for r in (low, high, stationary)])
-    cosines = np.clip(cosines, -1.0, 1.0)
-    largest = np.abs(cosines).max(axis=0)
-    sine = np.sqrt(np.maximum(1.0 - largest**2, 0.0))
-    straddles = (cosines.min(axis=0) <= 0.0) & (cosines.max(axis=0) >= 0.0)
-    sin_most = np.where(straddles, 1.0, np.sqrt(1.0 - np.abs(cosines).min(axis=0) ** 2))
-    slope = (1.0 + abs(difference) / low**2) / (2.0 * own)
-    slope_2 = abs(difference) / (own * low**3)
-    with np.errstate(divide="ignore", over="ignore"):
-        rate = slope / sine
-        rate_2 = (slope_2 + largest * rate**2) / sine
-    if r_1 == 0.0:
-        return np.zeros(len(low)), np.zeros(len(low)), sin_most
-    return rate * r_1, rate_2 * r_1**2 + rate * r_2, sin_most
+    nearest, farthest = np.minimum.reduce(samples), np.maximum.reduce(samples)
+    near = np.maximum(nearest - radius * half, TINY)
+    # Between three samples half a width apart: the way to the nearest one, or the error of a parabola's chord.
+    bulge = np.where(near > TINY, (radius + radius**2 / near) * half**2 / 8.0, np.inf)
+    bulge = np.minimum(bulge, 0.5 * radius * half) + ROUNDING
+    # Cells end at the reach, but for a hair.
+    least, most = arm.reach[0] - radius * HAIR, arm.reach[1] + radius * HAIR
+    low, high = np.clip(nearest - bulge, least, most), np.clip(farthest + bulge, least, most)
+    return np.maximum(low, 0.0), high

@@ -25,6 +25,7 @@ from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing.line_profile import estimate_line_durations
 from dualarm_cli.timing.rest_to_rest import RestToRest
+from tests.posture_cells_numpy import within_reach
 
 Problems = Callable[..., SequenceProblem]
 ROBOTS = ["amiro_like", "sda10f", "iiwa7", "iiwa14", "openarm", "bottin_planar"]
@@ -64,7 +65,9 @@ def test_every_posture_lies_in_a_cell(arms, kind: str) -> None:
         for _ in range(2):
             q = _posture(arm, kind, random)
             R, p = arm.forward(q)
-            cells = pose_cells(arm, R, p, edges, COARSE, False, None)
+            cells = pose_cells(
+                arm, R, p, within_reach(arm, R, p, edges, COARSE), COARSE, False, None
+            )
             phi = random.uniform(-2.9, 2.9, 300)
             phi[0] = 0.0
             psi = random.uniform(-np.pi, np.pi, 300)
@@ -89,7 +92,8 @@ def test_cells_of_finer_intervals_are_narrower(arms) -> None:
         widths = []
         for k, resolution in ((1, coarse), (4, fine)):
             edges = np.linspace(-0.2, 0.2, 2 * k + 1)
-            cells = pose_cells(arm, R, p, edges, resolution, False, None)
+            within = within_reach(arm, R, p, edges, resolution)
+            cells = pose_cells(arm, R, p, within, resolution, False, None)
             widths.append(float((cells.high - cells.low)[:, :7].mean()))
         assert widths[1] < 0.6 * widths[0]
 
@@ -128,7 +132,8 @@ def test_no_line_is_shorter_than_to_the_nearest_posture(arms, kind: str) -> None
             R, p = arm.forward(q)
             length = 0.2 * (arm.geometry.upper + arm.geometry.fore) * (kind != "short") + 0.005
             end = p + length * (lambda v: v / np.linalg.norm(v))(random.normal(size=3))
-            cells = pose_cells(arm, R, p, edges, COARSE, False, LineToTarget(end, law, no_floor))
+            within = within_reach(arm, R, p, edges, COARSE)
+            cells = pose_cells(arm, R, p, within, COARSE, False, LineToTarget(end, law, no_floor))
             phi = np.append(0.0, random.uniform(-2.9, 2.9, 40))
             turn = rotation_z(-phi)
             found = arm.solve(
@@ -167,15 +172,9 @@ def test_bounds_of_lines_are_near_what_lines_take(random_problem: Problems) -> N
                 )
             )
             outer, m = p - 0.08 * z, 400
-            cells = pose_cells(
-                arm,
-                R,
-                outer,
-                edges,
-                Resolution(0.1, 36, 2),
-                False,
-                LineToTarget(p, work.law, no_floor),
-            )
+            fine, to = Resolution(0.1, 36, 2), LineToTarget(p, work.law, no_floor)
+            within = within_reach(arm, R, outer, edges, fine)
+            cells = pose_cells(arm, R, outer, within, fine, False, to)
             phi = random.uniform(-1.5, 1.5, m)
             share = np.linspace(0.0, 1.0, 9)
             psi = random.uniform(-np.pi, np.pi, m)[:, None]

@@ -12,13 +12,13 @@ from scipy.optimize import linprog
 from dualarm_cli.bound import bound as bound_pairs
 from dualarm_cli.bound.bound import Pairs, lower_bound, platform_edges
 from dualarm_cli.bound.cells import free_cells, point_cells, pose_cells
-from dualarm_cli.bound.layers import PostureBoxes, StopBoxes, stop_boxes, stop_work
+from dualarm_cli.bound.layers import PostureBoxes, StopBoxes, stop_boxes, stop_reach, stop_work
 from dualarm_cli.effort import Resolution
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.model.job import Dwell, Job, JointTarget, Place, PoseTarget, Stop, Task
-from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
+from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.potentials import transfer_table
@@ -26,6 +26,7 @@ from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.search.transfer_table import TransferTable
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.timing.rest_to_rest import RestToRest
+from tests.posture_cells_numpy import within_reach
 
 Problems = Callable[..., SequenceProblem]
 
@@ -150,7 +151,10 @@ def _boxes(problem: SequenceProblem, tilt: float, **changes: object) -> StopBoxe
     problem = replace(problem, arms=(work, *problem.arms[1:]))
     table = transfer_table(problem, work)
     edges = np.array([-0.5, 0.0, 0.5])
-    return stop_boxes(problem, 0, StopTable.of(work), table, 0, edges, Resolution(0.5, 9, 1))
+    reach = stop_reach(problem, 0, StopTable.of(work), 0, edges)
+    assert reach is not None
+    every = np.ones(2, dtype=np.bool_)
+    return stop_boxes(problem, 0, table, 0, reach, every, edges, Resolution(0.5, 9, 1))
 
 
 def test_cells_of_a_stop_are_points_poses_or_anything(random_problem: Problems) -> None:
@@ -206,6 +210,122 @@ def test_cells_of_a_stop_are_points_poses_or_anything(random_problem: Problems) 
     assert set(turned.approach.kind.tolist()) > set(tilted.approach.kind.tolist())
 
 
+def _wrist_distances(
+    problem: SequenceProblem, a: int, yaw: float, length: float, phi: np.ndarray
+) -> np.ndarray:
+    """Distance from shoulder to wrist centre at the outer end of a line, by the chain of the platform, shape (c,)."""
+    work = problem.arms[a]
+    stop, arm = work.stops[0], work.closed_form
+    assert stop is not None
+    R_tool = stop.R_world_tool @ rotation_z(np.array([yaw]))[0]
+    p_tool = stop.p_world_tool - length * R_tool[:, 2]
+    R, p = R_tool @ work.R_tool_flange, p_tool + R_tool @ work.p_tool_flange
+    R_platform, p_platform = problem.platform.pose(phi[:, None])
+    inverse = np.swapaxes(R_platform, 1, 2)
+    wrist = arm.wrist_center(inverse @ R, (inverse @ (p - p_platform)[..., None])[..., 0])
+    return np.linalg.norm(wrist - arm.geometry.shoulder, axis=1)
+
+
+@pytest.mark.parametrize("ends", [(0.06, 0.03), (0.05, 0.05)])
+@pytest.mark.parametrize("yaws", [(0.0,), (0.3, 2.2, 4.0)])
+def test_a_stop_is_reached_from_where_both_its_outer_ends_are(
+    random_problem: Problems, ends: tuple[float, float], yaws: tuple[float, ...]
+) -> None:
+    """Of 6,000 angles each: a part of the platform's cells counts where both ends are in reach from some, of one yaw.
+
+    Tools are tilted, so that yaw moves the wrist. A part may be reached between two samples only.
+    """
+    edges = np.linspace(-2.9, 2.9, 59)
+    tilt = pin.rpy.rpyToMatrix(0.5, 0.0, 0.0)
+    some, more, counted = 0, 0, []
+    for seed in range(6):
+        problem = random_problem(seed, (1, 1), line=0.05)
+        works = tuple(
+            replace(
+                work,
+                R_tool_flange=tilt @ work.R_tool_flange,
+                stops=(
+                    replace(work.stops[0], approach=ends[0], retract=ends[1], yaw=np.array(yaws)),
+                ),
+            )
+            for work in problem.arms
+        )
+        problem = replace(problem, arms=works)
+        for a, work in enumerate(works):
+            reach = stop_reach(problem, a, StopTable.of(work), 0, edges)
+            assert reach is not None
+            phi = np.linspace(-2.9, 2.9, 5801)[:-1] + 5e-4
+            part = np.searchsorted(edges, phi) - 1
+            shown = np.zeros(58, dtype=np.bool_)
+            for yaw in yaws:
+                inside = []
+                for length in ends:
+                    distance = _wrist_distances(problem, a, yaw, length, phi)
+                    least, most = work.closed_form.reach
+                    within = (distance > least) & (distance < most)
+                    inside.append(np.bincount(part[within], minlength=58))
+                shown |= (inside[0] > 0) & (inside[1] > 0)
+                some += int(((inside[0] > 0) ^ (inside[1] > 0)).sum())
+            assert (reach.angles >= shown).all()
+            more += int((reach.angles & ~shown).sum())
+            counted.append(shown.mean())
+    assert 0.1 < np.mean(counted) < 0.9
+    assert more <= some / 3
+    assert some > 0 or ends[0] == ends[1]
+
+
+def test_a_stage_has_the_cells_from_which_both_arms_reach(
+    random_problem: Problems, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The bound is as good as with all cells of either arm, of which there are far more."""
+    asked = []
+
+    def every(*given: object) -> object:
+        reach = stop_reach(*given)
+        asked.append(reach.angles)
+        return replace(reach, angles=np.ones_like(reach.angles))
+
+    for seed in range(4):
+        problem = random_problem(seed, (4, 4), line=0.05)
+        value = lower_bound(problem, "quick").value
+        with monkeypatch.context() as patch:
+            patch.setattr(bound_pairs, "stop_reach", every)
+            alone = lower_bound(problem, "quick").value
+        assert 0.0 < alone <= value * (1.0 + 1e-5)
+    assert np.mean([angles.mean() for angles in asked]) < 0.8
+
+
+def test_where_arms_share_no_angle_there_is_no_plan(random_problem: Problems) -> None:
+    """A target far out for either arm, one of them turned about the platform's axis: alone each has a bound."""
+    problem = random_problem(0, (1, 1))
+    edges = np.linspace(*problem.platform_range, 400)
+    _, axis = problem.platform.pose(np.zeros((1, 1)))
+    one, other = problem.arms
+
+    def moved(work: ArmWork, factor: float, turn: float) -> ArmWork:
+        stop = work.stops[0]
+        assert stop is not None
+        R, out = rotation_z(np.array([turn]))[0], np.array([factor, factor, 1.0])
+        p = axis[0] + R @ (out * (stop.p_world_tool - axis[0]))
+        stop = replace(stop, R_world_tool=R @ stop.R_world_tool, p_world_tool=p)
+        return replace(work, stops=(stop,))
+
+    apart = 0
+    for turn in np.linspace(-np.pi, np.pi, 12, endpoint=False):
+        arms = moved(one, 1.3, 0.0), moved(other, 1.3, turn)
+        pair = replace(problem, arms=arms)
+        masks = [stop_reach(pair, a, StopTable.of(arms[a]), 0, edges).angles for a in (0, 1)]
+        if not masks[0].any() or not masks[1].any() or (masks[0] & masks[1]).any():
+            continue
+        apart += 1
+        assert lower_bound(pair, "quick").value == np.inf
+        for a in (0, 1):
+            idle = replace(arms[1 - a], stops=(None,))
+            alone = replace(pair, arms=(arms[0], idle) if a == 0 else (idle, arms[1]))
+            assert np.isfinite(lower_bound(alone, "quick").value)
+    assert apart > 0
+
+
 def test_cells_of_anything_and_of_points_by_hand(random_problem: Problems) -> None:
     """Three platform cells: all limits and the cell's edges; two configurations in each."""
     arm = random_problem(0, (1, 1)).arms[0].closed_form
@@ -246,7 +366,9 @@ def test_postures_at_the_edges_lie_in_cells(tmp_path, robot: str, kind: str) -> 
         else:
             q[1] = np.clip(near - arm.canonical.offset[1], low[1], high[1])
         R, p = arm.forward(q)
-        cells = pose_cells(arm, R, p, edges, Resolution(0.3, 9, 2), False, None)
+        resolution = Resolution(0.3, 9, 2)
+        within = within_reach(arm, R, p, edges, resolution)
+        cells = pose_cells(arm, R, p, within, resolution, False, None)
         phi = np.append(0.0, random.normal(scale=near, size=60)).clip(-1.0, 1.0)
         psi = float(arm.arm_angle(q)) + np.append(0.0, random.normal(scale=near, size=60))
         turn = rotation_z(-phi)

@@ -27,7 +27,7 @@ typedef struct {
     const int64_t *first; /* first cell of each run, and the number of cells, (runs + 1,) */
 } Side;
 
-enum { TILE = 512 };
+enum { TILE = 512, PART = 32 };
 
 /* Times from box i to `count` boxes from `begin` on; at most TILE of them. */
 static void row_times(const Laws *laws, Boxes from, int64_t i, Boxes to, int64_t begin, int64_t count, float *time)
@@ -142,28 +142,6 @@ typedef struct {
     const float *line;    /* least time of the line there */
 } End;
 
-/* From every cell of `approach` the least over all cells of `retract` in its group of max(way between them, both
-   lines) + rest, (approach->cells.count,): infinite without any. */
-void least_work(const Laws *laws, const End *approach, const End *retract, int64_t groups, const float *rest,
-                float *least)
-{
-    float time[TILE];
-    for (int64_t g = 0; g < groups; g++)
-        for (int64_t i = approach->first[g]; i < approach->first[g + 1]; i++) {
-            float best = INFINITY;
-            for (int64_t j = retract->first[g], count; j < retract->first[g + 1]; j += count) {
-                count = retract->first[g + 1] - j < TILE ? retract->first[g + 1] - j : TILE;
-                row_times(laws, approach->cells, i, retract->cells, j, count, time);
-                for (int64_t k = 0; k < count; k++) {
-                    const float lines = approach->line[i] + retract->line[j + k];
-                    const float whole = (time[k] > lines ? time[k] : lines) + rest[j + k];
-                    best = whole < best ? whole : best;
-                }
-            }
-            least[i] = best;
-        }
-}
-
 typedef struct {
     float bound;
     int32_t run;
@@ -175,6 +153,42 @@ static int by_bound(const void *one, const void *other)
     if (a->bound != b->bound)
         return a->bound < b->bound ? -1 : 1;
     return a->run - b->run;
+}
+
+/* From every cell of `approach` the least over all cells of `retract` in its group of max(way between them, both
+   lines) + rest, (approach->cells.count,): infinite without any. Returns 0, or 1 without memory. */
+int least_work(const Laws *laws, const End *approach, const End *retract, int64_t groups, const float *rest,
+               float *least)
+{
+    Promise *promise = malloc(sizeof(Promise) * (size_t)(retract->cells.count / PART + 1));
+    float time[PART];
+    if (!promise)
+        return 1;
+    for (int64_t g = 0; g < groups; g++) {
+        const int64_t begin = retract->first[g], end = retract->first[g + 1], parts = (end - begin + PART - 1) / PART;
+        for (int64_t r = 0; r < parts; r++) {
+            const int64_t j = begin + r * PART, past = j + PART < end ? j + PART : end;
+            promise[r] = (Promise){least_of(retract->line, j, past) + least_of(rest, j, past), (int32_t)r};
+        }
+        qsort(promise, (size_t)parts, sizeof(Promise), by_bound);
+        for (int64_t i = approach->first[g]; i < approach->first[g + 1]; i++) {
+            const float line = approach->line[i];
+            float best = INFINITY;
+            /* Sums are not rounded alike in any order: a millionth covers that. */
+            for (int64_t r = 0; r < parts && line + promise[r].bound < best * (1.0F + 1e-6F); r++) {
+                const int64_t j = begin + promise[r].run * PART, count = end - j < PART ? end - j : PART;
+                row_times(laws, approach->cells, i, retract->cells, j, count, time);
+                for (int64_t k = 0; k < count; k++) {
+                    const float lines = line + retract->line[j + k];
+                    const float whole = (time[k] > lines ? time[k] : lines) + rest[j + k];
+                    best = whole < best ? whole : best;
+                }
+            }
+            least[i] = best;
+        }
+    }
+    free(promise);
+    return 0;
 }
 
 /* The least of transfer and `work` (of each cell of `to`) for every pair of groups, (groups, groups); infinite at first.
