@@ -2,8 +2,9 @@
 
 What is proven, up to rounding in floating point (enclosures are widened by a thousand times as much). Of a plan that
 keeps the stages, let an arm be at each stop in some cell where its approach begins (at the target if there is none)
-and in some cell where its retract ends, both over one cell of the platform's angle, as the platform is still in
-between. `bound_cells` leaves out no posture, so that these cells exist. Then
+and in some cell where its retract ends, both over one cell of the platform's angle, as the platform stands while any
+arm is at its stop of the stage. `stop_boxes` leaves out no posture at an angle from which all arms of the stage reach
+both ends of their lines, so that these cells exist. Then
 
 - the transfer takes at least the rest-to-rest time of the slowest joint, or of the platform, over the gap between the
   two cells (times grow with the distance);
@@ -36,7 +37,7 @@ from dualarm_cli.bound.layers import (
 )
 from dualarm_cli.compiled.transfer_times import least_by_groups, least_from
 from dualarm_cli.effort import EFFORTS, Resolution
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable
@@ -111,7 +112,8 @@ class LowerBound:
     """No plan is faster."""
 
     value: float | None
-    """Least cycle time [s]; infinite where the cells prove that a stop cannot be reached, None where none is known."""
+    """Least cycle time [s]; infinite where the cells prove that a stop cannot be reached, or that the arms of a stage
+    share no platform angle, None where none is known."""
     assumptions: tuple[str, ...]
     """What a plan must be like for the bound to hold, in sentences."""
 
@@ -190,21 +192,24 @@ def _backward(problem: SequenceProblem, resolution: Resolution) -> float:
         _Arm(transfer_table(problem, work), TransferChain.of(work), StopTable.of(work))
         for work in problem.arms
     ]
-
     parts = finer_edges(edges, resolution.finer)
 
+    # Of a stage and the one before; where arms are idle in between it is found again.
     @lru_cache(maxsize=2)
-    def reach_of(stage: int) -> tuple[list[StopReach | None], BoolArray]:
-        each = [stop_reach(problem, a, arm.stops, stage, parts) for a, arm in enumerate(arms)]
-        return each, np.logical_and.reduce([one.angles for one in each if one is not None])
+    def reach_of(stage: int) -> dict[int, StopReach]:
+        each = {
+            a: stop_reach(problem, a, arm.stops, stage, parts)
+            for a, arm in enumerate(arms)
+            if problem.arms[a].stops[stage] is not None
+        }
+        shared = np.logical_and.reduce([own.parts for own in each.values()])
+        return {a: own.within(shared) for a, own in each.items()}
 
     def cells_of(a: int, stage: int) -> StopBoxes | None:
         if stage < 0:
             return None
-        each, shared = reach_of(stage)
-        own = each[a]
-        assert own is not None  # callers ask for active stages only
-        return stop_boxes(problem, a, arms[a].table, stage, own, shared, edges, resolution)
+        reach = reach_of(stage)[a]
+        return stop_boxes(problem, a, arms[a].table, stage, reach, edges, resolution)
 
     for a, arm in enumerate(arms):
         if len(arm.chain.active):

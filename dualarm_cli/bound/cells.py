@@ -113,7 +113,7 @@ def pose_cells(
         line: the line that begins or ends there; None without one.
     """
     if not len(intervals.index):
-        return free_cells(arm, np.zeros(1))
+        return free_cells(arm, np.zeros(1))  # no cell at all
     finer = resolution.finer
     known = np.zeros(len(intervals.index)) if line is None else line.floor(intervals)
     found = compiled.posture_cells(

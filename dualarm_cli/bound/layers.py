@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -98,46 +99,61 @@ class StopBoxes:
 
 @dataclass(frozen=True)
 class StopReach:
-    """Where one stop's lines begin and end, and from which platform angles that is within the arm's reach."""
+    """Where one stop's lines begin and end, and from which parts of the platform's cells that is within reach."""
 
     poses: tuple[Pose, ...]
     """One for every yaw; none where joints are given or may be anything."""
     ends: tuple[tuple[AngleCells, AngleCells], ...]
-    """Of each pose of an arm with an arm angle, where the approach begins and where the retract ends."""
-    angles: BoolArray
-    """Of all parts of the platform's cells, those from which both are, for some yaw."""
+    """Of each pose of an arm with an arm angle, from where the approach begins and the retract ends within reach."""
+    parts: BoolArray
+    """Whether both do, for some yaw, shape (f,)."""
+    free_last: bool
+    """Whether the last joint tells nothing, because turning the tool turns it alone."""
+
+    def within(self, parts: BoolArray) -> StopReach:
+        """Returns the reach from some of the parts alone."""
+        ends = tuple(
+            (
+                approach.take(np.flatnonzero(parts[approach.index])),
+                retract.take(np.flatnonzero(parts[retract.index])),
+            )
+            for approach, retract in self.ends
+        )
+        return replace(self, ends=ends, parts=self.parts & parts)
 
 
 def stop_reach(
     problem: SequenceProblem, arm: int, stops: StopTable, stage: int, edges: FloatArray
-) -> StopReach | None:
-    """Returns the reach of one arm's stop, None where it has none.
+) -> StopReach:
+    """Returns the reach of one arm's stop.
 
     Args:
         problem: the sequence.
         arm: index of the arm.
         stops: its stops.
-        stage: which stage.
+        stage: which stage; the arm works in it.
         edges: borders of the parts of the platform's cells [rad], shape (f + 1,).
     """
     work = problem.arms[arm]
     stop = work.stops[stage]
-    if stop is None:
-        return None
+    assert stop is not None  # callers ask for active stages only
     every = np.ones(len(edges) - 1, dtype=np.bool_)
-    free_last = _last_is_free(work, stop)
+    yaw_is_free = stop.configurations is None and (stop.free_yaw or len(stop.yaw) > 1)
+    free_last = yaw_is_free and work.last_axis_is_tools
     if stop.configurations is not None or (stop.free_yaw and not free_last):
-        return StopReach((), (), every)
+        return StopReach((), (), every, free_last)
     yaws = np.zeros(1) if free_last else stop.yaw
     row, zero = stops.first[[stage]], platform_positions(problem, np.zeros(1))
     poses = tuple(
         flange_poses(problem.platform, work, stops, row, np.array([yaw]), zero) for yaw in yaws
     )
     if not isinstance(work.kinematics, SrsArm):
-        return StopReach(poses, (), every)
+        return StopReach(poses, (), every, free_last)
     ends = tuple(_ends_within_reach(work.kinematics, stop, pose, edges) for pose in poses)
-    counts = [[np.bincount(end.index, minlength=len(every)) for end in both] for both in ends]
-    return StopReach(poses, ends, np.any([(a > 0) & (b > 0) for a, b in counts], axis=0))
+    parts = np.zeros_like(every)
+    for approach, retract in ends:
+        parts[np.intersect1d(approach.index, retract.index)] = True
+    return StopReach(poses, ends, parts, free_last)
 
 
 def _ends_within_reach(
@@ -150,23 +166,16 @@ def _ends_within_reach(
     return ends[0], ends[-1]
 
 
-def _last_is_free(work: ArmWork, stop: StopTarget) -> bool:
-    """Returns whether the last joint tells nothing, because turning the tool turns it alone."""
-    free = stop.configurations is None and (stop.free_yaw or len(stop.yaw) > 1)
-    return free and work.last_axis_is_tools
-
-
 def stop_boxes(
     problem: SequenceProblem,
     arm: int,
     table: TransferTable,
     stage: int,
     reach: StopReach,
-    angles: BoolArray,
     edges: FloatArray,
     resolution: Resolution,
 ) -> StopBoxes:
-    """Returns the cells of one arm's stop.
+    """Returns the cells of one arm's stop: of all its postures from where its reach says.
 
     Given configurations are points where there is no line, and free otherwise; a pose whose yaw is free is free too
     where yaw moves more than the last joint. An arm without an arm angle has other closed
@@ -178,7 +187,6 @@ def stop_boxes(
         table: its transfer times.
         stage: which stage; the arm works in it.
         reach: of the stop.
-        angles: which parts of the platform's cells count, as all arms reach their stops from there, shape (finer g,).
         edges: borders of the platform's cells [rad], shape (g + 1,).
         resolution: how finely.
     """
@@ -187,55 +195,50 @@ def stop_boxes(
     assert stop is not None  # callers ask for active stages only
     columns = work.joints + (1 if problem.turns else 0)
     still = stop.approach == 0.0 and stop.retract == 0.0
-    free_last = _last_is_free(work, stop)
     if stop.configurations is not None and still:
         ends = [point_cells(stop.configurations, edges)] * 2
     elif not reach.poses:
         ends = [free_cells(work.kinematics, edges)] * 2
     else:
         if reach.ends:
-            parts = [
-                _pose_cells(work, stop, pose, own, angles, resolution)
-                for pose, own in zip(reach.poses, reach.ends, strict=True)
+            found = [
+                _pose_cells(work, stop, pose, within, resolution, reach.free_last)
+                for pose, within in zip(reach.poses, reach.ends, strict=True)
             ]
         else:
-            parts = [branch_cells(work, table, stop, pose, free_last) for pose in reach.poses]
+            found = [branch_cells(work, table, stop, pose, reach.free_last) for pose in reach.poses]
         ends = (
-            parts[0]
-            if len(parts) == 1
-            else [Cells.joined([part[end] for part in parts]) for end in (0, 1)]
+            found[0]
+            if len(found) == 1
+            else [Cells.joined([one[end] for one in found]) for end in (0, 1)]
         )
     approach = retract = PostureBoxes.of(table, ends[0], columns)
     if ends[1] is not ends[0]:
         retract = PostureBoxes.of(table, ends[1], columns)
-    return StopBoxes(approach, retract, still, stop.dwell, work.joints - 1 if free_last else None)
+    free = work.joints - 1 if reach.free_last else None
+    return StopBoxes(approach, retract, still, stop.dwell, free)
 
 
 def _pose_cells(
     work: ArmWork,
     stop: StopTarget,
     pose: Pose,
-    reach: tuple[AngleCells, AngleCells],
-    angles: BoolArray,
+    within: tuple[AngleCells, AngleCells],
     resolution: Resolution,
+    free_last: bool,
 ) -> list[Cells]:
-    """Returns the cells at both outer ends of a pose's lines; arguments as of `stop_boxes`."""
+    """Returns the cells at both outer ends of a pose's lines, from the platform angles within reach."""
     arm = work.closed_form
     R, p, z = (x[0] for x in pose)
 
-    def cells(length: float, within: AngleCells) -> Cells:
+    def cells(length: float, intervals: AngleCells) -> Cells:
         outer = p - length * z
         ends = arm.wrist_center(R, outer), arm.wrist_center(R, p)
-        line = LineToTarget(p, work.law, lambda intervals: line_bounds(work, R, *ends, intervals))
-        within = within.take(np.flatnonzero(angles[within.index]))
-        free_last = _last_is_free(work, stop)
-        return pose_cells(arm, R, outer, within, resolution, free_last, line if length else None)
+        line = LineToTarget(p, work.law, lambda some: line_bounds(work, R, *ends, some))
+        return pose_cells(arm, R, outer, intervals, resolution, free_last, line if length else None)
 
-    approach = cells(stop.approach, reach[0])
-    return [
-        approach,
-        approach if stop.approach == stop.retract else cells(stop.retract, reach[1]),
-    ]
+    approach = cells(stop.approach, within[0])
+    return [approach, approach if stop.approach == stop.retract else cells(stop.retract, within[1])]
 
 
 @dataclass(frozen=True)

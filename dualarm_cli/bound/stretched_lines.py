@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.postures.platform_reach import AngleCells, distances, turned
+from dualarm_cli.postures.platform_reach import AngleCells, turned, wrist_distances
 from dualarm_cli.stages.plans.problem import ArmWork
 
 STRETCHED = 0.95
@@ -69,7 +69,7 @@ def _line_bounds(
 ) -> FloatArray:
     arm = work.closed_form
     geometry = arm.geometry
-    one, other = (distances(arm, x, cells) for x in (wrist, end))
+    one, other = (wrist_distances(arm, x, cells) for x in (wrist, end))
     v, w = (turned(x, cells.middle) - geometry.shoulder for x in (wrist, end))
     length = float(np.linalg.norm(end - wrist))
     # The shoulder goes round under the line: how far it gets from the interval's middle.
@@ -112,7 +112,8 @@ def _distances(
     other: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns least and greatest distance of shoulder and wrist [m], and whether the least is between the ends."""
-    far, ends = np.maximum(one[1], other[1]), np.minimum(one[0], other[0])
+    (near_1, far_1), (near_2, far_2) = one, other
+    far, ends = np.maximum(far_1, far_2), np.minimum(near_1, near_2)
     # Where the foot of the shoulder's height lies along the line.
     place = -(v * (w - v)).sum(axis=1) / length
     passes = (place > -away) & (place < length + away)

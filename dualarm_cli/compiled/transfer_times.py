@@ -128,8 +128,7 @@ def least_work(
     """
     least = np.full(approach.cells.count, np.inf, dtype=np.float32)
     arguments = *map(byref, (laws, approach, retract)), _int64(groups), pointer(rest)
-    if library().least_work(*arguments, pointer(least)):
-        raise MemoryError
+    _checked(library().least_work(*arguments, pointer(least)))
     return least
 
 

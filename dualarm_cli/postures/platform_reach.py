@@ -119,7 +119,9 @@ def turned(wrist: FloatArray, angle: FloatArray) -> FloatArray:
     return np.stack([c * x + s * y, c * y - s * x, np.full(len(angle), z)], axis=1)
 
 
-def distances(arm: SrsArm, wrist: FloatArray, cells: AngleCells) -> tuple[FloatArray, FloatArray]:
+def wrist_distances(
+    arm: SrsArm, wrist: FloatArray, cells: AngleCells
+) -> tuple[FloatArray, FloatArray]:
     """Returns the least and the greatest distance from shoulder to wrist centre [m], shape (c,) each.
 
     In the world the shoulder goes round a circle of radius R0 and the wrist stands: with r its distance,
@@ -128,10 +130,10 @@ def distances(arm: SrsArm, wrist: FloatArray, cells: AngleCells) -> tuple[FloatA
     Args:
         arm: kinematics in the carried frame.
         wrist: wrist centre in the carried frame at platform angle zero [m], shape (3,).
-        cells: intervals of the platform angle.
+        cells: intervals of the platform angle; angles from which the wrist centre is out of reach do not count.
     """
     half = cells.half
-    radius = float(np.hypot(*arm.geometry.shoulder[:2])) if (half > 0).any() else 0.0
+    radius = float(np.hypot(*arm.geometry.shoulder[:2]))
     samples = [
         np.linalg.norm(turned(wrist, angle) - arm.geometry.shoulder, axis=1)
         for angle in (cells.low, cells.middle, cells.high)
@@ -141,7 +143,7 @@ def distances(arm: SrsArm, wrist: FloatArray, cells: AngleCells) -> tuple[FloatA
     # Between three samples half a width apart: the way to the nearest one, or the error of a parabola's chord.
     bulge = np.where(near > TINY, (radius + radius**2 / near) * half**2 / 8.0, np.inf)
     bulge = np.minimum(bulge, 0.5 * radius * half) + ROUNDING
-    # Cells end at the reach, but for a hair.
+    # The reach, but for the hair by which intervals of `reachable_cells` are longer.
     least, most = arm.reach[0] - radius * HAIR, arm.reach[1] + radius * HAIR
     low, high = np.clip(nearest - bulge, least, most), np.clip(farthest + bulge, least, most)
     return np.maximum(low, 0.0), high

@@ -11,7 +11,7 @@ from scipy.optimize import linprog
 
 from dualarm_cli.bound import bound as bound_pairs
 from dualarm_cli.bound.bound import Pairs, lower_bound, platform_edges
-from dualarm_cli.bound.cells import free_cells, point_cells, pose_cells
+from dualarm_cli.bound.cells import finer_edges, free_cells, point_cells, pose_cells
 from dualarm_cli.bound.layers import PostureBoxes, StopBoxes, stop_boxes, stop_reach, stop_work
 from dualarm_cli.effort import Resolution
 from dualarm_cli.files.cells.cells import load_cell
@@ -152,9 +152,7 @@ def _boxes(problem: SequenceProblem, tilt: float, **changes: object) -> StopBoxe
     table = transfer_table(problem, work)
     edges = np.array([-0.5, 0.0, 0.5])
     reach = stop_reach(problem, 0, StopTable.of(work), 0, edges)
-    assert reach is not None
-    every = np.ones(2, dtype=np.bool_)
-    return stop_boxes(problem, 0, table, 0, reach, every, edges, Resolution(0.5, 9, 1))
+    return stop_boxes(problem, 0, table, 0, reach, edges, Resolution(0.5, 9, 1))
 
 
 def test_cells_of_a_stop_are_points_poses_or_anything(random_problem: Problems) -> None:
@@ -210,89 +208,115 @@ def test_cells_of_a_stop_are_points_poses_or_anything(random_problem: Problems) 
     assert set(turned.approach.kind.tolist()) > set(tilted.approach.kind.tolist())
 
 
-def _wrist_distances(
-    problem: SequenceProblem, a: int, yaw: float, length: float, phi: np.ndarray
-) -> np.ndarray:
-    """Distance from shoulder to wrist centre at the outer end of a line, by the chain of the platform, shape (c,)."""
-    work = problem.arms[a]
-    stop, arm = work.stops[0], work.closed_form
+def _ends(
+    problem: SequenceProblem, a: int, stage: int, phi: np.ndarray, psi: np.ndarray
+) -> list[list[tuple[np.ndarray, np.ndarray]]]:
+    """Joints (c, 8, 7) at both outer ends of one arm's lines for each yaw, and which are within limits (c, 8)."""
+    work, found = problem.arms[a], []
+    stop, arm = work.stops[stage], work.closed_form
     assert stop is not None
-    R_tool = stop.R_world_tool @ rotation_z(np.array([yaw]))[0]
-    p_tool = stop.p_world_tool - length * R_tool[:, 2]
-    R, p = R_tool @ work.R_tool_flange, p_tool + R_tool @ work.p_tool_flange
     R_platform, p_platform = problem.platform.pose(phi[:, None])
     inverse = np.swapaxes(R_platform, 1, 2)
-    wrist = arm.wrist_center(inverse @ R, (inverse @ (p - p_platform)[..., None])[..., 0])
-    return np.linalg.norm(wrist - arm.geometry.shoulder, axis=1)
+    for yaw in stop.yaw:
+        R_tool = stop.R_world_tool @ rotation_z(np.array([yaw]))[0]
+        ends = []
+        for length in (stop.approach, stop.retract):
+            R = R_tool @ work.R_tool_flange
+            p = stop.p_world_tool - length * R_tool[:, 2] + R_tool @ work.p_tool_flange
+            solved = arm.solve(inverse @ R, (inverse @ (p - p_platform)[..., None])[..., 0], psi)
+            joints = arm.nearest_turns(solved.q, np.zeros(7))
+            ends.append((joints, solved.reachable[:, None] & arm.within_limits(joints)))
+        found.append(ends)
+    return found
 
 
-@pytest.mark.parametrize("ends", [(0.06, 0.03), (0.05, 0.05)])
+@pytest.mark.parametrize("ends", [(0.05, 0.05), (0.25, 0.0), (0.02, 0.3)])
 @pytest.mark.parametrize("yaws", [(0.0,), (0.3, 2.2, 4.0)])
-def test_a_stop_is_reached_from_where_both_its_outer_ends_are(
-    random_problem: Problems, ends: tuple[float, float], yaws: tuple[float, ...]
+def test_every_posture_that_a_stage_can_have_lies_in_its_cells(
+    random_problem: Problems,
+    monkeypatch: pytest.MonkeyPatch,
+    ends: tuple[float, float],
+    yaws: tuple[float, ...],
 ) -> None:
-    """Of 6,000 angles each: a part of the platform's cells counts where both ends are in reach from some, of one yaw.
+    """Random angles from which both arms have postures: where `lower_bound` looks, and all of these in its cells.
 
-    Tools are tilted, so that yaw moves the wrist. A part may be reached between two samples only.
+    Tools are tilted, so that yaw moves the wrist. Most of what one arm reaches alone is not looked at.
     """
-    edges = np.linspace(-2.9, 2.9, 59)
+    looked_at = {}
+
+    def noted(
+        problem: SequenceProblem, a: int, table: TransferTable, stage: int, *given: object
+    ) -> StopBoxes:
+        boxes = stop_boxes(problem, a, table, stage, *given)
+        looked_at[a, stage] = table, *given, boxes
+        return boxes
+
+    monkeypatch.setattr(bound_pairs, "stop_boxes", noted)
     tilt = pin.rpy.rpyToMatrix(0.5, 0.0, 0.0)
-    some, more, counted = 0, 0, []
-    for seed in range(6):
-        problem = random_problem(seed, (1, 1), line=0.05)
-        works = tuple(
+    random, checked, left_out = np.random.default_rng(16), 0, 0
+    for seed in range(3):
+        problem = random_problem(seed, (2, 2))
+        stop = {"approach": ends[0], "retract": ends[1], "yaw": np.array(yaws)}
+        arms = tuple(
             replace(
                 work,
                 R_tool_flange=tilt @ work.R_tool_flange,
-                stops=(
-                    replace(work.stops[0], approach=ends[0], retract=ends[1], yaw=np.array(yaws)),
-                ),
+                stops=tuple(replace(own, **stop) for own in work.stops),
             )
             for work in problem.arms
         )
-        problem = replace(problem, arms=works)
-        for a, work in enumerate(works):
-            reach = stop_reach(problem, a, StopTable.of(work), 0, edges)
-            assert reach is not None
-            phi = np.linspace(-2.9, 2.9, 5801)[:-1] + 5e-4
-            part = np.searchsorted(edges, phi) - 1
-            shown = np.zeros(58, dtype=np.bool_)
-            for yaw in yaws:
-                inside = []
-                for length in ends:
-                    distance = _wrist_distances(problem, a, yaw, length, phi)
-                    least, most = work.closed_form.reach
-                    within = (distance > least) & (distance < most)
-                    inside.append(np.bincount(part[within], minlength=58))
-                shown |= (inside[0] > 0) & (inside[1] > 0)
-                some += int(((inside[0] > 0) ^ (inside[1] > 0)).sum())
-            assert (reach.angles >= shown).all()
-            more += int((reach.angles & ~shown).sum())
-            counted.append(shown.mean())
-    assert 0.1 < np.mean(counted) < 0.9
-    assert more <= some / 3
-    assert some > 0 or ends[0] == ends[1]
+        problem = replace(problem, arms=arms)
+        lower_bound(problem, "quick")
+        phi, psi = random.uniform(*problem.platform_range, 400), random.uniform(-np.pi, np.pi, 400)
+        for stage in (1, 0):
+            each = [_ends(problem, a, stage, phi, psi) for a in (0, 1)]
+            can = [
+                np.any([np.all([ok.any(axis=1) for _, ok in both], axis=0) for both in own], axis=0)
+                for own in each
+            ]
+            together = can[0] & can[1]
+            for a in (0, 1):
+                table, reach, edges, resolution, boxes = looked_at[a, stage]
+                part = np.searchsorted(finer_edges(edges, resolution.finer), phi) - 1
+                assert reach.parts[part[together]].all()
+                every = np.arange(len(reach.parts))
+                ends_of = [[np.isin(every, end.index) for end in both] for both in reach.ends]
+                assert (reach.parts == np.any(np.all(ends_of, axis=1), axis=0)).all()
+                left_out += int((can[a] & ~reach.parts[part]).sum())
+                cell = np.searchsorted(edges, phi) - 1
+                for both in each[a]:
+                    for cells, (joints, ok) in zip(
+                        (boxes.approach, boxes.retract), both, strict=True
+                    ):
+                        c, branch = np.nonzero(ok & together[:, None])
+                        q = np.column_stack([joints[c, branch], phi[c]])
+                        low, high = table.box(q, q)
+                        inside = (cell[c][:, None] == cells.index) & (
+                            (cells.low[:, None] <= high[..., None])
+                            & (cells.high[:, None] >= low[..., None])
+                        ).all(axis=0)
+                        assert inside.any(axis=1).all()
+                        checked += len(c)
+    assert checked > 1000
+    assert left_out > 100
 
 
-def test_a_stage_has_the_cells_from_which_both_arms_reach(
+def test_cells_that_one_arm_reaches_alone_make_no_bound_better(
     random_problem: Problems, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The bound is as good as with all cells of either arm, of which there are far more."""
-    asked = []
+    """With all cells of either arm, as if each reached its stops from everywhere: never a greater bound."""
 
-    def every(*given: object) -> object:
+    def from_everywhere(*given: object) -> object:
         reach = stop_reach(*given)
-        asked.append(reach.angles)
-        return replace(reach, angles=np.ones_like(reach.angles))
+        return replace(reach, parts=np.ones_like(reach.parts))
 
     for seed in range(4):
         problem = random_problem(seed, (4, 4), line=0.05)
         value = lower_bound(problem, "quick").value
         with monkeypatch.context() as patch:
-            patch.setattr(bound_pairs, "stop_reach", every)
+            patch.setattr(bound_pairs, "stop_reach", from_everywhere)
             alone = lower_bound(problem, "quick").value
         assert 0.0 < alone <= value * (1.0 + 1e-5)
-    assert np.mean([angles.mean() for angles in asked]) < 0.8
 
 
 def test_where_arms_share_no_angle_there_is_no_plan(random_problem: Problems) -> None:
@@ -314,7 +338,7 @@ def test_where_arms_share_no_angle_there_is_no_plan(random_problem: Problems) ->
     for turn in np.linspace(-np.pi, np.pi, 12, endpoint=False):
         arms = moved(one, 1.3, 0.0), moved(other, 1.3, turn)
         pair = replace(problem, arms=arms)
-        masks = [stop_reach(pair, a, StopTable.of(arms[a]), 0, edges).angles for a in (0, 1)]
+        masks = [stop_reach(pair, a, StopTable.of(arms[a]), 0, edges).parts for a in (0, 1)]
         if not masks[0].any() or not masks[1].any() or (masks[0] & masks[1]).any():
             continue
         apart += 1

@@ -14,9 +14,8 @@ from dualarm_cli.bound.stretched_lines import _variation, line_bounds
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.postures.platform_reach import (
     AngleCells,
-    distances,
-    reachable_cells,
     turned,
+    wrist_distances,
 )
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
 from tests.posture_cells_numpy import one_cell
@@ -50,17 +49,26 @@ def test_a_link_s_angle_to_the_line_is_bounded_by_the_law_of_cosines(own):
 
 
 def test_distances_stay_within_their_bounds(arm) -> None:
-    """Shoulder-wrist distance at many angles of each interval."""
-    random = np.random.default_rng(5)
-    edges = np.linspace(-3.0, 3.0, 20)
-    wrist = arm.geometry.shoulder + random.normal(scale=0.3, size=3)
-    cells = reachable_cells(arm, wrist, edges)
-    least, most = distances(arm, wrist, cells)
-    for share in np.linspace(0.0, 1.0, 21):
-        phi = cells.low + share * (cells.high - cells.low)
-        gap = np.linalg.norm(turned(wrist, phi) - arm.geometry.shoulder, axis=1)
-        assert (gap >= least - 1e-9).all()
-        assert (gap <= most + 1e-9).all()
+    """Shoulder-wrist distance at many angles of wide intervals, the nearest and the farthest of all in their middle."""
+    random, told = np.random.default_rng(5), 0
+    radius = np.hypot(*arm.geometry.shoulder[:2])
+    for trial in range(40):
+        edges = np.linspace(-3.0, 3.0, (8, 20, 60)[trial % 3])
+        cells = AngleCells(np.arange(len(edges) - 1), edges[:-1], edges[1:])
+        wrist = arm.geometry.shoulder + random.normal(scale=0.35 * arm.reach[1], size=3)
+        least, most = wrist_distances(arm, wrist, cells)
+        phi = cells.low + np.linspace(0.0, 1.0, 101)[:, None] * (cells.high - cells.low)
+        gaps = np.array(
+            [np.linalg.norm(turned(wrist, row) - arm.geometry.shoulder, axis=1) for row in phi]
+        )
+        inside = (gaps >= arm.reach[0]) & (gaps <= arm.reach[1])
+        assert ((gaps >= least - 1e-9) | ~inside).all()
+        assert ((gaps <= most + 1e-9) | ~inside).all()
+        samples, every = gaps[[0, 50, 100]], inside.all(axis=0)
+        assert (gaps.min(axis=0) - least <= 0.5 * radius * cells.half + 1e-6)[every].all()
+        told += int((gaps.min(axis=0) < samples.min(axis=0) - 1e-4)[every].sum())
+        told += int((gaps.max(axis=0) > samples.max(axis=0) + 1e-4)[every].sum())
+    assert told > 10 or radius == 0.0
 
 
 def test_a_line_over_an_interval_takes_no_longer_than_at_any_angle_in_it(

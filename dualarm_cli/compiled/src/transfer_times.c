@@ -142,9 +142,10 @@ typedef struct {
     const float *line;    /* least time of the line there */
 } End;
 
+/* A run or part of cells, and what it can give at best. */
 typedef struct {
     float bound;
-    int32_t run;
+    int32_t place;
 } Promise;
 
 static int by_bound(const void *one, const void *other)
@@ -152,11 +153,12 @@ static int by_bound(const void *one, const void *other)
     const Promise *a = one, *b = other;
     if (a->bound != b->bound)
         return a->bound < b->bound ? -1 : 1;
-    return a->run - b->run;
+    return a->place - b->place;
 }
 
 /* From every cell of `approach` the least over all cells of `retract` in its group of max(way between them, both
-   lines) + rest, (approach->cells.count,): infinite without any. Returns 0, or 1 without memory. */
+   lines) + rest, (approach->cells.count,): infinite without any. Parts of a group are looked at in order of what their
+   lines and rests can give at best. Returns 0, or 1 without memory. */
 int least_work(const Laws *laws, const End *approach, const End *retract, int64_t groups, const float *rest,
                float *least)
 {
@@ -176,7 +178,7 @@ int least_work(const Laws *laws, const End *approach, const End *retract, int64_
             float best = INFINITY;
             /* Sums are not rounded alike in any order: a millionth covers that. */
             for (int64_t r = 0; r < parts && line + promise[r].bound < best * (1.0F + 1e-6F); r++) {
-                const int64_t j = begin + promise[r].run * PART, count = end - j < PART ? end - j : PART;
+                const int64_t j = begin + promise[r].place * PART, count = end - j < PART ? end - j : PART;
                 row_times(laws, approach->cells, i, retract->cells, j, count, time);
                 for (int64_t k = 0; k < count; k++) {
                     const float lines = line + retract->line[j + k];
@@ -217,7 +219,7 @@ int least_by_groups(const Laws *laws, const Side *from, const Side *to, const fl
         }
         qsort(promise, (size_t)promising, sizeof(Promise), by_bound);
         for (int64_t p = 0; p < promising; p++) {
-            const int64_t r = promise[p].run, begin = to->first[r], count = to->first[r + 1] - begin;
+            const int64_t r = promise[p].place, begin = to->first[r], count = to->first[r + 1] - begin;
             float *here = best + to->group[begin];
             for (int64_t i = from->first[k]; i < from->first[k + 1] && promise[p].bound < *here; i++) {
                 row_times(laws, from->cells, i, to->cells, begin, count, time);
@@ -265,7 +267,7 @@ int least_from(const Laws *laws, const Side *from, const Side *to, const float *
         }
         qsort(promise, (size_t)goals, sizeof(Promise), by_bound);
         for (int64_t p = 0; p < goals; p++) {
-            const int64_t r = promise[p].run, goal = to->first[r], count = to->first[r + 1] - goal;
+            const int64_t r = promise[p].place, goal = to->first[r], count = to->first[r + 1] - goal;
             const float here = floors[to->group[goal]];
             int better = 0;
             for (int64_t i = begin; i < end; i++) {
