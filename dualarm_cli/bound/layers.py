@@ -104,9 +104,10 @@ class StopReach:
     poses: tuple[Pose, ...]
     """One for every yaw; none where joints are given or may be anything."""
     ends: tuple[tuple[AngleCells, AngleCells], ...]
-    """Of each pose of an arm with an arm angle, from where the approach begins and the retract ends within reach."""
+    """Of each pose of an arm with an arm angle, the platform angles from which the outer end of its approach is within
+    reach, and those from which that of its retract is."""
     parts: BoolArray
-    """Whether both do, for some yaw, shape (f,)."""
+    """Whether both ends are within reach from somewhere in a part, with one yaw, shape (f,)."""
     free_last: bool
     """Whether the last joint tells nothing, because turning the tool turns it alone."""
 
@@ -175,7 +176,7 @@ def stop_boxes(
     edges: FloatArray,
     resolution: Resolution,
 ) -> StopBoxes:
-    """Returns the cells of one arm's stop: of all its postures from where its reach says.
+    """Returns the cells of one arm's stop, which hold all of its postures at the platform angles of its reach.
 
     Given configurations are points where there is no line, and free otherwise; a pose whose yaw is free is free too
     where yaw moves more than the last joint. An arm without an arm angle has other closed

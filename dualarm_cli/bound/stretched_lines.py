@@ -11,6 +11,8 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.postures.platform_reach import AngleCells, turned, wrist_distances
 from dualarm_cli.stages.plans.problem import ArmWork
 
+Distances = tuple[FloatArray, FloatArray]
+"""As of `wrist_distances`."""
 STRETCHED = 0.95
 """Share of the farthest reach beyond which arms count as nearly stretched: elsewhere lines take 0 s."""
 WIDEST = 0.004
@@ -108,8 +110,8 @@ def _distances(
     length: float,
     size: FloatArray,
     away: FloatArray,
-    one: tuple[FloatArray, FloatArray],
-    other: tuple[FloatArray, FloatArray],
+    one: Distances,
+    other: Distances,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns least and greatest distance of shoulder and wrist [m], and whether the least is between the ends."""
     (near_1, far_1), (near_2, far_2) = one, other
@@ -150,8 +152,8 @@ def _shares(along: FloatArray, tilt: FloatArray) -> tuple[FloatArray, FloatArray
 def _turns_of_joint_4(
     upper: float,
     fore: float,
-    one: tuple[FloatArray, FloatArray],
-    other: tuple[FloatArray, FloatArray],
+    one: Distances,
+    other: Distances,
 ) -> FloatArray:
     """Returns by how much joint 4 turns at least between the ends of the line [rad], (c,)."""
 

@@ -124,8 +124,8 @@ def wrist_distances(
 ) -> tuple[FloatArray, FloatArray]:
     """Returns the least and the greatest distance from shoulder to wrist centre [m], shape (c,) each.
 
-    In the world the shoulder goes round a circle of radius R0 and the wrist stands: with r its distance,
-    |r'| <= R0 and |r''| <= R0 + R0²/r.
+    In the world the shoulder goes round a circle of radius R and the wrist stands: with r its distance,
+    |r'| <= R and |r''| <= R + R²/r. Our own derivation.
 
     Args:
         arm: kinematics in the carried frame.
