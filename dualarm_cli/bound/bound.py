@@ -153,14 +153,20 @@ class _Stage:
     """Least length of the stage for every pair of platform cells [s], shape (g, g), infinite for none."""
 
 
-def lower_bound(problem: SequenceProblem, effort: str) -> LowerBound:
+def lower_bound(
+    problem: SequenceProblem, effort: str, *, begins_anywhere: bool = False
+) -> LowerBound:
     """Returns a bound on the cycle time of every rest-to-rest plan that keeps the stages; see the module.
 
     Args:
         problem: the sequence.
         effort: one of EFFORTS: finer cells give a better bound.
+        begins_anywhere: whether platform and arms may be anywhere before the first stage, so that no arm's first
+            transfer counts; its start is then only where it may return to.
     """
-    value = _backward(problem, EFFORTS[effort].bound) if problem.stages else 0.0
+    value = 0.0
+    if problem.stages:
+        value = _backward(problem, EFFORTS[effort].bound, begins_anywhere)
     return LowerBound(max(0.0, value * ROUNDED_DOWN), ASSUMPTIONS)
 
 
@@ -186,7 +192,7 @@ def _turns_tell(problem: SequenceProblem) -> bool:
     return high - low <= 2.0 * TURN
 
 
-def _backward(problem: SequenceProblem, resolution: Resolution) -> float:
+def _backward(problem: SequenceProblem, resolution: Resolution, begins_anywhere: bool) -> float:
     edges = platform_edges(problem, resolution.step)
     arms = [
         _Arm(transfer_table(problem, work), TransferChain.of(work), StopTable.of(work))
@@ -223,7 +229,10 @@ def _backward(problem: SequenceProblem, resolution: Resolution) -> float:
                 before = cells_of(a, int(arm.chain.previous[k]))
                 if before is not None and not before.possible:
                     return np.inf
-                stages[a] = _stage(problem, a, arm, k, before, len(edges) - 1)
+                # A free start is where the first stage's transfer ends; arms that are idle then have theirs.
+                comes = k > 0 or not problem.free_start
+                comes = before is not None or (comes and not begins_anywhere)
+                stages[a] = _stage(problem, a, arm, k, before, len(edges) - 1, comes)
                 if arm.more is None:
                     arm.pass_by(_return_times(problem, a, arm))
                 arm.here = before
@@ -277,13 +286,14 @@ def _stage(
     k: int,
     before: StopBoxes | None,
     cells: int,
+    comes: bool,
 ) -> _Stage:
-    """Returns an arm's transfers into stage k, and its work there; the platform's grid has so many cells."""
+    """Returns an arm's transfers into stage k if it comes by one, and its work; the platform has so many cells."""
     stop = arm.here
     assert stop is not None  # callers ask for active stages only
     work = stop_work(arm.table, stop)
     came = int(arm.chain.previous[k])
-    if came < 0 and k == 0 and problem.free_start:
+    if not comes:
         table = np.full((cells, cells), np.inf, dtype=np.float32)
         columns, first = np.unique(stop.approach.index, return_index=True)
         table[:, columns] = np.minimum.reduceat(work.least, first)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from typing import Any
 
@@ -11,7 +11,7 @@ from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.errors import Diagnostic
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
-from dualarm_cli.model.job import Job, Task
+from dualarm_cli.model.job import Job, PoseTarget, Task
 from dualarm_cli.model.schedule import DURATION
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
@@ -29,6 +29,8 @@ HERE = "(where the section before ended)"
 
 Section = tuple[Task, ...]
 """Tasks that are planned together: a path or seam by itself, or all between two of them."""
+ToolPoses = Mapping[str, PoseTarget]
+"""Poses of tools at rest, by arm; an arm whose pose is not known is missing."""
 
 
 @dataclass
@@ -121,6 +123,10 @@ class KindPlanning:
     """Appends a section from where the robot is, with the next one known as well; None for tasks not done alone."""
     opens: Callable[[Section], float] = lambda section: 0.0
     """When such a section may begin at the earliest [s]."""
+    ends: Callable[[Job, Section], tuple[ToolPoses, ToolPoses]] = lambda job, section: ({}, {})
+    """Where the tools are when such a section begins, and when it ends."""
+    transfer: Callable[[Job, Section], float] = lambda job, section: 0.0
+    """Least time of the transfer to such a section that the file asks for [s]."""
     least: Callable[[Job, Section], float] = lambda job, section: 0.0
     """What no plan of such a section can beat [s]."""
 

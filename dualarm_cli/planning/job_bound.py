@@ -12,15 +12,16 @@ from dualarm_cli.bound.passing import passing
 from dualarm_cli.clearing.permissions import permitted
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.linear_programs import least_cost
-from dualarm_cli.kinds.planning import kind_of, kinds_of
+from dualarm_cli.kinds.planning import KindPlanning, Section, ToolPoses, kind_of, kinds_of
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.closed_arm import ClosedArm
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
-from dualarm_cli.model.job import Job, Task
+from dualarm_cli.model.job import Dwell, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.orders.model.tool_changes import stand_tasks, with_changes
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import SequenceProblem
-from dualarm_cli.stages.sequence_problem import sequence_problem
+from dualarm_cli.stages.sequence_problem import sequence_problem, stops_problem
 
 SHARED = (
     "lower bound: holds for every plan of these tasks, whichever arm does what in whatever order: each task takes at "
@@ -153,10 +154,15 @@ def _least_makespan(times: FloatArray, besides: FloatArray) -> float:
 
 
 PATH_BOUND = (
-    "lower bound: the sum of the sections between paths and seams, each from its best start, and of paths and seams "
-    "at full speed; transfers to and from paths and seams count as zero"
+    "lower bound: paths and seams count at full speed, and begin and end at rest, exactly where the file has them; "
+    "transfers to and from them count where the file gives the tool's pose, or how long they take"
 )
-"""What a bound with paths assumes."""
+"""What a bound with paths or seams in a given order assumes."""
+OPEN_PATH_BOUND = (
+    "lower bound: paths and seams count at full speed; transfers to and from them count as zero, as the order is the "
+    "planner's"
+)
+"""What a bound with paths or seams in any order assumes."""
 NO_BOUND = "lower bound: none for arms without closed forms"
 """Message where there is no bound."""
 NO_BOUND_ON_RAILS = (
@@ -174,7 +180,10 @@ NO_CORNER_BOUND = (
     "lower bound: none with `blend` at targets of moves, as tools need not come to these"
 )
 """Message where tools pass beside targets."""
-STAGES_AS_ZERO = "lower bound: stages between paths and seams count as zero on this robot"
+STAGES_AS_ZERO = (
+    "lower bound: stages between paths and seams, and transfers to and from these, count as zero "
+    "on this robot"
+)
 """Message where only paths and seams are bounded."""
 
 
@@ -213,20 +222,7 @@ def _job_bound(bounds: BoundMethod, job: Job) -> LowerBound:
         return own_clocks_bound(bounds, model, job)
     if not job.in_sections:
         return _bound(bounds, model, job)
-    value, assumptions = 0.0, dict[str, None]()
-    for section in _bounded_sections(job):
-        if (kind := kind_of(section)) is not None:
-            value = max(value, _opens(section)) + kind.least(job, section)
-        elif unbounded:
-            assumptions[STAGES_AS_ZERO] = None
-        else:
-            # Where a section starts is for the plan to choose, and what comes after it does not count.
-            alone = replace(job, tasks=section, start="free", returns=False)
-            bounded = _bound if alone.is_decided else shared_bound
-            bound = bounded(bounds, model, alone)
-            value += bound.value if bound.value is not None else 0.0
-            assumptions |= dict.fromkeys(bound.assumptions)
-    return LowerBound(value, (*assumptions, PATH_BOUND))
+    return _sections_bound(bounds, model, job, stages_count=not unbounded)
 
 
 def _why_unbounded(job: Job, model: CellModel) -> str:
@@ -244,29 +240,118 @@ def _why_unbounded(job: Job, model: CellModel) -> str:
     return STAGES_AS_ZERO if robot.platform and job.in_sections else ""
 
 
-def _opens(section: tuple[Task, ...]) -> float:
-    """Returns when a section may begin at the earliest [s]."""
+@dataclass(frozen=True)
+class _Run:
+    """Stops, and the path or seam after them."""
+
+    stops: Section = ()
+    """Tasks of the stops; empty for none."""
+    after: Section = ()
+    """The path or seam after them; empty where the motion ends."""
+    before: Section = ()
+    """The path or seam before them; empty where the motion begins."""
+
+
+def _runs(job: Job) -> list[_Run]:
+    """Returns parts of a job that take at least the sum of their bounds, in whatever order they are done."""
+    if job.order != "given":
+        others = tuple(task for task in job.tasks if not task.alone)
+        alone = [_Run(after=one) for one in job.sections() if one[0].alone]
+        # No order ends sooner than the one in which paths and seams follow one another as they open.
+        return [_Run(others), *sorted(alone, key=lambda run: _kind(run.after).opens(run.after))]
+    found, stops, before = [], Section(), Section()
+    for section in job.sections():
+        if section[0].alone:
+            found.append(_Run(stops, section, before))
+            stops, before = (), section
+        else:
+            stops = section
+    return [*found, _Run(stops, before=before)]
+
+
+def _kind(section: Section) -> KindPlanning:
+    """Returns the kind of a path or seam."""
     kind = kind_of(section)
-    return 0.0 if kind is None else kind.opens(section)
+    assert kind is not None  # stops have no kind
+    return kind
 
 
-def _bounded_sections(job: Job) -> list[tuple[Task, ...]]:
-    """Returns sections that take at least as long together as each by itself, in whatever order they are done."""
-    if job.order == "given":
-        return job.sections()
-    others = tuple(task for task in job.tasks if not task.alone)
-    alone = sorted((one for one in job.sections() if one[0].alone), key=_opens)
-    # Of works that each open at some time no order is over sooner than that in which they open.
-    return [*([others] if others else []), *alone]
+def _sections_bound(
+    bounds: BoundMethod, model: CellModel, job: Job, *, stages_count: bool
+) -> LowerBound:
+    """Returns the bound of a job with paths or seams: the sum over its runs.
+
+    Args:
+        bounds: how bounds are computed.
+        model: the job's cell.
+        job: what is to be done.
+        stages_count: whether this robot has bounds of stages.
+    """
+    value, assumptions = 0.0, dict[str, None]()
+    for run in _runs(job):
+        transfer = _kind(run.after).transfer(job, run.after) if run.after else 0.0
+        bound = LowerBound(transfer, ())
+        if stages_count:
+            bound = _run_bound(bounds, model, job, run, transfer)
+        value += bound.value or 0.0
+        assumptions |= dict.fromkeys(bound.assumptions)
+        if run.after:
+            kind = _kind(run.after)
+            value = max(value, kind.opens(run.after)) + kind.least(job, run.after)
+    zero = () if stages_count else (STAGES_AS_ZERO,)
+    return LowerBound(
+        value, (*assumptions, *zero, PATH_BOUND if job.order == "given" else OPEN_PATH_BOUND)
+    )
 
 
-def _bound(bounds: BoundMethod, model: CellModel, job: Job) -> LowerBound:
+def _run_bound(
+    bounds: BoundMethod, model: CellModel, job: Job, run: _Run, transfer: float
+) -> LowerBound:
+    """Returns the bound of a run's stops and transfers, without the path or seam after them.
+
+    Args:
+        bounds: how bounds are computed.
+        model: the job's cell.
+        job: what is to be done; transfers to and from paths and seams count where it gives their order.
+        run: part of the job.
+        transfer: least time of the last transfer that the file asks for [s].
+    """
+    stops = replace(job, tasks=run.stops, returns=job.returns and not run.after)
+    if job.order != "given":
+        if not run.stops:
+            return LowerBound(transfer, ())
+        return shared_bound(bounds, model, replace(stops, start="free", returns=False))
+    # Paths and seams begin and end at rest, so a transfer between two of them is at rest at both ends in any plan.
+    bounds = bounds if run.stops else replace(bounds, law=lambda problem: problem)
+    before = _kind(run.before).ends(job, run.before)[1] if run.before else None
+    after = _kind(run.after).ends(job, run.after)[0] if run.after else None
+    found = _bound(bounds, model, stops, before, after)
+    if transfer:
+        without = _bound(bounds, model, stops, before).value or 0.0
+        found = replace(found, value=max(found.value or 0.0, without + transfer))
+    return found
+
+
+def _bound(
+    bounds: BoundMethod,
+    model: CellModel,
+    job: Job,
+    before: ToolPoses | None = None,
+    after: ToolPoses | None = None,
+) -> LowerBound:
     """Returns the bound of a decided job.
 
     It looks at each arm by itself. In a hand-over what the other arm does comes before or after one's own lines and
     dwell: at least what its stop takes by itself from wherever it likes.
+
+    Args:
+        bounds: how they are computed.
+        model: the job's cell.
+        job: what is to be done.
+        before: tool poses before its first stage, where a path or seam ends; None where the motion begins.
+        after: tool poses after its last stage, where a path or seam begins; None where the motion ends.
     """
-    problem = bounds.law(sequence_problem(model, job))
+    problem = bounds.law(_with_ends(sequence_problem(model, job), model, job, before, after))
     arms = [list(arm.stops) for arm in problem.arms]
     for k in problem.together.tolist():
         least = [_least_work(problem, a, k, bounds.effort) for a in range(len(arms))]
@@ -277,7 +362,34 @@ def _bound(bounds: BoundMethod, model: CellModel, job: Job) -> LowerBound:
     whole = tuple(
         replace(arm, stops=tuple(stops)) for arm, stops in zip(problem.arms, arms, strict=True)
     )
-    return lower_bound(replace(problem, arms=whole, handing=()), bounds.effort)
+    return lower_bound(
+        replace(problem, arms=whole, handing=()), bounds.effort, begins_anywhere=before is not None
+    )
+
+
+def _with_ends(
+    problem: SequenceProblem,
+    model: CellModel,
+    job: Job,
+    before: ToolPoses | None,
+    after: ToolPoses | None,
+) -> SequenceProblem:
+    """Returns a job's stages with one more stage before them and one after, where tools are at rest; see `_bound`."""
+    first, last = ([] if poses is None else [poses] for poses in (before, after))
+    stops = {name: [_stop_at(poses.get(name)) for poses in first + last] for name in model.arms}
+    ends = stops_problem(model, job, stops)
+    n = len(first)
+    arms = tuple(
+        replace(arm, stops=(*end.stops[:n], *arm.stops, *end.stops[n:]))
+        for arm, end in zip(problem.arms, ends.arms, strict=True)
+    )
+    handing = (*[False for _ in first], *problem.handing, *[False for _ in last])
+    return replace(problem, arms=arms, handing=handing)
+
+
+def _stop_at(target: PoseTarget | None) -> Stop | None:
+    """Returns a stop without lines and dwell; None for an arm whose pose is not known."""
+    return None if target is None else Stop("move", target, 0.0, 0.0, Dwell(), NOWHERE)
 
 
 def _least_work(problem: SequenceProblem, a: int, k: int, effort: str) -> float:

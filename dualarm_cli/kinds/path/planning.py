@@ -28,10 +28,11 @@ from dualarm_cli.kinds.planning import (
     Section,
     SectionBuilder,
     SectionTools,
+    ToolPoses,
     add_transfer,
 )
 from dualarm_cli.kinematics.dynamics import Dynamics
-from dualarm_cli.model.job import Job
+from dualarm_cli.model.job import Job, PoseTarget
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.refusals import Refusal
 
@@ -200,6 +201,17 @@ def default_follower(context: PathContext) -> str:
     return "arm_angle" if context.closed_form else "manipulability"
 
 
+def path_ends(job: Job, section: Section) -> tuple[ToolPoses, ToolPoses]:
+    """Returns the tools' poses where a path begins and where it ends, of the arms that follow it."""
+    work = section[0].path
+    assert work is not None
+    first, last = (
+        {arm: PoseTarget(path.pose(share * path.length)) for arm, path in work.paths.items()}
+        for share in (0.0, 1.0)
+    )
+    return first, last
+
+
 def least_time(job: Job, section: Section) -> float:
     """Returns what no plan of a path can beat [s]: its length at the speed that is asked for."""
     work = section[0].path
@@ -215,5 +227,6 @@ PLANNING = KindPlanning(
     check=check_paths,
     notes=lambda job, settings, motion: path_job_notes(job, settings.platform, motion),
     add=add_path,
+    ends=path_ends,
     least=least_time,
 )

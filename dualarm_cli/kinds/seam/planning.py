@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.errors import InfeasibleError
@@ -12,6 +13,7 @@ from dualarm_cli.kinds.planning import (
     Section,
     SectionBuilder,
     SectionTools,
+    ToolPoses,
     add_transfer,
     drawn_out_transfer,
 )
@@ -19,7 +21,7 @@ from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS
 from dualarm_cli.kinds.seam.messages import seam_bound, seam_faults
 from dualarm_cli.kinds.seam.plan import SeamPlanner
 from dualarm_cli.kinds.seam.record import PlannedSeam, add_seam, seam_notes
-from dualarm_cli.model.job import Job
+from dualarm_cli.model.job import Job, PoseTarget
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.motion.builder import Motion
@@ -105,6 +107,45 @@ def seam_opens(section: Section) -> float:
     return max(0.0, work.not_before - work.dwell_start)
 
 
+def seam_ends(job: Job, section: Section) -> tuple[ToolPoses, ToolPoses]:
+    """Returns the tools' poses where the approach to a seam begins, and where the retract from it ends.
+
+    Both are empty where the file does not give the part's pose; the slave is missing where its tool may lean.
+    """
+    work = section[0].seam
+    assert work is not None
+    if work.master is not None and not work.hold.given:
+        return {}, {}
+    return _poses(job, work, 0.0, work.approach), _poses(job, work, 1.0, work.retract)
+
+
+def _poses(job: Job, work: SeamWork, share: float, line: float) -> ToolPoses:
+    """Returns the tools' poses at a share of a seam, the slave's drawn back by `line` [m]; the part's pose is given."""
+    found = {}
+    part = work.part
+    if work.master is not None:
+        part = _pose(*work.hold.at(np.array([share])))
+        flange = part * work.part.inverse()
+        found[work.master] = PoseTarget(flange * job.cell.tools[work.master].tcp)
+    if work.tool.tilt == 0.0:
+        back = np.array([0.0, 0.0, -work.tool.standoff - line])
+        tool = part * _pose(*work.tool_frames(np.array([share]))) * pin.SE3(np.eye(3), back)
+        found[work.slave] = PoseTarget(tool, free_yaw=work.tool.free_spin)
+    return found
+
+
+def _pose(R: FloatArray, p: FloatArray) -> pin.SE3:
+    """Returns the first one of some poses, rotations (k, 3, 3) and positions (k, 3) [m]."""
+    return pin.SE3(R[0], p[0])
+
+
+def least_transfer(job: Job, section: Section) -> float:
+    """Returns the time that a file gives the way to a seam, without the dwell at its end [s]; 0 where it gives none."""
+    work = section[0].seam
+    assert work is not None
+    return max(0.0, (work.entry_duration or 0.0) / job.speed - work.dwell_start)
+
+
 def least_time(job: Job, section: Section) -> float:
     """Returns what no plan of a seam can beat [s]."""
     work = section[0].seam
@@ -121,5 +162,7 @@ PLANNING = KindPlanning(
     notes=lambda job, settings, motion: [SEAMS_KEPT],
     add=add_seam_section,
     opens=seam_opens,
+    ends=seam_ends,
+    transfer=least_transfer,
     least=least_time,
 )

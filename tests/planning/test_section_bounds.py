@@ -1,0 +1,266 @@
+"""The lower bound of jobs with paths and seams: what transfers to and from them add, and that no motion is faster."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinds.planning import kind_of
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.curves.tool_path import Line, ToolPath
+from dualarm_cli.model.job import Dwell, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.path_work import PathWork
+from dualarm_cli.model.place import NOWHERE
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.job_bound import OPEN_PATH_BOUND, PATH_BOUND, job_bound
+from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.timing.rest_to_rest import RestToRest
+from dualarm_cli.verification import verify
+
+ARMS = ("left", "right")
+PATHS = """\
+  - id: one
+    path:
+      speed: 200 mm/s
+      left:  {{through: [{{xyz: [{x}, 0.30, {z}], rpy: [180 deg, 0, 0]}}, {{xyz: [{x}, 0.36, {z}]}}]}}
+      right: {{through: [{{xyz: [{x}, -0.30, {z}], rpy: [180 deg, 0, 0]}}, {{xyz: [{x}, -0.36, {z}]}}]}}
+  - id: other
+    path:
+      arm: right
+      speed: 200 mm/s
+      through: [{{xyz: [{x}, -0.25, {z}], rpy: [180 deg, 0, 20 deg]}}, {{xyz: [{x}, -0.20, {z}]}}]
+"""
+PART = """\
+  - id: part
+    arm: left
+    pick: {xyz: [0.5, 0.3, 0.9], rpy: [180 deg, 0, 0]}
+    place: {xyz: [0.45, 0.4, 0.9], rpy: [180 deg, 0, 0]}
+    approach: 40 mm
+"""
+
+
+def job_of(folder: Path, *tasks: str, head: str = "") -> Job:
+    """A job of some tasks on a turning platform."""
+    (folder / "dualarm.toml").write_text("")
+    (folder / "cell.yaml").write_text("dualarm: cell/1\nrobot: sda10f\n")
+    file = folder / "tasks.yaml"
+    file.write_text(f"dualarm: tasks/1\ncell: cell.yaml\n{head}tasks:\n" + "".join(tasks))
+    return load_job(file)
+
+
+def at_full_speed(job: Job) -> float:
+    """What a job's paths take at the speed of the file [s]."""
+    works = {id(task.path): task.path for task in job.tasks if task.path is not None}
+    return sum(work.length / (work.speed * job.speed) for work in works.values())
+
+
+@pytest.mark.parametrize("start", ["home", "free"])
+def test_transfers_of_six_axis_arms_are_the_fastest_of_all_postures(
+    general_robots, tmp_path: Path, start: str
+) -> None:
+    """Home, a path of both arms, one of the right arm, home: every posture at the ends of paths, with all turns."""
+    file = general_robots.write_cell(tmp_path, "ur5")
+    head = (
+        file.read_text()
+        .split("tasks:\n")[0]
+        .replace("return: true", f"return: true\nstart: {start}")
+    )
+    file.write_text(f"{head}tasks:\n{PATHS.format(x=0.45, z=0.2)}")
+    job = load_job(file)
+    model = CellModel.from_cell(job.cell)
+    home = np.array(job.cell.robot.postures["home"])
+    one, other = (next(t.path for t in job.tasks if t.id == name) for name in ("one", "other"))
+    begin, end, right_begin, right_end = (
+        {
+            arm: _postures(model, arm, path.pose(share * path.length))
+            for arm, path in work.paths.items()
+        }
+        for work, share in product((one, other), (0.0, 1.0))
+    )
+    there = max(
+        _least(model, job, arm, home[None][:, model.arms[arm].columns], begin[arm]) for arm in ARMS
+    )
+    between = _least(model, job, "right", end["right"], right_begin["right"])
+    back = _least(
+        model, job, "right", right_end["right"], home[None][:, model.arms["right"].columns]
+    )
+    expected = between if start == "free" else there + between + back
+    for blended in (False, True):
+        bound = job_bound(job, "quick", blended=blended)
+        # Tables of times have steps of distance, and round down.
+        assert 0.99 * expected <= bound.value - at_full_speed(job) <= expected
+        assert PATH_BOUND in bound.assumptions
+
+
+def _postures(model: CellModel, arm: str, pose: pin.SE3) -> FloatArray:
+    """All joints within limits of an arm whose tool is at a pose, shape (k, 6)."""
+    own = model.arms[arm]
+    R, p = model.platform.pose(np.zeros(0))
+    flange = pin.SE3(R, p).inverse() * pose * own.T_flange_tcp.inverse()
+    found = own.kinematics.solve(flange.rotation, flange.translation)
+    limits = model.cell.robot.limits.select(own.arm.joints)
+    turned = (
+        found.q[found.reachable][:, None]
+        + 2.0 * np.pi * np.array(list(product((-1, 0, 1), repeat=6)))
+    ).reshape(-1, 6)
+    return turned[((turned >= limits.lower) & (turned <= limits.upper)).all(axis=1)]
+
+
+def _least(model: CellModel, job: Job, arm: str, some: FloatArray, others: FloatArray) -> float:
+    """The shortest motion from rest to rest from one of some joints (k, 6) to one of others (m, 6) [s]."""
+    limits = job.cell.robot.limits.select(model.arms[arm].arm.joints)
+    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+    return float(law.duration(others[None] - some[:, None]).min())
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_motion_through_random_configurations_is_faster(tmp_path: Path, seed: int) -> None:
+    """Paths and moves where random configurations have the tools: the motion through these configurations."""
+    rng = np.random.default_rng(seed)
+    whole = job_of(tmp_path, PATHS.format(x=0.5, z=0.9), head="start: home\nreturn: true\n")
+    model = CellModel.from_cell(whole.cell)
+    walk = _RandomJob(whole, model, rng)
+    job, least = walk.job, walk.duration
+    for blended in (False, True):
+        assert job_bound(job, "quick", blended=blended).value <= least + at_full_speed(job)
+
+
+class _RandomJob:
+    """Sections of random tasks, and the motion from rest to rest through the configurations that they were made of."""
+
+    def __init__(self, whole: Job, model: CellModel, rng: np.random.Generator) -> None:
+        self._whole, self._model, self._rng = whole, model, rng
+        limits = whole.cell.robot.limits
+        self._law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+        self._lower, self._upper = limits.lower, limits.upper
+        self._home = np.array(whole.cell.robot.postures["home"])
+        # Where the platform was last, and each arm; None where a path before left it anywhere.
+        self._platform = self._home
+        self._last: dict[str, FloatArray | None] = dict.fromkeys(ARMS, self._home)
+        self._tasks: list[Task] = []
+        self.duration = 0.0
+        # Alone with the ways there and back its bound is nearly as long as the motion.
+        paths = int(rng.choice([1, 2, 4]))
+        stops = rng.random() < 0.5
+        for number in range(paths):
+            if stops:
+                self._add_stops(number)
+            self._add_path(number)
+        if stops and rng.random() < 0.5:
+            self._add_stops(paths)
+        self._stage({arm: self._home for arm, q in self._last.items() if q is not None}, self._home)
+        self.job = replace(whole, tasks=tuple(self._tasks))
+
+    def _drawn(self) -> FloatArray:
+        spread = self._rng.choice([0.02, 0.3, 1.0])
+        q = self._platform + self._rng.normal(size=len(self._home)) * spread
+        return np.clip(q, self._lower, self._upper)
+
+    def _stage(self, there: dict[str, FloatArray], platform: FloatArray) -> None:
+        """Adds a stage in which some arms, and the platform, go to configurations, the slowest one last."""
+        moved = np.zeros_like(platform)
+        columns = self._model.platform_columns
+        moved[columns] = (platform - self._platform)[columns]
+        for arm, q in there.items():
+            here, own = self._last[arm], self._model.arms[arm].columns
+            moved[own] = 0.0 if here is None else (q - here)[own]
+        if any(self._last[arm] is not None for arm in there):
+            self.duration += float(self._law.duration(moved))
+        self._platform = platform
+        self._last |= there
+
+    def _add_stops(self, number: int) -> None:
+        counts = {arm: int(self._rng.integers(0, 3)) for arm in ARMS}
+        # The right arm may have to wait for the left one's first task.
+        waits = counts["left"] > 0 and self._rng.random() < 0.3
+        first = {"left": 0, "right": int(waits)}
+        for k in range(4):
+            q = self._drawn()
+            now = [arm for arm in ARMS if first[arm] <= k < first[arm] + counts[arm]]
+            for arm in now:
+                stop = Stop(
+                    "move", PoseTarget(self._model.tool_pose(arm, q)), 0.0, 0.0, Dwell(), NOWHERE
+                )
+                after = (f"left {number} 0",) if arm == "right" and waits and k == 1 else ()
+                self._tasks.append(Task(f"{arm} {number} {k}", arm, (stop,), after))
+            if now:
+                self._stage(dict.fromkeys(now, q), q)
+
+    def _add_path(self, number: int) -> None:
+        arms = (ARMS, ("left",), ("right",))[self._rng.integers(3)]
+        first, last = self._drawn(), self._drawn()
+        self._stage(dict.fromkeys(arms, first), first)
+        poses = {arm: [self._model.tool_pose(arm, q) for q in (first, last)] for arm in arms}
+        paths = {arm: ToolPath((Line(*ends),)) for arm, ends in poses.items()}
+        work = PathWork(paths, speed=0.2)
+        for arm in arms:
+            end = Stop("path", PoseTarget(poses[arm][1]), 0.0, 0.0, Dwell(), NOWHERE)
+            self._tasks.append(Task(f"path {number}", arm, (end,), path=work))
+        self._platform = last
+        self._last = {arm: last if arm in arms else None for arm in ARMS}
+
+
+@pytest.mark.parametrize("parts_first", [True, False])
+def test_transfers_to_and_from_paths_raise_the_bound_and_no_plan_is_faster(
+    tmp_path: Path, parts_first: bool
+) -> None:
+    """A part before two paths, and after them; without the return the bound is less, and so it is with blending."""
+    rows = (PART, PATHS.format(x=0.5, z=0.9))
+    job = job_of(tmp_path, *(rows if parts_first else rows[::-1]), head="return: true\n")
+    bounds = []
+    for blend in ("none", "lines"):
+        schedule = plan_without_bound(job, PlanSettings(effort="quick", blend=blend))
+        assert verify(schedule, job).passed
+        bounds.append(job_bound(job, "quick", blended=blend != "none").value)
+        ends = replace(job, returns=False)
+        least = job_bound(ends, "quick", blended=blend != "none").value
+        assert at_full_speed(job) < least < bounds[-1] < schedule.duration
+    assert bounds[1] < bounds[0]
+
+
+def test_after_a_path_the_start_posture_does_not_count(tmp_path: Path) -> None:
+    """An arm that waits for the other one after a path, and has not followed it, may come from anywhere."""
+    later = PART.replace("id: part", "id: later\n    after: [part]").replace(
+        "arm: left", "arm: right"
+    )
+    later = later.replace("0.3, 0.9", "-0.3, 0.9").replace("0.4, 0.9", "-0.4, 0.9")
+    left = "  - id: other" + PATHS.format(x=0.5, z=0.9).split("  - id: other")[1]
+    left = left.replace("arm: right", "arm: left").replace(", -0.2", ", 0.2")
+    job = job_of(tmp_path, left, PART, later, head="start: free\n")
+    robot = job.cell.robot
+    far = np.array(robot.postures["home"])
+    far[robot.columns(robot.arm("right").joints)] += 1.0
+    moved = replace(robot, postures={**robot.postures, "home": far})
+    elsewhere = replace(job, cell=replace(job.cell, robot=moved))
+    for blended in (False, True):
+        bounds = [job_bound(one, "quick", blended=blended).value for one in (job, elsewhere)]
+        assert bounds[0] == bounds[1] > at_full_speed(job)
+
+
+def test_an_open_order_leaves_transfers_to_paths_out(tmp_path: Path) -> None:
+    """The bound holds for every order, and says what it leaves out."""
+    job = job_of(tmp_path, PATHS.format(x=0.5, z=0.9), head="order: optimise\nreturn: true\n")
+    bound = job_bound(job, "quick")
+    assert bound.value == pytest.approx(at_full_speed(job), rel=1e-12)
+    assert OPEN_PATH_BOUND in bound.assumptions
+
+
+def test_a_path_tells_the_poses_of_the_arms_that_follow_it(tmp_path: Path) -> None:
+    """Of both arms, or of one: its first pose and its last one, as the file has them."""
+    job = job_of(tmp_path, PATHS.format(x=0.5, z=0.9))
+    both, alone = job.sections()
+    first, last = kind_of(both).ends(job, both)
+    assert sorted(first) == sorted(last) == ["left", "right"]
+    np.testing.assert_allclose(first["left"].pose.translation, [0.5, 0.30, 0.9], atol=1e-12)
+    np.testing.assert_allclose(last["right"].pose.translation, [0.5, -0.36, 0.9], atol=1e-12)
+    first, last = kind_of(alone).ends(job, alone)
+    assert list(first) == list(last) == ["right"]
+    R = pin.rpy.rpyToMatrix(np.pi, 0.0, np.radians(20.0))
+    np.testing.assert_allclose(first["right"].pose.rotation, R, atol=1e-12)
