@@ -225,23 +225,44 @@ def test_transfers_to_and_from_paths_raise_the_bound_and_no_plan_is_faster(
     assert bounds[1] < bounds[0]
 
 
-def test_after_a_path_the_start_posture_does_not_count(tmp_path: Path) -> None:
-    """An arm that waits for the other one after a path, and has not followed it, may come from anywhere."""
-    later = PART.replace("id: part", "id: later\n    after: [part]").replace(
-        "arm: left", "arm: right"
-    )
-    later = later.replace("0.3, 0.9", "-0.3, 0.9").replace("0.4, 0.9", "-0.4, 0.9")
-    left = "  - id: other" + PATHS.format(x=0.5, z=0.9).split("  - id: other")[1]
-    left = left.replace("arm: right", "arm: left").replace(", -0.2", ", 0.2")
-    job = job_of(tmp_path, left, PART, later, head="start: free\n")
-    robot = job.cell.robot
-    far = np.array(robot.postures["home"])
-    far[robot.columns(robot.arm("right").joints)] += 1.0
-    moved = replace(robot, postures={**robot.postures, "home": far})
-    elsewhere = replace(job, cell=replace(job.cell, robot=moved))
-    for blended in (False, True):
-        bounds = [job_bound(one, "quick", blended=blended).value for one in (job, elsewhere)]
-        assert bounds[0] == bounds[1] > at_full_speed(job)
+def test_an_arm_that_waits_comes_from_its_start_posture_but_not_after_a_path(
+    tmp_path: Path,
+) -> None:
+    """`start: free`, the right arm after the left one: its start posture counts, and none after the left arm's path."""
+    later = PART.replace("id: part", "id: later\n    after: [part]")
+    later = later.replace("arm: left", "arm: right").replace(" 0.3,", " -0.3,")
+    later = later.replace(" 0.4,", " -0.4,")
+    path = "  - id: other" + PATHS.format(x=0.5, z=0.9).split("  - id: other")[1]
+    path = path.replace("arm: right", "arm: left").replace(", -0.2", ", 0.2")
+    for before in ("", path):
+        job = job_of(tmp_path, before, PART, later, head="start: free\n")
+        robot = job.cell.robot
+        far = np.array(robot.postures["home"])
+        far[robot.columns(robot.arm("right").joints)] += 1.0
+        moved = replace(robot, postures={**robot.postures, "home": far})
+        elsewhere = replace(job, cell=replace(job.cell, robot=moved))
+        for blended in (False, True):
+            near, far_off = (
+                job_bound(one, "quick", blended=blended).value for one in (job, elsewhere)
+            )
+            assert far_off == near if before else far_off > near
+            assert near > at_full_speed(job)
+
+
+def test_handovers_between_paths_last_for_all_of_their_dwells(
+    tasks_folder: Path, tmp_path: Path
+) -> None:
+    """Dwells of 5 s: pick, give after take, place beside pick, give after take, place."""
+    handed = load_job(tasks_folder / "13_hand_over" / "tasks.yaml")
+    path = job_of(tmp_path, PATHS.format(x=0.5, z=0.9)).tasks
+    stops = [
+        replace(t, stops=tuple(replace(s, dwell=Dwell(gripper=5.0)) for s in t.stops))
+        for t in handed.tasks
+    ]
+    job = replace(handed, tasks=(*path, *stops))
+    bound = job_bound(job, "quick").value
+    assert bound - at_full_speed(job) > 7 * 5.0
+    assert bound <= plan_without_bound(job, PlanSettings(effort="quick"), clear=False).duration
 
 
 def test_an_open_order_leaves_transfers_to_paths_out(tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ import pytest
 
 from dualarm_cli.errors import InfeasibleError, InputError
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinds.planning import kind_of
+from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
@@ -152,6 +154,60 @@ def test_a_part_stands_at_its_pose_or_follows_its_way(tmp_path: Path) -> None:
         np.testing.assert_allclose(last.translation, end, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("tool", "told"),
+    [
+        ("{standoff: 2 mm, free: spin}", ["left", "right"]),
+        ("{standoff: 2 mm, work_angle: 20 deg}", ["left", "right"]),
+        ("{standoff: 2 mm, free: spin, tilt: 5 deg}", ["left"]),
+    ],
+)
+def test_poses_of_the_bound_are_where_the_plan_has_the_tools_at_rest(
+    tmp_path: Path, tool: str, told: list[str]
+) -> None:
+    """Before the approach to a seam on a part that turns, and after the retract; the slave's but for its spin."""
+    pose = "xyz: [0.5, 0.1, 1.0], rpy: [90 deg, 0, 0]"
+    turn = f"{{turn: {{about: [0.5, 0.1, 1.0], axis: [0, 0, 1], angle: 20 deg{TURNS}}}}}"
+    more = (
+        "speed: 50 mm/s",
+        f"hold: {{way: {{through: [{{{pose}}}, {turn}]}}}}",
+        "entry: {approach: 40 mm, dwell: 0.2 s}",
+        "exit: {retract: 30 mm, dwell: 0.1 s}",
+    )
+    job = job_of(tmp_path, SDA10F, seam(*more, tool=tool), head="start: home\nreturn: true\n")
+    schedule, model = planned(job), CellModel.from_cell(job.cell)
+    [section] = job.sections()
+    kind = kind_of(section)
+    assert kind is not None
+    instants = spans(schedule, "approach")[0][0], spans(schedule, "retract")[0][1]
+    for time, poses in zip(instants, kind.ends(job, section), strict=True):
+        position, velocity, *_ = schedule.trajectory.at(np.array([time]))
+        np.testing.assert_allclose(velocity, 0.0, atol=1e-6)
+        assert sorted(poses) == told
+        for arm, target in poses.items():
+            there = model.tool_pose(arm, position[0])
+            off = target.pose.actInv(there)
+            np.testing.assert_allclose(off.translation, 0.0, atol=1e-5)
+            np.testing.assert_allclose(off.rotation[:, 2], [0.0, 0.0, 1.0], atol=1e-5)
+            assert target.free_yaw == (arm == "right" and "spin" in tool)
+            if not target.free_yaw:
+                np.testing.assert_allclose(off.rotation, np.eye(3), atol=1e-5)
+    # The seam and its dwells; both transfers take more.
+    bound = job_bound(job, "quick").value
+    assert LENGTH / 0.05 + 0.2 + 0.1 < bound <= schedule.duration
+    # The file's time for the transfer, approach and dwell takes the place of what poses tell.
+    timed = seam(*more, tool=tool).replace("dwell: 0.2 s", "dwell: 0.2 s, duration: 6 s")
+    job = job_of(tmp_path, SDA10F, timed, head="start: home\n")
+    assert job_bound(job, "quick").value == pytest.approx(6.0 + LENGTH / 0.05 + 0.1, rel=1e-12)
+
+
+def test_a_part_without_a_pose_tells_none(tmp_path: Path) -> None:
+    """The planner chooses where the part is: its seam may be right where the arms come from."""
+    head = "start: home\nreturn: true\n"
+    job = job_of(tmp_path, SDA10F, seam("speed: 100 mm/s", "hold: still"), head=head)
+    assert job_bound(job, "quick").value == pytest.approx(0.6)
+
+
 @pytest.mark.slow
 def test_a_part_in_the_cell_is_worked_with_the_platform_still_or_turning(tmp_path: Path) -> None:
     """Asked for 2 m/s both are slower; with the platform still its joint does not move, turning helps."""
@@ -216,6 +272,8 @@ def test_the_way_to_a_seam_takes_the_time_that_the_file_gives_it(tmp_path: Path)
     slow = job_of(tmp_path, SDA10F, seam(*more, entry % ", duration: 6 s"), head=head)
     schedule = planned(slow)
     assert spans(schedule)[0][0] == pytest.approx(6.0, abs=1e-9)
+    # Approach and dwell are within the 6 s; 60 mm at 100 mm/s come after them.
+    assert job_bound(slow, "quick").value == pytest.approx(6.6, rel=1e-12)
     kinds = [s.kind for s in schedule.segments if s.arm == "right"]
     assert kinds == ["transfer", "approach", "dwell", "seam"]
     assert schedule.stages[0].bottleneck == "duration"
@@ -229,6 +287,7 @@ def test_the_way_to_a_seam_takes_the_time_that_the_file_gives_it(tmp_path: Path)
         tmp_path, SDA10F, seam(*more, entry % ", duration: 6 s"), head=f"{head}speed: 50%\n"
     )
     assert spans(planned(half))[0][0] == pytest.approx(12.0, abs=1e-9)
+    assert job_bound(half, "quick").value == pytest.approx(13.2, rel=1e-12)
     quick = planned(job_of(tmp_path, SDA10F, seam(*more, entry % ""), head=head))
     failed = [c.name for c in verify(quick, slow).checks if c.verdict == "failed"]
     assert failed == ["seam_as_asked"]
