@@ -157,12 +157,15 @@ PATH_BOUND = (
     "lower bound: paths and seams count at full speed, and begin and end at rest, exactly where the file has them; "
     "transfers to and from them count where the file gives the tool's pose, or how long they take"
 )
-"""What a bound with paths or seams in a given order assumes."""
 OPEN_PATH_BOUND = (
-    "lower bound: paths and seams count at full speed; transfers to and from them count as zero, as the order is the "
-    "planner's"
+    "lower bound: paths and seams count at full speed; transfers to and from them count only as long as the file says "
+    "they take, as their order is not given"
 )
-"""What a bound with paths or seams in any order assumes."""
+STAGES_AS_ZERO = (
+    "lower bound: paths and seams count at full speed; stages between them count as zero on this robot, and transfers "
+    "to and from them only as long as the file says they take"
+)
+"""What a bound of paths and seams counts: in a given order, in any order, and on robots without bounds of stages."""
 NO_BOUND = "lower bound: none for arms without closed forms"
 """Message where there is no bound."""
 NO_BOUND_ON_RAILS = (
@@ -180,11 +183,6 @@ NO_CORNER_BOUND = (
     "lower bound: none with `blend` at targets of moves, as tools need not come to these"
 )
 """Message where tools pass beside targets."""
-STAGES_AS_ZERO = (
-    "lower bound: stages between paths and seams, and transfers to and from these, count as zero "
-    "on this robot"
-)
-"""Message where only paths and seams are bounded."""
 
 
 def job_bound(job: Job, effort: str, *, blended: bool = False) -> LowerBound:
@@ -298,10 +296,8 @@ def _sections_bound(
         if run.after:
             kind = _kind(run.after)
             value = max(value, kind.opens(run.after)) + kind.least(job, run.after)
-    zero = () if stages_count else (STAGES_AS_ZERO,)
-    return LowerBound(
-        value, (*assumptions, *zero, PATH_BOUND if job.order == "given" else OPEN_PATH_BOUND)
-    )
+    counted = PATH_BOUND if job.order == "given" else OPEN_PATH_BOUND
+    return LowerBound(value, (*assumptions, counted if stages_count else STAGES_AS_ZERO))
 
 
 def _run_bound(
