@@ -11,15 +11,18 @@ both ends of their lines, so that these cells exist. Then
 - approach, dwell and retract take at least the dwell and the larger of the lines' own bounds (`pose_cells`) and of
   the rest-to-rest time from one cell to the other: two motions from rest to rest, one after the other, are one;
 - a stage lasts as long as the slower arm, so at least as long as the other arm needs for the same two cells of the
-  platform with whatever postures suit it best.
+  platform with whatever postures suit it best;
+- a path or seam is a stage of its own, of at least some length: arms that follow it come to its end by no transfer, and
+  go on from anywhere where their poses there are not known (`OtherWork`).
 
-The least sum over all sequences of cells, found backwards stage by stage for each arm, is a bound; the larger one of
-both arms' counts. Our own; the proposal to bound pairs of cells instead of nodes stems from interval methods.
+The least sum over all sequences of cells, found backwards stage by stage for each arm, is a bound. From each stage on
+the larger one of both arms' counts: a plan takes as long as either of them needs from there. Our own; the proposal to
+bound pairs of cells instead of nodes stems from interval methods.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -35,11 +38,12 @@ from dualarm_cli.bound.layers import (
     stop_reach,
     stop_work,
 )
+from dualarm_cli.bound.passing import at_rest
 from dualarm_cli.compiled.transfer_times import least_by_groups, least_from
 from dualarm_cli.effort import EFFORTS, Resolution
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.records import dataclass
-from dualarm_cli.stages.plans.problem import SequenceProblem
+from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import TransferChain
 from dualarm_cli.stages.search.potentials import platform_columns, transfer_table
@@ -118,26 +122,48 @@ class LowerBound:
     """What a plan must be like for the bound to hold, in sentences."""
 
 
+@dataclass(frozen=True)
+class OtherWork:
+    """Paths and seams among the stages of a sequence: what n stages have besides the stops of their arms."""
+
+    least: FloatArray
+    """Least length of each stage [s], shape (n,)."""
+    earliest: FloatArray
+    """When each stage begins at the earliest [s], shape (n,)."""
+    moved: BoolArray
+    """Which arms come to the end of each stage by a path or seam, not by a transfer, shape (arms, n)."""
+    at_rest: BoolArray
+    """In which stages tools are at rest at their stops whatever is passed in motion elsewhere, shape (n,)."""
+
+    @classmethod
+    def none(cls, problem: SequenceProblem) -> OtherWork:
+        """Returns that there are stops only."""
+        n = problem.stages
+        moved = np.zeros((len(problem.arms), n), dtype=np.bool_)
+        return cls(np.zeros(n), np.zeros(n), moved, np.zeros(n, dtype=np.bool_))
+
+
 @dataclass
 class _Arm:
     """One arm while the stages are gone through backwards."""
 
     table: TransferTable
+    rest_table: TransferTable
+    """For transfers from rest to rest."""
     chain: TransferChain
     stops: StopTable
     here: StopBoxes | None = None
     """The last stop that has not been dealt with; None if there is none left."""
-    passed: float = 0.0
-    """Least time of all stages that have been dealt with, from the cell that suits it best [s]."""
-    more: Times | None = None
-    """How much longer it takes at least from each cell where a transfer begins [s]; None before the last stop."""
+    rest: Times = field(default_factory=lambda: np.zeros(1, dtype=np.float32))
+    """How much longer all stages that have been dealt with take at least from each cell where a transfer begins [s]."""
 
-    def pass_by(self, length: Times) -> None:
-        """Takes least times of a stage and all that follows, from each cell, beyond what has passed."""
-        least = float(length.min())
-        self.passed += least
-        # Small numbers, so that a thousand stages do not add up rounding.
-        self.more = length - np.float32(least) if np.isfinite(least) else np.zeros_like(length)
+    @classmethod
+    def of(cls, problem: SequenceProblem, work: ArmWork, other: OtherWork) -> _Arm:
+        """Returns an arm before any of its stages."""
+        table = rest_table = transfer_table(problem, work)
+        if other.at_rest.any():
+            rest_table = transfer_table(problem, replace(work, law=at_rest(work.law)))
+        return cls(table, rest_table, TransferChain.of(work), StopTable.of(work))
 
 
 @dataclass(frozen=True)
@@ -145,7 +171,7 @@ class _Stage:
     """What one arm has to do in a stage."""
 
     pairs: Pairs | None
-    """Its transfers; None for a free start, which takes none."""
+    """Its transfers; None where it takes none."""
     known: bool
     """Whether the platform's cell before is the one where its transfer begins (else stages lie between)."""
     work: StopWork
@@ -154,19 +180,18 @@ class _Stage:
 
 
 def lower_bound(
-    problem: SequenceProblem, effort: str, *, begins_anywhere: bool = False
+    problem: SequenceProblem, effort: str, other: OtherWork | None = None
 ) -> LowerBound:
     """Returns a bound on the cycle time of every rest-to-rest plan that keeps the stages; see the module.
 
     Args:
         problem: the sequence.
         effort: one of EFFORTS: finer cells give a better bound.
-        begins_anywhere: whether platform and arms may be anywhere before the first stage, so that no arm's first
-            transfer counts; its start is then only where it may return to.
+        other: paths and seams among the stages; None for none.
     """
     value = 0.0
     if problem.stages:
-        value = _backward(problem, EFFORTS[effort].bound, begins_anywhere)
+        value = _backward(problem, EFFORTS[effort].bound, other or OtherWork.none(problem))
     return LowerBound(max(0.0, value * ROUNDED_DOWN), ASSUMPTIONS)
 
 
@@ -192,12 +217,9 @@ def _turns_tell(problem: SequenceProblem) -> bool:
     return high - low <= 2.0 * TURN
 
 
-def _backward(problem: SequenceProblem, resolution: Resolution, begins_anywhere: bool) -> float:
+def _backward(problem: SequenceProblem, resolution: Resolution, other: OtherWork) -> float:
     edges = platform_edges(problem, resolution.step)
-    arms = [
-        _Arm(transfer_table(problem, work), TransferChain.of(work), StopTable.of(work))
-        for work in problem.arms
-    ]
+    arms = [_Arm.of(problem, work, other) for work in problem.arms]
     parts = finer_edges(edges, resolution.finer)
 
     # Of a stage and the one before; where arms are idle in between it is found again.
@@ -220,44 +242,57 @@ def _backward(problem: SequenceProblem, resolution: Resolution, begins_anywhere:
     for a, arm in enumerate(arms):
         if len(arm.chain.active):
             arm.here = cells_of(a, int(arm.chain.active[-1]))
+            arm.rest = _return_times(problem, a, arm, other)
+    passed = _taken_off(arms)
+    longest = 0.0
     for k in range(problem.stages - 1, -1, -1):
-        stages = {}
+        stages, before = {}, {}
         for a, arm in enumerate(arms):
-            if arm.here is not None and problem.arms[a].stops[k] is not None:
-                if not arm.here.possible:
-                    return np.inf
-                before = cells_of(a, int(arm.chain.previous[k]))
-                if before is not None and not before.possible:
-                    return np.inf
-                # A free start is where the first stage's transfer ends; arms that are idle then have theirs.
-                comes = k > 0 or not problem.free_start
-                comes = before is not None or (comes and not begins_anywhere)
-                stages[a] = _stage(problem, a, arm, k, before, len(edges) - 1, comes)
-                if arm.more is None:
-                    arm.pass_by(_return_times(problem, a, arm))
-                arm.here = before
+            if arm.here is None or problem.arms[a].stops[k] is None:
+                continue
+            before[a] = cells_of(a, int(arm.chain.previous[k]))
+            if not all(stop is None or stop.possible for stop in (arm.here, before[a])):
+                return np.inf
+            stages[a] = _stage(problem, a, arm, k, before[a], len(edges) - 1, other)
+        least = np.float32(other.least[k])
         for a, arm in enumerate(arms):
+            others = [stage.by_cells for b, stage in stages.items() if b != a]
             if a in stages:
-                others = [stage.by_cells for b, stage in stages.items() if b != a]
-                arm.pass_by(_least_from(arm, stages[a], others))
+                arm.rest = _least_from(arm, stages[a], others, least, before[a])
+                arm.here = before[a]
             else:
-                arm.passed += min((float(s.by_cells.min()) for s in stages.values()), default=0.0)
-    return max(arm.passed for arm in arms)
+                arm.rest = arm.rest + max([least, *(one.min() for one in others)])
+        passed += _taken_off(arms)
+        longest = max(longest, passed + float(other.earliest[k]))
+    return longest
 
 
-def _return_times(problem: SequenceProblem, a: int, arm: _Arm) -> Times:
+def _taken_off(arms: list[_Arm]) -> float:
+    """Returns what all stages that have been dealt with need at least [s], and takes it off the arms' own times.
+
+    They last as long as any of the arms needs. Small numbers are left, so that a thousand stages do not add up
+    rounding.
+    """
+    least = max(float(arm.rest.min(initial=np.inf)) for arm in arms)
+    if np.isfinite(least):
+        for arm in arms:
+            arm.rest = np.maximum(arm.rest - np.float32(least), np.float32(0.0))
+    return least
+
+
+def _return_times(problem: SequenceProblem, a: int, arm: _Arm, other: OtherWork) -> Times:
     """Returns how long the return takes at least from each cell of the last stop [s], 0 where there is none.
 
     A free start is closed to wherever the first transfer would end: that may be no way at all.
     """
-    stop = arm.here
+    stop, last = arm.here, int(arm.chain.active[-1])
     assert stop is not None  # an arm without stops has nothing to return from
-    if not problem.returns or problem.free_start:
+    if not problem.returns or problem.free_start or other.moved[a, last + 1 :].any():
         return np.zeros(len(stop.retract.index), dtype=np.float32)
-    last = int(arm.chain.active[-1]) == problem.stages - 1
-    without = _untold(problem, a, stop.untold, last)
-    start = _start(problem, a, arm.table)
-    return arm.table.gap_times(stop.retract.low, stop.retract.high, start.low, start.high, without)[
+    without = _untold(problem, a, stop.untold, last == problem.stages - 1)
+    table = arm.rest_table if other.at_rest[last] else arm.table
+    start = _start(problem, a, table)
+    return table.gap_times(stop.retract.low, stop.retract.high, start.low, start.high, without)[
         :, 0
     ]
 
@@ -286,14 +321,15 @@ def _stage(
     k: int,
     before: StopBoxes | None,
     cells: int,
-    comes: bool,
+    other: OtherWork,
 ) -> _Stage:
-    """Returns an arm's transfers into stage k if it comes by one, and its work; the platform has so many cells."""
+    """Returns an arm's transfers into stage k, and its work there; the platform's grid has so many cells."""
     stop = arm.here
     assert stop is not None  # callers ask for active stages only
     work = stop_work(arm.table, stop)
     came = int(arm.chain.previous[k])
-    if not comes:
+    begins = k == 0 and problem.free_start
+    if begins or other.moved[a, came + 1 : k + 1].any():
         table = np.full((cells, cells), np.inf, dtype=np.float32)
         columns, first = np.unique(stop.approach.index, return_index=True)
         table[:, columns] = np.minimum.reduceat(work.least, first)
@@ -304,22 +340,24 @@ def _stage(
         origin = replace(origin, index=np.zeros_like(origin.index))
     free = stop.untold or (() if before is None else before.untold)
     without = _untold(problem, a, free, known)
-    pairs = Pairs(arm.table, origin, stop.approach, without)
+    rests = other.at_rest[k] and (before is None or other.at_rest[came])
+    pairs = Pairs(arm.rest_table if rests else arm.table, origin, stop.approach, without)
     by_cells = pairs.by_cells(work.least, cells)
     return _Stage(pairs, known, work, by_cells if known else np.tile(by_cells[0], (cells, 1)))
 
 
-def _least_from(arm: _Arm, stage: _Stage, others: list[Times]) -> Times:
+def _least_from(
+    arm: _Arm, stage: _Stage, others: list[Times], least: np.float32, before: StopBoxes | None
+) -> Times:
     """Returns the least time from every cell before to the end, beyond what has passed, shape (n before,).
 
-    max(transfer + work, other) + rest, over all retract cells, is at least the larger of the two sums' minima.
+    max(transfer + work, others, least) + rest, over all retract cells, is at least the larger of the two sums' minima.
     """
-    assert arm.more is not None  # the return has been dealt with
-    own, beyond = stage.work.with_rest(arm.more)
-    floor = np.zeros_like(stage.by_cells)
+    own, beyond = stage.work.with_rest(arm.rest)
+    floor = np.full_like(stage.by_cells, least)
     for other in others:
         np.maximum(floor, other if stage.known else other.min(axis=0), out=floor)
-    if stage.pairs is None:
-        least = np.maximum(own, floor.min(axis=0)[stage.work.stop.approach.index] + beyond)
-        return least.min(keepdims=True)
-    return stage.pairs.least_from(own, floor, beyond)
+    if stage.pairs is not None:
+        return stage.pairs.least_from(own, floor, beyond)
+    found = np.maximum(own, floor.min(axis=0)[stage.work.stop.approach.index] + beyond)
+    return np.full(1 if before is None else len(before.retract.index), found.min())

@@ -67,3 +67,8 @@ def passing(problem: SequenceProblem) -> SequenceProblem:
     """Returns a sequence for `lower_bound` whose arms are at rest at their targets only."""
     arms = tuple(replace(arm, law=PassingLaw.of(arm.law)) for arm in problem.arms)
     return replace(problem, arms=arms)
+
+
+def at_rest(law: RestToRest) -> RestToRest:
+    """Returns the law from rest to rest of joints with the same limits."""
+    return law.own if isinstance(law, PassingLaw) else law

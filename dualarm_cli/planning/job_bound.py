@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.bound.bound import ASSUMPTIONS, LowerBound, lower_bound
+from dualarm_cli.bound.bound import ASSUMPTIONS, LowerBound, OtherWork, lower_bound
 from dualarm_cli.bound.passing import passing
 from dualarm_cli.clearing.permissions import permitted
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.linear_programs import least_cost
-from dualarm_cli.kinds.planning import KindPlanning, Section, ToolPoses, kind_of, kinds_of
+from dualarm_cli.kinds.planning import KindPlanning, Section, kind_of, kinds_of
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.closed_arm import ClosedArm
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
-from dualarm_cli.model.job import Dwell, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.job import Dwell, Job, Stop, Task
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.orders.model.tool_changes import stand_tasks, with_changes
 from dualarm_cli.records import dataclass
@@ -154,15 +154,16 @@ def _least_makespan(times: FloatArray, besides: FloatArray) -> float:
 
 
 PATH_BOUND = (
-    "lower bound: paths and seams count at full speed, and begin and end at rest, exactly where the file has them; "
-    "transfers to and from them count where the file gives the tool's pose, or how long they take"
+    "lower bound: paths and seams count at full speed; they begin and end at rest, exactly where the file has them; an "
+    "arm that takes no part stands still; transfers to and from them count where the file gives the tool's pose, or "
+    "how long they take"
 )
 OPEN_PATH_BOUND = (
     "lower bound: paths and seams count at full speed; transfers to and from them count only as long as the file says "
     "they take, as their order is not given"
 )
 STAGES_AS_ZERO = (
-    "lower bound: paths and seams count at full speed; stages between them count as zero on this robot, and transfers "
+    "lower bound: paths and seams count at full speed; stages beside them count as zero on this robot, and transfers "
     "to and from them only as long as the file says they take"
 )
 """What a bound of paths and seams counts: in a given order, in any order, and on robots without bounds of stages."""
@@ -200,8 +201,10 @@ def job_bound(job: Job, effort: str, *, blended: bool = False) -> LowerBound:
     if not blended:
         return _job_bound(BoundMethod(effort, lambda problem: problem), job)
     found = _job_bound(BoundMethod(effort, passing), job.blended())
-    if found.value is None:
-        return found
+    if found.value is None or {PATH_BOUND, OPEN_PATH_BOUND, STAGES_AS_ZERO}.issuperset(
+        found.assumptions
+    ):
+        return found  # of no stop that may be passed
     kept = (text for text in found.assumptions if text not in ASSUMPTIONS)
     return replace(found, assumptions=(*kept, BLENDED))
 
@@ -219,8 +222,12 @@ def _job_bound(bounds: BoundMethod, job: Job) -> LowerBound:
     if job.mode == "free":
         return own_clocks_bound(bounds, model, job)
     if not job.in_sections:
-        return _bound(bounds, model, job)
-    return _sections_bound(bounds, model, job, stages_count=not unbounded)
+        return _bound(bounds, sequence_problem(model, job))
+    if unbounded or job.order != "given":
+        return _sum_of_sections(bounds, model, job, stages_count=not unbounded)
+    found = _bound(bounds, *_with_other_work(model, job))
+    stops = found.assumptions if any(not task.alone for task in job.tasks) else ()
+    return replace(found, assumptions=(*stops, PATH_BOUND))
 
 
 def _why_unbounded(job: Job, model: CellModel) -> str:
@@ -238,35 +245,6 @@ def _why_unbounded(job: Job, model: CellModel) -> str:
     return STAGES_AS_ZERO if robot.platform and job.in_sections else ""
 
 
-@dataclass(frozen=True)
-class _Run:
-    """Stops, and the path or seam after them."""
-
-    stops: Section = ()
-    """Tasks of the stops; empty for none."""
-    after: Section = ()
-    """The path or seam after them; empty where the motion ends."""
-    before: Section = ()
-    """The path or seam before them; empty where the motion begins."""
-
-
-def _runs(job: Job) -> list[_Run]:
-    """Returns parts of a job that take at least the sum of their bounds, in whatever order they are done."""
-    if job.order != "given":
-        others = tuple(task for task in job.tasks if not task.alone)
-        alone = [_Run(after=one) for one in job.sections() if one[0].alone]
-        # No order ends sooner than the one in which paths and seams follow one another as they open.
-        return [_Run(others), *sorted(alone, key=lambda run: _kind(run.after).opens(run.after))]
-    found, stops, before = [], Section(), Section()
-    for section in job.sections():
-        if section[0].alone:
-            found.append(_Run(stops, section, before))
-            stops, before = (), section
-        else:
-            stops = section
-    return [*found, _Run(stops, before=before)]
-
-
 def _kind(section: Section) -> KindPlanning:
     """Returns the kind of a path or seam."""
     kind = kind_of(section)
@@ -274,10 +252,10 @@ def _kind(section: Section) -> KindPlanning:
     return kind
 
 
-def _sections_bound(
+def _sum_of_sections(
     bounds: BoundMethod, model: CellModel, job: Job, *, stages_count: bool
 ) -> LowerBound:
-    """Returns the bound of a job with paths or seams: the sum over its runs.
+    """Returns the bound of a job whose paths and seams may come in any order, or whose stages have no bound.
 
     Args:
         bounds: how bounds are computed.
@@ -285,69 +263,88 @@ def _sections_bound(
         job: what is to be done.
         stages_count: whether this robot has bounds of stages.
     """
-    value, assumptions = 0.0, dict[str, None]()
-    for run in _runs(job):
-        transfer = _kind(run.after).transfer(job, run.after) if run.after else 0.0
-        bound = LowerBound(transfer, ())
-        if stages_count:
-            bound = _run_bound(bounds, model, job, run, transfer)
-        value += bound.value or 0.0
-        assumptions |= dict.fromkeys(bound.assumptions)
-        if run.after:
-            kind = _kind(run.after)
-            value = max(value, kind.opens(run.after)) + kind.least(job, run.after)
-    counted = PATH_BOUND if job.order == "given" else OPEN_PATH_BOUND
-    return LowerBound(value, (*assumptions, counted if stages_count else STAGES_AS_ZERO))
-
-
-def _run_bound(
-    bounds: BoundMethod, model: CellModel, job: Job, run: _Run, transfer: float
-) -> LowerBound:
-    """Returns the bound of a run's stops and transfers, without the path or seam after them.
-
-    Args:
-        bounds: how bounds are computed.
-        model: the job's cell.
-        job: what is to be done; transfers to and from paths and seams count where it gives their order.
-        run: part of the job.
-        transfer: least time of the last transfer that the file asks for [s].
-    """
-    stops = replace(job, tasks=run.stops, returns=job.returns and not run.after)
+    value, assumptions = 0.0, [OPEN_PATH_BOUND if stages_count else STAGES_AS_ZERO]
+    others = tuple(task for task in job.tasks if not task.alone)
+    if others and stages_count:
+        alone = replace(job, tasks=others, start="free", returns=False)
+        bound = shared_bound(bounds, model, alone)
+        value = bound.value or 0.0
+        assumptions = [*bound.assumptions, *assumptions]
+    works = [section for section in job.sections() if section[0].alone]
     if job.order != "given":
-        if not run.stops:
-            return LowerBound(transfer, ())
-        return shared_bound(bounds, model, replace(stops, start="free", returns=False))
-    # Paths and seams begin and end at rest, so a transfer between two of them is at rest at both ends in any plan.
-    bounds = bounds if run.stops else replace(bounds, law=lambda problem: problem)
-    before = _kind(run.before).ends(job, run.before)[1] if run.before else None
-    after = _kind(run.after).ends(job, run.after)[0] if run.after else None
-    found = _bound(bounds, model, stops, before, after)
-    if transfer:
-        without = _bound(bounds, model, stops, before).value or 0.0
-        found = replace(found, value=max(found.value or 0.0, without + transfer))
+        # No order ends sooner than the one in which they follow one another as they open.
+        works.sort(key=lambda work: _kind(work).opens(work))
+    for work in works:
+        kind = _kind(work)
+        value = max(value + kind.transfer(job, work), kind.opens(work)) + kind.least(job, work)
+    return LowerBound(value, tuple(assumptions))
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One stage of a job with paths and seams; each of these has two, one where it begins and one where it ends."""
+
+    stops: Mapping[str, Stop]
+    """By arm."""
+    least: float = 0.0
+    """Least length of the stage [s]."""
+    earliest: float = 0.0
+    """When it begins at the earliest [s]."""
+    moved: tuple[str, ...] = ()
+    """Arms that come to its end by the path or seam."""
+    at_rest: bool = False
+    """Whether a path or seam begins or ends there, so that tools are at rest."""
+
+
+def _rows(job: Job) -> list[_Row]:
+    """Returns the stages of a job with paths and seams in a given order."""
+    found: list[_Row] = []
+    for section in job.sections():
+        if not section[0].alone:
+            stages = replace(job, tasks=section).stages()
+            found += [_Row({arm: stop for arm, (_, stop) in stage.items()}) for stage in stages]
+            continue
+        kind = _kind(section)
+        begin, end = (
+            {arm: Stop("move", pose, 0.0, 0.0, Dwell(), NOWHERE) for arm, pose in poses.items()}
+            for poses in kind.ends(job, section)
+        )
+        arms = tuple(task.arm for task in section)
+        found += [
+            _Row(begin, kind.transfer(job, section), at_rest=True),
+            _Row(end, kind.least(job, section), kind.opens(section), arms, at_rest=True),
+        ]
     return found
 
 
+def _with_other_work(model: CellModel, job: Job) -> tuple[SequenceProblem, OtherWork]:
+    """Returns the stages of a job with paths and seams in a given order, and what these have besides stops."""
+    rows = _rows(job)
+    stops = {name: [row.stops.get(name) for row in rows] for name in model.arms}
+    handing = tuple(any(stop.action == "give" for stop in row.stops.values()) for row in rows)
+    other = OtherWork(
+        least=np.array([row.least for row in rows]),
+        earliest=np.array([row.earliest for row in rows]),
+        moved=np.array([[name in row.moved for row in rows] for name in model.arms]),
+        at_rest=np.array([row.at_rest for row in rows]),
+    )
+    return replace(stops_problem(model, job, stops), handing=handing), other
+
+
 def _bound(
-    bounds: BoundMethod,
-    model: CellModel,
-    job: Job,
-    before: ToolPoses | None = None,
-    after: ToolPoses | None = None,
+    bounds: BoundMethod, problem: SequenceProblem, other: OtherWork | None = None
 ) -> LowerBound:
-    """Returns the bound of a decided job.
+    """Returns the bound of stages in a given order.
 
     It looks at each arm by itself. In a hand-over what the other arm does comes before or after one's own lines and
     dwell: at least what its stop takes by itself from wherever it likes.
 
     Args:
-        bounds: how they are computed.
-        model: the job's cell.
-        job: what is to be done.
-        before: tool poses before its first stage, where a path or seam ends; None where the motion begins.
-        after: tool poses after its last stage, where a path or seam begins; None where the motion ends.
+        bounds: how bounds are computed.
+        problem: the stages.
+        other: paths and seams among them; None for none.
     """
-    problem = bounds.law(_with_ends(sequence_problem(model, job), model, job, before, after))
+    problem = bounds.law(problem)
     arms = [list(arm.stops) for arm in problem.arms]
     for k in problem.together.tolist():
         least = [_least_work(problem, a, k, bounds.effort) for a in range(len(arms))]
@@ -358,34 +355,7 @@ def _bound(
     whole = tuple(
         replace(arm, stops=tuple(stops)) for arm, stops in zip(problem.arms, arms, strict=True)
     )
-    return lower_bound(
-        replace(problem, arms=whole, handing=()), bounds.effort, begins_anywhere=before is not None
-    )
-
-
-def _with_ends(
-    problem: SequenceProblem,
-    model: CellModel,
-    job: Job,
-    before: ToolPoses | None,
-    after: ToolPoses | None,
-) -> SequenceProblem:
-    """Returns a job's stages with one more stage before them and one after, where tools are at rest; see `_bound`."""
-    first, last = ([] if poses is None else [poses] for poses in (before, after))
-    stops = {name: [_stop_at(poses.get(name)) for poses in first + last] for name in model.arms}
-    ends = stops_problem(model, job, stops)
-    n = len(first)
-    arms = tuple(
-        replace(arm, stops=(*end.stops[:n], *arm.stops, *end.stops[n:]))
-        for arm, end in zip(problem.arms, ends.arms, strict=True)
-    )
-    handing = (*[False for _ in first], *problem.handing, *[False for _ in last])
-    return replace(problem, arms=arms, handing=handing)
-
-
-def _stop_at(target: PoseTarget | None) -> Stop | None:
-    """Returns a stop without lines and dwell; None for an arm whose pose is not known."""
-    return None if target is None else Stop("move", target, 0.0, 0.0, Dwell(), NOWHERE)
+    return lower_bound(replace(problem, arms=whole, handing=()), bounds.effort, other)
 
 
 def _least_work(problem: SequenceProblem, a: int, k: int, effort: str) -> float:

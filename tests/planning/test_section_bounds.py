@@ -88,8 +88,10 @@ def test_transfers_of_six_axis_arms_are_the_fastest_of_all_postures(
         _least(model, job, arm, home[None][:, model.arms[arm].columns], begin[arm]) for arm in ARMS
     )
     between = _least(model, job, "right", end["right"], right_begin["right"])
-    back = _least(
-        model, job, "right", right_end["right"], home[None][:, model.arms["right"].columns]
+    # The left arm stands where its path ended until both return.
+    back = max(
+        _least(model, job, arm, ends, home[None][:, model.arms[arm].columns])
+        for arm, ends in (("left", end["left"]), ("right", right_end["right"]))
     )
     expected = between if start == "free" else there + between + back
     for blended in (False, True):
@@ -141,9 +143,9 @@ class _RandomJob:
         self._law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
         self._lower, self._upper = limits.lower, limits.upper
         self._home = np.array(whole.cell.robot.postures["home"])
-        # Where the platform was last, and each arm; None where a path before left it anywhere.
+        # Where the platform was last, and each arm, which stands still while it has nothing to do.
         self._platform = self._home
-        self._last: dict[str, FloatArray | None] = dict.fromkeys(ARMS, self._home)
+        self._last = dict.fromkeys(ARMS, self._home)
         self._tasks: list[Task] = []
         self.duration = 0.0
         # Alone with the ways there and back its bound is nearly as long as the motion.
@@ -155,7 +157,7 @@ class _RandomJob:
             self._add_path(number)
         if stops and rng.random() < 0.5:
             self._add_stops(paths)
-        self._stage({arm: self._home for arm, q in self._last.items() if q is not None}, self._home)
+        self._stage(dict.fromkeys(ARMS, self._home), self._home)
         self.job = replace(whole, tasks=tuple(self._tasks))
 
     def _drawn(self) -> FloatArray:
@@ -169,10 +171,9 @@ class _RandomJob:
         columns = self._model.platform_columns
         moved[columns] = (platform - self._platform)[columns]
         for arm, q in there.items():
-            here, own = self._last[arm], self._model.arms[arm].columns
-            moved[own] = 0.0 if here is None else (q - here)[own]
-        if any(self._last[arm] is not None for arm in there):
-            self.duration += float(self._law.duration(moved))
+            own = self._model.arms[arm].columns
+            moved[own] = (q - self._last[arm])[own]
+        self.duration += float(self._law.duration(moved))
         self._platform = platform
         self._last |= there
 
@@ -204,7 +205,7 @@ class _RandomJob:
             end = Stop("path", PoseTarget(poses[arm][1]), 0.0, 0.0, Dwell(), NOWHERE)
             self._tasks.append(Task(f"path {number}", arm, (end,), path=work))
         self._platform = last
-        self._last = {arm: last if arm in arms else None for arm in ARMS}
+        self._last |= dict.fromkeys(arms, last)
 
 
 @pytest.mark.parametrize("parts_first", [True, False])
@@ -225,28 +226,28 @@ def test_transfers_to_and_from_paths_raise_the_bound_and_no_plan_is_faster(
     assert bounds[1] < bounds[0]
 
 
-def test_an_arm_that_waits_comes_from_its_start_posture_but_not_after_a_path(
-    tmp_path: Path,
-) -> None:
-    """`start: free`, the right arm after the left one: its start posture counts, and none after the left arm's path."""
-    later = PART.replace("id: part", "id: later\n    after: [part]")
-    later = later.replace("arm: left", "arm: right").replace(" 0.3,", " -0.3,")
-    later = later.replace(" 0.4,", " -0.4,")
+def test_an_arm_comes_from_where_it_stood_before_the_other_one_s_work(tmp_path: Path) -> None:
+    """A path of the left arm, a part for the right one, both again: each transfer counts, and where the arm started."""
     path = "  - id: other" + PATHS.format(x=0.5, z=0.9).split("  - id: other")[1]
     path = path.replace("arm: right", "arm: left").replace(", -0.2", ", 0.2")
-    for before in ("", path):
-        job = job_of(tmp_path, before, PART, later, head="start: free\n")
+    right = PART.replace("arm: left", "arm: right").replace(" 0.3,", " -0.3,")
+    right = right.replace(" 0.4,", " -0.4,")
+    again = path.replace("id: other", "id: again"), right.replace("id: part", "id: more")
+    head = "start: free\n"
+    for blended in (False, True):
+        bounds = []
+        for tasks in ((path,), (path, right), (path, right, again[0]), (path, right, *again)):
+            job = job_of(tmp_path, *tasks, head=head)
+            found = job_bound(job, "thorough", blended=blended).value
+            bounds.append(found - at_full_speed(job))
+        # The right arm's way from its last place to the next pick is longer than the left one's to its path.
+        assert (np.diff(bounds) > (0.1, -1e-3, 0.1)).all()
         robot = job.cell.robot
         far = np.array(robot.postures["home"])
         far[robot.columns(robot.arm("right").joints)] += 1.0
         moved = replace(robot, postures={**robot.postures, "home": far})
         elsewhere = replace(job, cell=replace(job.cell, robot=moved))
-        for blended in (False, True):
-            near, far_off = (
-                job_bound(one, "quick", blended=blended).value for one in (job, elsewhere)
-            )
-            assert far_off == near if before else far_off > near
-            assert near > at_full_speed(job)
+        assert job_bound(elsewhere, "thorough", blended=blended).value > found
 
 
 def test_handovers_between_paths_last_for_all_of_their_dwells(
@@ -269,7 +270,7 @@ def test_an_open_order_leaves_transfers_to_paths_out(tmp_path: Path) -> None:
     """The bound holds for every order, and says what it leaves out."""
     job = job_of(tmp_path, PATHS.format(x=0.5, z=0.9), head="order: optimise\nreturn: true\n")
     bound = job_bound(job, "quick")
-    assert bound.value == pytest.approx(at_full_speed(job), rel=1e-12)
+    assert bound.value == pytest.approx(at_full_speed(job), rel=2e-5)
     assert OPEN_PATH_BOUND in bound.assumptions
 
 

@@ -162,5 +162,6 @@ def test_seams_that_open_late_bound_open_orders_by_the_best_one(tasks_folder):
         for tasks in permutations(rows)
     )
     found = job_bound(replace(whole, tasks=tuple(rows), order="optimise"), "quick").value
-    assert found == pytest.approx(least, rel=1e-12)
+    # Those of a given order are rounded down by 1e-5.
+    assert found == pytest.approx(least, rel=2e-5)
     assert found < job_bound(replace(whole, tasks=tuple(rows), order="given"), "quick").value

@@ -120,7 +120,7 @@ def test_a_plan_may_begin_and_end_on_a_seam(tmp_path: Path) -> None:
     ] * 2
     assert 0.6 < schedule.duration < 1.0
     # One part of the ramps is covered at half the speed.
-    assert job_bound(job, "quick").value == pytest.approx(0.6)
+    assert job_bound(job, "quick").value == pytest.approx(0.6, rel=2e-5)
     assert schedule.stages[0].end == 0.0
     poses = parts(job, schedule, np.linspace(0.0, schedule.duration, 11))
     for pose in poses:
@@ -198,14 +198,14 @@ def test_poses_of_the_bound_are_where_the_plan_has_the_tools_at_rest(
     # The file's time for the transfer, approach and dwell takes the place of what poses tell.
     timed = seam(*more, tool=tool).replace("dwell: 0.2 s", "dwell: 0.2 s, duration: 6 s")
     job = job_of(tmp_path, SDA10F, timed, head="start: home\n")
-    assert job_bound(job, "quick").value == pytest.approx(6.0 + LENGTH / 0.05 + 0.1, rel=1e-12)
+    assert job_bound(job, "quick").value == pytest.approx(6.0 + LENGTH / 0.05 + 0.1, rel=2e-5)
 
 
 def test_a_part_without_a_pose_tells_none(tmp_path: Path) -> None:
     """The planner chooses where the part is: its seam may be right where the arms come from."""
     head = "start: home\nreturn: true\n"
     job = job_of(tmp_path, SDA10F, seam("speed: 100 mm/s", "hold: still"), head=head)
-    assert job_bound(job, "quick").value == pytest.approx(0.6)
+    assert job_bound(job, "quick").value == pytest.approx(0.6, rel=2e-5)
 
 
 @pytest.mark.slow
@@ -273,7 +273,7 @@ def test_the_way_to_a_seam_takes_the_time_that_the_file_gives_it(tmp_path: Path)
     schedule = planned(slow)
     assert spans(schedule)[0][0] == pytest.approx(6.0, abs=1e-9)
     # Approach and dwell are within the 6 s; 60 mm at 100 mm/s come after them.
-    assert job_bound(slow, "quick").value == pytest.approx(6.6, rel=1e-12)
+    assert job_bound(slow, "quick").value == pytest.approx(6.6, rel=2e-5)
     kinds = [s.kind for s in schedule.segments if s.arm == "right"]
     assert kinds == ["transfer", "approach", "dwell", "seam"]
     assert schedule.stages[0].bottleneck == "duration"
@@ -287,7 +287,7 @@ def test_the_way_to_a_seam_takes_the_time_that_the_file_gives_it(tmp_path: Path)
         tmp_path, SDA10F, seam(*more, entry % ", duration: 6 s"), head=f"{head}speed: 50%\n"
     )
     assert spans(planned(half))[0][0] == pytest.approx(12.0, abs=1e-9)
-    assert job_bound(half, "quick").value == pytest.approx(13.2, rel=1e-12)
+    assert job_bound(half, "quick").value == pytest.approx(13.2, rel=2e-5)
     quick = planned(job_of(tmp_path, SDA10F, seam(*more, entry % ""), head=head))
     failed = [c.name for c in verify(quick, slow).checks if c.verdict == "failed"]
     assert failed == ["seam_as_asked"]
@@ -312,7 +312,7 @@ def test_entry_and_exit_stand_where_the_seam_begins_and_ends_not_before_its_time
     job = job_of(tmp_path, SDA10F, text, head="start: home\nreturn: true\n")
     schedule = planned(job)
     # 4 s, 60 mm at 100 mm/s, 0.1 s: what comes before the seam is over by then.
-    assert job_bound(job, "quick").value == pytest.approx(4.7)
+    assert job_bound(job, "quick").value == pytest.approx(4.7, rel=2e-5)
     kinds = [s.kind for s in schedule.segments if s.arm == "right"]
     assert kinds == ["transfer", "wait", "approach", "dwell", "seam", "dwell", "retract", "return"]
     assert [s.reason for s in schedule.segments if s.arm == "right"] == ["", "window", *[""] * 6]

@@ -508,16 +508,23 @@ def test_a_stop_takes_its_lines_or_the_way_between_its_cells() -> None:
 
 @pytest.mark.parametrize("known", [True, False])
 def test_a_stage_takes_what_other_arms_need_from_the_cell_before_or_from_any(known: bool) -> None:
-    """Tables by cell before and cell then: where stages lie between, the best cell before counts, column by column."""
+    """Tables by cell before and cell then: where stages lie between, the best cell before counts, column by column.
+
+    And it takes its own least length.
+    """
     random, asked = np.random.default_rng(14), []
     others = [random.uniform(0.0, 2.0, (4, 4)).astype(np.float32) for _ in range(2)]
     work = SimpleNamespace(with_rest=lambda more: (more, more))
     pairs = SimpleNamespace(least_from=lambda own, floor, beyond: asked.append(floor))
     stage = bound_pairs._Stage(pairs, known, work, np.zeros((4, 4), dtype=np.float32))
-    bound_pairs._least_from(SimpleNamespace(more=np.zeros(3)), stage, others)
+    least = np.float32(0.9)
+    bound_pairs._least_from(SimpleNamespace(rest=np.zeros(3)), stage, others, least, None)
     expected = np.empty((4, 4), dtype=np.float32)
     for before in range(4):
         for then in range(4):
             rows = [before] if known else range(4)
-            expected[before, then] = max(min(other[k, then] for k in rows) for other in others)
+            told = [min(other[k, then] for k in rows) for other in others]
+            expected[before, then] = max(least, *told)
+    assert (expected > least).any()
+    assert (expected == least).any()
     np.testing.assert_array_equal(asked[0], expected)
