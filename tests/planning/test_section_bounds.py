@@ -14,10 +14,13 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import kind_of
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.curves.contours import LineContour
+from dualarm_cli.model.curves.feature_curve import FeatureCurve
 from dualarm_cli.model.curves.tool_path import Line, ToolPath
 from dualarm_cli.model.job import Dwell, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.place import NOWHERE
+from dualarm_cli.model.seam import Hold, SeamTool, SeamWork
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.job_bound import OPEN_PATH_BOUND, PATH_BOUND, job_bound
 from dualarm_cli.planning.planner import plan_without_bound
@@ -44,6 +47,11 @@ PART = """\
     place: {xyz: [0.45, 0.4, 0.9], rpy: [180 deg, 0, 0]}
     approach: 40 mm
 """
+PART_IN_HAND = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.2]))
+SEAM = FeatureCurve(
+    LineContour(np.zeros(3), np.array([0.06, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])),
+    pin.SE3.Identity(),
+)
 
 
 def job_of(folder: Path, *tasks: str, head: str = "") -> Job:
@@ -56,8 +64,8 @@ def job_of(folder: Path, *tasks: str, head: str = "") -> Job:
 
 
 def at_full_speed(job: Job) -> float:
-    """What a job's paths take at the speed of the file [s]."""
-    works = {id(task.path): task.path for task in job.tasks if task.path is not None}
+    """What a job's paths and seams take at the speed of the file [s]."""
+    works = {id(work): work for task in job.tasks if (work := task.path or task.seam) is not None}
     return sum(work.length / (work.speed * job.speed) for work in works.values())
 
 
@@ -154,15 +162,20 @@ class _RandomJob:
         for number in range(paths):
             if stops:
                 self._add_stops(number)
-            self._add_path(number)
+            if rng.random() < 0.3:
+                self._add_seam(number)
+            else:
+                self._add_path(number)
         if stops and rng.random() < 0.5:
             self._add_stops(paths)
         self._stage(dict.fromkeys(ARMS, self._home), self._home)
         self.job = replace(whole, tasks=tuple(self._tasks))
 
-    def _drawn(self) -> FloatArray:
+    def _drawn(self, near: FloatArray | None = None) -> FloatArray:
         spread = self._rng.choice([0.02, 0.3, 1.0])
-        q = self._platform + self._rng.normal(size=len(self._home)) * spread
+        q = (self._platform if near is None else near) + spread * self._rng.normal(
+            size=len(self._home)
+        )
         return np.clip(q, self._lower, self._upper)
 
     def _stage(self, there: dict[str, FloatArray], platform: FloatArray) -> None:
@@ -206,6 +219,14 @@ class _RandomJob:
             self._tasks.append(Task(f"path {number}", arm, (end,), path=work))
         self._platform = last
         self._last |= dict.fromkeys(arms, last)
+
+    def _add_seam(self, number: int) -> None:
+        """Adds a seam on a part that the planner holds where it likes: it begins at once, and ends anywhere."""
+        work = SeamWork("left", "right", PART_IN_HAND, SEAM, SeamTool(), Hold(), speed=0.1)
+        self._tasks += [Task(f"seam {number}", arm, (), seam=work) for arm in ARMS]
+        last = self._drawn(self._home if self._rng.random() < 0.5 else None)
+        self._platform = last
+        self._last |= dict.fromkeys(ARMS, last)
 
 
 @pytest.mark.parametrize("parts_first", [True, False])
