@@ -125,8 +125,8 @@ class KindPlanning:
     """When such a section may begin at the earliest [s]."""
     ends: Callable[[Job, Section], tuple[ToolPoses, ToolPoses]] = lambda job, section: ({}, {})
     """Where the tools are when such a section begins, and when it ends."""
-    transfer: Callable[[Job, Section], float] = lambda job, section: 0.0
-    """Least time of the transfer to such a section that the file asks for [s]."""
+    least_transfer: Callable[[Job, Section], float] = lambda job, section: 0.0
+    """How long the transfer to such a section, with what belongs to it, takes at least by the file [s]."""
     least: Callable[[Job, Section], float] = lambda job, section: 0.0
     """What no plan of such a section can beat [s]."""
 

@@ -225,9 +225,7 @@ def _job_bound(bounds: BoundMethod, job: Job) -> LowerBound:
         return _bound(bounds, sequence_problem(model, job))
     if unbounded or job.order != "given":
         return _sum_of_sections(bounds, model, job, stages_count=not unbounded)
-    found = _bound(bounds, *_with_other_work(model, job))
-    stops = found.assumptions if any(not task.alone for task in job.tasks) else ()
-    return replace(found, assumptions=(*stops, PATH_BOUND))
+    return _sequence_with_other_work(bounds, model, job)
 
 
 def _why_unbounded(job: Job, model: CellModel) -> str:
@@ -272,11 +270,12 @@ def _sum_of_sections(
         assumptions = [*bound.assumptions, *assumptions]
     works = [section for section in job.sections() if section[0].alone]
     if job.order != "given":
-        # No order ends sooner than the one in which they follow one another as they open.
-        works.sort(key=lambda work: _kind(work).opens(work))
+        # The transfer may be over when a work opens. Done in the order in which they may begin, all end soonest.
+        works.sort(key=lambda work: _kind(work).opens(work) - _kind(work).least_transfer(job, work))
     for work in works:
         kind = _kind(work)
-        value = max(value + kind.transfer(job, work), kind.opens(work)) + kind.least(job, work)
+        there = max(value + kind.least_transfer(job, work), kind.opens(work))
+        value = there + kind.least(job, work)
     return LowerBound(value, tuple(assumptions))
 
 
@@ -296,39 +295,53 @@ class _Row:
     """Whether a path or seam begins or ends there, so that tools are at rest."""
 
 
-def _rows(job: Job) -> list[_Row]:
-    """Returns the stages of a job with paths and seams in a given order."""
-    found: list[_Row] = []
+def _sequence_with_other_work(bounds: BoundMethod, model: CellModel, job: Job) -> LowerBound:
+    """Returns the bound of a job with paths and seams in a given order; arguments as of `shared_bound`."""
+    assumptions = dict.fromkeys(ASSUMPTIONS if any(not task.alone for task in job.tasks) else ())
+    rows: list[_Row] = []
     for section in job.sections():
-        if not section[0].alone:
-            stages = replace(job, tasks=section).stages()
-            found += [_Row({arm: stop for arm, (_, stop) in stage.items()}) for stage in stages]
-            continue
-        kind = _kind(section)
-        begin, end = (
-            {arm: Stop("move", pose, 0.0, 0.0, Dwell(), NOWHERE) for arm, pose in poses.items()}
-            for poses in kind.ends(job, section)
-        )
-        arms = tuple(task.arm for task in section)
-        found += [
-            _Row(begin, kind.transfer(job, section), at_rest=True),
-            _Row(end, kind.least(job, section), kind.opens(section), arms, at_rest=True),
-        ]
-    return found
+        if section[0].alone:
+            rows += _other_work(job, section)
+        elif (own := replace(job, tasks=section)).is_decided:
+            rows += [_Row({a: stop for a, (_, stop) in stage.items()}) for stage in own.stages()]
+        else:
+            shared = shared_bound(bounds, model, replace(own, start="free", returns=False))
+            rows.append(_Row({}, shared.value or 0.0, moved=tuple(model.arms)))
+            assumptions |= dict.fromkeys(shared.assumptions)
+    value = _bound_of_rows(bounds, model, job, rows)
+    if np.isinf(value):
+        # Within its tolerance a path may end where no posture is at its pose.
+        rows = [replace(row, stops={}) if row.at_rest else row for row in rows]
+        value = _bound_of_rows(bounds, model, job, rows)
+    return LowerBound(value, (*assumptions, PATH_BOUND))
 
 
-def _with_other_work(model: CellModel, job: Job) -> tuple[SequenceProblem, OtherWork]:
-    """Returns the stages of a job with paths and seams in a given order, and what these have besides stops."""
-    rows = _rows(job)
+def _other_work(job: Job, section: Section) -> list[_Row]:
+    """Returns the two stages of a path or seam."""
+    kind = _kind(section)
+    begin, end = (
+        {arm: Stop("move", pose, 0.0, 0.0, Dwell(), NOWHERE) for arm, pose in poses.items()}
+        for poses in kind.ends(job, section)
+    )
+    arms = tuple(task.arm for task in section)
+    return [
+        _Row(begin, kind.least_transfer(job, section), at_rest=True),
+        _Row(end, kind.least(job, section), kind.opens(section), arms, at_rest=True),
+    ]
+
+
+def _bound_of_rows(bounds: BoundMethod, model: CellModel, job: Job, rows: list[_Row]) -> float:
+    """Returns the bound of stages [s], under a job's limits and with its start and return."""
     stops = {name: [row.stops.get(name) for row in rows] for name in model.arms}
     handing = tuple(any(stop.action == "give" for stop in row.stops.values()) for row in rows)
+    problem = replace(stops_problem(model, job, stops), handing=handing)
     other = OtherWork(
         least=np.array([row.least for row in rows]),
         earliest=np.array([row.earliest for row in rows]),
         moved=np.array([[name in row.moved for row in rows] for name in model.arms]),
         at_rest=np.array([row.at_rest for row in rows]),
     )
-    return replace(stops_problem(model, job, stops), handing=handing), other
+    return _bound(bounds, problem, other).value or 0.0
 
 
 def _bound(

@@ -172,7 +172,7 @@ class _RandomJob:
         self.job = replace(whole, tasks=tuple(self._tasks))
 
     def _drawn(self, near: FloatArray | None = None) -> FloatArray:
-        spread = self._rng.choice([0.02, 0.3, 1.0])
+        spread = self._rng.choice([0.02, 0.3, 1.0, 3.0])
         q = (self._platform if near is None else near) + spread * self._rng.normal(
             size=len(self._home)
         )
@@ -293,6 +293,57 @@ def test_an_open_order_leaves_transfers_to_paths_out(tmp_path: Path) -> None:
     bound = job_bound(job, "quick")
     assert bound.value == pytest.approx(at_full_speed(job), rel=2e-5)
     assert OPEN_PATH_BOUND in bound.assumptions
+
+
+def test_an_open_order_of_seams_may_use_the_time_before_they_open(tmp_path: Path) -> None:
+    """A: 10 s there, not before 11 s, 0.6 s; B: not before 10 s, 0.6 s and 6 s more. A, then B: 11.6 + 6.6 s."""
+    seam = (
+        "  - id: {name}\n    coordinate:\n      master: left\n      slave: right\n"
+        "      curve: {{kind: line, start: [-30 mm, 0, 0], end: [30 mm, 0, 0]}}\n"
+        "      part: {{xyz: [0, 0, 200 mm]}}\n      speed: 100 mm/s\n"
+        "      not_before: {opens}\n      {more}\n"
+    )
+    rows = [
+        seam.format(name="a", opens="11 s", more="entry: {duration: 10 s}"),
+        seam.format(name="b", opens="10 s", more="exit: {dwell: 6 s}"),
+    ]
+    for tasks in (rows, rows[::-1]):
+        job = job_of(tmp_path, *tasks, head="order: optimise\n")
+        assert job_bound(job, "quick").value == pytest.approx(11.0 + 0.6 + 6.6, rel=1e-12)
+
+
+def test_tasks_of_any_arm_between_paths_count_alone(tmp_path: Path) -> None:
+    """Two paths with such tasks before, between and after them: dwells of 2 s at four stops, on two arms."""
+    anyone = PART.replace("arm: left", "arm: any").replace("approach", "dwell: 2 s\n    approach")
+    one, other = PATHS.format(x=0.5, z=0.9).split("  - id: other")
+    more = anyone.replace("id: part", "id: more").replace(" 0.3,", " 0.35,")
+    job = job_of(tmp_path, anyone, one, more, "  - id: other" + other, head="return: true\n")
+    for blend in ("none", "lines"):
+        bound = job_bound(job, "quick", blended=blend != "none").value
+        schedule = plan_without_bound(job, PlanSettings(effort="quick", blend=blend), clear=False)
+        # The right arm goes home from the second path besides.
+        assert at_full_speed(job) + 2 * 2 * 2.0 / 2 + 0.1 < bound <= schedule.duration
+
+
+def test_a_path_that_ends_out_of_reach_within_its_tolerance_has_a_bound(tmp_path: Path) -> None:
+    """The end is some 0.5 mm beyond the stretched arm; springs as printed come near enough."""
+    (tmp_path / "dualarm.toml").write_text("")
+    (tmp_path / "cell.yaml").write_text(
+        "dualarm: cell/1\nrobot:\n  left:  {robot: iiwa14, base: {xyz: [0, 0.35, 0]}}\n"
+        "  right: {robot: iiwa14, base: {xyz: [0, -0.35, 0]}}\n"
+        "tools: {left: {tcp: {xyz: [0, 0, 150 mm]}}, right: {tcp: {xyz: [0, 0, 150 mm]}}}\n"
+    )
+    file = tmp_path / "tasks.yaml"
+    file.write_text(
+        "dualarm: tasks/1\ncell: cell.yaml\nreturn: true\ntasks:\n"
+        "  - id: p\n    path: {arm: left, speed: 50 mm/s, slower: allowed, tolerance: 5 mm, "
+        "redundancy: virtual_spring_damped, through: [{xyz: [1.0955, 0.35, 0.36], "
+        "rpy: [0, 90 deg, 0]}, {xyz: [1.0955, 0.39, 0.36]}]}\n"
+    )
+    job = load_job(file)
+    schedule = plan_without_bound(job, PlanSettings(effort="quick"))
+    assert verify(schedule, job).passed
+    assert 0.04 / 0.05 * (1.0 - 2e-5) < job_bound(job, "quick").value <= schedule.duration
 
 
 def test_a_path_tells_the_poses_of_the_arms_that_follow_it(tmp_path: Path) -> None:

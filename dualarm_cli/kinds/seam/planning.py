@@ -139,7 +139,7 @@ def _pose(R: FloatArray, p: FloatArray) -> pin.SE3:
     return pin.SE3(R[0], p[0])
 
 
-def least_transfer(job: Job, section: Section) -> float:
+def least_entry(job: Job, section: Section) -> float:
     """Returns the time that a file gives the way to a seam, without the dwell at its end [s]; 0 where it gives none."""
     work = section[0].seam
     assert work is not None
@@ -163,6 +163,6 @@ PLANNING = KindPlanning(
     add=add_seam_section,
     opens=seam_opens,
     ends=seam_ends,
-    transfer=least_transfer,
+    least_transfer=least_entry,
     least=least_time,
 )
