@@ -326,7 +326,7 @@ def test_tasks_of_any_arm_between_paths_count_alone(tmp_path: Path) -> None:
 
 
 def test_a_path_that_ends_out_of_reach_within_its_tolerance_has_a_bound(tmp_path: Path) -> None:
-    """The end is some 0.5 mm beyond the stretched arm; springs as printed come near enough."""
+    """The end is some 0.5 mm beyond the stretched arm, which springs as printed come near enough: 40 mm at 50 mm/s."""
     (tmp_path / "dualarm.toml").write_text("")
     (tmp_path / "cell.yaml").write_text(
         "dualarm: cell/1\nrobot:\n  left:  {robot: iiwa14, base: {xyz: [0, 0.35, 0]}}\n"
@@ -341,9 +341,7 @@ def test_a_path_that_ends_out_of_reach_within_its_tolerance_has_a_bound(tmp_path
         "rpy: [0, 90 deg, 0]}, {xyz: [1.0955, 0.39, 0.36]}]}\n"
     )
     job = load_job(file)
-    schedule = plan_without_bound(job, PlanSettings(effort="quick"))
-    assert verify(schedule, job).passed
-    assert 0.04 / 0.05 * (1.0 - 2e-5) < job_bound(job, "quick").value <= schedule.duration
+    assert job_bound(job, "quick").value == pytest.approx(0.04 / 0.05, rel=2e-5)
 
 
 def test_a_path_tells_the_poses_of_the_arms_that_follow_it(tmp_path: Path) -> None:
