@@ -12,8 +12,8 @@ both ends of their lines, so that these cells exist. Then
   the rest-to-rest time from one cell to the other: two motions from rest to rest, one after the other, are one;
 - a stage lasts as long as the slower arm, so at least as long as the other arm needs for the same two cells of the
   platform with whatever postures suit it best;
-- a path or seam is a stage of its own, of at least some length: arms that follow it come to its end by no transfer, and
-  go on from anywhere where their poses there are not known (`OtherWork`).
+- a path or seam has two stages of its own, one that ends where it begins and one that ends with it: arms that follow it
+  come to its end by no transfer, and go on from anywhere where their poses there are not known (`OtherWork`).
 
 The least sum over all sequences of cells, found backwards stage by stage for each arm, is a bound. From each stage on
 the larger one of both arms' counts: a plan takes as long as either of them needs from there. Our own; the proposal to
@@ -148,22 +148,23 @@ class _Arm:
     """One arm while the stages are gone through backwards."""
 
     table: TransferTable
-    rest_table: TransferTable
+    table_at_rest: TransferTable
     """For transfers from rest to rest."""
     chain: TransferChain
     stops: StopTable
     here: StopBoxes | None = None
     """The last stop that has not been dealt with; None if there is none left."""
-    rest: Times = field(default_factory=lambda: np.zeros(1, dtype=np.float32))
-    """How much longer all stages that have been dealt with take at least from each cell where a transfer begins [s]."""
+    to_go: Times = field(default_factory=lambda: np.zeros(1, dtype=np.float32))
+    """How much longer all stages that have been dealt with take at least, from each of n cells where the next transfer
+    begins, shape (n,); (1,) without a stop [s]."""
 
     @classmethod
-    def of(cls, problem: SequenceProblem, work: ArmWork, other: OtherWork) -> _Arm:
+    def of(cls, problem: SequenceProblem, work: ArmWork, works: OtherWork) -> _Arm:
         """Returns an arm before any of its stages."""
-        table = rest_table = transfer_table(problem, work)
-        if other.at_rest.any():
-            rest_table = transfer_table(problem, replace(work, law=at_rest(work.law)))
-        return cls(table, rest_table, TransferChain.of(work), StopTable.of(work))
+        table = table_at_rest = transfer_table(problem, work)
+        if works.at_rest.any():
+            table_at_rest = transfer_table(problem, replace(work, law=at_rest(work.law)))
+        return cls(table, table_at_rest, TransferChain.of(work), StopTable.of(work))
 
 
 @dataclass(frozen=True)
@@ -180,18 +181,18 @@ class _Stage:
 
 
 def lower_bound(
-    problem: SequenceProblem, effort: str, other: OtherWork | None = None
+    problem: SequenceProblem, effort: str, works: OtherWork | None = None
 ) -> LowerBound:
     """Returns a bound on the cycle time of every rest-to-rest plan that keeps the stages; see the module.
 
     Args:
         problem: the sequence.
         effort: one of EFFORTS: finer cells give a better bound.
-        other: paths and seams among the stages; None for none.
+        works: paths and seams among the stages; None for none.
     """
     value = 0.0
     if problem.stages:
-        value = _backward(problem, EFFORTS[effort].bound, other or OtherWork.none(problem))
+        value = _backward(problem, EFFORTS[effort].bound, works or OtherWork.none(problem))
     return LowerBound(max(0.0, value * ROUNDED_DOWN), ASSUMPTIONS)
 
 
@@ -217,9 +218,9 @@ def _turns_tell(problem: SequenceProblem) -> bool:
     return high - low <= 2.0 * TURN
 
 
-def _backward(problem: SequenceProblem, resolution: Resolution, other: OtherWork) -> float:
+def _backward(problem: SequenceProblem, resolution: Resolution, works: OtherWork) -> float:
     edges = platform_edges(problem, resolution.step)
-    arms = [_Arm.of(problem, work, other) for work in problem.arms]
+    arms = [_Arm.of(problem, work, works) for work in problem.arms]
     parts = finer_edges(edges, resolution.finer)
 
     # Of a stage and the one before; where arms are idle in between it is found again.
@@ -242,8 +243,8 @@ def _backward(problem: SequenceProblem, resolution: Resolution, other: OtherWork
     for a, arm in enumerate(arms):
         if len(arm.chain.active):
             arm.here = cells_of(a, int(arm.chain.active[-1]))
-            arm.rest = _return_times(problem, a, arm, other)
-    passed = _taken_off(arms)
+            arm.to_go = _return_times(problem, a, arm, works)
+    passed = _take_common(arms)
     longest = 0.0
     for k in range(problem.stages - 1, -1, -1):
         stages, before = {}, {}
@@ -253,44 +254,44 @@ def _backward(problem: SequenceProblem, resolution: Resolution, other: OtherWork
             before[a] = cells_of(a, int(arm.chain.previous[k]))
             if not all(stop is None or stop.possible for stop in (arm.here, before[a])):
                 return np.inf
-            stages[a] = _stage(problem, a, arm, k, before[a], len(edges) - 1, other)
-        least = np.float32(other.least[k])
+            stages[a] = _stage(problem, a, arm, k, before[a], len(edges) - 1, works)
+        least = np.float32(works.least[k])
         for a, arm in enumerate(arms):
             others = [stage.by_cells for b, stage in stages.items() if b != a]
             if a in stages:
-                arm.rest = _least_from(arm, stages[a], others, least, before[a])
+                arm.to_go = _least_from(arm, stages[a], others, least, before[a])
                 arm.here = before[a]
             else:
-                arm.rest = arm.rest + max([least, *(one.min() for one in others)])
-        passed += _taken_off(arms)
-        longest = max(longest, passed + float(other.earliest[k]))
+                arm.to_go = arm.to_go + max([least, *(one.min() for one in others)])
+        passed += _take_common(arms)
+        longest = max(longest, passed + float(works.earliest[k]))
     return longest
 
 
-def _taken_off(arms: list[_Arm]) -> float:
-    """Returns what all stages that have been dealt with need at least [s], and takes it off the arms' own times.
+def _take_common(arms: list[_Arm]) -> float:
+    """Takes what all stages that have been dealt with need at least off the arms' times; returns it [s].
 
-    They last as long as any of the arms needs. Small numbers are left, so that a thousand stages do not add up
-    rounding.
+    These stages last as long as any arm needs for them. The numbers that are left are small, so that a thousand stages
+    do not add up rounding.
     """
-    least = max(float(arm.rest.min(initial=np.inf)) for arm in arms)
+    least = max(float(arm.to_go.min(initial=np.inf)) for arm in arms)
     if np.isfinite(least):
         for arm in arms:
-            arm.rest = np.maximum(arm.rest - np.float32(least), np.float32(0.0))
+            arm.to_go = np.maximum(arm.to_go - np.float32(least), np.float32(0.0))
     return least
 
 
-def _return_times(problem: SequenceProblem, a: int, arm: _Arm, other: OtherWork) -> Times:
+def _return_times(problem: SequenceProblem, a: int, arm: _Arm, works: OtherWork) -> Times:
     """Returns how long the return takes at least from each cell of the last stop [s], 0 where there is none.
 
     A free start is closed to wherever the first transfer would end: that may be no way at all.
     """
     stop, last = arm.here, int(arm.chain.active[-1])
     assert stop is not None  # an arm without stops has nothing to return from
-    if not problem.returns or problem.free_start or other.moved[a, last + 1 :].any():
+    if not problem.returns or problem.free_start or works.moved[a, last + 1 :].any():
         return np.zeros(len(stop.retract.index), dtype=np.float32)
     without = _untold(problem, a, stop.untold, last == problem.stages - 1)
-    table = arm.rest_table if other.at_rest[last] else arm.table
+    table = arm.table_at_rest if works.at_rest[last] else arm.table
     start = _start(problem, a, table)
     return table.gap_times(stop.retract.low, stop.retract.high, start.low, start.high, without)[
         :, 0
@@ -321,7 +322,7 @@ def _stage(
     k: int,
     before: StopBoxes | None,
     cells: int,
-    other: OtherWork,
+    works: OtherWork,
 ) -> _Stage:
     """Returns an arm's transfers into stage k, and its work there; the platform's grid has so many cells."""
     stop = arm.here
@@ -329,7 +330,7 @@ def _stage(
     work = stop_work(arm.table, stop)
     came = int(arm.chain.previous[k])
     begins = k == 0 and problem.free_start
-    if begins or other.moved[a, came + 1 : k + 1].any():
+    if begins or works.moved[a, came + 1 : k + 1].any():
         table = np.full((cells, cells), np.inf, dtype=np.float32)
         columns, first = np.unique(stop.approach.index, return_index=True)
         table[:, columns] = np.minimum.reduceat(work.least, first)
@@ -340,8 +341,8 @@ def _stage(
         origin = replace(origin, index=np.zeros_like(origin.index))
     free = stop.untold or (() if before is None else before.untold)
     without = _untold(problem, a, free, known)
-    rests = other.at_rest[k] and (before is None or other.at_rest[came])
-    pairs = Pairs(arm.rest_table if rests else arm.table, origin, stop.approach, without)
+    rests = works.at_rest[k] and (before is None or works.at_rest[came])
+    pairs = Pairs(arm.table_at_rest if rests else arm.table, origin, stop.approach, without)
     by_cells = pairs.by_cells(work.least, cells)
     return _Stage(pairs, known, work, by_cells if known else np.tile(by_cells[0], (cells, 1)))
 
@@ -353,7 +354,7 @@ def _least_from(
 
     max(transfer + work, others, least) + rest, over all retract cells, is at least the larger of the two sums' minima.
     """
-    own, beyond = stage.work.with_rest(arm.rest)
+    own, beyond = stage.work.with_rest(arm.to_go)
     floor = np.full_like(stage.by_cells, least)
     for other in others:
         np.maximum(floor, other if stage.known else other.min(axis=0), out=floor)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.bound.bound import ASSUMPTIONS, LowerBound, OtherWork, lower_bound
+from dualarm_cli.bound.bound import ASSUMPTIONS, ROUNDED_DOWN, LowerBound, OtherWork, lower_bound
 from dualarm_cli.bound.passing import passing
 from dualarm_cli.clearing.permissions import permitted
 from dualarm_cli.geometry.arrays import FloatArray
@@ -158,15 +158,17 @@ PATH_BOUND = (
     "arm that takes no part stands still; transfers to and from them count where the file gives the tool's pose, or "
     "how long they take"
 )
+"""What a bound of paths and seams in a given order counts."""
 OPEN_PATH_BOUND = (
     "lower bound: paths and seams count at full speed; transfers to and from them count only as long as the file says "
     "they take, as their order is not given"
 )
+"""What it counts of them in any order."""
 STAGES_AS_ZERO = (
     "lower bound: paths and seams count at full speed; stages beside them count as zero on this robot, and transfers "
     "to and from them only as long as the file says they take"
 )
-"""What a bound of paths and seams counts: in a given order, in any order, and on robots without bounds of stages."""
+"""What it counts on a robot whose stages have no bound."""
 NO_BOUND = "lower bound: none for arms without closed forms"
 """Message where there is no bound."""
 NO_BOUND_ON_RAILS = (
@@ -201,12 +203,15 @@ def job_bound(job: Job, effort: str, *, blended: bool = False) -> LowerBound:
     if not blended:
         return _job_bound(BoundMethod(effort, lambda problem: problem), job)
     found = _job_bound(BoundMethod(effort, passing), job.blended())
-    if found.value is None or {PATH_BOUND, OPEN_PATH_BOUND, STAGES_AS_ZERO}.issuperset(
-        found.assumptions
-    ):
-        return found  # of no stop that may be passed
+    if found.value is None or not _stops_count(job, found):
+        return found
     kept = (text for text in found.assumptions if text not in ASSUMPTIONS)
     return replace(found, assumptions=(*kept, BLENDED))
+
+
+def _stops_count(job: Job, bound: LowerBound) -> bool:
+    """Returns whether a bound counts stops at all, rather than paths and seams only."""
+    return STAGES_AS_ZERO not in bound.assumptions and any(not task.alone for task in job.tasks)
 
 
 def _job_bound(bounds: BoundMethod, job: Job) -> LowerBound:
@@ -276,12 +281,12 @@ def _sum_of_sections(
         kind = _kind(work)
         there = max(value + kind.least_transfer(job, work), kind.opens(work))
         value = there + kind.least(job, work)
-    return LowerBound(value, tuple(assumptions))
+    return LowerBound(value * ROUNDED_DOWN, tuple(assumptions))
 
 
 @dataclass(frozen=True)
 class _Row:
-    """One stage of a job with paths and seams; each of these has two, one where it begins and one where it ends."""
+    """One stage of a job with paths and seams; a path or seam has two, which end where it begins and where it ends."""
 
     stops: Mapping[str, Stop]
     """By arm."""
@@ -297,12 +302,13 @@ class _Row:
 
 def _sequence_with_other_work(bounds: BoundMethod, model: CellModel, job: Job) -> LowerBound:
     """Returns the bound of a job with paths and seams in a given order; arguments as of `shared_bound`."""
-    assumptions = dict.fromkeys(ASSUMPTIONS if any(not task.alone for task in job.tasks) else ())
+    assumptions = dict[str, None]()
     rows: list[_Row] = []
     for section in job.sections():
         if section[0].alone:
             rows += _other_work(job, section)
         elif (own := replace(job, tasks=section)).is_decided:
+            assumptions |= dict.fromkeys(ASSUMPTIONS)
             rows += [_Row({a: stop for a, (_, stop) in stage.items()}) for stage in own.stages()]
         else:
             shared = shared_bound(bounds, model, replace(own, start="free", returns=False))
@@ -335,17 +341,19 @@ def _bound_of_rows(bounds: BoundMethod, model: CellModel, job: Job, rows: list[_
     stops = {name: [row.stops.get(name) for row in rows] for name in model.arms}
     handing = tuple(any(stop.action == "give" for stop in row.stops.values()) for row in rows)
     problem = replace(stops_problem(model, job, stops), handing=handing)
-    other = OtherWork(
+    works = OtherWork(
         least=np.array([row.least for row in rows]),
         earliest=np.array([row.earliest for row in rows]),
         moved=np.array([[name in row.moved for row in rows] for name in model.arms]),
         at_rest=np.array([row.at_rest for row in rows]),
     )
-    return _bound(bounds, problem, other).value or 0.0
+    value = _bound(bounds, problem, works).value
+    assert value is not None  # there are cells for every stop of this robot
+    return value
 
 
 def _bound(
-    bounds: BoundMethod, problem: SequenceProblem, other: OtherWork | None = None
+    bounds: BoundMethod, problem: SequenceProblem, works: OtherWork | None = None
 ) -> LowerBound:
     """Returns the bound of stages in a given order.
 
@@ -355,7 +363,7 @@ def _bound(
     Args:
         bounds: how bounds are computed.
         problem: the stages.
-        other: paths and seams among them; None for none.
+        works: paths and seams among them; None for none.
     """
     problem = bounds.law(problem)
     arms = [list(arm.stops) for arm in problem.arms]
@@ -368,7 +376,7 @@ def _bound(
     whole = tuple(
         replace(arm, stops=tuple(stops)) for arm, stops in zip(problem.arms, arms, strict=True)
     )
-    return lower_bound(replace(problem, arms=whole, handing=()), bounds.effort, other)
+    return lower_bound(replace(problem, arms=whole, handing=()), bounds.effort, works)
 
 
 def _least_work(problem: SequenceProblem, a: int, k: int, effort: str) -> float:

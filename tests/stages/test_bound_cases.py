@@ -523,6 +523,6 @@ def test_a_stage_takes_what_other_arms_need_from_the_cell_before_or_from_any(kno
             rows = [before] if known else range(4)
             told[before, then] = max(min(other[k, then] for k in rows) for other in others)
     least = np.median(told)
-    bound_pairs._least_from(SimpleNamespace(rest=np.zeros(3)), stage, others, least, None)
+    bound_pairs._least_from(SimpleNamespace(to_go=np.zeros(3)), stage, others, least, None)
     expected = np.where(told > least, told, least)
     np.testing.assert_array_equal(asked[0], expected)
