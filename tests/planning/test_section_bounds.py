@@ -325,33 +325,23 @@ def test_tasks_of_any_arm_between_paths_count_alone(tmp_path: Path) -> None:
         assert at_full_speed(job) + 2 * 2 * 2.0 / 2 + 0.1 < bound <= schedule.duration
 
 
-def test_after_tasks_of_any_arm_both_arms_go_on_from_anywhere(tmp_path: Path) -> None:
-    """They end where no order tells: the left arm's path far away may begin, or its way home, right there."""
-    far = np.array([0.5, 0.0, 0.0])
-    anyone = PART.replace("arm: left", "arm: any").replace("id: part", "id: anyone")
-    path = "  - id: other" + PATHS.format(x=0.5, z=0.9).split("  - id: other")[1]
-    before = path.replace("id: other", "id: before")
-    job = job_of(tmp_path, before, anyone, path, head="start: free\n")
-    tasks = [
-        replace(
-            t, path=replace(t.path, paths={a: _shifted(p, far) for a, p in t.path.paths.items()})
-        )
-        if t.id == "other"
-        else t
-        for t in job.tasks
-    ]
-    moved = replace(job, tasks=tuple(tasks))
-    for blended in (False, True):
-        assert job_bound(moved, "quick", blended=blended).value == pytest.approx(
-            job_bound(job, "quick", blended=blended).value, rel=1e-6
-        )
-
-
-def _shifted(path: ToolPath, way: FloatArray) -> ToolPath:
-    """The same straight path elsewhere."""
-    [line] = path.pieces
-    away = pin.SE3(np.eye(3), way)
-    return ToolPath((Line(away * line.start, away * line.end),))
+def test_after_tasks_of_any_arm_both_arms_go_on_from_anywhere(
+    general_robots, tmp_path: Path
+) -> None:
+    """Which arm did them is not told: the right arm's second path counts the same wherever it is."""
+    file = general_robots.write_cell(tmp_path, "ur5")
+    head = "dualarm: tasks/1\ncell: cell.yaml\nstart: free\ntasks:\n"
+    path = "  - id: other" + PATHS.format(x=0.45, z=0.2).split("  - id: other")[1]
+    anyone = PART.replace("arm: left", "arm: any").replace("0.9]", "0.2]")
+    far = path.replace("id: other", "id: far").replace("0.45, -0.2", "0.35, -0.6")
+    near = path.replace("id: other", "id: near")
+    bounds = []
+    for between, last in ((anyone, near), (anyone, far), ("", near), ("", far)):
+        file.write_text(head + path + between + last)
+        job = load_job(file)
+        bounds.append(job_bound(job, "quick").value - at_full_speed(job))
+    assert bounds[0] == pytest.approx(bounds[1], rel=1e-4)
+    assert bounds[2] + 0.1 < bounds[3]
 
 
 def test_a_path_that_ends_out_of_reach_within_its_tolerance_has_a_bound(tmp_path: Path) -> None:

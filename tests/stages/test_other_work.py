@@ -128,3 +128,30 @@ def test_where_both_arms_go_on_from_anywhere_bounds_add_up(
             own = dataclasses.replace(OtherWork.none(part), moved=begun)
             parts.append(lower_bound(part, "quick", own).value)
         assert lower_bound(problem, "quick", other).value == pytest.approx(sum(parts), rel=1e-5)
+
+
+def test_while_an_arm_is_idle_the_other_one_s_stage_counts_besides_its_own_way(
+    random_problem: Callable[..., SequenceProblem],
+) -> None:
+    """Left: at its start or far away, then far away: one far transfer either way. In between the right arm has one."""
+    whole = random_problem(0, (1, 1))
+    far = []
+    for work in whole.arms:
+        q = work.start.copy()
+        q[3] = work.limits.lower[3] if q[3] > 0.0 else work.limits.upper[3]
+        far.append(q)
+    some = whole.arms[0].stops[0]
+    assert some is not None
+    either, left, right = (
+        dataclasses.replace(some, configurations=np.array(rows))
+        for rows in ((whole.arms[0].start, far[0]), far[:1], far[1:])
+    )
+    stops = (either, None, left), (None, right, None)
+    arms = tuple(
+        dataclasses.replace(work, stops=own) for work, own in zip(whole.arms, stops, strict=True)
+    )
+    problem = dataclasses.replace(whole, arms=arms)
+    best = sum(
+        float(work.law.duration(q - work.start)) for work, q in zip(whole.arms, far, strict=True)
+    )
+    assert 0.99 * best < lower_bound(problem, "quick").value <= best
