@@ -62,7 +62,7 @@ def test_stages_beside_paths_on_several_joints_are_not_bounded(tmp_path, sliding
     bound = job_bound(job, "quick")
     assert STAGES_AS_ZERO in bound.assumptions
     assert bound.value is not None
-    assert 2.0 - 1e-9 <= bound.value <= schedule.duration
+    assert 2.0 * (1.0 - 2e-5) <= bound.value <= schedule.duration
     # The path alone: 200 mm at 100 mm/s.
     alone = load_job(path_job(tmp_path, sliding_robots, {"waist": None}))
     assert STAGES_AS_ZERO not in job_bound(alone, "quick").assumptions
