@@ -100,12 +100,13 @@ class Beside(Generic[T]):
         _reap(os.WNOHANG)
         # A signal in between would leave a copy that nobody ends, or one that does all that this process does.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+        parent = os.getpid()
         try:
             self._pipe, end = os.pipe()
             try:
                 self._child = os.fork()
                 if self._child == 0:
-                    _work(self.made, end, before)
+                    _work(self.made, end, before, parent)
             except OSError:
                 # There is no memory or no place for another process: this one does the work.
                 pass
@@ -187,13 +188,14 @@ def halves(
         return [*first, *rest.result()]
 
 
-def _work(made: Callable[[], T], end: int, mask: set[int]) -> NoReturn:
+def _work(made: Callable[[], T], end: int, mask: set[int], parent: int) -> NoReturn:
     """Writes a function's result to one end of a pipe and ends the process, without anything that is done at exit.
 
     Args:
         made: the function.
         end: of the pipe.
         mask: signals that are blocked from here on.
+        parent: the process that was copied.
     """
     try:
         # Ctrl-C is answered by the process that was copied.
@@ -202,6 +204,8 @@ def _work(made: Callable[[], T], end: int, mask: set[int]) -> NoReturn:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         # However the process ends that was copied, this one does not outlive it.
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:  # it ended before this could be asked for
+            os._exit(0)
         _copies.set(False)
         # What was there before is not looked through: each page that is touched would be copied.
         gc.freeze()

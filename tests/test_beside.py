@@ -210,6 +210,35 @@ def test_a_signal_while_a_copy_is_made_leaves_none(number, threads):
         time.sleep(0.01)
 
 
+OUTLIVED = """
+import os, sys, time
+from dualarm_cli.beside import Beside, copies
+fork = os.fork
+def forked():
+    child = fork()
+    if child:
+        print(child, flush=True)
+        os._exit(0)
+    while os.getppid() == int(sys.argv[1]):
+        time.sleep(0.01)
+    return child
+sys.argv.append(str(os.getpid()))
+os.fork = forked
+with copies(True), Beside(lambda: time.sleep(60.0)):
+    pass
+"""
+
+
+def test_a_copy_whose_process_has_ended_before_it_began_ends_too():
+    done = subprocess.run(
+        [sys.executable, "-c", OUTLIVED], capture_output=True, text=True, check=True, timeout=30
+    )
+    end = time.monotonic() + 10.0
+    while Path(f"/proc/{done.stdout.strip()}").exists():
+        assert time.monotonic() < end, "the copy still works"
+        time.sleep(0.01)
+
+
 def test_ctrl_c_is_left_to_the_first_process():
     def made():
         os.kill(os.getpid(), signal.SIGINT)
