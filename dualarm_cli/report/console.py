@@ -222,6 +222,12 @@ def bound_line(report: dict[str, Any]) -> str:
         line = "lower bound: 0 s, as the grid is too coarse for moves this short; try --effort thorough"
     else:
         what = "tasks, in any order," if report["open"] else "stages"
+        if (
+            report["open"]
+            and report["order"] == "given"
+            and (report.get("paths") or report.get("seams"))
+        ):
+            what = "tasks"  # paths and seams divide them in the file's order
         plan = "rest-to-rest plan" if report["blending"] is None else "plan"
         line = (
             f"lower bound: no {plan} of these {what} is faster than {report['lower_bound']:.3f} s"

@@ -24,6 +24,8 @@ from dualarm_cli.model.seam import Hold, SeamTool, SeamWork
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.job_bound import OPEN_PATH_BOUND, PATH_BOUND, job_bound
 from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.report.console import bound_line
+from dualarm_cli.report.report import build_report
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.verification import verify
 
@@ -323,6 +325,9 @@ def test_tasks_of_any_arm_between_paths_count_alone(tmp_path: Path) -> None:
         schedule = plan_without_bound(job, PlanSettings(effort="quick", blend=blend), clear=False)
         # The right arm goes home from the second path besides.
         assert at_full_speed(job) + 2 * 2 * 2.0 / 2 + 0.1 < bound <= schedule.duration
+        # Paths come in the file's order.
+        line = bound_line(build_report(replace(schedule, lower_bound=bound), job))
+        assert "plan of these tasks is faster" in line
 
 
 def test_after_tasks_of_any_arm_both_arms_go_on_from_anywhere(
