@@ -16,7 +16,7 @@ from dualarm_cli.errors import UsageError
 from dualarm_cli.exporting.cell_urdf import cell_urdf
 from dualarm_cli.exporting.files import REPORT, write_schedule_set
 from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
-from dualarm_cli.exporting.whole_files import write_file
+from dualarm_cli.exporting.whole_files import replace_all
 from dualarm_cli.formats import export
 from dualarm_cli.formats.request import COLUMNS, ExportRequest, columns_named
 from dualarm_cli.model.job import Job
@@ -117,7 +117,7 @@ class Plan:
             return folder
         with Beside(self._shown) as shown:
             self._write_set(folder, request, force)
-            write_file(folder / PAGE, self._page(shown.result()), force=True)
+            replace_all(folder, {PAGE: [self._page(shown.result())]})
         return folder
 
     def _write_set(self, folder: Path, request: ExportRequest, force: bool) -> None:
@@ -136,9 +136,8 @@ class Plan:
             OutputError: it cannot be written.
             PageNotBuiltError: this installation has no code of the page.
         """
-        page = Path(folder) / PAGE
-        write_file(page, self._page(self._shown()), force=True)
-        return page
+        replace_all(Path(folder), {PAGE: [self._page(self._shown())]})
+        return Path(folder) / PAGE
 
     def _shown(self) -> dict[str, Any]:
         """Returns what the page shows besides the report."""

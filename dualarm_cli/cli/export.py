@@ -147,8 +147,6 @@ def export_command(
             }
             for group, count in found.samples.items()
         }
-    for parent in {(folder / name).parent for name in files}:
-        parent.mkdir(parents=True, exist_ok=True)
     replace_all(folder, {**files, REPORT: [json_bytes(document)]})
     if json_output:
         print_json(document)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dualarm_cli.cli.parts.output import QuietOption, print_message
-from dualarm_cli.errors import UsageError
+from dualarm_cli.errors import InputError, UsageError
 
 if TYPE_CHECKING:
     from dualarm_cli.model.schedule import Schedule
@@ -64,13 +65,19 @@ def tasks_of(schedule: Schedule, folder: Path) -> Path:
         UsageError: it is not there, or has been changed since.
     """
     from dualarm_cli.files.source.bundled import bundled_tasks
+    from dualarm_cli.files.source.text_source import read_bytes
 
     name, digest = next(iter(schedule.provenance.inputs.items()), ("", ""))
+    if Path(name).is_absolute() or ".." in Path(name).parts or "\0" in name:
+        raise UsageError(
+            "the task file of the plan is not found: its name leads elsewhere; name it with --tasks"
+        )
     here, there = Path.cwd(), folder.absolute()
     places = (here, *here.parents, there, *there.parents)
     found = [place / name for place in places if name and (place / name).is_file()]
     for file in (*found, *bundled_tasks().values()):
-        if hashlib.sha256(file.read_bytes()).hexdigest() == digest:
-            return file
+        with suppress(InputError):
+            if hashlib.sha256(read_bytes(file, name)).hexdigest() == digest:
+                return file
     why = f"{found[0]} has changed since" if found else f"there is no {name or 'task file'} here"
     raise UsageError(f"the task file of the plan is not found: {why}; name it with --tasks")

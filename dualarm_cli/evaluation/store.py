@@ -20,6 +20,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from dualarm_cli.errors import InputError, OutputError
 from dualarm_cli.evaluation.fingerprint import (
     GONE,
     answer_key,
@@ -29,8 +30,10 @@ from dualarm_cli.evaluation.fingerprint import (
     question,
 )
 from dualarm_cli.evaluation.request import Request
-from dualarm_cli.exporting.whole_files import write_new
+from dualarm_cli.exporting.whole_files import place_in, write_new
+from dualarm_cli.files.source.text_source import read_bytes
 from dualarm_cli.model.evaluation import REPEATABLE, Evaluation
+from dualarm_cli.page.packed import unpacked_document
 
 FORMAT = "dualarm.cache/1"
 DEFAULT_FOLDER = ".dualarm-cache"
@@ -40,7 +43,7 @@ ABANDONED = 3600.0
 ROUNDING = 1e-9
 """Share by which figures of one plan may disagree."""
 MOST_BYTES = 50_000_000
-"""Largest entry that is read [bytes]."""
+"""Largest entry that is read, and longest document of a page that is unpacked [bytes]."""
 
 
 class Store:
@@ -75,7 +78,11 @@ class Store:
         if not request.page or found.status == "infeasible":
             return found
         page = self._read("pages", key)
-        return replace(found, page=page) if isinstance(page, str) else None
+        try:
+            unpacked_document(str(page), MOST_BYTES)
+        except ValueError:
+            return None
+        return replace(found, page=str(page))
 
     def keep(self, request: Request, answer: Evaluation) -> None:
         """Keeps an answer, if the same input always comes to it and the files still hold what it was made from.
@@ -108,10 +115,8 @@ class Store:
     def _read(self, kind: str, key: str) -> Any:
         """Returns what an entry holds; None where there is none that is whole."""
         try:
-            with self._place(kind, key).open("rb") as file:
-                data = file.read(MOST_BYTES)
-            entry = json.loads(data)
-        except (OSError, ValueError, RecursionError):
+            entry = json.loads(read_bytes(self._place(kind, key), key, MOST_BYTES))
+        except (InputError, ValueError, RecursionError):
             return None
         if not isinstance(entry, dict) or entry.get("format") != FORMAT or entry.get("key") != key:
             return None
@@ -141,8 +146,12 @@ class Store:
             OSError: it cannot be written.
         """
         making = self.folder / "making"
-        making.mkdir(parents=True, exist_ok=True)
-        place.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            for folder in (making, place.parent):
+                place_in(self.folder, str(folder.relative_to(self.folder)))
+                folder.mkdir(parents=True, exist_ok=True)
+        except OutputError as error:
+            raise OSError(0, str(error)) from None
         made = write_new(making, [data])
         try:
             made.replace(place)
@@ -173,9 +182,9 @@ def _checksum(content: Any) -> str:
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Removes what killed processes have left half made."""
+    """Remove what killed processes have left half made; nothing of a folder that is elsewhere."""
     with contextlib.suppress(OSError):
-        for path in folder.iterdir():
+        for path in () if folder.is_symlink() else folder.iterdir():
             with contextlib.suppress(OSError):
                 if time.time() - path.stat().st_mtime > ABANDONED:
                     path.unlink()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from dualarm_cli.errors import OutputError
 from dualarm_cli.exporting.schedule_json import to_json
-from dualarm_cli.exporting.whole_files import replace_all
+from dualarm_cli.exporting.whole_files import place_in, replace_all
 from dualarm_cli.model.schedule import Schedule
 
 SCHEDULE, URDF, REPORT = "schedule.json", "robot.urdf", "report.json"
@@ -64,10 +64,6 @@ def write_schedule_set(
     hashes = dict.fromkeys(sorted(given), "")
     files = {name: _hashed(name, content, hashes) for name, content in given.items()}
     files[SCHEDULE] = to_json(schedule, URDF, hashes)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"--out {folder}: cannot be made: {error.strerror}") from None
     replace_all(folder, files)
 
 
@@ -83,7 +79,7 @@ def _hashed(name: str, content: Iterable[bytes], hashes: dict[str, str]) -> Iter
 def _refuse_existing(folder: Path, names: Iterable[str]) -> None:
     """Raises OutputError where a folder has one of the files: it may be somebody's own."""
     for name in names:
-        if (folder / name).exists():
+        if place_in(folder, name).exists():
             what = "a schedule" if name == SCHEDULE else f"a file {name}"
             raise OutputError(
                 f"--out {folder}: already holds {what}; add --force to replace it, or name another"

@@ -100,8 +100,10 @@ def torn_files(path: Path, schedule: Schedule) -> list[str]:
         file = folder / Path(str(name)).name
         if not file.is_file():
             torn.append(f"{name} is missing")
-        elif hashlib.sha256(file.read_bytes()).hexdigest() != digest:
-            torn.append(f"{name} was changed")
+        else:
+            with file.open("rb") as opened:
+                if hashlib.file_digest(opened, "sha256").hexdigest() != digest:
+                    torn.append(f"{name} was changed")
     return torn
 
 
@@ -200,6 +202,9 @@ class _Reader(JsonReader):
 
     def robot(self, part: dict[str, Any], joints: tuple[str, ...], folder: Path) -> ScheduleRobot:
         arms = self.member(part, "arms", dict, "robot.arms")
+        if not set(arms) <= {"left", "right"}:
+            # Exports are called after them.
+            self.fail("robot.arms", "must be left, right or both")
         platform = self.names(part, "platform", "robot.platform", ())
         if not set(platform) <= set(joints):
             self.fail("robot.platform", "must name joints of robot.joints")

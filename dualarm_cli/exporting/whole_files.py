@@ -34,19 +34,49 @@ def write_file(path: Path, content: bytes, force: bool) -> None:
         raise OutputError(f"{path}: is not a regular file (a pipe or a device); name a file")
     if not path.parent.is_dir():
         raise OutputError(f"{path}: there is no folder {path.parent}")
-    replace_all(path.parent, {path.name: [content]})
+    # Whoever names a single file may mean what a link leads to.
+    place = Path(os.path.realpath(path))
+    replace_all(place.parent, {place.name: [content]})
+
+
+def place_in(folder: Path, name: str) -> Path:
+    """Return the real path of a file of a folder, with symbolic links followed.
+
+    Raises:
+        OutputError: it is outside the folder.
+    """
+    place = Path(os.path.realpath(folder / name))
+    if not place.is_relative_to(os.path.realpath(folder)):
+        raise OutputError(
+            f"{folder}: {name} leads out of the folder; remove the symbolic link, or name another folder"
+        )
+    return place
 
 
 def replace_all(folder: Path, files: Mapping[str, Iterable[bytes]]) -> None:
-    """Writes all files, each from its parts, beside their places first, then moves each into it, in order.
+    """Write the files of a folder, each whole or not at all.
 
-    A symbolic link stays one: what it leads to is replaced. A file that already exists keeps its permissions.
+    Each is written beside its place from its parts; then all are moved, in order. A symbolic link within the folder
+    stays one: what it leads to is replaced. A file that already exists keeps its permissions.
+
+    Args:
+        folder: where to; made if need be.
+        files: contents in parts, by names that may have folders in them.
+
+    Raises:
+        OutputError: a name leads out of the folder, or nothing could be written, or not everything.
     """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        places = [place_in(folder, name) for name in files]
+        for place in places:
+            place.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made: {error.strerror}") from None
     with contextlib.ExitStack() as written:
         try:
             moves = []
-            for name, content in files.items():
-                place = Path(os.path.realpath(folder / name))
+            for place, content in zip(places, files.values(), strict=True):
                 _remove_abandoned(place)
                 moves.append((written.enter_context(_written_beside(place, content)), place))
             for temporary, place in moves:
@@ -78,6 +108,8 @@ def _remove_abandoned(place: Path) -> None:
     for path in place.parent.iterdir():
         if not (path.name.startswith(beginning) and path.name.endswith(_PART)):
             continue
+        if path.is_symlink() or not path.is_file():
+            continue  # none of ours; opening a pipe would wait
         with contextlib.suppress(OSError), path.open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             # One that was made just now may not be locked yet.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, field, fields
 from typing import Any, Literal, get_args
@@ -141,8 +141,13 @@ _TYPES: dict[str, tuple[type, ...]] = {
 }
 
 
+def is_number(value: Any) -> bool:
+    """Check that a value of a JSON file is a finite number which a float can hold."""
+    return type(value) in (int, float) and abs(value) <= sys.float_info.max
+
+
 def _number(value: Any, name: str) -> None:
-    if value is not None and (type(value) not in (int, float) or not math.isfinite(value)):
+    if value is not None and not is_number(value):
         raise ValueError(f"{name} must be a finite number")
 
 

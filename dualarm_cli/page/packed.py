@@ -6,7 +6,7 @@ import base64
 import json
 import zlib
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -31,10 +31,29 @@ def packed_document(document: Mapping[str, Any]) -> str:
     return base64.b64encode(zlib.compress(text.encode())).decode()
 
 
-def unpacked_document(text: str) -> dict[str, Any]:
-    """Returns the document that `packed_document` made a text of."""
-    document: dict[str, Any] = json.loads(zlib.decompress(base64.b64decode(text)))
+def unpacked_document(text: str, most: int = 0) -> dict[str, Any]:
+    """Return the document that `packed_document` made a text of.
+
+    Args:
+        text: packed; of a cache, anything.
+        most: longest document that is unpacked [bytes]; 0 for no limit.
+
+    Raises:
+        ValueError: the text is none of those, or its document is longer.
+    """
+    unpacking = zlib.decompressobj()
+    try:
+        plain = unpacking.decompress(base64.b64decode(text, validate=True), most)
+        document = json.loads(plain if unpacking.eof else b"", parse_constant=_no_number)
+    except (zlib.error, RecursionError) as error:
+        raise ValueError(str(error)) from None
+    if not isinstance(document, dict):
+        raise ValueError("a page's data are no object")
     return document
+
+
+def _no_number(text: str) -> NoReturn:
+    raise ValueError(f"{text} is not a number")
 
 
 def joint_knots(motion: JointMotion, joint: str) -> FloatArray:

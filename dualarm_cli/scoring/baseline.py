@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import field, fields
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any, NoReturn
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.source.text_source import quote, read_bytes
-from dualarm_cli.model.evaluation import Evaluation
+from dualarm_cli.model.evaluation import Evaluation, is_number
 from dualarm_cli.records import dataclass
 
 FORMAT = "dualarm.scores/1"
@@ -94,7 +93,7 @@ def _recorded(file: str, case: str, entry: Any) -> Recorded:
         _refuse(file, f"is damaged: case {quote(case)} must have {', '.join(sorted(known))}")
     for name in ("cycle_time", "clearance", "gap"):
         optional = name != "cycle_time" and entry[name] is None
-        if not optional and not _is_number(entry[name]):
+        if not optional and not is_number(entry[name]):
             _refuse(file, f"is damaged: case {quote(case)}: {name} is {quote(entry[name])}")
     if entry["cycle_time"] < 0.0:
         _refuse(file, f"is damaged: case {quote(case)}: cycle_time is negative")
@@ -102,14 +101,10 @@ def _recorded(file: str, case: str, entry: Any) -> Recorded:
     if not all(isinstance(group, dict) for group in groups):
         _refuse(file, f"is damaged: case {quote(case)}: limiting, limits, inputs must be objects")
     tables = [entry["limiting"], *entry["limits"].values()]
-    whole = all(isinstance(t, dict) and all(map(_is_number, t.values())) for t in tables)
+    whole = all(isinstance(t, dict) and all(map(is_number, t.values())) for t in tables)
     if not whole or not all(isinstance(text, str) for text in entry["inputs"].values()):
         _refuse(file, f"is damaged: case {quote(case)}: limiting, limits or inputs")
     return Recorded(**entry)
-
-
-def _is_number(value: Any) -> bool:
-    return type(value) in (int, float) and math.isfinite(value)
 
 
 def _members(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -7,7 +7,6 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from dualarm_cli import __version__
 from dualarm_cli.errors import OutputError
 from dualarm_cli.exporting.whole_files import write_file
 from dualarm_cli.files.cells.cells import load_cell
@@ -18,7 +17,7 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.schemas import editor_line, schema_text
 from dualarm_cli.starting.layout import PICKS, Layout, Row, find_layout
 from dualarm_cli.starting.robot_source import RobotSource
-from dualarm_cli.starting.workflow import WORKFLOW
+from dualarm_cli.starting.workflow import REQUIREMENTS, WORKFLOW
 
 LAST = "tasks.yaml"
 """The file that is put into its place last: where it is, all are."""
@@ -94,8 +93,7 @@ def _files(source: RobotSource, layout: Layout) -> dict[str, bytes]:
         "study.yaml": _editor_line("study") + study_text(layout),
         **{_schema_file(kind): schema_text(kind) for kind in ("cell", "tasks", "study")},
         ".github/workflows/score.yaml": WORKFLOW,
-        "requirements.txt": "# Installs dualarm in CI: the version that scores.json was made with.\n"
-        f"dualarm=={__version__}\n",
+        "requirements.txt": REQUIREMENTS,
     }
     return {name: text.encode() for name, text in texts.items()}
 

@@ -53,7 +53,8 @@ def test_the_workflow_has_what_matters():
     assert given["timeout"] == "10 min"
     saved = [step for step in steps if step.get("uses", "").startswith("actions/cache/save@")]
     assert saved[0]["if"] == "always()"
-    assert saved[0]["with"]["path"] == ".dualarm-cache"
+    # Out of the checkout: a commit must not bring answers.
+    assert str(given["cache"]) == saved[0]["with"]["path"] == "~/.cache/dualarm"
     for step in steps:
         assert re.fullmatch(r"actions/[a-z/-]+@v[0-9]+", step.get("uses", "actions/x@v1"))
 

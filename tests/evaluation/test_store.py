@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +18,9 @@ import pytest
 
 from dualarm_cli.evaluation import fingerprint
 from dualarm_cli.evaluation.fingerprint import hashes_now
-from dualarm_cli.evaluation.store import Store
+from dualarm_cli.evaluation.store import MOST_BYTES, Store
 from dualarm_cli.model.evaluation import Evaluation, Finding
+from dualarm_cli.page.packed import packed_document
 
 NAMES = (
     "../../robots/planar/bottin_planar.urdf",
@@ -202,6 +207,60 @@ def test_a_store_that_cannot_be_written_says_so_and_raises_nothing(asked, tmp_pa
     assert store.problem
     assert store.find(request) is None
     assert (tmp_path / "c").read_text() == "mine"
+
+
+@pytest.mark.parametrize("number", ["1" + "0" * 400, "1e400", "1" + "0" * 5000])
+def test_a_number_beyond_floats_is_no_answer(asked, tmp_path, number):
+    """In each figure, with a checksum that is right where the number can be read."""
+    request, answer = asked
+    store = Store(tmp_path / "c")
+    store.keep(request, answer)
+    [entry] = (tmp_path / "c" / "answers").rglob("*.json")
+    document = json.loads(entry.read_text())
+    text = json.dumps(document["content"] | {"travel": 7.25}, sort_keys=True, separators=(",", ":"))
+    text = text.replace("7.25", number)
+    held = document | {"sha256": hashlib.sha256(text.encode()).hexdigest(), "content": "CONTENT"}
+    entry.write_text(json.dumps(held).replace('"CONTENT"', text))
+    assert store.find(request) is None
+
+
+def test_a_page_that_unpacks_without_end_is_not_unpacked(asked, tmp_path):
+    """Fifty megabytes and a byte, packed to a fiftieth of one; also no base64, no JSON, no object, and NaN."""
+    request, answer = asked
+    request, store = replace(request, page=True), Store(tmp_path / "c")
+    good = packed_document({"a": 1})
+    store.keep(request, replace(answer, page=good))
+    assert store.find(request).page == good
+    long = base64.b64encode(zlib.compress(b'{"a": ' + b" " * MOST_BYTES + b"1}")).decode()
+    others = [
+        base64.b64encode(zlib.compress(text)).decode() for text in (b"[1]", b"{", b'{"a":NaN}')
+    ]
+    for page in (long, good[:-8], "?", *others):
+        store.keep(request, replace(answer, page=page))
+        assert store.find(request) is None
+
+
+def test_links_and_pipes_in_a_store_lead_nowhere(asked, tmp_path):
+    """Nothing is removed or written elsewhere, and nothing is waited for."""
+    request, answer = asked
+    precious = tmp_path / "elsewhere" / "precious"
+    precious.parent.mkdir()
+    precious.touch()
+    os.utime(precious, (time.time() - 7200,) * 2)
+    store = Store(tmp_path / "c")
+    store.keep(request, answer)
+    [entry] = (tmp_path / "c" / "answers").rglob("*.json")
+    entry.unlink()
+    os.mkfifo(entry)
+    assert store.find(request) is None
+    shutil.rmtree(entry.parent)
+    entry.parent.symlink_to(precious.parent)
+    (tmp_path / "c" / "making").rmdir()
+    (tmp_path / "c" / "making").symlink_to(precious.parent)
+    store = Store(tmp_path / "c")
+    store.keep(request, answer)
+    assert "leads out of the folder" in store.problem
+    assert list(precious.parent.iterdir()) == [precious]
 
 
 def test_what_killed_processes_left_is_removed_in_the_end(asked, tmp_path):

@@ -271,6 +271,37 @@ def test_a_link_stays_a_link_and_a_file_keeps_its_permissions(tmp_path):
     assert (tmp_path / "shared" / "new.json").read_bytes() == b"first"
 
 
+def test_no_file_of_a_folder_leads_out_of_it(tmp_path, schedule, folder):
+    """By a link to a file that is there or is not, by one to a folder, by the name; links within it are followed."""
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    (outside / "there").write_text("mine")
+    links = {"there": outside / "there", "not": outside / "new", "down": outside}
+    for name, target in links.items():
+        (folder / name).symlink_to(target)
+    for name in ("there", "not", "down/new", "../outside/new"):
+        with pytest.raises(OutputError, match=f"{name} leads out of the folder"):
+            replace_all(folder, {"first": [b"x"], name: [b"x"]})
+        assert not (folder / "first").exists()
+    assert contents(outside) == {"there": b"mine"}
+    (folder / "within").symlink_to("first")
+    replace_all(folder, {"within": [b"x"], "deep/er": [b"y"]})
+    assert (folder / "first").read_bytes() == b"x"
+    assert (folder / "within").is_symlink()
+    (folder / "schedule.csv").unlink()
+    (folder / "schedule.csv").symlink_to(outside / "new")
+    with pytest.raises(OutputError, match=r"schedule\.csv leads out"):
+        write_schedule_set(folder, schedule, OTHERS, True)
+    assert contents(outside) == {"there": b"mine"}
+
+
+def test_a_pipe_that_looks_like_a_file_in_the_making_is_left_alone(tmp_path):
+    pipe = tmp_path / ".file.x.part"
+    os.mkfifo(pipe)
+    replace_all(tmp_path, {"file": [b"x"]})
+    assert pipe.is_fifo()
+
+
 HALF = """
 import sys, time
 from pathlib import Path

@@ -81,6 +81,7 @@ DEFECTS = [
     (["robot", "platform"], [["turn"]], "robot.platform: must be a list of names"),
     (["robot", "platform"], "turn", "robot.platform: must be a list of names"),
     (["robot", "arms"], MISSING, "robot.arms: is missing"),
+    (["robot", "arms", "../up"], {}, "robot.arms: must be left, right or both"),
     (["robot", "arms", "left"], 1, "robot.arms.left: must be an object"),
     (["robot", "arms", "left", "flange"], None, "robot.arms.left.flange: must be text"),
     (["robot", "arms", "left", "tcp"], MISSING, "robot.arms.left.tcp: must have xyz"),

@@ -86,6 +86,11 @@ def test_a_plan_that_exists_gets_its_page(
     Path("p/schedule.json").write_text(json.dumps(schedule))
     assert run(["report", "p"]) == 2
     assert "name it with --tasks" in capsys.readouterr().err
+    for elsewhere in (str(Path(name).absolute()), f"../{Path.cwd().name}/{name}", "a\0b"):
+        schedule["provenance"]["inputs"] = {elsewhere: "0" * 64}
+        Path("p/schedule.json").write_text(json.dumps(schedule))
+        assert run(["report", "p"]) == 2
+        assert "its name leads elsewhere" in capsys.readouterr().err
 
 
 def test_a_page_of_a_plan_that_fails_is_written_and_told(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import os
 import re
 from collections.abc import Callable
 from html.parser import HTMLParser
@@ -185,6 +186,50 @@ def test_pages_of_an_earlier_index_go_and_other_files_stay(
     Path("file").touch()
     assert run([*SCORE, *names, "--pages", "file"]) == 2
     assert "--pages file: is a file; name a folder" in capsys.readouterr().err
+
+
+def test_names_in_an_earlier_index_delete_nothing_elsewhere(
+    cells: Callable[..., list[str]], built: Path
+) -> None:
+    """Steps up, also encoded ones, absolute paths, folders; a plain name of the folder's own is what it is about."""
+    names = cells(1)
+    precious = [Path("precious.html").absolute(), Path("p/near.html").absolute()]
+    Path("p/plans/folder.html").mkdir(parents=True)
+    for path in (*precious, Path("p/plans/old.html"), Path("p/plans/other.html")):
+        path.write_text("precious")
+    steps = "..%2F..%2Fprecious.html", "..%2Fnear.html", str(precious[0]).replace("/", "%2F")
+    links = "".join(f'<a href="plans/{name}">' for name in (*steps, "folder.html", "old.html"))
+    Path("p/index.html").write_text(f"<!doctype html>\n<!-- dualarm index -->\n{links}")
+    assert run([*SCORE, *names, "--pages", "p", "-q"]) == 0
+    assert all(path.read_text() == "precious" for path in precious)
+    left = sorted(path.name for path in Path("p/plans").iterdir())
+    assert left == ["cells-000.html", "folder.html", "other.html"]
+
+
+@pytest.mark.parametrize("link", ["plans", "plans/cells-000.html", "index.html"])
+def test_pages_are_not_written_where_a_link_leads(
+    cells: Callable[..., list[str]], built: Path, capsys: pytest.CaptureFixture[str], link: str
+) -> None:
+    names = cells(1)
+    (Path("p") / link).parent.mkdir(parents=True)
+    Path("elsewhere").mkdir()
+    target = Path("elsewhere" if link == "plans" else "elsewhere/kept.html")
+    if link != "plans":
+        target.write_text("<!doctype html>\n<!-- dualarm index -->\n")
+    (Path("p") / link).symlink_to(target.absolute())
+    before = {path: path.read_text() for path in Path("elsewhere").iterdir()}
+    assert run([*SCORE, *names, "--pages", "p", "-q"]) == 2
+    assert f"p: {link} leads out of the folder" in capsys.readouterr().err
+    assert {path: path.read_text() for path in Path("elsewhere").iterdir()} == before
+
+
+def test_an_index_that_is_a_pipe_is_not_waited_for(
+    cells: Callable[..., list[str]], built: Path
+) -> None:
+    names = cells(1)
+    Path("p").mkdir()
+    os.mkfifo("p/index.html")
+    assert run([*SCORE, *names, "--pages", "p", "-q"]) == 2
 
 
 def test_without_the_build_nothing_is_planned(

@@ -11,7 +11,7 @@ from urllib.parse import unquote
 import typer
 
 from dualarm_cli.cli.parts.output import print_message
-from dualarm_cli.errors import OutputError
+from dualarm_cli.errors import InputError, OutputError
 
 PagesOption = Annotated[
     Path | None,
@@ -38,15 +38,16 @@ def refuse_pages(folder: Path | None, force: bool) -> None:
     if folder is None:
         return
     from dualarm_cli.exporting.files import check_writable
-    from dualarm_cli.page.index_page import INDEX, MARK
+    from dualarm_cli.exporting.whole_files import place_in
+    from dualarm_cli.page.index_page import FOLDER, INDEX
     from dualarm_cli.page.page import require_built
 
     require_built()
     check_writable(folder, force=True, option="--pages")
-    index = folder / INDEX
+    index, _ = place_in(folder, INDEX), place_in(folder, FOLDER)
     if force or not index.exists():
         return
-    if not index.is_file() or not index.read_bytes().startswith(MARK):
+    if not _former_index(folder):
         raise OutputError(
             f"--pages {folder}: already holds an {INDEX} that is no index of plans; add --force to replace it, or "
             "name another"
@@ -67,38 +68,48 @@ def write_pages(
     Raises:
         OutputError: something cannot be written.
     """
-    from dualarm_cli.exporting.whole_files import write_file
+    from dualarm_cli.exporting.whole_files import replace_all
     from dualarm_cli.page.index_page import FOLDER, INDEX
     from dualarm_cli.page.packed import unpacked_document
     from dualarm_cli.page.page import page_html
 
     former = _former_pages(folder)
-    try:
-        (folder / FOLDER).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"--pages {folder}: cannot be made: {error.strerror}") from None
     size = len(index)
     for name, (title, data) in plans.items():
         page = page_html(unpacked_document(data) | {"title": title})
-        write_file(folder / FOLDER / name, page, force=True)
+        replace_all(folder, {f"{FOLDER}/{name}": [page]})
         size += len(page)
-    write_file(folder / INDEX, index, force=True)
-    for path in former - {folder / FOLDER / name for name in plans}:
-        path.unlink(missing_ok=True)
+    replace_all(folder, {INDEX: [index]})
+    for path in former:
+        if path.name not in plans:
+            path.unlink(missing_ok=True)
     if not quiet:
         many = f"{len(plans)} plan{'s' * (len(plans) != 1)}"
         print_message(f"written: {folder / INDEX}, which leads to {many} ({size / 1e6:.1f} MB)")
 
 
-def _former_pages(folder: Path) -> set[Path]:
-    """Returns the pages that an earlier index leads to."""
-    from dualarm_cli.page.index_page import FOLDER, INDEX, MARK
+def _former_index(folder: Path) -> bytes:
+    """Return the index of plans that a folder holds already; empty where it holds none."""
+    from dualarm_cli.files.source.text_source import read_bytes
+    from dualarm_cli.page.index_page import INDEX, MARK
 
     try:
-        text = (folder / INDEX).read_bytes()
-    except OSError:
-        return set()
-    if not text.startswith(MARK):
-        return set()
-    names = re.findall(rf'<a href="{FOLDER}/([^"/]+\.html)"', text.decode("utf-8", "replace"))
-    return {folder / FOLDER / unquote(name) for name in names}
+        text = read_bytes(folder / INDEX, INDEX)
+    except InputError:
+        return b""
+    return text if text.startswith(MARK) else b""
+
+
+def _former_pages(folder: Path) -> list[Path]:
+    """Return the pages in the folder's own place that an earlier index leads to.
+
+    The index may come from elsewhere: a name in it never leads to another folder.
+    """
+    from dualarm_cli.page.index_page import FOLDER
+
+    text = _former_index(folder).decode("utf-8", "replace")
+    named = set(map(unquote, re.findall(rf'<a href="{FOLDER}/([^"/]+\.html)"', text)))
+    place = folder / FOLDER
+    if place.is_symlink() or not place.is_dir():
+        return []
+    return [path for path in place.iterdir() if path.name in named and not path.is_dir()]

@@ -17,6 +17,7 @@ def refuse_folder(out: str, names: tuple[str, ...], force: bool) -> None:
         UsageError: an empty name.
     """
     from dualarm_cli.exporting.files import check_writable
+    from dualarm_cli.exporting.whole_files import place_in
 
     if out == "":
         raise UsageError("--out '': name a folder, or leave the option out")
@@ -24,28 +25,21 @@ def refuse_folder(out: str, names: tuple[str, ...], force: bool) -> None:
     # A schedule that is there stays as it is; only our own files would be replaced.
     check_writable(folder, force=True)
     for name in names:
-        if not force and (folder / name).exists():
+        if place_in(folder, name).exists() and not force:
             raise OutputError(
                 f"--out {folder}: already holds {name}; add --force to replace it, or name another"
             )
 
 
 def write_folder(out: str, files: dict[str, bytes]) -> None:
-    """Writes files into a folder, each whole or not at all, the last one last.
+    """Write files into a folder, each whole or not at all, the last one last.
 
     Raises:
         OutputError: the folder or a file cannot be made.
     """
-    from dualarm_cli.exporting.whole_files import write_file
+    from dualarm_cli.exporting.whole_files import replace_all
 
-    folder = Path(out)
-    try:
-        for parent in dict.fromkeys((folder / name).parent for name in files):
-            parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"--out {folder}: cannot be made: {error.strerror}") from None
-    for name, content in files.items():
-        write_file(folder / name, content, force=True)
+    replace_all(Path(out), {name: [content] for name, content in files.items()})
 
 
 def json_bytes(document: dict[str, Any]) -> bytes:
