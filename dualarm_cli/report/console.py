@@ -173,7 +173,8 @@ def blending_lines(report: dict[str, Any]) -> list[str]:
         return []
     found = blending["corners"]
     if not found:
-        return ["blending: tools stop at both ends of all lines, as that is not slower"]
+        none = "no faster collision-free plan without these stops was found"
+        return [f"blending: tools stop at both ends of all lines; {none}"]
     joints = Counter(f"{corner['joint']} ({corner['limit']})" for corner in found)
     most = ", ".join(f"{name} in {count}" for name, count in joints.most_common(3))
     ends = sum(1 for corner in found if corner["line"])

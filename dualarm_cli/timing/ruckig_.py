@@ -82,7 +82,9 @@ def solve_moving_transfer(problem: TransferProblem) -> Trajectory | None:
             continue
         joint = _corrected(profile, ends[:, :, k], float(trajectory.duration))
         if joint is None or not asked.is_kept(joint, ends[0, :, k], k):
-            return None
+            joint = _even(ends[:, :, k], float(trajectory.duration))
+            if not asked.is_kept(joint, ends[0, :, k], k):
+                return None
         rows.append(joint)
     phases = Phases(*np.moveaxis(np.array(rows), 1, 0))
     return transfer_trajectory(problem, phases, float(trajectory.duration))
@@ -133,6 +135,32 @@ def _corrected(profile: Any, ends: FloatArray, duration: float) -> FloatArray | 
         if time.min() < 0.0:
             return None
     return None
+
+
+def _even(ends: FloatArray, duration: float) -> FloatArray:
+    """Compute a joint's motion in three phases of equal length and constant jerk.
+
+    It suits a joint that has time to spare. Above all it suits one that rests but for rounding: ruckig's phases for it
+    are as short as rounding. The three jerks follow from position, velocity and acceleration at the end.
+
+    Args:
+        ends: position, velocity, acceleration at the start and at the end, shape (2, 3).
+        duration: of the transfer [s].
+
+    Returns:
+        Lengths, accelerations at the starts and jerks of seven phases, the last four without length, shape (3, 7).
+    """
+    (q, v, a), (q_end, v_end, a_end) = ends.tolist()
+    step = duration / 3.0
+    # What the jerks have to add at the end, in powers of the step.
+    more_q = (q_end - q - duration * (v + duration * a / 2.0)) / step**3
+    more_v = (v_end - v - duration * a) / step**2
+    more_a = (a_end - a) / step
+    first = more_q - more_v + more_a / 3.0
+    jerk = [first, more_v - more_a / 2.0 - 2.0 * first, 1.5 * more_a - more_v + first]
+    time, jerks = np.zeros(PHASES), np.zeros(PHASES)
+    time[:3], jerks[:3] = step, jerk
+    return np.stack([time, _states(time, jerks, ends[0])[2, :PHASES], jerks])
 
 
 def _states(time: FloatArray, jerk: FloatArray, start: FloatArray) -> FloatArray:
@@ -214,10 +242,10 @@ class MovingTransfer:
         self._limits = limits
         self._start, self._goal = problem.start.tolist(), problem.goal.tolist()
         self._transfers = StatesToStates(limits, problem.minimum_duration)
-        # Where it begins or ends outside by rounding, it may stay there.
+        # Where it begins or ends outside by rounding, it may stay there, and rates of rounding may lead it on.
         ends = np.stack([problem.start, problem.goal])
-        self._lower = np.minimum(limits.lower + room, ends.min(axis=0))
-        self._upper = np.maximum(limits.upper - room, ends.max(axis=0))
+        self._lower = np.minimum(limits.lower + room, ends.min(axis=0)) - SAME_END
+        self._upper = np.maximum(limits.upper - room, ends.max(axis=0)) + SAME_END
 
     def calculated(self, leaving: FloatArray, arriving: FloatArray) -> Any:
         """Returns ruckig's trajectory, None where it has none; valid until the next one is asked for.
@@ -250,7 +278,7 @@ class MovingTransfer:
         return trajectories.stays_between(phases, self._lower, self._upper)
 
     def is_kept(self, phases: FloatArray, start: FloatArray, joint: int) -> bool:
-        """Returns whether a joint keeps its limits of position, velocity and acceleration.
+        """Returns whether a joint keeps its limits of position, velocity, acceleration and jerk.
 
         Args:
             phases: their lengths, accelerations and jerks, shape (3, 7).
@@ -266,6 +294,7 @@ class MovingTransfer:
         return bool(
             np.abs(a).max() <= self._limits.acceleration[joint] * most
             and np.abs([*v, *inside]).max() <= self._limits.velocity[joint] * most
+            and np.abs(jerk).max() <= self._limits.jerk[joint] * most
             and trajectories.stays_between(begins, self._lower[[joint]], self._upper[[joint]])
         )
 

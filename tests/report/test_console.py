@@ -70,6 +70,13 @@ def test_one_end_is_not_told_as_many(lines, targets, words):
     assert f"{words}, limited by left_s" in line
 
 
+def test_where_all_tools_stop_it_is_not_said_that_this_is_as_quick():
+    """Nothing is known of plans that were not found."""
+    blending = {"gain": 0.0, "share": 0.0, "largest_deviation": 0.0, "corners": []}
+    [line] = blending_lines({"blending": blending})
+    assert line.endswith("; no faster collision-free plan without these stops was found")
+
+
 def test_without_a_bound_it_is_said_that_there_is_none(job, schedule):
     """And nothing of a grid."""
     without = dataclasses.replace(schedule, lower_bound=None, grid_gap=None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -40,6 +41,23 @@ def test_any_arms_are_planned_and_verified_and_not_slower_than_greedily(
     greedy = plan_without_bound(job, replace(stopping, platform="fixed"))
     assert verify(greedy, job).passed
     assert schedule.duration <= greedy.duration + 1e-9
+
+
+@pytest.mark.parametrize("kind", ["parallel_axes", "general"])
+def test_a_tool_straight_down_blends_as_one_tilted_by_a_millidegree(general_robots, tmp_path, kind):
+    """Wrist 2 of a UR rests then along all lines, but for rounding; the tilt moves the tool by 2 µm in 100 mm."""
+    cycles = []
+    for roll in ("180 deg", "179.999 deg"):
+        file = general_robots.write_cell(tmp_path, "ur5", tasks=1)
+        file.write_text(
+            re.sub(r".*right .*\n(.*\n){3}", "", file.read_text()).replace("180 deg", roll)
+        )
+        robot = tmp_path / "robot.yaml"
+        robot.write_text(robot.read_text().replace("parallel_axes", kind))
+        schedule = plan_without_bound(load_job(file), QUICK)
+        assert schedule.blend_gain > 0.05 * schedule.duration
+        cycles.append(schedule.duration)
+    assert cycles[0] == pytest.approx(cycles[1], rel=1e-3)
 
 
 def test_the_same_job_has_the_same_plan_twice(general_robots, tmp_path):

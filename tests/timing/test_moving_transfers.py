@@ -80,6 +80,45 @@ def test_random_transfers_in_motion_keep_all_limits_and_end_exactly(limits):
     assert missing <= 1
 
 
+@pytest.mark.parametrize("jerk", [True, False])
+@pytest.mark.parametrize("size", [1e-14, 1e-12, 1e-10, 1e-8, 1e-6])
+def test_joints_that_rest_but_for_rounding_change_no_transfer(limits, without_jerk, jerk, size):
+    """20 states at random, in which up to three joints stand: their rounding neither refuses nor slows a transfer."""
+    rng = np.random.default_rng(5)
+    own = limits if jerk else without_jerk
+    for problem in random_problems(own, 20, 9):
+        rests = rng.choice(7, rng.integers(1, 4), replace=False)
+        goal, rates = problem.goal.copy(), np.stack(problem.rates())
+        goal[rests], rates[..., rests] = problem.start[rests], 0.0
+        exact = solve_moving_transfer(
+            TransferProblem(JOINTS, problem.start, goal, own, 0.0, *rates)
+        )
+        goal[rests] += rng.uniform(-1, 1, len(rests)) * size
+        # A line's end has a hundred times larger accelerations.
+        rates[..., rests] += rng.uniform(-1, 1, (2, 2, len(rests))) * size * [[1], [100]]
+        rounded = TransferProblem(JOINTS, problem.start, goal, own, 0.0, *rates)
+        motion = solve_moving_transfer(rounded)
+        assert motion is not None
+        assert motion.duration == pytest.approx(exact.duration, abs=10 * size)
+        if jerk:
+            assert wrong_with(rounded, motion) == []
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_joint_at_its_limit_may_rest_there_but_for_rounding(limits, sign):
+    """A limit at 0 rad, from which numbers as small as rounding differ, and rates of rounding that lead beyond it."""
+    zero = dataclasses.replace(limits, lower=np.zeros(7), upper=np.full(7, 3.2))
+    for own in (zero, dataclasses.replace(limits, lower=np.full(7, -3.2), upper=np.zeros(7))):
+        away = 1.0 if own is zero else -1.0
+        start, goal = np.full(7, 0.5 * away), np.full(7, 1.5 * away)
+        start[2] = goal[2] = 0.0
+        leaving = np.zeros((2, 7))
+        leaving[:, 2] = sign * 1e-14, sign * 1e-12
+        problem = TransferProblem(JOINTS, start, goal, own, 0.0, leaving, np.zeros((2, 7)))
+        assert np.isfinite(MovingTransfer(problem).duration(*problem.rates()))
+        assert solve_moving_transfer(problem) is not None
+
+
 def least_by_programs(d, v0, a0, v1, a1, v, a, j, steps=80):
     """Least time of one joint: the shortest for which a linear program over constant jerks is feasible."""
 
