@@ -28,6 +28,11 @@ def sliding_joints(urdf: str) -> frozenset[str]:
     return frozenset(j.get("name", "") for j in joints if j.get("type") == "prismatic")
 
 
+def rate_source(acceleration: str, jerk: str) -> str:
+    """Name the sources of an acceleration and a jerk limit: `urdf`, or `urdf, jerk assumed`."""
+    return acceleration if jerk == acceleration else f"{acceleration}, jerk {jerk}"
+
+
 @dataclass(frozen=True)
 class JointLimits:
     """What each joint may do; infinite where nothing is demanded."""
@@ -45,7 +50,7 @@ class JointLimits:
     jerk: FloatArray
     """Largest jerk [rad/s³], infinite where the robot file sets none, shape (n,)."""
     source: tuple[str, ...]
-    """Where acceleration and jerk come from: datasheet, measured, assumed, or unstated."""
+    """Where acceleration and jerk come from, as `rate_source` says it: datasheet, assumed, …"""
 
     def __post_init__(self) -> None:
         """Freezes the arrays and refuses limits that no motion could meet.
@@ -63,6 +68,12 @@ class JointLimits:
                 raise ValueError(f"{name} limits must be positive, not {values.min()}")
         if (self.lower > self.upper).any():
             raise ValueError("a lower position limit is above its upper one")
+
+    def assumed(self, rate: Literal["acceleration", "jerk"]) -> list[int]:
+        """Return the columns of the joints whose acceleration or jerk limit is assumed."""
+        parts = [source.partition(", jerk ") for source in self.source]
+        sources = [(jerk or both) if rate == "jerk" else both for both, _, jerk in parts]
+        return [k for k, source in enumerate(sources) if source == "assumed"]
 
     def scaled(self, speed: float) -> JointLimits:
         """Returns limits under which every motion takes 1/speed times as long along the same path.

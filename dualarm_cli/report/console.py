@@ -130,13 +130,8 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
         lines.append(
             f"no jerk limit, as the robot file says: {', '.join(report['without_jerk_limit'])}"
         )
-    if report["assumed_limits"]:
-        unlimited = set(report["assumed_limits"]) <= set(report["without_jerk_limit"])
-        lines.append(
-            f"acceleration{'' if unlimited else ' and jerk'} limits are assumed, not the maker's, for "
-            f"{len(report['assumed_limits'])} joints: {', '.join(report['assumed_limits'])}"
-        )
-        lines += sensitivity_lines(report)
+    lines += report["assumptions"]
+    lines += sensitivity_lines(report)
     lines += [f"note: {note}" for note in report["notes"]]
     verification = report["verification"]
     if verification is not None:

@@ -76,6 +76,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "speed": job.speed,
         "tool_speed_cap": job.tool_speed,
         "assumed_limits": assumed_joints(schedule),
+        "assumptions": assumed_lines(schedule),
         "without_jerk_limit": joints_without_jerk_limit(schedule),
         "sensitivity": [field_values(entry) for entry in sensitivity(schedule)],
         "verification": verification_document(schedule.verification),
@@ -123,10 +124,27 @@ def relative_gap(schedule: Schedule) -> float | None:
 
 
 def assumed_joints(schedule: Schedule) -> list[str]:
-    """Returns the joints whose acceleration and jerk limits are assumed."""
+    """Return the joints whose acceleration or jerk limits are assumed."""
     limits = schedule.robot.limits
+    found = {*limits.assumed("acceleration"), *limits.assumed("jerk")}
+    return [joint for k, joint in enumerate(limits.joints) if k in found]
+
+
+def assumed_lines(schedule: Schedule) -> list[str]:
+    """Return a sentence for each kind of limit that is assumed, with its joints."""
+    limits = schedule.robot.limits
+    accelerations = set(limits.assumed("acceleration"))
+    jerks = {k for k in limits.assumed("jerk") if np.isfinite(limits.jerk[k])}
+    kinds = (
+        ("acceleration and jerk", accelerations & jerks),
+        ("acceleration", accelerations - jerks),
+        ("jerk", jerks - accelerations),
+    )
     return [
-        j for j, source in zip(limits.joints, limits.source, strict=True) if source == "assumed"
+        f"{kind} limits are assumed, not the maker's, for {len(columns)} joints: "
+        f"{', '.join(limits.joints[k] for k in sorted(columns))}"
+        for kind, columns in kinds
+        if columns
     ]
 
 

@@ -18,6 +18,8 @@ from dualarm_cli.timing.shapes import differentiation_matrix, lagrange_basis, sy
 from dualarm_cli.timing.spline import largest_rates
 from dualarm_cli.timing.stage_length import stage_length
 
+RATES = ("acceleration", "jerk")
+"""Limits that may be assumed."""
 SAMPLES = 9
 """Samples of each path."""
 SAME_TIME = 1e-9
@@ -253,6 +255,7 @@ def sensitivity(schedule: Schedule) -> list[LimitSensitivity]:
     """
     limits = schedule.robot.limits.select(schedule.trajectory.joints)
     entries = _entries(limits)
+    assumed = [set(limits.assumed("acceleration")), set(limits.assumed("jerk"))]
     parts = stage_parts(schedule)
     moving = any(event.moves for event in schedule.events)
     if not entries or not parts or overlap(schedule.stages) or moving:
@@ -263,10 +266,9 @@ def sensitivity(schedule: Schedule) -> list[LimitSensitivity]:
     acceleration, jerk = np.ones((2, 2 * len(entries) + 1, len(limits.joints)))
     for row, (_, which, limit) in enumerate(entries):
         for step, factor in enumerate((1.0 - SHARE, 1.0 + SHARE), start=1):
-            if "acceleration" in limit:
-                acceleration[2 * row + step, which] = factor
-            if "jerk" in limit:
-                jerk[2 * row + step, which] = factor
+            for rate, factors, own in zip(RATES, (acceleration, jerk), assumed, strict=True):
+                if rate in limit:
+                    factors[2 * row + step, [k for k in which if k in own]] = factor
     chains = _chains(schedule, parts, limits)
     cycle = _cycle_times(schedule, chains, limits, acceleration, jerk)
     # The closed forms give differences; the schedule's own duration is what they are added to.
@@ -288,15 +290,17 @@ def sensitivity(schedule: Schedule) -> list[LimitSensitivity]:
 
 def _entries(limits: JointLimits) -> list[tuple[str | None, list[int], str]]:
     """Returns which joints' which limits are changed: each joint's by itself, then all together."""
-    assumed = [k for k, source in enumerate(limits.source) if source == "assumed"]
-    jerked = [k for k in assumed if np.isfinite(limits.jerk[k])]
+    assumed = limits.assumed("acceleration")
+    jerked = [k for k in limits.assumed("jerk") if np.isfinite(limits.jerk[k])]
     entries: list[tuple[str | None, list[int], str]] = []
     for limit, columns in (("acceleration", assumed), ("jerk", jerked)):
         entries += [(limits.joints[k], [k], limit) for k in columns]
     if assumed:
         entries.append((None, assumed, "acceleration"))
     if jerked:
-        entries += [(None, jerked, "jerk"), (None, assumed, "acceleration and jerk")]
+        entries.append((None, jerked, "jerk"))
+    if assumed and jerked:
+        entries.append((None, sorted({*assumed, *jerked}), "acceleration and jerk"))
     return entries
 
 

@@ -17,7 +17,7 @@ from dualarm_cli.robot_import.names import count_of
 NOISE, COARSE, UNITS = 1e-9, 1e-4, 5
 """A written angle within NOISE of a multiple of a quarter turn is that one [rad]; so is one within UNITS of its last
 decimal, at most COARSE: 1.5708, 3.14159, and 1.570795, which is half of 3.14159."""
-_KEPT = ("origin", "parent", "child", "axis", "limit", "mimic")
+_KEPT = ("origin", "parent", "child", "axis", "limit", "safety_controller", "mimic")
 
 
 @dataclass(frozen=True)

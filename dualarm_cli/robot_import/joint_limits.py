@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
 from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
-from dualarm_cli.files.robots.frozen_joints import position_range
-from dualarm_cli.files.robots.urdf import Urdf
+from dualarm_cli.files.robots.frozen_joints import position_range, stated_range
+from dualarm_cli.files.robots.urdf import SOFT_LIMITS, Urdf, soft_range
 from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.text_source import quote, read_text, suggest
@@ -29,11 +29,11 @@ _KEYS = {
     "acceleration": ("max_acceleration",),
     "deceleration": ("max_deceleration",),
     "jerk": ("max_jerk",),
+    "soft": SOFT_LIMITS,
 }
 """Limits that are read, and their keys; `has_…_limits` switches each on."""
 _NOT_USED = (
-    *("has_effort_limits", "max_effort", "has_soft_limits", "k_position", "k_velocity"),
-    *("soft_lower_limit", "soft_upper_limit", "angle_wraparound"),
+    *("has_effort_limits", "max_effort", "k_position", "k_velocity", "angle_wraparound"),
 )
 """Keys of other tools, which say nothing of what is planned here."""
 
@@ -50,6 +50,8 @@ class StatedLimits:
     """Largest jerk [rad/s³ or m/s³]."""
     positions: tuple[float, float] | None = None
     """Lowest and highest position [rad or m]; some of them are within those of the URDF."""
+    soft: tuple[float, float] | None = None
+    """Soft limits of the position [rad or m]; some positions are within these and those of the URDF."""
 
 
 @dataclass(frozen=True)
@@ -153,11 +155,14 @@ def _stated(
             for key in keys:
                 values |= _number(document, (*loc, key), limits, findings)
     rates = [v for key in ("max_acceleration", "max_deceleration") if (v := values.get(key))]
-    positions = None
-    if "min_position" in values and "max_position" in values:
-        positions = _positions(document, loc, values, joint, findings)
+    positions, soft = (
+        _positions(document, loc, values, _KEYS[kind], joint, findings)
+        for kind in ("position", "soft")
+    )
     acceleration = min(map(abs, rates), default=None)
-    return StatedLimits(values.get("max_velocity"), acceleration, values.get("max_jerk"), positions)
+    return StatedLimits(
+        values.get("max_velocity"), acceleration, values.get("max_jerk"), positions, soft
+    )
 
 
 def _number(
@@ -166,7 +171,7 @@ def _number(
     """Returns a limit by its key, or nothing after noting what is wrong with it."""
     key = str(loc[-1])
     value = limits.get(key)
-    free = key in ("min_position", "max_position", "max_deceleration")
+    free = key in (*_KEYS["position"], *_KEYS["soft"], "max_deceleration")
     wanted = "a number" if free else "a number above 0"
     if key not in limits:
         findings.add(document, loc[:-1], f"{key} is missing; give {wanted}", "E202", key=True)
@@ -181,18 +186,27 @@ def _number(
 
 
 def _positions(
-    document: Document, loc: Loc, values: Mapping[str, float], joint: Element, findings: Findings
+    document: Document,
+    loc: Loc,
+    values: Mapping[str, float],
+    keys: Sequence[str],
+    joint: Element,
+    findings: Findings,
 ) -> tuple[float, float] | None:
-    """Returns stated positions, or None after noting that none is within those of the URDF."""
-    found = values["min_position"], values["max_position"]
+    """Return stated positions; None where a key is missing, and after noting that none is within those of the URDF."""
+    if not all(key in values for key in keys):
+        return None
+    found = values[keys[0]], values[keys[1]]
     lower, upper = position_range(joint)
-    if max(found[0], lower) <= min(found[1], upper):
+    first, last = _common(found, (lower, upper))
+    # Equal soft limits would count as none.
+    if first < last or (first == last and keys != SOFT_LIMITS):
         return found
     message = (
         f"no position of {quote(joint.name)} is within {found[0]:g} to {found[1]:g} and "
         f"within the URDF's {lower:g} to {upper:g}"
     )
-    findings.add(document, (*loc, "min_position"), message)
+    findings.add(document, (*loc, keys[0]), message)
     return None
 
 
@@ -215,8 +229,7 @@ def with_limits(
         attributes = dict(own.attributes)
         kind = joint.get("type")
         if other.positions is not None:
-            lower, upper = position_range(joint)
-            lower, upper = max(other.positions[0], lower), min(other.positions[1], upper)
+            lower, upper = _common(other.positions, stated_range(joint))
             attributes |= {"lower": repr(lower), "upper": repr(upper)}
             kind = "revolute" if kind == "continuous" else kind
         speed = _speed(joint)
@@ -227,11 +240,28 @@ def with_limits(
         elif speed == 0.0:
             attributes["velocity"] = repr(ASSUMED_SLIDING if kind == "prismatic" else ASSUMED_SPEED)
             assumed.add(name)
-        if attributes == own.attributes:
-            continue
-        limit = replace(own, attributes=attributes)
-        others = [child for child in joint.children if child.tag != "limit"]
-        joints[name] = replace(
-            joint, attributes={**joint.attributes, "type": kind}, children=[*others, limit]
-        )
+        parts = {"limit": replace(own, attributes=attributes)}
+        if other.soft is not None:
+            parts["safety_controller"] = _soft(joint, other.soft)
+        others = [child for child in joint.children if child.tag not in parts]
+        if attributes != own.attributes or other.soft is not None:
+            joints[name] = replace(
+                joint,
+                attributes={**joint.attributes, "type": kind},
+                children=[*others, *parts.values()],
+            )
     return replace(urdf, joints=joints), frozenset(assumed)
+
+
+def _common(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
+    """Return the positions that two ranges have in common."""
+    return max(one[0], other[0]), min(one[1], other[1])
+
+
+def _soft(joint: Element, soft: tuple[float, float]) -> Element:
+    """Return a joint's `<safety_controller>` with soft limits narrowed to those of another file."""
+    own = joint.find("safety_controller") or Element("safety_controller", {"k_velocity": "0"})
+    common = _common(soft, soft_range(joint))
+    return replace(
+        own, attributes=own.attributes | dict(zip(SOFT_LIMITS, map(repr, common), strict=True))
+    )

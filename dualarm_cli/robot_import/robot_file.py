@@ -108,7 +108,7 @@ def _limits(robot: RobotText) -> list[str]:
             f"{rate}: {value!r}" for rate, value in rates.items() if value is not None
         )
         if given:
-            lines.append(f"  {_text(joint)}: {{{given}, source: assumed}}  # joint_limits.yaml")
+            lines.append(f"  {_text(joint)}: {{{given}, source: joint_limits}}")
     if robot.assumed:
         names = ", ".join(sorted(robot.assumed))
         lines.append(

@@ -84,7 +84,8 @@ SCHEDULE: dict[str, tuple[str, str]] = {
     "robot.limits.<joint>.jerk": ("rad/s³", "Largest jerk; none where it is not limited."),
     "robot.limits.<joint>.source": (
         "",
-        "Where acceleration and jerk come from: datasheet, measured, urdf or assumed.",
+        "Where acceleration and jerk come from: datasheet, measured, urdf, joint_limits or assumed; "
+        "`urdf, jerk assumed` where they differ.",
     ),
     "robot.tool_speed": ("m/s", "Cap on the speed of every tool centre point, or none."),
     "duration": ("s", "Length of the motion: the period where it returns to the start."),
@@ -362,6 +363,7 @@ REPORT: dict[str, tuple[str, str]] = {
     "speed": ("", "The job's share of full speed."),
     "tool_speed_cap": ("m/s", "Cap on the speed of the tools, or none."),
     "assumed_limits": ("", "Joints whose acceleration or jerk limits are assumed."),
+    "assumptions": ("", "Sentences that name the assumed limits."),
     "without_jerk_limit": (
         "",
         "Joints whose jerk is not limited: the robot file says `jerk: none`.",

@@ -124,11 +124,69 @@ def test_limits_come_from_the_joint_then_the_urdf_then_the_default(
     assert limits.joints == ("turn", "l1", "l2", "r1", "r2")
     assert limits.acceleration.tolist() == [5.0, 8.0, 10.0, 20.0, 20.0]
     assert limits.jerk.tolist() == pytest.approx([50.0, 80.0, 100.0, 200.0, 50.0])
-    assert limits.source == ("assumed", "assumed", "measured", "assumed", "urdf")
+    assert limits.source == ("assumed", "assumed", "measured", "urdf, jerk assumed", "urdf")
     assert loaded.notes == (
         "no jerk limit is given for l1, r1: `acceleration in 0.1 s` is assumed; "
         "give `jerk`, or `jerk: none` for no limit",
     )
+
+
+def _soften(joint: str, controller: str) -> None:
+    """Gives a joint of the URDF a `<safety_controller>`."""
+    text = Path("tiny.urdf").read_text()
+    at = text.index("<limit", text.index(f'name="{joint}"'))
+    Path("tiny.urdf").write_text(f"{text[:at]}<safety_controller {controller}/>{text[at:]}")
+
+
+def test_soft_limits_and_margins_narrow_positions(project: Path, change: Change) -> None:
+    """The URDF's limits are ±3 rad; by hand the narrower range, less the margin at both ends."""
+    _soften("turn", 'soft_lower_limit="-4" soft_upper_limit="4"')
+    _soften("l1", 'k_velocity="20" soft_lower_limit="-1.5" soft_upper_limit="2.5"')
+    _soften("l2", 'soft_upper_limit="1.25" soft_lower_limit="-3.5"')
+    _soften("r1", 'k_velocity="20"')
+    _soften("r2", 'soft_upper_limit="0" soft_lower_limit="0"')
+    change("robot.yaml", "limits:", "limits:\n  default: {position_margin: 0.125}")
+    change("robot.yaml", "l2: {", "l2: {position_margin: 0, ")
+    change("robot.yaml", "r1: {", "r1: {position_margin: 0.5 rad, ")
+    loaded = load_robot(Path("robot.yaml"))
+    limits = loaded.robot.limits
+    assert limits.lower.tolist() == [-2.875, -1.375, -3.0, -2.5, -2.875]
+    assert limits.upper.tolist() == [2.875, 2.375, 1.25, 2.5, 2.875]
+    model = pin.buildModelFromXML(loaded.robot.urdf)
+    assert sorted(model.upperPositionLimit) == sorted(limits.upper)
+    assert set(loaded.notes) == {
+        "joint 'r2': its soft limits are equal and not taken; no motion is left",
+        "position limits are narrowed by soft limits of the URDF: l1, l2",
+        "position limits are narrowed by position_margin: turn, l1, r1, r2",
+    }
+
+
+@pytest.mark.parametrize(
+    ("controller", "message"),
+    [
+        ('soft_lower_limit="4" soft_upper_limit="5"', "12:1: E400 joint 'l1': soft limits 4 to 5 and limits -3 to 3 have no position in common"),
+        ('soft_lower_limit="1" soft_upper_limit="-1"', "12:116: E400 joint 'l1': soft limit 1 is above soft limit -1"),
+        ('soft_lower_limit="1" soft_upper_limit="x"', "12:116: E400 joint 'l1': soft_upper_limit holds 'x', which is not a finite number"),
+        ('soft_lower_limit="nan"', "12:116: E400 joint 'l1': soft_lower_limit holds 'nan', which is not a finite number"),
+    ],
+)  # fmt: skip
+def test_impossible_soft_limits_are_refused(
+    controller: str, message: str, project: Path, messages: Messages
+) -> None:
+    """Empty ranges and texts that are no numbers, at their places."""
+    _soften("l1", controller)
+    assert messages(lambda: load_robot(Path("robot.yaml"))) == [f"tiny.urdf:{message}"]
+
+
+def test_a_deceleration_of_the_urdf_limits_as_well(project: Path, change: Change) -> None:
+    """URDF 1.2 states both; the smaller one holds in both directions of time."""
+    change("robot.yaml", "  r1: {acceleration: 10, jerk: none, source: datasheet}\n", "")
+    text = Path("tiny.urdf").read_text()
+    at = text.index("<limit", text.index('name="r1"'))
+    stated = '<limit acceleration="20" deceleration="12" jerk="90"'
+    Path("tiny.urdf").write_text(f"{text[:at]}{stated}{text[at + 6 :]}")
+    limits = load_robot(Path("robot.yaml")).robot.limits
+    assert (limits.acceleration[3], limits.source[3]) == (12.0, "urdf")
 
 
 def test_frozen_joints_stand_where_the_file_says(project: Path, change: Change) -> None:
@@ -232,7 +290,7 @@ def test_an_arm_with_a_joint_that_follows_another_one_is_refused(
         ("acceleration: 5", "acceleration: -5 deg/s^2", "9:24: E200 '-5 deg/s^2': angular acceleration must be positive"),
         ("acceleration: 5", "acceleration: 5 m/s^2", "9:24: E200 unit 'm/s^2' in '5 m/s^2' is not one of angular acceleration; allowed: rad/s^2, deg/s^2"),
         ("jerk: 50", "jerk: .inf", "9:33: E104 non-finite number '.inf' is not allowed"),
-        ("source: assumed", "source: guess", "9:45: E200 'guess' is not allowed; allowed: datasheet, measured, assumed"),
+        ("source: assumed", "source: guess", "9:45: E200 'guess' is not allowed; allowed: datasheet, measured, joint_limits, assumed"),
         ("jerk: 50", "jerk: top speed in 0.1 s", "9:33: E200 'top speed in 0.1 s' is no rule for jerk; write `acceleration in 0.2 s`"),
         ("acceleration: 5", "acceleration: top speed in 3 m", "9:24: E200 unit 'm' in '3 m' is not one of time; allowed: s, ms, min"),
         ("acceleration: 5", "acceleration: top speed in 0 s", "9:24: E200 'top speed in 0 s': the time must be at least 1 ms"),
@@ -241,6 +299,10 @@ def test_an_arm_with_a_joint_that_follows_another_one_is_refused(
         ("l1: 90 deg", "l1: 190 deg", "14:23: E300 '190 deg' is outside the limits of 'l1': -3 to 3 rad (-171.887 to 171.887 deg)"),
         ("l1: 90 deg", "l_1: 90 deg", "14:19: E300 'l_1' is no joint of platform or arms, did you mean 'l1'?"),
         ("bent:", "free:", "14:12: E300 'free' cannot name a posture; it lets the planner choose the start"),
+        ("acceleration: 5", "position_margin: 3.1, acceleration: 5", "9:27: E200 margin of 'turn': 3.1 must not be negative, nor more than half of -3 to 3"),
+        ("acceleration: 5", "position_margin: -1 deg, acceleration: 5", "9:27: E200 margin of 'turn': '-1 deg' must not be negative, nor more than half of -3 to 3"),
+        ("acceleration: 5", "position_margin: 5 mm, acceleration: 5", "9:27: E200 margin of 'turn': unit 'mm' in '5 mm' is not one of angle; allowed: rad, mrad, deg"),
+        ("  l1: {", "  l1: {position_margin: 1.5, ", "14:23: E300 '90 deg' is outside the limits of 'l1': -1.5 to 1.5 rad (-85.9437 to 85.9437 deg), narrowed by position_margin"),
         ("urdf: tiny.urdf", "urdf: tiny.urd", "3:7: E500 there is no file 'tiny.urd' here"),
         ("platform: [turn]", "platform: turn", "4:11: E200 must be a list, such as [a, b], not 'turn'"),
         ("platform: [turn]", "platform: [turn, l1, l2]", "4:11: E200 a list of 3 is too long; at most 2 are allowed"),

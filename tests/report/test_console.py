@@ -104,6 +104,22 @@ def test_the_report_lists_every_assumed_limit_and_the_console_the_most_telling(j
         )
 
 
+def test_what_the_maker_states_is_not_called_assumed(job, schedule):
+    """Of two joints the URDF states the acceleration, of one both."""
+    source = ("urdf, jerk assumed", "urdf, jerk assumed", "urdf", *("assumed",) * 12)
+    limits = dataclasses.replace(schedule.robot.limits, source=source)
+    known = dataclasses.replace(schedule, robot=dataclasses.replace(schedule.robot, limits=limits))
+    report = build_report(known, job)
+    lines = summary_lines(report)
+    first, second, third, *others = limits.joints
+    words = "limits are assumed, not the maker's, for"
+    assert f"acceleration and jerk {words} 12 joints: {', '.join(others)}" in lines
+    assert f"jerk {words} 2 joints: {first}, {second}" in lines
+    changed = {(e["joint"], e["limit"]) for e in report["sensitivity"] if e["joint"]}
+    assert {(first, "jerk"), (second, "jerk")} <= changed
+    assert not {(first, "acceleration"), (third, "acceleration"), (third, "jerk")} & changed
+
+
 def test_joints_without_a_jerk_limit_are_told(job, schedule):
     """Their jerk limit is not called assumed; with a limit nothing is told."""
     assert not [line for line in summary_lines(build_report(schedule, job)) if "no jerk" in line]

@@ -39,6 +39,45 @@ def test_positions_narrow_those_of_the_urdf(
     assert ((limits.lower <= home) & (home <= limits.upper)).all()
 
 
+def test_soft_limits_narrow_positions_and_are_told(
+    row: Row, write_rows: Write, import_with: Import
+) -> None:
+    """±2.9 rad in the URDF, ±2 rad its soft limits of joint1; the proposed home is within the narrower range."""
+    soft = '<safety_controller k_velocity="1" soft_lower_limit="-2" soft_upper_limit="2"/><limit'
+    found = import_with(
+        write_rows(row("", 0).replace("<limit", soft, 1)),
+        joint_limits="joint_limits:\n"
+        "  joint1: {has_soft_limits: true, soft_lower_limit: -1, soft_upper_limit: 2.5, k_position: 20}\n"
+        "  joint2: {soft_lower_limit: 0.5, soft_upper_limit: 1}\n"
+        "  joint3: {has_soft_limits: false, soft_lower_limit: 0.5, soft_upper_limit: 1}\n",
+    )
+    robot = found.loaded.robot
+    np.testing.assert_allclose(robot.limits.lower, [-1, 0.5, -2.9, -2.9, -2.9, -2.9])
+    np.testing.assert_allclose(robot.limits.upper, [2, 1, 2.9, 2.9, 2.9, 2.9])
+    home = robot.postures["home"]
+    assert ((robot.limits.lower <= home) & (home <= robot.limits.upper)).all()
+    told = "position limits are narrowed by soft limits of the URDF: joint1, joint2"
+    assert told in found.reasons
+    assert told in found.loaded.notes
+
+
+def test_stated_accelerations_are_not_called_assumed(
+    row: Row, write_rows: Write, import_with: Import
+) -> None:
+    """Those of joint_limits.yaml and of the URDF; only what follows from a rule is assumed."""
+    stated = '<limit acceleration="5" jerk="50"'
+    found = import_with(
+        write_rows(row("", 0).replace("<limit", stated, 1)),
+        joint_limits="joint_limits:\n"
+        "  joint2: {max_acceleration: 4, max_jerk: 40}\n"
+        "  joint3: {max_acceleration: 4}\n",
+    )
+    limits = found.loaded.robot.limits
+    three = ("urdf", "joint_limits", "joint_limits, jerk assumed")
+    assert limits.source == (*three, "assumed", "assumed", "assumed")
+    assert (limits.assumed("acceleration"), limits.assumed("jerk")) == ([3, 4, 5], [2, 3, 4, 5])
+
+
 def test_the_smaller_of_acceleration_and_deceleration_is_taken(
     row: Row, write_rows: Write, import_with: Import
 ) -> None:
@@ -77,6 +116,8 @@ def test_scaling_factors_of_motions_are_told(
         ("  joint1: {max_velocity: -1}", "2:26: E200 max_velocity must be above 0, not -1"),
         ("  joint1: {has_velocity_limits: true}", "2:3: E202 max_velocity is missing; give a number above 0"),
         ("  joint1: {has_velocity_limits: 1, max_velocity: 1}", "2:33: E200 must be true or false, not 1"),
+        ("  joint1: {soft_lower_limit: 0}", "2:3: E202 soft_upper_limit is missing; give a number"),
+        ("  joint1: {soft_lower_limit: 1, soft_upper_limit: 1}", "2:30: E300 no position of 'joint1' is within 1 to 1 and within the URDF's -2.9 to 2.9"),
         ("  joint1: {min_position: 0}", "2:3: E202 max_position is missing; give a number"),
         ("  joint1: {min_position: 3, max_position: 4}", "2:26: E300 no position of 'joint1' is within 3 to 4 and within the URDF's -2.9 to 2.9"),
         ("  joint1: {max_vel: 1}", "2:12: E201 unknown key 'max_vel'"),

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from dualarm_cli.files.robots.robot_joints import file_arms
 from dualarm_cli.files.robots.schema_robot import RobotFile
-from dualarm_cli.files.robots.urdf import MOVING_TYPES, Urdf
+from dualarm_cli.files.robots.urdf import MOVING_TYPES, UNLIMITED, Urdf, soft_range
 from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.diagnostics import Findings
@@ -121,12 +121,19 @@ def nearest_to_zero(joint: Element) -> float:
 
 
 def position_range(joint: Element) -> tuple[float, float]:
-    """Returns the limits of a joint [rad or m], infinite where it has none that can be read."""
+    """Returns the limits of a joint [rad or m], infinite where it has none that can be read; soft ones narrow them."""
+    whole, soft = stated_range(joint), soft_range(joint)
+    lower, upper = max(whole[0], soft[0]), min(whole[1], soft[1])
+    return (lower, upper) if lower <= upper else whole
+
+
+def stated_range(joint: Element) -> tuple[float, float]:
+    """Return the positions of a joint's `<limit>` [rad or m], infinite where it has none that can be read."""
     limit = joint.find("limit")
     if limit is None or joint.get("type") == "continuous":
-        return -math.inf, math.inf
+        return UNLIMITED
     lower, upper = _number(limit, "lower", 0.0), _number(limit, "upper", 0.0)
-    return (lower, upper) if lower <= upper else (-math.inf, math.inf)
+    return (lower, upper) if lower <= upper else UNLIMITED
 
 
 def _position(

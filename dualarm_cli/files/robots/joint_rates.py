@@ -1,9 +1,10 @@
-"""Acceleration and jerk limits: from the robot file, the URDF, or a stated rule."""
+"""Acceleration and jerk limits from the robot file, the URDF, or a stated rule; margins to position limits."""
 
 from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -16,7 +17,7 @@ from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.quantities import Dimension, QuantityError, parse_quantity
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document, Loc
-from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.robot import JointLimits, rate_source
 
 DEFAULT = "default"
 """Key of the limits of joints that have none of their own."""
@@ -28,6 +29,45 @@ _RULES = {"acceleration": "top speed", "jerk": "acceleration"}
 """What a rule for each rate begins with: the rate before it."""
 
 Rate = Literal["acceleration", "jerk"]
+
+
+def with_margins(
+    document: Document, model: RobotFile, joints: list[UrdfJoint], findings: Findings
+) -> list[UrdfJoint]:
+    """Narrow the positions of joints by their margins, those of `default` where they have none.
+
+    Args:
+        document: the robot file.
+        model: its content.
+        joints: the moving joints.
+        findings: where errors are noted.
+    """
+    found = []
+    for joint in joints:
+        stated = {
+            name: model.limits[name].position_margin
+            for name in (joint.name, DEFAULT)
+            if name in model.limits and model.limits[name].position_margin is not None
+        }
+        if not stated:
+            found.append(joint)
+            continue
+        name, value = next(iter(stated.items()))
+        try:
+            margin = parse_quantity(value, quantities.LENGTH if joint.slides else quantities.ANGLE)
+            if not 0.0 <= 2.0 * margin <= joint.upper - joint.lower:
+                span = f"{joint.lower:.6g} to {joint.upper:.6g}"
+                raise QuantityError(
+                    f"{quote(value)} must not be negative, nor more than half of {span}"
+                )
+        except QuantityError as error:
+            message = f"margin of {quote(joint.name)}: {error}"
+            findings.add(document, ("limits", name, "position_margin"), message, "E200")
+            margin = 0.0
+        words = (*joint.narrowed, "position_margin") if margin else joint.narrowed
+        lower, upper = joint.lower + margin, joint.upper - margin
+        found.append(replace(joint, lower=lower, upper=max(lower, upper), narrowed=words))
+    return found
 
 
 def joint_limits(
@@ -64,10 +104,7 @@ def joint_limits(
             ruled.append(joint.name)
             jerk = _ruled(JERK_RULE, "jerk", acceleration[0]), "assumed"
         if not math.isnan(jerk[0]):
-            sources = (acceleration[1], jerk[1])
-            rows.append(
-                (acceleration[0], jerk[0], "assumed" if "assumed" in sources else sources[0])
-            )
+            rows.append((acceleration[0], jerk[0], rate_source(acceleration[1], jerk[1])))
     if lacking:
         message = (
             f"no acceleration limit for {', '.join(lacking)}; give one with its source, or one rule for all: "

@@ -168,6 +168,7 @@ def joint_position(
             span += f" ({1e3 * joint.lower:.6g} to {1e3 * joint.upper:.6g} mm)"
         else:
             span += f" ({math.degrees(joint.lower):.6g} to {math.degrees(joint.upper):.6g} deg)"
+        span += "".join(f", narrowed by {cause}" for cause in joint.narrowed)
         findings.add(
             document, loc, f"{quote(value)} is outside the limits of {quote(joint.name)}: {span}"
         )

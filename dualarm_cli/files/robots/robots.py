@@ -11,7 +11,7 @@ import pinocchio as pin
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.robots.dh_tables import read_tables
 from dualarm_cli.files.robots.frozen_joints import frozen_note, frozen_positions, listed
-from dualarm_cli.files.robots.joint_rates import joint_limits
+from dualarm_cli.files.robots.joint_rates import joint_limits, with_margins
 from dualarm_cli.files.robots.meshes import LinkMeshes, link_meshes
 from dualarm_cli.files.robots.packages import MeshFinder
 from dualarm_cli.files.robots.robot_joints import (
@@ -22,7 +22,7 @@ from dualarm_cli.files.robots.robot_joints import (
     posture_positions,
 )
 from dualarm_cli.files.robots.schema_robot import RobotFile
-from dualarm_cli.files.robots.urdf import Urdf, moving_joints, read_urdf
+from dualarm_cli.files.robots.urdf import Urdf, UrdfJoint, moving_joints, read_urdf
 from dualarm_cli.files.robots.urdf_writer import write_urdf
 from dualarm_cli.files.source.bodies import checked_pairs
 from dualarm_cli.files.source.bundled import ROBOT_FILE, bundled_robots, robots_folder
@@ -156,6 +156,7 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
         findings.raise_if_any()
         raise
     check_chains(document, model, urdf, joints, findings)
+    joints = with_margins(document, model, joints, findings)
     found_limits = joint_limits(document, model, joints, findings)
     frozen = frozen_positions(document, model, urdf, names, findings)
     postures = posture_positions(document, model, joints, findings)
@@ -181,6 +182,7 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
         meshes,
     )
     notes += [
+        *_narrowed_notes(joints),
         *assumed,
         *frozen_note(urdf, frozen),
         *_contact_note(doubtful),
@@ -188,6 +190,16 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
         *read.notes,
     ]
     return robot, tuple(notes)
+
+
+def _narrowed_notes(joints: Sequence[UrdfJoint]) -> list[str]:
+    """Return a note for each cause that narrows the positions of joints."""
+    causes = dict.fromkeys(cause for joint in joints for cause in joint.narrowed)
+    return [
+        f"position limits are narrowed by {cause}: "
+        f"{listed([joint.name for joint in joints if cause in joint.narrowed])}"
+        for cause in causes
+    ]
 
 
 def _contact_note(pairs: Sequence[tuple[str, str]]) -> list[str]:

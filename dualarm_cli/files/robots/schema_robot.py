@@ -112,6 +112,9 @@ JERK = _rate_schema(
     [quantities.ANGULAR_JERK, quantities.JERK],
     ["none", rf"\s*acceleration in {text_pattern([quantities.TIME])}"],
 )
+MARGIN: JsonDict = {
+    "anyOf": [quantity_schema([quantities.ANGLE, quantities.LENGTH], 0.0, 50.0), _NULL]
+}
 Position = Annotated[
     Any, WithJsonSchema(quantity_schema([quantities.ANGLE, quantities.LENGTH], -50.0, 50.0))
 ]
@@ -158,7 +161,7 @@ class ArmsSection(Section):
 
 
 class LimitSection(Section):
-    """What a joint may do besides position and velocity, which come from the URDF."""
+    """Acceleration, jerk and margin of a joint; positions and velocity come from the URDF."""
 
     acceleration: Any = Field(
         default=None,
@@ -174,9 +177,16 @@ class LimitSection(Section):
         f"`acceleration in 0.1 s`. `none`: not limited. Without any, `{JERK_RULE}` is assumed.",
         json_schema_extra=JERK,
     )
-    source: Literal["datasheet", "measured", "assumed"] = Field(
+    source: Literal["datasheet", "measured", "joint_limits", "assumed"] = Field(
         default="assumed",
-        description="Where the numbers come from; every report lists the assumed ones.",
+        description="Where acceleration and jerk come from: datasheet, measured, joint_limits (joint_limits.yaml), or "
+        "assumed; every report lists the assumed ones.",
+    )
+    position_margin: Any = Field(
+        default=None,
+        description="Distance that is kept to both position limits, also to soft ones of the URDF; a plain number is "
+        f"{quantities.ANGLE.unit} ({quantities.LENGTH.unit} for a joint that slides). Without it, none.",
+        json_schema_extra=MARGIN,
     )
 
 
@@ -201,7 +211,7 @@ class RobotFile(Section):
     arms: ArmsSection = Field(description="Its arms: left, right or both.")
     limits: dict[Name, LimitSection] = Field(
         default_factory=dict,
-        description="Acceleration and jerk of the moving joints, by name; `default`: of all others.",
+        description="Acceleration, jerk and margin of the moving joints, by name; `default`: of all others.",
     )
     frozen: dict[Name, Position] = Field(
         default_factory=dict,

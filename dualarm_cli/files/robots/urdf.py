@@ -100,6 +100,10 @@ def mesh_elements(solid: Element) -> Iterator[Element]:
 
 CONTINUOUS_LIMIT = 1000.0
 """Position limit given to joints that turn without end [rad]."""
+SOFT_LIMITS = ("soft_lower_limit", "soft_upper_limit")
+"""Attributes of `<safety_controller>`: positions that a controller does not let the joint leave."""
+UNLIMITED = (-math.inf, math.inf)
+"""Positions of a joint without limits [rad or m]."""
 MAX_JOINTS = 1000
 """Most joints of one URDF: libraries go through them by recursion, and some 5,000 in a row end the process."""
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
@@ -125,6 +129,8 @@ class UrdfJoint:
     """Largest acceleration [rad/s² or m/s²], where the URDF gives one (version 1.2)."""
     jerk: float | None = None
     """Largest jerk [rad/s³ or m/s³], where the URDF gives one (version 1.2)."""
+    narrowed: tuple[str, ...] = ()
+    """What narrows its positions below those of `<limit>`, in words."""
 
 
 @dataclass(frozen=True)
@@ -291,10 +297,20 @@ def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], li
             findings.add(mimic, f"{what} mimics {quote(mimic.get('joint'))}; it cannot be planned")
             continue
         limits = _limits(joint, kind, what, findings)
-        if limits is not None:
-            rates = [_stated_rate(joint, rate, what, findings) for rate in ("acceleration", "jerk")]
-            found.append(UrdfJoint(joint.name, kind == "prismatic", *limits, *rates))
-        if kind == "continuous":
+        soft = _checked_soft_range(joint, what, findings)
+        rates = [_stated_rate(joint, rate, what, findings) for rate in ("acceleration", "jerk")]
+        if limits is not None and soft is not None:
+            *whole, velocity = limits
+            lower, upper = max(whole[0], soft[0]), min(whole[1], soft[1])
+            if lower > upper:
+                message = f"{what}: soft limits {soft[0]:g} to {soft[1]:g} and limits {whole[0]:g} to {whole[1]:g}"
+                findings.add(joint, f"{message} have no position in common")
+            narrowed = ("soft limits of the URDF",) if [lower, upper] != whole else ()
+            slides = kind == "prismatic"
+            found.append(UrdfJoint(joint.name, slides, lower, upper, velocity, *rates, narrowed))
+            if soft == UNLIMITED and joint.child_name("safety_controller", SOFT_LIMITS[0]):
+                notes.append(f"{what}: its soft limits are equal and not taken; no motion is left")
+        if kind == "continuous" and soft == UNLIMITED:
             notes.append(
                 f"{what} turns without end; its position is kept within ±{CONTINUOUS_LIMIT:g} rad"
             )
@@ -328,12 +344,44 @@ def _limits(
     return lower[0], upper[0], velocity[0]
 
 
-def _stated_rate(joint: Element, rate: str, what: str, findings: UrdfFindings) -> float | None:
-    """Returns an acceleration or jerk limit of URDF 1.2, or None where there is none."""
-    limit = joint.find("limit")
-    if limit is None or rate not in limit.attributes:
+def soft_range(joint: Element) -> tuple[float, float]:
+    """Return a joint's soft position limits [rad or m], infinite where it has none.
+
+    URDF's default of both is 0. Limits that are equal or no numbers are taken as not set.
+    """
+    soft = joint.find("safety_controller")
+    try:
+        lower, upper = (float(soft.get(key, "0")) if soft else 0.0 for key in SOFT_LIMITS)
+    except ValueError:
+        return UNLIMITED
+    return (lower, upper) if lower != upper else UNLIMITED
+
+
+def _checked_soft_range(
+    joint: Element, what: str, findings: UrdfFindings
+) -> tuple[float, float] | None:
+    """Return a joint's soft position limits, or None after noting what is wrong with them."""
+    soft = joint.find("safety_controller")
+    stated = [key for key in SOFT_LIMITS if soft is not None and key in soft.attributes]
+    if any(findings.numbers(soft, key, 1, what) is None for key in stated if soft is not None):
         return None
-    value = findings.numbers(limit, rate, 1, what)
-    if value is not None and value[0] <= 0.0:
-        findings.add(limit, f"{what}: {rate} limit must be above 0, not {value[0]:g}")
-    return None if value is None else value[0]
+    lower, upper = soft_range(joint)
+    if soft is not None and lower > upper:
+        findings.add(soft, f"{what}: soft limit {lower:g} is above soft limit {upper:g}")
+        return None
+    return lower, upper
+
+
+def _stated_rate(joint: Element, rate: str, what: str, findings: UrdfFindings) -> float | None:
+    """Return an acceleration or jerk limit of URDF 1.2, the smaller of acceleration and deceleration, or None."""
+    limit = joint.find("limit")
+    keys = ("acceleration", "deceleration") if rate == "acceleration" else (rate,)
+    found = []
+    for key in keys:
+        if limit is None or key not in limit.attributes:
+            continue
+        value = findings.numbers(limit, key, 1, what)
+        if value is not None and value[0] <= 0.0:
+            findings.add(limit, f"{what}: {key} limit must be above 0, not {value[0]:g}")
+        found += value or []
+    return min(found, default=None)

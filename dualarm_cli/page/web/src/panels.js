@@ -274,8 +274,8 @@ export function timeIn(detail) {
 export function notes(plan, go) {
   const { report } = plan;
   const found = [];
-  if (report.assumed_limits?.length) {
-    found.push(block("Assumptions", paragraph(`Acceleration and jerk limits are assumed, not the maker's, for ${report.assumed_limits.length} joints: ${report.assumed_limits.join(", ")}.`)));
+  if (report.assumptions?.length) {
+    found.push(block("Assumptions", ...report.assumptions.map(paragraph)));
   }
   if (report.without_jerk_limit?.length) {
     found.push(block("Without a jerk limit", paragraph(report.without_jerk_limit.join(", "))));
