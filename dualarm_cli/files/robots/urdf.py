@@ -298,7 +298,8 @@ def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], li
             continue
         limits = _limits(joint, kind, what, findings)
         soft = _checked_soft_range(joint, what, findings)
-        rates = [_stated_rate(joint, rate, what, findings) for rate in ("acceleration", "jerk")]
+        acceleration = _stated_rate(joint, ("acceleration", "deceleration"), what, findings)
+        jerk = _stated_rate(joint, ("jerk",), what, findings)
         if limits is not None and soft is not None:
             *whole, velocity = limits
             lower, upper = max(whole[0], soft[0]), min(whole[1], soft[1])
@@ -306,8 +307,8 @@ def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], li
                 message = f"{what}: soft limits {soft[0]:g} to {soft[1]:g} and limits {whole[0]:g} to {whole[1]:g}"
                 findings.add(joint, f"{message} have no position in common")
             narrowed = ("soft limits of the URDF",) if [lower, upper] != whole else ()
-            slides = kind == "prismatic"
-            found.append(UrdfJoint(joint.name, slides, lower, upper, velocity, *rates, narrowed))
+            ranges = lower, upper, velocity, acceleration, jerk
+            found.append(UrdfJoint(joint.name, kind == "prismatic", *ranges, narrowed))
             if soft == UNLIMITED and joint.child_name("safety_controller", SOFT_LIMITS[0]):
                 notes.append(f"{what}: its soft limits are equal and not taken; no motion is left")
         if kind == "continuous" and soft == UNLIMITED:
@@ -372,11 +373,12 @@ def _checked_soft_range(
     return lower, upper
 
 
-def _stated_rate(joint: Element, rate: str, what: str, findings: UrdfFindings) -> float | None:
-    """Return an acceleration or jerk limit of URDF 1.2, the smaller of acceleration and deceleration, or None."""
+def _stated_rate(
+    joint: Element, keys: Sequence[str], what: str, findings: UrdfFindings
+) -> float | None:
+    """Return the smallest of some limits of URDF 1.2, or None."""
     limit = joint.find("limit")
-    keys = ("acceleration", "deceleration") if rate == "acceleration" else (rate,)
-    found = []
+    found: list[float] = []
     for key in keys:
         if limit is None or key not in limit.attributes:
             continue
