@@ -260,7 +260,7 @@ def _job_checks(evidence: Evidence) -> list[Check]:
             check_order(schedule, job),
         ]
         second = [check_precedence(schedule, job, spans), check_windows(schedule, job)]
-        third = [check_pairing(schedule, done, spans), check_dwells(schedule, done)]
+        third = [check_pairing(schedule, done, spans, evidence.model), check_dwells(schedule, done)]
         third += [*check_ends(schedule, job), *check_signals(schedule, done)]
     return [
         *first,

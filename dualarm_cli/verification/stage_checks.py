@@ -225,7 +225,9 @@ def _unplaced(schedule: Schedule, event: Event) -> str:
     return f"{event.task} ({event.action}) at {event.time:.3f} s is within none of {whose} that name it"
 
 
-def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Check:
+def check_pairing(
+    schedule: Schedule, job: Job, spans: Sequence[LineSpan], model: ToolModel
+) -> Check:
     """Checks that paired targets fall into one stage, which both arms start together.
 
     Who is done first in a stage stands until the other one is; what the segments say of it has to agree.
@@ -234,6 +236,7 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
         schedule: what is judged.
         job: as it was done, where its file leaves arms or order open.
         spans: of the job's stops.
+        model: where the tools are.
     """
     if job.mode == "free":
         return not_checked("pairing", "the arms run asynchronously")
@@ -264,7 +267,7 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
         apart = max(begun, default=0.0) - min(begun, default=0.0)
         if apart > worst:
             worst, where = apart, f"the arms do not start stage {number} together"
-    early, what = _early(schedule, asked, spans)
+    early, what = _early(schedule, asked, spans, model)
     if early > worst:
         worst, where = early, what
     wrong = _wrong_tasks(schedule, [[task.id for task, _ in work.values()] for work in asked])
@@ -277,6 +280,7 @@ def _early(
     schedule: Schedule,
     asked: Sequence[Mapping[str, tuple[Task, Stop]]],
     spans: Sequence[LineSpan],
+    model: ToolModel,
 ) -> tuple[float, str]:
     """Returns how long before a stage is over an arm leaves it at worst [s], measured on the motion, and where."""
     worst = Worst(where="")
@@ -293,6 +297,10 @@ def _early(
         ends = {arm: _at_rest(schedule, span) for arm, span in done.items()}
         before, number = max(ends.values(), default=before), number + 1
         for arm, end in ends.items():
+            span = done[arm]
+            if span.stop.dwell_motion and end == span.over:
+                # Its joints may go on beyond the dwell, while its tool stands.
+                end = tool_left(schedule, model, span.event, before)
             if moved := first_move(schedule, arm, end, before):
                 where = f"the {arm} arm leaves stage {number} before the other one is done"
                 worst.add(before - moved, where)

@@ -134,3 +134,16 @@ def test_on_lines_the_platform_has_to_stand(planned, kind):
     assert "platform_still" in failed(changed, job)
     bare = replace(changed, segments=())
     assert "platform_still" in failed(bare, job)
+
+
+def test_an_arm_without_lines_may_move_its_elbow_on_until_its_partner_is_done(
+    tmp_path, random_valid_jobs
+):
+    """The left arm's elbow is not done as its dwell is over; its tool stands until the stage is over, so it may."""
+    random_valid_jobs.write_random_job(23, tmp_path)
+    changes = {"tasks:/defaults/dwell_motion": "allowed"}
+    job = load_job(tmp_path / "tasks.yaml", overrides=changes)
+    schedule = plan_without_bound(job, PlanSettings(effort="quick"))
+    assert failed(schedule, job) == set()
+    # Without the permission the same motion leaves the stage early, and more.
+    assert "pairing" in failed(schedule, forbidding(job))
