@@ -32,9 +32,7 @@ _KEYS = {
     "soft": SOFT_LIMITS,
 }
 """Limits that are read, and their keys; `has_…_limits` switches each on."""
-_NOT_USED = (
-    *("has_effort_limits", "max_effort", "k_position", "k_velocity", "angle_wraparound"),
-)
+_NOT_USED = ("has_effort_limits", "max_effort", "k_position", "k_velocity", "angle_wraparound")
 """Keys of other tools, which say nothing of what is planned here."""
 
 
