@@ -319,7 +319,7 @@ _SEAMS = {
     "{joint} decides {mm:.1f} mm along the seam",
     "no_way_to_seam": "task '{task}': no motion to the start of its approach (`entry: {{approach: …}}` moves that "
     "start farther away): {cause}",
-    "entry_too_short": "task '{task}': the motion to its start takes {measured:.3f} s at least, more than the "
+    "entry_too_short": "task '{task}': the motion to its start takes {measured:.3f} s, more than the "
     "{allowed:g} s that entry gives it; raise or remove its duration",
 }
 _STARTING = {

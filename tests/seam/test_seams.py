@@ -291,11 +291,34 @@ def test_the_way_to_a_seam_takes_the_time_that_the_file_gives_it(tmp_path: Path)
     quick = planned(job_of(tmp_path, SDA10F, seam(*more, entry % ""), head=head))
     failed = [c.name for c in verify(quick, slow).checks if c.verdict == "failed"]
     assert failed == ["seam_as_asked"]
-    with pytest.raises(InfeasibleError, match=r"takes \d\.\d+ s at least, more than the 1 s"):
+    with pytest.raises(InfeasibleError, match=r"takes \d\.\d+ s, more than the 1 s"):
         planned(job_of(tmp_path, SDA10F, seam(*more, entry % ", duration: 1 s"), head=head))
     # Begun on the seam there is no way to draw out: it is waited for.
     free = planned(job_of(tmp_path, SDA10F, seam("speed: 100 mm/s", "entry: {duration: 2 s}")))
     assert spans(free)[0][0] == pytest.approx(2.0, abs=1e-9)
+
+
+def test_an_entry_shorter_than_what_it_holds_is_refused(tmp_path: Path) -> None:
+    """Dwell and approach are within the entry's duration, also where the seam goes on from where the robot is.
+
+    At half speed 0.3 s become 0.6 s, and the dwell stays 0.5 s.
+    """
+    entry = "entry: {dwell: 0.5 s, duration: 0.3 s%s}"
+    tasks = seam("speed: 100 mm/s", name="one"), seam("speed: 100 mm/s", entry % "", name="two")
+    job = job_of(tmp_path, SDA10F, *tasks)
+    with pytest.raises(InputError) as refused:
+        planned(job)
+    [found] = refused.value.diagnostics
+    assert (Path(found.file).name, found.line) == ("tasks.yaml", 15)
+    assert "the dwell of 0.5 s does not fit into 0.3 s" in found.message
+    [work] = [kind_of(section) for section in job.sections()][:1]
+    assert len(work.check(job)) == 1
+    slow = job_of(tmp_path, SDA10F, tasks[1], head="start: free\nspeed: 50%\n")
+    assert spans(planned(slow))[0][0] == pytest.approx(0.6, abs=1e-9)
+    # 40 mm take longer than the 0.1 s that the dwell leaves them.
+    long = seam("speed: 100 mm/s", "entry: {approach: 40 mm, dwell: 0.2 s, duration: 0.3 s}")
+    with pytest.raises(InfeasibleError, match=r"takes 0\.\d+ s, more than the 0\.3 s that entry"):
+        planned(job_of(tmp_path, SDA10F, long))
 
 
 def test_entry_and_exit_stand_where_the_seam_begins_and_ends_not_before_its_time(

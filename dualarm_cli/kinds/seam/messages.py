@@ -5,6 +5,7 @@ from __future__ import annotations
 from dualarm_cli.errors import Diagnostic, did_you_mean
 from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS, NoSeam
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.refusals import Refusal
 
@@ -13,7 +14,7 @@ LONGEST = 1800.0
 
 
 def seam_faults(job: Job) -> list[Diagnostic]:
-    """Returns what seams ask for that there is not, unknown methods; and those that take too long."""
+    """Returns what seams ask for that there is not: unknown methods, entries shorter than their dwells, too much time."""
     findings = []
     for work in (section[0].seam for section in job.sections()):
         if work is None:
@@ -23,6 +24,13 @@ def seam_faults(job: Job) -> list[Diagnostic]:
             known = ", ".join(SEAM_SOLVERS.names)
             hint = did_you_mean(work.method, SEAM_SOLVERS.names)
             message = f"method: no method '{work.method}' works seams{hint}; known: {known}"
+            findings.append(Diagnostic(*where, message))
+        entry = work.entry_duration
+        if entry is not None and entry / job.speed < work.dwell_start - SAME_TIME:
+            message = (
+                f"entry: the dwell of {work.dwell_start:g} s does not fit into {entry / job.speed:g} s, the entry's "
+                "duration; raise or remove the duration, or shorten the dwell"
+            )
             findings.append(Diagnostic(*where, message))
         least = seam_bound(work, job.speed)
         if least > LONGEST:

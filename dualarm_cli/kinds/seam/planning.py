@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import (
@@ -69,35 +70,43 @@ def add_seam_section(
     found = planner.plan(
         section[0].id, work, home if here is None else here, after[0].seam if after else None
     )
-    begin, transfer = record.clock, None
+    begin, name = record.clock, section[0].id
     if here is not None and np.abs(found.first - here).max() > SAME:
         try:
             transfer = tools.transfer(here, found.first)
         except InfeasibleError as error:
             more = {"cause": error}
             raise InfeasibleError(
-                Refusal("no_way_to_seam", work.place, section[0].id, work.slave, more=more)
+                Refusal("no_way_to_seam", work.place, name, work.slave, more=more)
             ) from None
-        add_transfer(record, _timed_entry(work, job.speed, transfer, found, section[0].id), section)
+        motion = transfer.cleared.motion
+        _check_entry(work, job.speed, motion.trajectory.duration + found.coming, name)
+        add_transfer(record, _timed_entry(work, job.speed, motion, found), section)
         record.count(transfer)
+    else:
+        _check_entry(work, job.speed, found.coming, name)
     add_seam(record, tools.problem.model, section, found, begin, job.speed)
     record.notes += seam_notes(job, section[0].id, work, found)
 
 
-def _timed_entry(
-    work: SeamWork, pace: float, transfer: ClearedPlan, found: PlannedSeam, task: str
-) -> Motion:
+def _check_entry(work: SeamWork, pace: float, taken: float, task: str) -> None:
+    """Refuse a way to a seam that takes longer than the file gives it.
+
+    Raises:
+        InfeasibleError: transfer, approach and dwell take more than the entry's duration.
+    """
+    asked = math.inf if work.entry_duration is None else work.entry_duration / pace
+    if taken > asked + SAME_TIME:
+        raise InfeasibleError(
+            Refusal("entry_too_short", work.place, task, work.slave, taken, asked)
+        )
+
+
+def _timed_entry(work: SeamWork, pace: float, motion: Motion, found: PlannedSeam) -> Motion:
     """Returns the transfer to a seam, drawn out to the time that the file gives the way there."""
-    motion = transfer.cleared.motion
     if work.entry_duration is None:
         return motion
-    asked = work.entry_duration / pace
-    if motion.trajectory.duration > asked - found.coming + SAME_TIME:
-        least = motion.trajectory.duration + found.coming
-        raise InfeasibleError(
-            Refusal("entry_too_short", work.place, task, work.slave, least, asked)
-        )
-    return drawn_out_transfer(motion, asked - found.coming)
+    return drawn_out_transfer(motion, work.entry_duration / pace - found.coming)
 
 
 def seam_opens(section: Section) -> float:
