@@ -14,7 +14,7 @@ LONGEST = 1800.0
 
 
 def seam_faults(job: Job) -> list[Diagnostic]:
-    """Returns what seams ask for that there is not: unknown methods, entries shorter than their dwells, too much time."""
+    """Find unknown methods of seams, entries shorter than their dwells, and seams that take too long."""
     findings = []
     for work in (section[0].seam for section in job.sections()):
         if work is None:
