@@ -75,6 +75,11 @@ class Plan:
         return self.schedule.verification is not None and self.schedule.verification.passed
 
     @property
+    def caveats(self) -> tuple[str, ...]:
+        """Sentences on what `verified` leaves open, such as tools without shapes."""
+        return () if self.schedule.verification is None else self.schedule.verification.caveats
+
+    @property
     def keeps_budget(self) -> bool:
         """Whether it keeps the budget of the task file, or there is none."""
         return all(line.kept for line in judge_budget(self.schedule, self.job))

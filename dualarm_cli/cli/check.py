@@ -43,6 +43,8 @@ def check_command(
         for result in results:
             if not result["diagnostics"] and not quiet:
                 _echo(f"{_shown(result['file'])}: good: {result['kind']}, {result['summary']}")
+                for note in result["notes"]:
+                    _echo(f"note: {_shown(note)}")
     if diagnostics:
         raise typer.Exit(2)
 
@@ -61,10 +63,19 @@ def _check_one(file: str) -> dict[str, Any]:
     try:
         loaded = load_file(file)
     except InputError as error:
-        return {"file": file, "kind": None, "summary": "", "diagnostics": error.diagnostics}
+        wrong = {"diagnostics": error.diagnostics, "notes": []}
+        return {"file": file, "kind": None, "summary": "", **wrong}
     kind, summary = _describe(loaded)
-    wrong = [*_geometry(loaded), *_paths(loaded)]
-    return {"file": file, "kind": kind, "summary": summary, "diagnostics": wrong}
+    found = {"diagnostics": [*_geometry(loaded), *_paths(loaded)], "notes": _notes(loaded)}
+    return {"file": file, "kind": kind, "summary": summary, **found}
+
+
+def _notes(loaded: Loaded) -> list[str]:
+    """Return what a task file's cell leaves out that a reader may not be aware of."""
+    from dualarm_cli.model.job import Job
+    from dualarm_cli.report.bodies import cell_notes
+
+    return cell_notes(loaded) if isinstance(loaded, Job) else []
 
 
 def _geometry(loaded: Loaded) -> list[Diagnostic]:
@@ -149,6 +160,7 @@ def _document(results: list[dict[str, Any]]) -> dict[str, Any]:
                 "file": _shown(result["file"]),
                 "kind": result["kind"],
                 "summary": result["summary"],
+                "notes": [_shown(note) for note in result["notes"]],
                 "diagnostics": [_entry(diagnostic) for diagnostic in result["diagnostics"]],
             }
             for result in results

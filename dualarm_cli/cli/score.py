@@ -244,12 +244,19 @@ def _tell(
 
 
 def _print(verdicts: list[Verdict], allowed: float, compared: bool) -> None:
-    from dualarm_cli.scoring.messages import advice, counted, reason_lines, rule_words
+    from dualarm_cli.scoring.messages import (
+        advice,
+        caveat_lines,
+        counted,
+        reason_lines,
+        rule_words,
+    )
     from dualarm_cli.scoring.table import score_table
 
     console = stdout_console()
     console.print(score_table(verdicts))
     lines = [line for verdict in verdicts for line in reason_lines(verdict)]
+    lines += caveat_lines(verdicts)
     lines += [counted(verdicts) + (f"; {rule_words(allowed)}" if compared else "")]
     for line in (*lines, *advice(verdicts)):
         console.print(line, markup=False, soft_wrap=True)

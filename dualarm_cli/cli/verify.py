@@ -106,7 +106,7 @@ def verify_command(
     refuse_logged(schedule)
     from dualarm_cli.errors import UsageError
     from dualarm_cli.interface import load, verify
-    from dualarm_cli.report.console import unproven
+    from dualarm_cli.model.verification import exceptions
     from dualarm_cli.report.report import verification_document
 
     if clearance and tasks is None:
@@ -127,8 +127,7 @@ def verify_command(
         console.print(_table(judged))
         if judged.clearances:
             console.print(_clearances(judged))
-        rows = (verification_document(judged) or {})["checks"]
-        result = f"passed{unproven(rows)}" if judged.passed else "FAILED"
+        result = f"passed{exceptions(judged.caveats)}" if judged.passed else "FAILED"
         console.print(f"verification: {result}", soft_wrap=True)
     if not judged.passed:
         raise typer.Exit(1)
@@ -138,6 +137,7 @@ def _show_driven(tracking: DrivenJudgement, json_output: bool, quiet: bool) -> N
     """Prints the judgement of a driven motion, and ends with 1 where it failed."""
     from dataclasses import replace
 
+    from dualarm_cli.model.verification import exceptions
     from dualarm_cli.report.report import verification_document
 
     checks = tracking.verification.checks
@@ -160,7 +160,8 @@ def _show_driven(tracking: DrivenJudgement, json_output: bool, quiet: bool) -> N
             console.print(table)
         if shown.clearances:
             console.print(_clearances(shown))
-        console.print(f"driven motion: {'passed' if shown.passed else 'FAILED'}", soft_wrap=True)
+        result = f"passed{exceptions(shown.caveats)}" if shown.passed else "FAILED"
+        console.print(f"driven motion: {result}", soft_wrap=True)
     if not shown.passed:
         raise typer.Exit(1)
 

@@ -105,6 +105,7 @@ def evaluation_of(case: str, plan: Plan, page: bool = False) -> Evaluation:
         limits=_limits(schedule.robot.limits),
         sliding=tuple(sorted(sliding.intersection(schedule.robot.limits.joints))),
         budgets=judge_budget(schedule, job),
+        caveats=plan.caveats,
         findings=tuple(Finding(f"{check.name}: {check.detail}", case) for check in failures)[
             :MOST_FINDINGS
         ],

@@ -75,6 +75,8 @@ class Evaluation:
     """The job's budget, line by line."""
     findings: tuple[Finding, ...] = ()
     """What is wrong, or is to be known."""
+    caveats: tuple[str, ...] = ()
+    """Sentences on what the verifier's pass leaves open."""
     inputs: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of every file that was read, by its name from the task file's folder; see `loading.text_source`."""
     page: str = ""
@@ -91,7 +93,7 @@ class Evaluation:
         document["limiting"] = dict(self.limiting)
         document["limits"] = {joint: dict(limits) for joint, limits in self.limits.items()}
         document["inputs"] = dict(self.inputs)
-        document["sliding"] = list(self.sliding)
+        document["sliding"], document["caveats"] = list(self.sliding), list(self.caveats)
         for name in ("budgets", "findings"):
             document[name] = [asdict(entry) for entry in getattr(self, name)]
         return document
@@ -126,6 +128,9 @@ class Evaluation:
             raise ValueError("inputs must be hashes")
         values["inputs"] = inputs
         values["sliding"] = tuple(_list(document["sliding"]))
+        values["caveats"] = tuple(_list(document["caveats"]))
+        if not all(isinstance(caveat, str) for caveat in values["caveats"]):
+            raise ValueError("caveats must be texts")
         values["budgets"] = tuple(_entry(Kept, item) for item in _list(document["budgets"]))
         values["findings"] = tuple(_entry(Finding, item) for item in _list(document["findings"]))
         return cls(**values)
@@ -167,7 +172,7 @@ def _numbers(value: Any, name: str) -> dict[str, float]:
 
 def _list(value: Any) -> list[Any]:
     if not isinstance(value, list):
-        raise ValueError("budgets, findings and sliding joints must be lists")
+        raise ValueError("budgets, findings, caveats and sliding joints must be lists")
     return value
 
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 from dualarm_cli.records import dataclass
 
 Verdict = Literal["passed", "failed", "not checked"]
+COLLISIONS, SHAPES = "collisions", "shapes"
+"""Names of the checks of clearance, and that moving bodies have shapes: the latter only where some have none."""
+_OPEN = {COLLISIONS: "collisions were not checked", SHAPES: "collisions could not be fully checked"}
+"""What is open where one of these was not checked; the first one says it all."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,17 @@ class Verification:
         return "failed" not in verdicts and "passed" in verdicts
 
     @property
+    def caveats(self) -> tuple[str, ...]:
+        """Sentences on what a pass leaves open: collisions that were not, or not fully, checked."""
+        unchecked = {c.name: c.detail for c in self.checks if c.verdict == "not checked"}
+        return tuple(f"{_OPEN[name]}: {unchecked[name]}" for name in _OPEN if name in unchecked)[:1]
+
+    @property
     def failures(self) -> tuple[Check, ...]:
         """The checks that failed."""
         return tuple(check for check in self.checks if check.verdict == "failed")
+
+
+def exceptions(caveats: Sequence[str]) -> str:
+    """Return the end of a sentence that says that something passed: `, except that …`, or nothing."""
+    return f", except that {'; '.join(caveats)}" if caveats else ""

@@ -91,12 +91,13 @@ def page_names(names: Iterable[str]) -> list[str]:
     return [f"{name}.html" for name in found]
 
 
-def verified_cell(status: str) -> PageCell:
+def verified_cell(status: str, caveats: Sequence[str]) -> PageCell:
     """Returns whether the verifier passes a plan, as a cell.
 
     Args:
         status: of its evaluation.
+        caveats: sentences on what its pass leaves open.
     """
     if status == "planned":
-        return PageCell("yes", "good")
+        return PageCell("not fully", "warn") if caveats else PageCell("yes", "good")
     return PageCell("no", "bad") if status == "fails_verification" else PageCell(NOTHING)

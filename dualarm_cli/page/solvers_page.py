@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from dualarm_cli.model.verification import exceptions
 from dualarm_cli.page.side_by_side import side_by_side
 from dualarm_cli.page.tables import PageCell, PageRow, PageTable
 from dualarm_cli.report.comparison.comparison import (
@@ -77,7 +78,8 @@ def _table(section: dict[str, Any], places: Mapping[int, int]) -> PageTable:
         cells = [PageCell(row[key]) for key in ("method", *varied)]
         cells += [PageCell(text) for text in _figures(row, best)]
         plan = row["status"] + (f": {row['reason']}" if row["reason"] else "")
-        cells.append(PageCell(plan, _MARKS[row["status"]]))
+        mark = "warn" if row["status"] == "verified" and row["caveats"] else _MARKS[row["status"]]
+        cells.append(PageCell(plan + exceptions(row["caveats"]), mark))
         data = {"plan": places[k], "beside": min(places.values())} if k in places else {}
         found.append(PageRow(cells, data))
     columns = [*names, *numbers, ("plan", False)]

@@ -101,6 +101,7 @@ def _cells(
     bounds = [job["lower_bound"] for job in jobs]
     bound = "–" if None in bounds else f"{sum(bounds):.3f}"
     planned = status == "planned"
+    caveats = list(dict.fromkeys(text for job in jobs for text in job["caveats"] if planned))
     as_it_is = row["point"] == AS_IT_IS
     values = [row["values"].get(one["name"], "") for one in document["parameters"]]
     rank = "as it is" if as_it_is else str(row["rank"] or "–")
@@ -111,7 +112,7 @@ def _cells(
         *(PageCell(value_text(value)) for value in values),
         *(PageCell(one.shown(row[one.name])) for one in objectives),
         PageCell(bound if planned else "–"),
-        verified_cell(status) if planned else PageCell(STATUS_WORDS[status], "bad"),
+        verified_cell(status, caveats) if planned else PageCell(STATUS_WORDS[status], "bad"),
         PageCell(most_time(jobs) if planned else "–"),
-        PageCell(one_line_reason("; ".join(row["reasons"]))),
+        PageCell(one_line_reason("; ".join([*row["reasons"], *caveats]))),
     ]

@@ -11,14 +11,16 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.report.printable import printable
 
 STYLE = """\
-:root { color-scheme: light dark; font: 14px/1.4 system-ui, sans-serif; --good: #1a7f5a; --bad: #c0392b }
-@media (prefers-color-scheme: dark) { :root { --good: #6fd3ab; --bad: #ff8f80 } }
+:root { color-scheme: light dark; font: 14px/1.4 system-ui, sans-serif }
+:root { --good: #1a7f5a; --warn: #8a5a00; --bad: #c0392b }
+@media (prefers-color-scheme: dark) { :root { --good: #6fd3ab; --warn: #e8b84a; --bad: #ff8f80 } }
 * { box-sizing: border-box }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums }
 caption { text-align: left; font-weight: 600; padding: 6px 0 2px }
 th, td { padding: 1px 10px; text-align: left; vertical-align: top; white-space: pre-line }
 .number { text-align: right; white-space: nowrap }
 .good { color: var(--good); font-weight: 600 }
+.warn { color: var(--warn); font-weight: 600 }
 .bad { color: var(--bad); font-weight: 600 }
 """
 """Of pages with such tables."""
@@ -31,7 +33,7 @@ class PageCell:
     text: str
     """What is read there; its lines stay lines."""
     mark: str = ""
-    """`good`, `bad`, or nothing."""
+    """`good`, `warn`, `bad`, or nothing."""
     links: Mapping[str, str] = field(default_factory=dict)
     """Files beside the page by the words that lead to them, after the text."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from rich.markup import escape
@@ -12,6 +12,7 @@ from rich.table import Table
 
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.schedule import WORK_ENDS
+from dualarm_cli.model.verification import exceptions
 
 NOTHING = "–"
 """What stands where there is nothing to say."""
@@ -124,7 +125,7 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     lines += blending_lines(report)
     lines += motion_lines(report)
     lines.append(bound_line(report))
-    lines.append(f"collisions: {report['collisions']}")
+    lines += [report["bodies"]["text"], f"collisions: {report['collisions']}"]
     lines += [f"budget: {line['text']}" for line in report["budget"]]
     if report["without_jerk_limit"]:
         lines.append(
@@ -138,21 +139,11 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
         failed = [check for check in verification["checks"] if check["verdict"] == "failed"]
         passed = sum(check["verdict"] == "passed" for check in verification["checks"])
         lines.append(
-            f"verification: passed ({passed} checks){unproven(verification['checks'])}"
+            f"verification: passed ({passed} checks){exceptions(verification['caveats'])}"
             if verification["passed"]
             else "verification: FAILED: " + "; ".join(f"{c['name']}: {c['detail']}" for c in failed)
         )
     return lines
-
-
-def unproven(checks: Iterable[Mapping[str, Any]]) -> str:
-    """Returns the end of the last line where bodies without shapes were left out of the clearance proof.
-
-    Args:
-        checks: rows of a verification.
-    """
-    lacking = [check["detail"] for check in checks if check["name"] == "shapes"]
-    return f", except that collisions could not be checked: {lacking[0]}" if lacking else ""
 
 
 def _kind_lines(beside: str, report: dict[str, Any]) -> list[str]:

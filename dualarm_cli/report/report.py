@@ -13,6 +13,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import WORK_ENDS, Schedule, Stage
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.records import field_values
+from dualarm_cli.report.bodies import bodies, cell_notes
 from dualarm_cli.report.corners import blending_rows
 from dualarm_cli.report.measures import elbow_imbalance, joint_travel, platform_travel
 from dualarm_cli.report.sensitivity import sensitivity
@@ -49,6 +50,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "mode": job.mode,
         "order": job.order,
         "open": not job.is_decided,
+        "bodies": bodies(job),
         "collisions": _collisions(schedule),
         "smallest_clearance": smallest_clearance(schedule),
         "clearance_cost": schedule.clearance_cost,
@@ -81,7 +83,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "sensitivity": [field_values(entry) for entry in sensitivity(schedule)],
         "verification": verification_document(schedule.verification),
         "settings": dict(schedule.provenance.settings),
-        "notes": list(schedule.notes),
+        "notes": [*cell_notes(job), *schedule.notes],
     }
 
 
@@ -166,8 +168,10 @@ def _collisions(schedule: Schedule) -> str:
     if found is None:
         return "not checked"
     one, other = found["bodies"]
+    verdict = "none" if found["margin"] >= -CLEARANCE_SLACK else "CLEARANCE MISSED"
+    caveats = schedule.verification.caveats if schedule.verification is not None else ()
     return (
-        f"{'none' if found['margin'] >= -CLEARANCE_SLACK else 'CLEARANCE MISSED'}; least clearance proven: "
+        f"{verdict}{' between bodies with shapes' if caveats else ''}; least clearance proven: "
         f"{found['clearance'] * 1e3:.1f} mm where {found['required'] * 1e3:.1f} mm are required, "
         f"{one} and {other} at {found['time']:.3f} s"
     )
@@ -179,6 +183,7 @@ def verification_document(verification: Verification | None) -> dict[str, Any] |
         return None
     return {
         "passed": verification.passed,
+        "caveats": list(verification.caveats),
         "checks": [_check_row(check) for check in verification.checks],
         "clearances": [field_values(stage) for stage in verification.clearances],
     }

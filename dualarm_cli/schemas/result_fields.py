@@ -235,6 +235,10 @@ REPORT: dict[str, tuple[str, str]] = {
     "mode": ("", "paired or free."),
     "order": ("", "given or optimise."),
     "open": ("", "Whether the planner chose arms or order."),
+    "bodies.text": ("", "Which bodies have shapes, and which have none, in a sentence."),
+    "bodies.checked": ("", "Links, tools, parts and obstacles that have shapes."),
+    "bodies.without_shape": ("", "Moving links and tools without shapes."),
+    "bodies.without_part": ("", "Tasks that carry something without a shape: they name no `part`."),
     "collisions": ("", "What was proven about collisions, in a sentence."),
     "smallest_clearance.stage": (
         "",
@@ -374,6 +378,10 @@ REPORT: dict[str, tuple[str, str]] = {
     "sensitivity[].lower": ("s", "Cycle time with the limit 10 % lower."),
     "sensitivity[].higher": ("s", "Cycle time with the limit 10 % higher."),
     **_CHECKS,
+    "verification.caveats": (
+        "",
+        "Sentences on what a pass leaves open: collisions not, or not fully, checked.",
+    ),
     "verification.clearances[].stage": ("", "Stage, counted from 0."),
     "verification.clearances[].clearance": (
         "m",

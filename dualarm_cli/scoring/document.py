@@ -61,4 +61,5 @@ def _row(verdict: Verdict) -> dict[str, Any]:
         "limiting": {} if found is None else dict(found.limiting),
         "budgets": [] if found is None else [asdict(line) for line in found.budgets],
         "reasons": [asdict(reason) for reason in verdict.reasons],
+        "caveats": list(verdict.caveats),
     }

@@ -15,8 +15,9 @@ from dualarm_cli.scoring.messages import (
     cycle_words,
     gap_words,
     rule_words,
+    verdict_words,
 )
-from dualarm_cli.scoring.verdict import Verdict, words
+from dualarm_cli.scoring.verdict import Verdict
 
 _COLUMNS = (
     ("case", False),
@@ -53,17 +54,18 @@ def _row(verdict: Verdict, page: str | None) -> PageRow:
     case = verdict.case
     name = PageCell(case) if page is None else PageCell("", links={case: f"{FOLDER}/{page}"})
     bound = None if found is None else found.lower_bound
+    mark = "bad" if verdict.failed else "warn" if verdict.caveats else "good"
     return PageRow(
         [
             name,
-            PageCell(words(verdict.state), "bad" if verdict.failed else "good"),
+            PageCell(verdict_words(verdict), mark),
             PageCell(cycle_words(verdict)),
             PageCell(NOTHING if before is None else f"{before.cycle_time:.3f}"),
             PageCell(change_words(verdict)),
             PageCell(NOTHING if bound is None else f"{bound:.3f}"),
             PageCell(gap_words(verdict)),
             PageCell(clearance_words(verdict)),
-            verified_cell("" if found is None else found.status),
-            PageCell("\n".join(str(reason) for reason in verdict.reasons)),
+            verified_cell("" if found is None else found.status, verdict.caveats),
+            PageCell("\n".join([*map(str, verdict.reasons), *verdict.caveats])),
         ]
     )

@@ -10,6 +10,7 @@ import re
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
+from dualarm_cli.model.verification import exceptions
 from dualarm_cli.scoring.messages import (
     change_words,
     clearance_words,
@@ -69,9 +70,9 @@ def _add_case(suite: ElementTree.Element, verdict: Verdict) -> None:
         return
     figures = (
         f"cycle time {cycle_words(verdict)} s, change {change_words(verdict)}, gap {gap_words(verdict)}, "
-        f"clearance {clearance_words(verdict)} mm: {words(verdict.state)}"
+        f"clearance {clearance_words(verdict)} mm: {words(verdict.state)}{exceptions(verdict.caveats)}"
     )
-    ElementTree.SubElement(case, "system-out").text = figures
+    ElementTree.SubElement(case, "system-out").text = xml_text(figures)
 
 
 def xml_text(text: str) -> str:

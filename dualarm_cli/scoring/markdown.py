@@ -10,6 +10,7 @@ from dualarm_cli.model.evaluation import Finding
 from dualarm_cli.report.printable import printable
 from dualarm_cli.scoring.messages import (
     advice,
+    caveat_lines,
     change_words,
     clearance_words,
     counted,
@@ -17,6 +18,7 @@ from dualarm_cli.scoring.messages import (
     gap_words,
     reason_lines,
     rule_words,
+    verdict_words,
 )
 from dualarm_cli.scoring.verdict import Verdict, words
 
@@ -43,6 +45,9 @@ def github_commands(verdicts: Sequence[Verdict], workspace: str | None) -> list[
         more = len(found) - MOST + 1
         text = _data(f"dualarm score: {more} more findings are in the step summary and the log")
         found = [*found[: MOST - 1], f"::error::{text}"]
+    found += [
+        f"::warning::{_data(f'dualarm score: {line}')}" for line in caveat_lines(verdicts)[:MOST]
+    ]
     return found + [f"::notice::{_data(f'dualarm score: {line}')}" for line in advice(verdicts)]
 
 
@@ -89,16 +94,19 @@ def markdown_text(verdicts: Sequence[Verdict], max_regression: float, compared: 
     if len(shown) > MOST_ROWS:
         shown = sorted(shown, key=lambda verdict: (not verdict.failed, verdict.case))[:MOST_ROWS]
     title = f"{len(failed)} of {len(verdicts)} cells fail" if failed else "all cells are good"
+    caveats = caveat_lines(shown)
+    if caveats and not failed:
+        title = f"no cell fails, {len(caveats)} not fully checked"
     lines = [f"## dualarm score: {title}", "", counted(verdicts) + "."]
     if compared:
         lines += ["", rule_words(max_regression) + "."]
-    reasons = [line for verdict in failed[:MOST_ROWS] for line in reason_lines(verdict)]
+    reasons = [line for verdict in failed[:MOST_ROWS] for line in reason_lines(verdict)] + caveats
     if reasons:
         lines += ["", *(f"- {_plain(line)}" for line in reasons)]
     lines += ["", "| cell | cycle time s | change | gap | clearance mm | verdict |"]
     lines += ["| --- | ---: | ---: | ---: | ---: | --- |"]
     for verdict in shown:
-        state = words(verdict.state)
+        state = verdict_words(verdict)
         cells = (
             _plain(printable(verdict.case)),
             cycle_words(verdict),

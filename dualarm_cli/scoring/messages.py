@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from dualarm_cli.model.verification import exceptions
 from dualarm_cli.report.printable import one_line, printable
 from dualarm_cli.scoring.gate import FLOOR
 from dualarm_cli.scoring.verdict import STATES, Verdict, words
@@ -38,6 +39,19 @@ def clearance_words(verdict: Verdict) -> str:
     return NOTHING if clearance is None else f"{clearance * 1e3:.1f}"
 
 
+def verdict_words(verdict: Verdict) -> str:
+    """Return the state of a case, with a remark where the verifier's pass leaves something open."""
+    return words(verdict.state) + (", not fully checked" if verdict.caveats else "")
+
+
+def caveat_lines(verdicts: Sequence[Verdict]) -> list[str]:
+    """Return what the verifier's passes leave open, one sentence for each case, fit for a terminal."""
+    shown: list[str] = printable(
+        [f"{one_line(v.case)}: verified{exceptions(v.caveats)}" for v in verdicts if v.caveats]
+    )
+    return shown
+
+
 def reason_lines(verdict: Verdict) -> list[str]:
     """Returns why a case is not simply a pass, one sentence each, fit to be shown on a terminal."""
     lines = []
@@ -56,6 +70,8 @@ def counted(verdicts: Sequence[Verdict]) -> str:
     states = [verdict.state for verdict in verdicts]
     counts = [f"{states.count(s)} {words(s)}" for s in STATES if s in states]
     word = "case" if len(verdicts) == 1 else "cases"
+    if open_cases := sum(bool(verdict.caveats) for verdict in verdicts):
+        counts.append(f"of these {open_cases} not fully checked")
     return f"{len(verdicts)} {word}: {', '.join(counts)}"
 
 

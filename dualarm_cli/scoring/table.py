@@ -8,8 +8,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from dualarm_cli.report.printable import one_line
-from dualarm_cli.scoring.messages import change_words, clearance_words, cycle_words, gap_words
-from dualarm_cli.scoring.verdict import Verdict, words
+from dualarm_cli.scoring.messages import (
+    change_words,
+    clearance_words,
+    cycle_words,
+    gap_words,
+    verdict_words,
+)
+from dualarm_cli.scoring.verdict import Verdict
 
 _COLOURS = {"pass": "green", "improved": "bold green", "new": "yellow"}
 
@@ -26,13 +32,13 @@ def score_table(verdicts: Sequence[Verdict]) -> Table:
         table.add_column(name, justify="right")
     table.add_column("verdict")
     for verdict in verdicts:
-        colour = _COLOURS.get(verdict.state, "bold red")
+        colour = "yellow" if verdict.caveats else _COLOURS.get(verdict.state, "bold red")
         table.add_row(
             escape(one_line(verdict.case)),
             cycle_words(verdict),
             change_words(verdict),
             gap_words(verdict),
             clearance_words(verdict),
-            f"[{colour}]{words(verdict.state)}[/]",
+            f"[{colour}]{verdict_words(verdict)}[/]",
         )
     return table

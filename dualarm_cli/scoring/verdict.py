@@ -65,6 +65,11 @@ class Verdict:
         return EXIT_CODES[self.state] != 0
 
     @property
+    def caveats(self) -> tuple[str, ...]:
+        """Sentences on what the verifier's pass leaves open; nothing for a case that fails."""
+        return () if self.failed or self.evaluation is None else self.evaluation.caveats
+
+    @property
     def change(self) -> float | None:
         """By what share the cycle time is longer than it was; None where one of both is not known, or was 0."""
         if self.before is None or self.evaluation is None or self.evaluation.cycle_time is None:

@@ -132,6 +132,7 @@ def _job(evaluation: Evaluation) -> dict[str, Any]:
         "clearance": evaluation.clearance,
         "travel": evaluation.travel,
         "limiting": dict(limiting),
+        "caveats": list(evaluation.caveats),
     }
 
 

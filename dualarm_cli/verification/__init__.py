@@ -12,10 +12,9 @@ from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import WITHIN_TOLERANCE, Job
 from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot
-from dualarm_cli.model.verification import Check, Verification
+from dualarm_cli.model.verification import COLLISIONS, Check, Verification
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.clearance_checks import (
-    COLLISIONS,
     NOT_ASKED,
     check_clearance,
     check_shapes,

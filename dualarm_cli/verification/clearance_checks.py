@@ -22,7 +22,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import AT_STANDS, GIVES, LYING, TAKES, Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
-from dualarm_cli.model.verification import Check, StageClearance
+from dualarm_cli.model.verification import COLLISIONS, SHAPES, Check, StageClearance
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.clearance_proof import PRECISION, ClearanceProof, Windows
 from dualarm_cli.verification.kind_checks import Touch
@@ -63,11 +63,6 @@ def stages_of(schedule: Schedule, edges: FloatArray) -> list[list[int]]:
 
 NOT_ASKED = "not requested; `dualarm verify PLAN --tasks FILE` proves it"
 NO_JOB = "obstacles, tools and clearances are in the cell file: no task file was given (--tasks)"
-COLLISIONS = "collisions"
-"""Name of the check."""
-SHAPES = "shapes"
-"""Name of the check that moving bodies have shapes; it is there only where some have none."""
-
 Span = tuple[float, float]
 """From when to when [s]."""
 
@@ -92,7 +87,7 @@ def check_clearance(
         return not_checked(COLLISIONS, NO_JOB), ()
     model, solids, pairs, windows = watched_pairs(schedule, job, spans)
     if not pairs:
-        return not_checked(COLLISIONS, "no two bodies can touch: nothing has a shape"), ()
+        return not_checked(COLLISIONS, "there are no two bodies with shapes that may touch"), ()
     # Parts that may lie on something have no clearance to speak of: they count where they reach into it.
     kept, lying = (
         [k for k, pair in enumerate(pairs) if (pair.required < 0.0) is contact]

@@ -22,11 +22,11 @@ from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.logged_motion import LoggedMotion
 from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.model.verification import Check, Verification
+from dualarm_cli.model.verification import COLLISIONS, Check, Verification
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import job_as_done
-from dualarm_cli.verification.clearance_checks import COLLISIONS, check_clearance
+from dualarm_cli.verification.clearance_checks import check_clearance
 from dualarm_cli.verification.motion_checks import judge, not_checked, unit_of
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 

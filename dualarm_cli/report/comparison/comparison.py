@@ -7,6 +7,7 @@ from typing import Any
 
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.verification import exceptions
 from dualarm_cli.orders.model.tool_changes import with_changes
 from dualarm_cli.planning.comparison import Outcome
 from dualarm_cli.report.measures import (
@@ -74,6 +75,7 @@ def job_comparison(
     order = sorted(range(len(rows)), key=lambda k: _rank(rows[k], best))
     rows, clock = [rows[k] for k in order], [clock[k] for k in order]
     good = [row for row in rows if row["status"] == "verified"]
+    caveats = list(dict.fromkeys(caveat for row in good for caveat in row["caveats"]))
     section = {
         "tasks": name,
         "robot": job.cell.robot.name,
@@ -85,7 +87,7 @@ def job_comparison(
         "lower_bound_assumptions": list(assumptions),
         "rows": rows,
         "winner": {key: good[0][key] for key in SOLVERS} if good else None,
-        "sentence": winner_sentence(rows),
+        "sentence": winner_sentence(rows) + (f"; verified{exceptions(caveats)}" if caveats else ""),
     }
     return section, clock
 
@@ -135,6 +137,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
             None,
         ),
         "platform_slides": False,
+        "caveats": [],
         **{key: [] for key in compared},
     }
     if schedule is None:
@@ -152,6 +155,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
         "platform_slides": schedule.robot.platform_slides,
         "deciding_stages": found.stages,
         "deciding_time": found.time,
+        "caveats": [] if schedule.verification is None else list(schedule.verification.caveats),
         **{key: rows(schedule, job) for key, rows in compared.items()},
     }
 

@@ -18,6 +18,8 @@ from dualarm_cli.report.comparison.comparison import (
 )
 
 COLOURS = {"verified": "green", "failed": "bold red", "infeasible": "yellow", "not served": "dim"}
+OPEN = "yellow"
+"""Colour of a verified plan whose collisions are not fully checked."""
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """First characters that make a spreadsheet run a cell."""
 
@@ -43,7 +45,7 @@ def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Ta
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("plan", no_wrap=True)
     for row, timed in zip(rows, clock, strict=True):
-        colour = COLOURS[row["status"]]
+        colour = OPEN if row["status"] == "verified" and row["caveats"] else COLOURS[row["status"]]
         table.add_row(
             *(row[key] for key in ("method", *varied)),
             _number(row["cycle_time"], 3),

@@ -112,6 +112,10 @@ def sentences(document: Mapping[str, Any], every: bool = False) -> list[str]:
             "one of them"
         )
     lines += _best_lines(document, planned)
+    found = [{caveat for job in row["jobs"] for caveat in job["caveats"]} for row in planned]
+    for caveat in sorted(set[str]().union(*found)):
+        count = sum(caveat in caveats for caveats in found)
+        lines.append(f"{count} of {len(planned)} plans not fully checked: {caveat}")
     rows = {row["point"]: row for row in document["rows"]}
     for failure in document["failures"]:
         many = f"{failure['count']} point{'s' * (failure['count'] > 1)}"

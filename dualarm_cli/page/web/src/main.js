@@ -8,6 +8,7 @@ import { clearanceAt, clearanceColour } from "./clearance.js";
 import { readPlan } from "./data.js";
 import { button, element, toggle } from "./dom.js";
 import { helpOverlay, listenToKeys } from "./keyboard.js";
+import { verdict } from "./panels.js";
 import { compose, forwardKinematics } from "./poses.js";
 import { ReportView } from "./report_view.js";
 import { Scene } from "./scene.js";
@@ -146,14 +147,13 @@ function nameSolids(scene, stage) {
  */
 function header(plan, changeTheme, help) {
   const { report } = plan;
-  const passed = report.verification?.passed;
-  const verdict = passed === true ? "verified" : passed === false ? "verification failed" : "not verified";
+  const { text, mark } = verdict(report);
   return element(
     "header",
     {},
     element("h1", {}, plan.title),
     element("span", { class: "robot" }, plan.robot),
-    element("span", { class: `verdict ${passed ? "good" : "bad"}` }, verdict),
+    element("span", { class: `verdict ${mark}`, title: text }, text),
     element("span", { class: "cycle" }, seconds(report.cycle_time), report.closes ? " cycle" : ""),
     element("span", { class: "space" }),
     element("span", { class: "version" }, `dualarm ${plan.version}`),

@@ -56,6 +56,9 @@ export function overview(plan, go) {
   if (cost > SHOWN) {
     collisions.push(paragraph(`Clearance costs ${seconds(cost)} compared with the plan without collision checking.`));
   }
+  const { text, mark } = verdict(report);
+  if (mark === "warn") collisions.unshift(element("p", { class: mark }, `Plan ${text}.`));
+  if (report.bodies) collisions.push(paragraph(report.bodies.text.replace("b", "B")));
   const saved = savings(report).map(paragraph);
   return [
     element("div", { class: "figures" }, ...figures),
@@ -66,6 +69,18 @@ export function overview(plan, go) {
     bottlenecks(report),
     block("Settings", paragraph(settingsText(report))),
   ];
+}
+
+/**
+ * Returns what the verifier says of the plan, and whether that is good, bad, or good with a warning.
+ * @param {any} report
+ * @returns {{text: string, mark: "good" | "warn" | "bad"}}
+ */
+export function verdict(report) {
+  if (!report.verification) return { text: "not verified", mark: "bad" };
+  const { passed, caveats = [] } = report.verification;
+  if (!passed) return { text: "verification failed", mark: "bad" };
+  return caveats.length ? { text: `verified, except that ${caveats.join("; ")}`, mark: "warn" } : { text: "verified", mark: "good" };
 }
 
 /**

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { savings } from "../src/panels.js";
+import { savings, verdict } from "../src/panels.js";
 
 test("the overview says what blending and motion in dwells and on lines save", () => {
   const report = { cycle_time: 9, blending: { gain: 1, share: 0.1 }, motion_gain: 1, motion_allowed: ["dwell_motion", "line_motion"] };
@@ -11,6 +11,16 @@ test("the overview says what blending and motion in dwells and on lines save", (
   assert.match(blending, /^Blending saves 1\.000.s \(10\.0.%\) compared with stops/);
   assert.match(motion, /^Motion in dwells and on lines saves 1\.000.s \(10\.0.%\)\.$/);
   assert.match(savings({ ...report, motion_allowed: ["line_motion"] })[1], /^Motion on lines saves/);
+});
+
+test("a plan whose collisions are not fully checked is not simply verified", () => {
+  const open = { passed: true, caveats: ["collisions could not be fully checked: no shapes of left_tool"] };
+  const { text, mark } = verdict({ verification: open });
+  assert.equal(text, "verified, except that collisions could not be fully checked: no shapes of left_tool");
+  assert.equal(mark, "warn");
+  assert.deepEqual(verdict({ verification: { passed: true, caveats: [] } }), { text: "verified", mark: "good" });
+  assert.deepEqual(verdict({ verification: { ...open, passed: false } }), { text: "verification failed", mark: "bad" });
+  assert.deepEqual(verdict({ verification: null }), { text: "not verified", mark: "bad" });
 });
 
 test("where nothing is saved it says nothing", () => {

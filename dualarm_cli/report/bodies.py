@@ -1,0 +1,84 @@
+"""Bodies that collisions are checked of, and notes on what a cell file leaves out.
+
+`plan` and `check` say the same of a job; further kinds of bodies belong into `bodies`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.collision.solids import TOOL_REACH, cell_solids, tool_body
+from dualarm_cli.files.robots.frozen_joints import listed
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.job import TAKES, Job, Task
+
+
+def bodies(job: Job) -> dict[str, Any]:
+    """List the names of a job's bodies with shapes and without, and say them in a sentence.
+
+    Bodies are the links that move, tools, carried parts and obstacles. Parts that no task names have no shape.
+    """
+    cell = job.cell
+    model = pin.buildModelFromXML(cell.robot.urdf)
+    solids = cell_solids(cell, model, job.carried())
+    moving = {joint: _links_of(model, joint) for joint in range(1, model.njoints)}
+    known = {link for joint in range(model.njoints) for link in _links_of(model, joint)}
+    # A part that is handed over has a name of its own in the taker's hand.
+    names = dict.fromkeys(solid.body.partition("@")[0] for solid in solids)
+    links = [name for name in names if name in known]
+    others = [name for name in names if name not in known]
+    shaped = {solid.joint for solid in solids}
+    missing = [links[0] for joint, links in moving.items() if joint not in shaped and links]
+    tools = {tool_body(arm, "tool"): tool for arm, tool in cell.tools.items()}
+    for arm, changes in cell.tool_changes.items():
+        tools |= {tool_body(arm, name): one.tool for name, one in changes.tools.items()}
+    missing += [
+        name
+        for name, tool in tools.items()
+        if not tool.shapes and np.abs(tool.tcp.translation).max() > TOOL_REACH
+    ]
+    parts = list(dict.fromkeys(task.id for task in job.tasks if _takes_nameless(task)))
+    text = f"bodies: {listed([f'{len(links)} links', *others])}"
+    without = [listed(missing)] if missing else []
+    if parts:
+        without.append(f"the parts of {listed(parts)} (no `part`)")
+    if without:
+        text += f"; without shapes, so not checked for collisions: {', '.join(without)}"
+    return {"text": text, "checked": list(names), "without_shape": missing, "without_part": parts}
+
+
+def _takes_nameless(task: Task) -> bool:
+    """Return whether a task carries a part that has no shape."""
+    picks = any(stop.action in TAKES for stop in task.stops)
+    return picks and not task.part and not task.is_change
+
+
+def _links_of(model: pin.Model, joint: int) -> list[str]:
+    """Return the links that a joint carries, its own first."""
+    return [f.name for f in model.frames if f.parentJoint == joint and f.type == pin.BODY]
+
+
+def cell_notes(job: Job) -> list[str]:
+    """Return notes on arms that work without a tool, and on a clearance of nothing."""
+    cell = job.cell
+    notes = [
+        f"{arm.name} arm has no tool: targets are for its flange, link {arm.flange}; "
+        f"`tools: {{{arm.name}: …}}` in the cell file describes one"
+        for arm in cell.robot.arms
+        if _is_bare(cell, arm.name)
+        and any(task.allows(arm.name) and not task.tool for task in job.tasks)
+    ]
+    if cell.clearance == 0.0:
+        notes.append(
+            "clearance is 0 mm: bodies may touch; `clearance: 10 mm` in the cell file keeps them apart"
+        )
+    return notes
+
+
+def _is_bare(cell: Cell, arm: str) -> bool:
+    """Return whether an arm's own tool is nothing: its centre point is the flange, and it has no shape."""
+    tool = cell.tools[arm]
+    return not tool.shapes and tool.tcp.isIdentity(1e-9)
