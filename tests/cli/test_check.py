@@ -52,8 +52,15 @@ def test_good_files_get_one_line_each(folder: Path) -> None:
         0,
         "robot.yaml: good: robot, One, 1 arm, 1 joint, 1 posture\n"
         "cell.yaml: good: cell, One, 0 frames, 0 obstacles\n"
-        "tasks.yaml: good: tasks, 2 tasks, 3 targets, 3 stages\n",
+        "tasks.yaml: good: tasks, 2 tasks, 3 targets, 3 stages\n"
+        "note: left arm has no tool: targets are for its flange, link b; `tools: {left: …}` in the cell file "
+        "describes one\n"
+        "note: clearance is 0 mm: bodies may touch; `clearance: 10 mm` in the cell file keeps them apart\n",
     )
+    (folder / "cell.yaml").write_text(
+        f"{CELL}clearance: 5 mm\ntools: {{left: {{tcp: {{xyz: [0, 0, 0.1]}}}}}}\n"
+    )
+    assert run("tasks.yaml")[1].count("\n") == 1
 
 
 def test_quiet_prints_errors_only(folder: Path) -> None:
@@ -103,7 +110,10 @@ def test_json_is_one_document(folder: Path) -> None:
         "kind": "robot",
         "summary": "One, 1 arm, 1 joint, 1 posture",
         "diagnostics": [],
+        "notes": [],
     }
+    _, text = run("--json", "robot.yaml", "tasks.yaml")
+    assert json.loads(text)["files"][1]["notes"] == []  # a cell that is wrong has errors only
 
 
 def test_a_terminal_that_knows_ascii_only_gets_escapes(folder: Path) -> None:

@@ -64,6 +64,8 @@ def test_it_goes_through_json_without_loss(cells, request_for):
         {"inputs": {"a": 1}},
         {"findings": [{"message": "x"}]},
         {"budgets": {}},
+        {"caveats": [1]},
+        {"caveats": "none"},
         {"more": 1},
     ],
 )

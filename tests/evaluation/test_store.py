@@ -37,7 +37,12 @@ def asked(cells, request_for):
     request = request_for(cells(1)[0])
     inputs = hashes_now(NAMES, request.folder, {})
     answer = Evaluation(
-        request.case, "planned", cycle_time=0.1 + 0.2, limiting={"b": 1.0, "a": 2.0}, inputs=inputs
+        request.case,
+        "planned",
+        cycle_time=0.1 + 0.2,
+        limiting={"b": 1.0, "a": 2.0},
+        caveats=("x",),
+        inputs=inputs,
     )
     return request, answer
 

@@ -277,7 +277,7 @@ def test_a_study_leads_to_its_best_plans(
 
 def test_an_index_of_many_points_stays_small() -> None:
     """2,000 rows in less than two megabytes: only pages are large."""
-    job = {"lower_bound": 1.0, "limiting": {"lines": 1.0}, "cycle_time": 2.0}
+    job = {"lower_bound": 1.0, "limiting": {"lines": 1.0}, "cycle_time": 2.0, "caveats": []}
     figures = {"cycle_time": 2.0, "gap": 0.5, "clearance": 0.1, "travel": 3.0, "jobs": [job]}
     figures["status"] = "planned"
     row = {"values": {"a": 1.0}, "pareto": False, "reasons": [], **figures}
@@ -291,6 +291,11 @@ def test_an_index_of_many_points_stays_small() -> None:
         "failures": [],
         "rows": [{**row, "point": k, "rank": k + 1} for k in range(2000)],
     }
+    open_job = {**job, "caveats": ["no shapes of left_tool"]}
+    document["rows"][7]["jobs"] = [open_job]
     text = study_index(document, {(0, 0): "rank-1.html"})
+    assert text.count(b'<td class="warn">not fully</td>') == 1
+    assert text.count(b"no shapes of left_tool</td>") == 1
+    assert text.count(b'<td class="good">yes</td>') == 2000
     assert len(Index(text.decode()).rows) == 2002
     assert len(text) < 2e6

@@ -7,8 +7,13 @@ import io
 
 import pytest
 
+from dualarm_cli.page.solvers_page import _table
 from dualarm_cli.report.comparison.comparison import comparison_document, winner_sentence
-from dualarm_cli.report.comparison.comparison_table import comparison_csv, reason_lines
+from dualarm_cli.report.comparison.comparison_table import (
+    comparison_csv,
+    comparison_table,
+    reason_lines,
+)
 from dualarm_cli.report.figures.comparison_figure import draw_comparison
 
 
@@ -173,3 +178,19 @@ def test_the_figure_says_the_bound_the_gain_and_the_reasons():
         text = draw_comparison(document(row("a", 4.0), row("c", None, "infeasible", "why")), "svg")
     for words in (b"bound 3.00 s", b"4.00 s", b"infeasible: why", b"=job: a robot, 4 stages"):
         assert words in text
+
+
+def test_plans_that_are_not_fully_checked_are_amber():
+    """Their verdict is verified; only the colour of good plans would hide that a tool has no shape."""
+    plain, open_row = (
+        row("one", 4.0, caveats=[]),
+        row("two", 4.5, caveats=["no shapes of left_tool"]),
+    )
+    section = document(plain | {"platform_slides": False}, open_row | {"platform_slides": False})
+    [table] = [comparison_table(one, section["wall_clock"]) for one in section["comparisons"]]
+    assert list(table.columns[-1].cells) == ["[green]verified[/]", "[yellow]verified[/]"]
+    cells = [found.cells[-1] for found in _table(section["comparisons"][0], {}).rows]
+    assert [(cell.text, cell.mark) for cell in cells] == [
+        ("verified", "good"),
+        ("verified, except that no shapes of left_tool", "warn"),
+    ]

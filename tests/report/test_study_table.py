@@ -26,7 +26,7 @@ from dualarm_cli.report.figures.study_figure import _widen, draw_pareto, draw_se
 
 def _row(rank: int | None, x: Any, word: str, **figures: Any) -> dict[str, Any]:
     values = {"cycle_time": 2.0, "gap": 0.25, "clearance": 0.02, "travel": 3.0} | figures
-    job = {"tasks": "a.yaml", "limiting": {"left_s": 0.5, "lines": 1.5}} | values
+    job = {"tasks": "a.yaml", "limiting": {"left_s": 0.5, "lines": 1.5}, "caveats": []} | values
     return {
         "rank": rank, "point": 0, "values": {"=x": x, "[b]arm": word}, "status": "planned", "pareto": rank == 1,
         **values, "jobs": [job], "reasons": [],
@@ -232,3 +232,10 @@ def test_a_share_that_is_not_known_is_a_dash_in_the_figure_too(document, monkeyp
     )
     panel = draw_sensitivity(document, "png").axes[0]
     assert [text.get_text() for text in panel.texts] == ["75%", "–", "10%"]
+
+
+def test_plans_that_are_not_fully_checked_are_counted(document: dict[str, Any]) -> None:
+    """Two of three plans lack the shape of a tool."""
+    for row in document["rows"][:2]:
+        row["jobs"][0]["caveats"] = ["no shapes of left_tool"]
+    assert "2 of 3 plans not fully checked: no shapes of left_tool" in sentences(document)

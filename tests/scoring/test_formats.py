@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 from xml.etree import ElementTree
@@ -10,12 +11,15 @@ import pytest
 import xmlschema
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.console import Console
 
 from dualarm_cli.model.evaluation import Finding
 from dualarm_cli.scoring.document import score_document
+from dualarm_cli.scoring.index import score_index
 from dualarm_cli.scoring.junit import MARK, junit_bytes, xml_text
 from dualarm_cli.scoring.markdown import MARK as MARKDOWN_MARK
 from dualarm_cli.scoring.markdown import MOST, github_commands, markdown_text
+from dualarm_cli.scoring.table import score_table
 from dualarm_cli.scoring.verdict import EXIT_CODES, STATES, Verdict
 
 EVIL = "cells/\x1b[31m\x00]]> <&\"'\ufffe\ud800 a|b`@user`\r\n::error::x/tasks.yaml"
@@ -75,6 +79,35 @@ def test_any_text_can_be_written_as_xml(text):
         assert back == text
     else:
         assert "\\" in back
+
+
+def test_what_a_pass_leaves_open_is_in_every_format(evaluation):
+    """One of two cells has a tool without a shape: no format shows it as simply good, and the gate stays open."""
+    caveat = "collisions could not be fully checked: no shapes of left_tool"
+    names = ("cells/a/tasks.yaml", "cells/b/tasks.yaml")
+    found = evaluation(names[0], caveats=(caveat,)), evaluation(names[1])
+    verdicts = [Verdict(one.case, "pass", one, None, ()) for one in found]
+    document = score_document(verdicts, {}, 0.0, None)
+    assert document["exit_code"] == 0
+    assert [case["caveats"] for case in document["cases"]] == [[caveat], []]
+    cases = ElementTree.fromstring(junit_bytes(verdicts))[0]
+    texts = [case.find("system-out").text for case in cases]
+    assert [text.endswith(f": pass, except that {caveat}") for text in texts] == [True, False]
+    text = markdown_text(verdicts, 0.0, compared=False)
+    assert "all cells are good" not in text
+    assert "no cell fails, 1 not fully checked" in text
+    assert "- cells/a/tasks.yaml: verified, except that collisions" in text
+    [warning] = github_commands(verdicts, None)
+    assert warning.startswith("::warning::dualarm score: cells/a/tasks.yaml: verified, except that")
+    index = score_index(verdicts, {}, 0.0, compared=False).decode()
+    assert index.count('<td class="warn">pass, not fully checked</td>') == 1
+    assert index.count('<td class="warn">not fully</td>') == 1
+    assert index.count('<td class="good">yes</td>') == 1
+    console = Console(width=160, file=io.StringIO(), force_terminal=True, color_system="standard")
+    console.print(score_table(verdicts))
+    assert "\x1b[33mpass, not fully checked\x1b[0m" in console.file.getvalue()
+    failing = Verdict(names[0], "regressed", found[0], None, ())
+    assert failing.caveats == ()
 
 
 def test_github_commands_are_one_line_each_and_escaped(verdicts):

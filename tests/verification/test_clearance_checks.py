@@ -11,15 +11,19 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.collision.solids import Pair, cell_solids, pairs_that_must_keep_apart
+from dualarm_cli.evaluation.evaluate import evaluation_of
 from dualarm_cli.files.robots.meshes import read_hull
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.interface import Plan
 from dualarm_cli.kinds.seam.checks import seam_touches
 from dualarm_cli.model.cell import Obstacle
 from dualarm_cli.model.job import Dwell, Task
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
+from dualarm_cli.model.verification import exceptions
 from dualarm_cli.planning.planner import plan_without_bound
-from dualarm_cli.report.console import unproven
+from dualarm_cli.report.console import summary_lines
+from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.clearance_checks import _add_plain, _carried, _lines, _touching
 
@@ -141,10 +145,20 @@ def test_bodies_without_a_shape_are_named(schedule, packing):
     assert check.verdict == "not checked"
     assert check.detail == "no shapes of the right arm's links, left_tool"
     assert found.passed
-    rows = [{"name": check.name, "detail": check.detail} for check in found.checks]
-    assert unproven(rows) == (
-        ", except that collisions could not be checked: no shapes of the right arm's links, left_tool"
-    )
+    caveat = "collisions could not be fully checked: no shapes of the right arm's links, left_tool"
+    assert found.caveats == (caveat,)
+    assert exceptions(found.caveats) == f", except that {caveat}"
+    whole = verify(schedule, packing, clearance=True)
+    assert (whole.caveats, exceptions(whole.caveats)) == ((), "")
+    [unasked] = verify(schedule, packing).caveats
+    assert unasked.startswith("collisions were not checked: not requested")
+    judged = dataclasses.replace(schedule, verification=found)
+    report = build_report(judged, job)
+    assert report["verification"]["caveats"] == [caveat]
+    assert report["collisions"].startswith("none between bodies with shapes; least")
+    assert summary_lines(report)[-1].endswith(f" checks), except that {caveat}")
+    assert Plan(job, judged).caveats == (caveat,)
+    assert evaluation_of("a", Plan(job, judged)).caveats == (caveat,)
 
 
 def test_a_stage_without_length_is_left_out_and_the_others_keep_their_numbers(packing):

@@ -1,0 +1,62 @@
+"""Which bodies a job has, and what its cell file leaves out."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.model.cell import Tool
+from dualarm_cli.report.bodies import bodies, cell_notes
+
+
+def test_bodies_with_and_without_shapes_are_told(tasks_folder):
+    """As the files say: the pipe joint's gripper of the seam has no shape, every other body that is named has one."""
+    seam = bodies(load_job(tasks_folder / "10_seam" / "tasks.yaml"))
+    assert seam["without_shape"] == ["left_tool"]
+    assert seam["without_part"] == []
+    assert seam["text"] == (
+        "bodies: 16 links, right_tool; without shapes, so not checked for collisions: left_tool"
+    )
+    handover = bodies(load_job(tasks_folder / "13_hand_over" / "tasks.yaml"))
+    assert handover["text"] == "bodies: 16 links, left_tool, right_tool, bracket, table"
+    changed = bodies(load_job(tasks_folder / "14_two_grippers" / "tasks.yaml"))
+    assert {"left_fingers", "left_suction", "table", "rack"} <= set(changed["checked"])
+    screws = [f"screw-{k}" for k in range(1, 6)]
+    assert sorted(changed["without_part"]) == ["plate-1", "plate-2", *screws]
+    assert changed["text"].endswith(
+        "without shapes, so not checked for collisions: the parts of "
+        f"{', '.join(changed['without_part'])} (no `part`)"
+    )
+
+
+def test_links_without_a_shape_are_named(tasks_folder):
+    """The planar robot of [Bottin2021] has bars for links 3 and 4 of each arm only."""
+    found = bodies(load_job(tasks_folder / "03_bottin_planar" / "tasks.yaml"))
+    bars = {f"{arm}_link_{k}" for arm in ("left", "right") for k in (3, 4)}
+    assert bars < set(found["checked"])
+    others = [f"{arm}_link_{k}" for arm in ("left", "right") for k in (1, 2, 5, 6, 7)]
+    assert found["without_shape"] == others
+
+
+def test_a_working_arm_without_a_tool_is_told(tasks_folder):
+    """Not one that has a shape, a tool centre point or changed tools for all that it does; clearance 0 likewise."""
+    job = load_job(tasks_folder / "14_two_grippers" / "tasks.yaml")
+    assert cell_notes(job) == []
+    bare = {arm: dataclasses.replace(tool, shapes=()) for arm, tool in job.cell.tools.items()}
+    assert cell_notes(_with(job, tools=bare)) == []
+    none = {arm: Tool(job.cell.tools["left"].tcp.Identity()) for arm in job.cell.tools}
+    notes = cell_notes(_with(job, tools=none, clearance=0.0))
+    # All that the left arm does, it does with fingers or suction.
+    assert notes == [
+        "right arm has no tool: targets are for its flange, link right_tool0; `tools: {right: …}` in the cell file "
+        "describes one",
+        "clearance is 0 mm: bodies may touch; `clearance: 10 mm` in the cell file keeps them apart",
+    ]
+    idle = dataclasses.replace(
+        _with(job, tools=none), tasks=tuple(t for t in job.tasks if t.arm == "left")
+    )
+    assert cell_notes(idle) == []
+
+
+def _with(job, **changes):
+    return dataclasses.replace(job, cell=dataclasses.replace(job.cell, **changes))
