@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 
 PAGE = "report.html"
 """Name of the page beside a schedule."""
-MAX_ROWS = 1_000_000
-"""Most rows of schedule.csv: about 400 MB for fifteen joints."""
 RATE = 250.0
 """Sampling rate of schedule.csv where none is asked for [Hz]."""
 

@@ -200,22 +200,26 @@ TOOL_REACH = 1e-3
 """A tool whose centre point is farther than that from the flange has a body [m]."""
 
 
-def bodies_without_shape(cell: Cell) -> list[str]:
-    """Returns the arms none of whose moving links has a shape, and the tools that reach out and have none.
+def tools_without_shape(cell: Cell) -> list[str]:
+    """Return the tools that reach out and have no shape, those that an arm changes included."""
+    tools = {tool_body(arm, "tool"): tool for arm, tool in cell.tools.items()}
+    for arm, changes in cell.tool_changes.items():
+        tools |= {tool_body(arm, name): changed.tool for name, changed in changes.tools.items()}
+    return [
+        name
+        for name, tool in tools.items()
+        if not tool.shapes and float(np.abs(tool.tcp.translation).max()) > TOOL_REACH
+    ]
 
-    Args:
-        cell: of the data model.
-    """
+
+def bodies_without_shape(cell: Cell) -> list[str]:
+    """Return the arms none of whose moving links has a shape, and the tools without one."""
     model = pin.buildModelFromXML(cell.robot.urdf)
     shaped = {model.names[solid.joint] for solid in link_solids(model, cell.robot)}
     found = [
         f"the {arm.name} arm's links" for arm in cell.robot.arms if shaped.isdisjoint(arm.joints)
     ]
-    for arm, tool in cell.tools.items():
-        reach = float(np.linalg.norm(tool.tcp.translation))
-        if reach > TOOL_REACH and not tool.shapes:
-            found.append(tool_body(arm, "tool"))
-    return found
+    return [*found, *tools_without_shape(cell)]
 
 
 def geometry_model(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]]) -> pin.GeometryModel:

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.collision.solids import TOOL_REACH, cell_solids, tool_body
+from dualarm_cli.collision.solids import cell_solids, tools_without_shape
 from dualarm_cli.files.robots.frozen_joints import listed
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import TAKES, Job, Task
@@ -24,22 +23,15 @@ def bodies(job: Job) -> dict[str, Any]:
     cell = job.cell
     model = pin.buildModelFromXML(cell.robot.urdf)
     solids = cell_solids(cell, model, job.carried())
-    moving = {joint: _links_of(model, joint) for joint in range(1, model.njoints)}
-    known = {link for joint in range(model.njoints) for link in _links_of(model, joint)}
+    carried = {joint: _links_of(model, joint) for joint in range(model.njoints)}
+    known = {link for links in carried.values() for link in links}
     # A part that is handed over has a name of its own in the taker's hand.
     names = dict.fromkeys(solid.body.partition("@")[0] for solid in solids)
     links = [name for name in names if name in known]
     others = [name for name in names if name not in known]
     shaped = {solid.joint for solid in solids}
-    missing = [links[0] for joint, links in moving.items() if joint not in shaped and links]
-    tools = {tool_body(arm, "tool"): tool for arm, tool in cell.tools.items()}
-    for arm, changes in cell.tool_changes.items():
-        tools |= {tool_body(arm, name): one.tool for name, one in changes.tools.items()}
-    missing += [
-        name
-        for name, tool in tools.items()
-        if not tool.shapes and np.abs(tool.tcp.translation).max() > TOOL_REACH
-    ]
+    missing = [links[0] for k, links in carried.items() if k and k not in shaped and links]
+    missing += tools_without_shape(cell)
     parts = list(dict.fromkeys(task.id for task in job.tasks if _takes_nameless(task)))
     text = f"bodies: {listed([f'{len(links)} links', *others])}"
     without = [listed(missing)] if missing else []

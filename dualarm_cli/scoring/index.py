@@ -9,11 +9,8 @@ from dualarm_cli.page.tables import PageCell, PageRow, PageTable
 from dualarm_cli.scoring.messages import (
     NOTHING,
     advice,
-    change_words,
-    clearance_words,
     counted,
-    cycle_words,
-    gap_words,
+    figure_words,
     rule_words,
     verdict_words,
 )
@@ -54,17 +51,18 @@ def _row(verdict: Verdict, page: str | None) -> PageRow:
     case = verdict.case
     name = PageCell(case) if page is None else PageCell("", links={case: f"{FOLDER}/{page}"})
     bound = None if found is None else found.lower_bound
+    time, change, gap, clearance = figure_words(verdict)
     mark = "bad" if verdict.failed else "warn" if verdict.caveats else "good"
     return PageRow(
         [
             name,
             PageCell(verdict_words(verdict), mark),
-            PageCell(cycle_words(verdict)),
+            PageCell(time),
             PageCell(NOTHING if before is None else f"{before.cycle_time:.3f}"),
-            PageCell(change_words(verdict)),
+            PageCell(change),
             PageCell(NOTHING if bound is None else f"{bound:.3f}"),
-            PageCell(gap_words(verdict)),
-            PageCell(clearance_words(verdict)),
+            PageCell(gap),
+            PageCell(clearance),
             verified_cell("" if found is None else found.status, verdict.caveats),
             PageCell("\n".join([*map(str, verdict.reasons), *verdict.caveats])),
         ]

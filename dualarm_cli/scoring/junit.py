@@ -11,12 +11,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from dualarm_cli.model.verification import exceptions
-from dualarm_cli.scoring.messages import (
-    change_words,
-    clearance_words,
-    cycle_words,
-    gap_words,
-)
+from dualarm_cli.scoring.messages import figure_words
 from dualarm_cli.scoring.verdict import EXIT_CODES, Verdict, words
 
 SUITE = "dualarm score"
@@ -68,10 +63,8 @@ def _add_case(suite: ElementTree.Element, verdict: Verdict) -> None:
         found.text = "\n".join(lines)
     if verdict.evaluation is None or verdict.evaluation.cycle_time is None:
         return
-    figures = (
-        f"cycle time {cycle_words(verdict)} s, change {change_words(verdict)}, gap {gap_words(verdict)}, "
-        f"clearance {clearance_words(verdict)} mm: {words(verdict.state)}{exceptions(verdict.caveats)}"
-    )
+    time, change, gap, clearance = figure_words(verdict)
+    figures = f"cycle time {time} s, change {change}, gap {gap}, clearance {clearance} mm: {words(verdict.state)}{exceptions(verdict.caveats)}"
     ElementTree.SubElement(case, "system-out").text = xml_text(figures)
 
 

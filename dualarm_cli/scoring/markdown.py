@@ -11,11 +11,8 @@ from dualarm_cli.report.printable import printable
 from dualarm_cli.scoring.messages import (
     advice,
     caveat_lines,
-    change_words,
-    clearance_words,
     counted,
-    cycle_words,
-    gap_words,
+    figure_words,
     reason_lines,
     rule_words,
     verdict_words,
@@ -109,10 +106,7 @@ def markdown_text(verdicts: Sequence[Verdict], max_regression: float, compared: 
         state = verdict_words(verdict)
         cells = (
             _plain(printable(verdict.case)),
-            cycle_words(verdict),
-            change_words(verdict),
-            gap_words(verdict),
-            clearance_words(verdict),
+            *figure_words(verdict),
             f"**{state}**" if verdict.failed else state,
         )
         lines.append(f"| {' | '.join(cells)} |")

@@ -13,30 +13,19 @@ from dualarm_cli.scoring.verdict import STATES, Verdict, words
 NOTHING = "–"
 
 
-def cycle_words(verdict: Verdict) -> str:
-    """Returns the cycle time [s]."""
-    time = verdict.evaluation.cycle_time if verdict.evaluation is not None else None
-    return NOTHING if time is None else f"{time:.3f}"
-
-
-def change_words(verdict: Verdict) -> str:
-    """Returns the change against the baseline [%]."""
-    change = verdict.change
-    if change is None:
-        return NOTHING
-    return "0.0 %" if abs(change) < 5e-4 else f"{change * 100:+.1f} %"
-
-
-def gap_words(verdict: Verdict) -> str:
-    """Returns the gap to the lower bound [%]."""
-    gap = verdict.evaluation.gap if verdict.evaluation is not None else None
-    return NOTHING if gap is None else f"{gap * 100:.1f} %"
-
-
-def clearance_words(verdict: Verdict) -> str:
-    """Returns the least clearance [mm]."""
-    clearance = verdict.evaluation.clearance if verdict.evaluation is not None else None
-    return NOTHING if clearance is None else f"{clearance * 1e3:.1f}"
+def figure_words(verdict: Verdict) -> tuple[str, str, str, str]:
+    """Write a case's cycle time [s], change [%], gap to the bound [%] and least clearance [mm]."""
+    found, change = verdict.evaluation, verdict.change
+    time, gap, clearance = (
+        (None, None, None) if found is None else (found.cycle_time, found.gap, found.clearance)
+    )
+    same = "0.0 %" if change is None or abs(change) < 5e-4 else f"{change * 100:+.1f} %"
+    return (
+        NOTHING if time is None else f"{time:.3f}",
+        NOTHING if change is None else same,
+        NOTHING if gap is None else f"{gap * 100:.1f} %",
+        NOTHING if clearance is None else f"{clearance * 1e3:.1f}",
+    )
 
 
 def verdict_words(verdict: Verdict) -> str:

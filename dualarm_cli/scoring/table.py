@@ -8,13 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from dualarm_cli.report.printable import one_line
-from dualarm_cli.scoring.messages import (
-    change_words,
-    clearance_words,
-    cycle_words,
-    gap_words,
-    verdict_words,
-)
+from dualarm_cli.scoring.messages import figure_words, verdict_words
 from dualarm_cli.scoring.verdict import Verdict
 
 _COLOURS = {"pass": "green", "improved": "bold green", "new": "yellow"}
@@ -35,10 +29,7 @@ def score_table(verdicts: Sequence[Verdict]) -> Table:
         colour = "yellow" if verdict.caveats else _COLOURS.get(verdict.state, "bold red")
         table.add_row(
             escape(one_line(verdict.case)),
-            cycle_words(verdict),
-            change_words(verdict),
-            gap_words(verdict),
-            clearance_words(verdict),
+            *figure_words(verdict),
             f"[{colour}]{verdict_words(verdict)}[/]",
         )
     return table

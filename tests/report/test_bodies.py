@@ -7,6 +7,7 @@ import dataclasses
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Tool
 from dualarm_cli.report.bodies import bodies, cell_notes
+from dualarm_cli.verification.clearance_checks import check_shapes
 
 
 def test_bodies_with_and_without_shapes_are_told(tasks_folder):
@@ -27,6 +28,18 @@ def test_bodies_with_and_without_shapes_are_told(tasks_folder):
         "without shapes, so not checked for collisions: the parts of "
         f"{', '.join(changed['without_part'])} (no `part`)"
     )
+
+
+def test_a_changed_tool_without_a_shape_is_named(tasks_folder):
+    """By the verifier as well: the plan with it is not fully checked."""
+    job = load_job(tasks_folder / "14_two_grippers" / "tasks.yaml")
+    left = job.cell.tool_changes["left"]
+    bare = dataclasses.replace(left.tools["suction"].tool, shapes=())
+    suction = dataclasses.replace(left.tools["suction"], tool=bare)
+    changes = {"left": dataclasses.replace(left, tools={**left.tools, "suction": suction})}
+    job = _with(job, tool_changes=changes)
+    assert bodies(job)["without_shape"] == ["left_suction"]
+    assert [check.detail for check in check_shapes(job)] == ["no shapes of left_suction"]
 
 
 def test_links_without_a_shape_are_named(tasks_folder):
