@@ -64,7 +64,8 @@ def _add_case(suite: ElementTree.Element, verdict: Verdict) -> None:
     if verdict.evaluation is None or verdict.evaluation.cycle_time is None:
         return
     time, change, gap, clearance = figure_words(verdict)
-    figures = f"cycle time {time} s, change {change}, gap {gap}, clearance {clearance} mm: {words(verdict.state)}{exceptions(verdict.caveats)}"
+    state = f"{words(verdict.state)}{exceptions(verdict.caveats)}"
+    figures = f"cycle time {time} s, change {change}, gap {gap}, clearance {clearance} mm: {state}"
     ElementTree.SubElement(case, "system-out").text = xml_text(figures)
 
 

@@ -362,12 +362,13 @@ def _checked_soft_range(
     joint: Element, what: str, findings: UrdfFindings
 ) -> tuple[float, float] | None:
     """Return a joint's soft position limits, or None after noting what is wrong with them."""
-    soft = joint.find("safety_controller")
-    stated = [key for key in SOFT_LIMITS if soft is not None and key in soft.attributes]
-    if any(findings.numbers(soft, key, 1, what) is None for key in stated if soft is not None):
+    soft, (lower, upper) = joint.find("safety_controller"), soft_range(joint)
+    if soft is None:
+        return UNLIMITED
+    stated = [key for key in SOFT_LIMITS if key in soft.attributes]
+    if any(findings.numbers(soft, key, 1, what) is None for key in stated):
         return None
-    lower, upper = soft_range(joint)
-    if soft is not None and lower > upper:
+    if lower > upper:
         findings.add(soft, f"{what}: soft limit {lower:g} is above soft limit {upper:g}")
         return None
     return lower, upper
