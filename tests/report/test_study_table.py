@@ -238,4 +238,4 @@ def test_plans_that_are_not_fully_checked_are_counted(document: dict[str, Any]) 
     """Two of three plans lack the shape of a tool."""
     for row in document["rows"][:2]:
         row["jobs"][0]["caveats"] = ["no shapes of left_tool"]
-    assert "2 of 3 plans not fully checked: no shapes of left_tool" in sentences(document)
+    assert "2 of 3 plans: verified, except that no shapes of left_tool" in sentences(document)

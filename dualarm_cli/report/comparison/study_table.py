@@ -9,6 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from dualarm_cli.model.study import OBJECTIVES, Objective
+from dualarm_cli.model.verification import exceptions
 from dualarm_cli.report.comparison.comparison_table import cell_text, csv_bytes
 
 MOST_ROWS = 25
@@ -115,7 +116,7 @@ def sentences(document: Mapping[str, Any], every: bool = False) -> list[str]:
     found = [{caveat for job in row["jobs"] for caveat in job["caveats"]} for row in planned]
     for caveat in sorted(set[str]().union(*found)):
         count = sum(caveat in caveats for caveats in found)
-        lines.append(f"{count} of {len(planned)} plans not fully checked: {caveat}")
+        lines.append(f"{count} of {len(planned)} plans: verified{exceptions([caveat])}")
     rows = {row["point"]: row for row in document["rows"]}
     for failure in document["failures"]:
         many = f"{failure['count']} point{'s' * (failure['count'] > 1)}"
