@@ -59,23 +59,18 @@ def _check_one(file: str) -> dict[str, Any]:
     """Returns what became of one file."""
     from dualarm_cli.errors import InputError
     from dualarm_cli.files.checking import load_file
+    from dualarm_cli.model.job import Job
+    from dualarm_cli.report.bodies import cell_notes
 
     try:
         loaded = load_file(file)
     except InputError as error:
-        wrong = {"diagnostics": error.diagnostics, "notes": []}
-        return {"file": file, "kind": None, "summary": "", **wrong}
+        found: dict[str, Any] = {"file": file, "kind": None, "summary": "", "notes": []}
+        return found | {"diagnostics": error.diagnostics}
     kind, summary = _describe(loaded)
-    found = {"diagnostics": [*_geometry(loaded), *_paths(loaded)], "notes": _notes(loaded)}
-    return {"file": file, "kind": kind, "summary": summary, **found}
-
-
-def _notes(loaded: Loaded) -> list[str]:
-    """Return what a task file's cell leaves out that a reader may not be aware of."""
-    from dualarm_cli.model.job import Job
-    from dualarm_cli.report.bodies import cell_notes
-
-    return cell_notes(loaded) if isinstance(loaded, Job) else []
+    wrong = [*_geometry(loaded), *_paths(loaded)]
+    notes = cell_notes(loaded) if isinstance(loaded, Job) else []
+    return {"file": file, "kind": kind, "summary": summary, "diagnostics": wrong, "notes": notes}
 
 
 def _geometry(loaded: Loaded) -> list[Diagnostic]:

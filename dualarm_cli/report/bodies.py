@@ -11,8 +11,7 @@ import pinocchio as pin
 
 from dualarm_cli.collision.solids import cell_solids, tools_without_shape
 from dualarm_cli.files.robots.frozen_joints import listed
-from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.job import TAKES, Job, Task
+from dualarm_cli.model.job import TAKES, Job
 
 
 def bodies(job: Job) -> dict[str, Any]:
@@ -32,20 +31,19 @@ def bodies(job: Job) -> dict[str, Any]:
     shaped = {solid.joint for solid in solids}
     missing = [links[0] for k, links in carried.items() if k and k not in shaped and links]
     missing += tools_without_shape(cell)
-    parts = list(dict.fromkeys(task.id for task in job.tasks if _takes_nameless(task)))
+    parts = list(
+        dict.fromkeys(
+            task.id
+            for task in job.tasks
+            if not task.part and not task.is_change and TAKES & {s.action for s in task.stops}
+        )
+    )
     text = f"bodies: {listed([f'{len(links)} links', *others])}"
     without = [listed(missing)] if missing else []
-    if parts:
-        without.append(f"the parts of {listed(parts)} (no `part`)")
+    without += [f"the parts of {listed(parts)} (no `part`)"] if parts else []
     if without:
         text += f"; without shapes, so not checked for collisions: {', '.join(without)}"
     return {"text": text, "checked": list(names), "without_shape": missing, "without_part": parts}
-
-
-def _takes_nameless(task: Task) -> bool:
-    """Return whether a task carries a part that has no shape."""
-    picks = any(stop.action in TAKES for stop in task.stops)
-    return picks and not task.part and not task.is_change
 
 
 def _links_of(model: pin.Model, joint: int) -> list[str]:
@@ -55,22 +53,17 @@ def _links_of(model: pin.Model, joint: int) -> list[str]:
 
 def cell_notes(job: Job) -> list[str]:
     """Return notes on arms that work without a tool, and on a clearance of nothing."""
-    cell = job.cell
-    notes = [
-        f"{arm.name} arm has no tool: targets are for its flange, link {arm.flange}; "
-        f"`tools: {{{arm.name}: …}}` in the cell file describes one"
-        for arm in cell.robot.arms
-        if _is_bare(cell, arm.name)
-        and any(task.allows(arm.name) and not task.tool for task in job.tasks)
-    ]
-    if cell.clearance == 0.0:
+    notes = []
+    for arm in job.cell.robot.arms:
+        tool = job.cell.tools[arm.name]
+        bare = not tool.shapes and tool.tcp.isIdentity(1e-9)
+        if bare and any(task.allows(arm.name) and not task.tool for task in job.tasks):
+            notes.append(
+                f"{arm.name} arm has no tool: targets are for its flange, link {arm.flange}; "
+                f"`tools: {{{arm.name}: …}}` in the cell file describes one"
+            )
+    if job.cell.clearance == 0.0:
         notes.append(
             "clearance is 0 mm: bodies may touch; `clearance: 10 mm` in the cell file keeps them apart"
         )
     return notes
-
-
-def _is_bare(cell: Cell, arm: str) -> bool:
-    """Return whether an arm's own tool is nothing: its centre point is the flange, and it has no shape."""
-    tool = cell.tools[arm]
-    return not tool.shapes and tool.tcp.isIdentity(1e-9)

@@ -11,7 +11,7 @@ from dualarm_cli.clearing.permissions import permitted
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import WORK_ENDS, Schedule, Stage
-from dualarm_cli.model.verification import Check, Verification
+from dualarm_cli.model.verification import Verification
 from dualarm_cli.records import field_values
 from dualarm_cli.report.bodies import bodies, cell_notes
 from dualarm_cli.report.corners import blending_rows
@@ -184,19 +184,8 @@ def verification_document(verification: Verification | None) -> dict[str, Any] |
     return {
         "passed": verification.passed,
         "caveats": list(verification.caveats),
-        "checks": [_check_row(check) for check in verification.checks],
+        "checks": [field_values(check) for check in verification.checks],
         "clearances": [field_values(stage) for stage in verification.clearances],
-    }
-
-
-def _check_row(check: Check) -> dict[str, Any]:
-    return {
-        "name": check.name,
-        "verdict": check.verdict,
-        "measured": check.measured,
-        "allowed": check.allowed,
-        "unit": check.unit,
-        "detail": check.detail,
     }
 
 
@@ -215,20 +204,9 @@ def _work(parts: StageParts, schedule: Schedule) -> list[dict[str, str]]:
 
 
 def _stage_row(stage: Stage, work: list[dict[str, str]]) -> dict[str, Any]:
-    return {
-        "start": stage.start,
-        "end": stage.end,
-        "duration": stage.end - stage.start,
-        "tasks": list(stage.tasks),
-        "work": work,
-        "platform_solver": stage.platform_solver,
-        "platform_angle": stage.platform_angle,
-        "platform_time": stage.platform_time,
-        "arm_times": dict(stage.arm_times),
-        "joint_times": dict(stage.joint_times),
-        "bottleneck": stage.bottleneck,
-        "saved": stage.saved,
-    }
+    row = field_values(stage) | {"duration": stage.end - stage.start}
+    del row["arm"]
+    return row | {"tasks": list(stage.tasks), "work": work}
 
 
 def _bottlenecks(schedule: Schedule) -> dict[str, int]:

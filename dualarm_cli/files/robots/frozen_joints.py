@@ -5,19 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from dualarm_cli.files.robots.robot_joints import file_arms
+from dualarm_cli.files.robots.robot_joints import file_arms, joint_position
 from dualarm_cli.files.robots.schema_robot import RobotFile
-from dualarm_cli.files.robots.urdf import MOVING_TYPES, UNLIMITED, Urdf, soft_range
+from dualarm_cli.files.robots.urdf import MOVING_TYPES, UNLIMITED, Urdf, UrdfJoint, soft_range
 from dualarm_cli.files.robots.urdf_tree import Element
-from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.diagnostics import Findings
-from dualarm_cli.files.source.quantities import QuantityError, parse_quantity
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 
 MOST_LISTED = 8
 """Most names that a note lists."""
-_SLACK = 1e-9
 
 
 def frozen_positions(
@@ -145,20 +142,9 @@ def _position(
         message = f"{quote(joint.name)} mimics {quote(leader)}; give that joint's position"
         findings.add(document, loc, message, key=True)
         return None
-    slides = joint.get("type") == "prismatic"
-    dimension = quantities.LENGTH if slides else quantities.ANGLE
-    try:
-        position = parse_quantity(value, dimension)
-    except QuantityError as error:
-        findings.add(document, loc, str(error), "E200")
-        return None
-    lower, upper = position_range(joint)
-    if not lower - _SLACK <= position <= upper + _SLACK:
-        span = f"{_shown(joint, lower)} to {_shown(joint, upper)}"
-        message = f"{quote(value)} is outside the limits of {quote(joint.name)}: {span}"
-        findings.add(document, loc, message)
-        return None
-    return position
+    slides, limits = joint.get("type") == "prismatic", position_range(joint)
+    frozen = UrdfJoint(joint.name, slides, *limits, velocity=0.0)
+    return joint_position(document, loc, value, frozen, findings)
 
 
 def _check_chains(
