@@ -20,8 +20,10 @@ TIME_LIMIT = 300
 """How long npm and the bundler may take each [s]."""
 PLATFORM = "manylinux_2_28_x86_64"
 """Where the wheel runs: any x86-64 Linux with the C library of 2018 or later, with any Python."""
+PROCESSORS = "-mcpu=x86_64_v2"
+"""Instructions of all x86-64 processors since 2009."""
 COMPILER = [
-    *("-m", "ziglang", "cc", "-target", "x86_64-linux-gnu.2.28", "-mcpu=x86_64_v2"),
+    *("-m", "ziglang", "cc", "-target", "x86_64-linux-gnu.2.28", PROCESSORS),
     *(
         "-std=c11",
         "-O3",
@@ -32,9 +34,15 @@ COMPILER = [
         "-shared",
         "-fPIC",
         "-s",
+        "-Wl,-Bsymbolic",
     ),
 ]
-"""The C compiler, for instructions of all processors since 2009, and floating point as written on all of them."""
+"""The C compiler: floating point as written, and functions of the library before those of the machine."""
+ELEMENTARY = [
+    *("-m", "ziglang", "build-obj", "-target", "x86_64-freestanding-none", PROCESSORS),
+    *("-O", "ReleaseFast", "-fPIC", "-fcompiler-rt"),
+]
+"""The compiler of the elementary functions, with its runtime and without the machine's C library."""
 
 
 class BuildHook(BuildHookInterface):
@@ -72,11 +80,15 @@ def _compile(folder: Path) -> None:
     # Whole or not at all: another process may be loading it.
     made = library.with_suffix(f".{os.getpid()}")
     names = [str(path) for path in sources]
-    command = [sys.executable, *COMPILER, "-o", str(made), *names, "-lm"]
     with TemporaryDirectory() as cache:
         # Where builds run there may be no home to write to; Zig does not always end without one.
-        environment = {"ZIG_GLOBAL_CACHE_DIR": cache, **os.environ}
-        subprocess.run(command, env=environment, check=True, timeout=TIME_LIMIT)
+        environment = {"ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache, **os.environ}
+        elementary = Path(cache) / "elementary.o"
+        first = [*ELEMENTARY, f"-femit-bin={elementary}", str(folder / "src" / "elementary.zig")]
+        second = [*COMPILER, "-o", str(made), *names, str(elementary)]
+        for command in (first, second):
+            arguments = [sys.executable, *command]
+            subprocess.run(arguments, env=environment, check=True, timeout=TIME_LIMIT)
     made.replace(library)
 
 

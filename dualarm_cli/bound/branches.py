@@ -6,6 +6,7 @@ import numpy as np
 
 from dualarm_cli.bound.cells import ROUNDING, Cells, free_cells
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.linear_systems import singular_values
 from dualarm_cli.kinematics.closed_arm import ClosedArm
 from dualarm_cli.stages.plans.problem import ArmWork, StopTarget
 from dualarm_cli.stages.search.transfer_table import TransferTable
@@ -70,7 +71,7 @@ def _postures(
         return None
     J = arm.jacobian(q)
     J[:, :3] /= arm.length
-    if np.linalg.svd(J, compute_uv=False)[:, -1].min() < SINGULAR:
+    if singular_values(J)[:, -1].min() < SINGULAR:
         return None
     low, high = q - ROUNDING, q + ROUNDING
     for joint in range(arm.axes):

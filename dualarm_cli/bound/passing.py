@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import cube
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
@@ -50,13 +51,13 @@ class PassingLaw(RestToRest):
         limited = np.isfinite(self.own.jerk)
         j = np.where(limited, self.own.jerk, 1.0)
         rise = np.where(limited, np.minimum(a / j, np.sqrt(2.0 * v / j)), 0.0)
-        gained = np.where(limited, j * rise**2 / 2.0, 0.0)
+        gained = np.where(limited, j * np.square(rise) / 2.0, 0.0)
         ramp = np.maximum(v - gained, 0.0) / a
         first = np.minimum(duration, rise)
         second = np.clip(duration - rise, 0.0, ramp)
         third = np.maximum(duration - rise - ramp, 0.0)
         way: FloatArray = (
-            np.where(limited, j * first**3 / 6.0, 0.0)
+            np.where(limited, j * cube(first) / 6.0, 0.0)
             + second * (gained + a * second / 2.0)
             + v * third
         )

@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import arccos, arcsin, arctan2, sin
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.postures.platform_reach import AngleCells, turned, wrist_distances
 from dualarm_cli.stages.plans.problem import ArmWork
 
@@ -47,11 +49,11 @@ def line_bounds(
     """
     c = len(cells.index)
     found = np.zeros(c)
-    if not c or np.linalg.norm(end - wrist) == 0.0:
+    if not c or norm(end - wrist) == 0.0:
         return found
     arm = work.closed_form
     shoulder = arm.geometry.shoulder
-    away = [np.linalg.norm(turned(x, cells.middle) - shoulder, axis=1) for x in (wrist, end)]
+    away = [norm(turned(x, cells.middle) - shoulder, axis=1) for x in (wrist, end)]
     far = np.maximum(*away) + np.hypot(*shoulder[:2]) * cells.half
     some = np.flatnonzero(far > STRETCHED * arm.reach[1])
     if not len(some):
@@ -73,25 +75,25 @@ def _line_bounds(
     geometry = arm.geometry
     one, other = (wrist_distances(arm, x, cells) for x in (wrist, end))
     v, w = (turned(x, cells.middle) - geometry.shoulder for x in (wrist, end))
-    length = float(np.linalg.norm(end - wrist))
+    length = float(norm(end - wrist))
     # The shoulder goes round under the line: how far it gets from the interval's middle.
     away = float(np.hypot(*geometry.shoulder[:2])) * cells.half
     cross = np.cross(v, w)
-    size = np.maximum(np.linalg.norm(cross, axis=1), 1e-12)
+    size = np.maximum(norm(cross, axis=1), 1e-12)
     axis = cross / size[:, None]
-    beta = np.arctan2(size, (v * w).sum(axis=1))
+    beta = arctan2(size, (v * w).sum(axis=1))
     for nearest, _ in (one, other):
         beta -= _turn(away / np.maximum(nearest, 1e-12))
     # m = v × w changes by no more than |v - w| times the shoulder's way.
-    tilt = 2.0 * np.sin(0.5 * _turn(length * away / size))
+    tilt = 2.0 * sin(0.5 * _turn(length * away / size))
     near, far, passes = _distances(v, w, length, size, away, one, other)
     near = np.maximum(near, arm.reach[0])
     upper, fore = geometry.upper, geometry.fore
     alpha, sin_alpha = _variation(upper, fore, near, far, passes)
     gamma, sin_gamma = _variation(fore, upper, near, far, passes)
     # Axis 1 turns with the platform, axis 7 stands in the world.
-    first = np.abs(axis @ geometry.axes[0])
-    seventh = turned(R @ (geometry.R_flange.T @ geometry.axes[6]), cells.middle)
+    first = np.abs(product(axis, geometry.axes[0]))
+    seventh = turned(product(R, product(geometry.R_flange.T, geometry.axes[6])), cells.middle)
     last = np.abs((axis * seventh).sum(axis=1))
     shoulder_way = np.stack([*_shares(first, tilt + cells.half), sin_alpha])
     wrist_way = np.stack([*_shares(last, tilt), sin_gamma])
@@ -101,7 +103,7 @@ def _line_bounds(
 
 def _turn(ratio: FloatArray) -> FloatArray:
     """Returns by what angle a vector turns at most when its end moves by a share of its length [rad]."""
-    return np.where(ratio < 1.0, np.arcsin(np.minimum(ratio, 1.0)), np.pi)
+    return np.where(ratio < 1.0, arcsin(np.minimum(ratio, 1.0)), np.pi)
 
 
 def _distances(
@@ -127,7 +129,7 @@ def _variation(
     own: float, other: float, near: FloatArray, far: FloatArray, passes: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Returns how much a link's angle to the shoulder-wrist line varies at most in all [rad], and its greatest sine."""
-    difference = own**2 - other**2
+    difference = np.square(own) - np.square(other)
     stationary = np.sqrt(max(difference, 0.0))
     turns = (stationary > near) & (stationary < far)
     cosines = np.stack(
@@ -137,16 +139,18 @@ def _variation(
         ]
     )
     least, most = cosines.min(axis=0), cosines.max(axis=0)
-    swept = np.arccos(least) - np.arccos(most)
+    swept = arccos(least) - arccos(most)
     straddles = (least <= 0.0) & (most >= 0.0)
-    sine = np.where(straddles, 1.0, np.sqrt(1.0 - np.minimum(np.abs(least), np.abs(most)) ** 2))
+    sine = np.where(
+        straddles, 1.0, np.sqrt(1.0 - np.square(np.minimum(np.abs(least), np.abs(most))))
+    )
     return swept * np.where(passes, 2.0, 1.0) * np.where(turns, 2.0, 1.0), sine
 
 
 def _shares(along: FloatArray, tilt: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns how much of a unit turn about m two axes at right angles can give, the first of them known."""
     least = np.clip(along - tilt, 0.0, 1.0)
-    return np.minimum(along + tilt, 1.0), np.sqrt(1.0 - least**2)
+    return np.minimum(along + tilt, 1.0), np.sqrt(1.0 - np.square(least))
 
 
 def _turns_of_joint_4(
@@ -158,7 +162,9 @@ def _turns_of_joint_4(
     """Returns by how much joint 4 turns at least between the ends of the line [rad], (c,)."""
 
     def bend(r: FloatArray) -> FloatArray:
-        return np.arccos(np.clip((r * r - upper**2 - fore**2) / (2.0 * upper * fore), -1.0, 1.0))
+        return arccos(
+            np.clip((r * r - np.square(upper) - np.square(fore)) / (2.0 * upper * fore), -1.0, 1.0)
+        )
 
     (high_1, low_1), (high_2, low_2) = map(bend, one), map(bend, other)
     return np.maximum(np.maximum(low_1 - high_2, low_2 - high_1), 0.0)

@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.trajectory import Trajectory
@@ -370,7 +371,7 @@ def tool_times(
     def times(curves: FloatArray) -> FloatArray:
         rows = _beside(context, name, stage.position[instants], curves)
         tip = context.model.tool_position(name, rows).reshape(*curves.shape[:2], 3)
-        length: FloatArray = np.linalg.norm(np.diff(tip, axis=1), axis=2).sum(axis=1)
+        length: FloatArray = norm(np.diff(tip, axis=1), axis=2).sum(axis=1)
         return length / cap
 
     return times

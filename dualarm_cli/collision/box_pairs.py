@@ -11,6 +11,7 @@ from dualarm_cli.collision.hulls import box_around
 from dualarm_cli.collision.solids import Pair, Solid
 from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.records import dataclass
 
 LEAST_SINE = 0.05
@@ -88,11 +89,16 @@ class BoxPairs:
         for side in range(2):
             at = np.searchsorted(joints, self.joint[side, which])
             R_joint = R_all[at, :, :, row]
-            axes.append(R_joint @ self.R[side, which])
-            centers.append(p_all[at, :, row] + (R_joint @ self.p[side, which, :, None])[..., 0])
-        t = (np.swapaxes(axes[0], 1, 2) @ (centers[1] - centers[0])[..., None])[..., 0]
+            axes.append(product(R_joint, self.R[side, which]))
+            centers.append(
+                p_all[at, :, row] + product(R_joint, self.p[side, which, :, None])[..., 0]
+            )
+        t = product(np.swapaxes(axes[0], 1, 2), (centers[1] - centers[0])[..., None])[..., 0]
         return _largest_gap(
-            np.swapaxes(axes[0], 1, 2) @ axes[1], t, self.half[0, which], self.half[1, which]
+            product(np.swapaxes(axes[0], 1, 2), axes[1]),
+            t,
+            self.half[0, which],
+            self.half[1, which],
         )
 
 
@@ -100,7 +106,12 @@ def _placed(solid: Solid, tree: JointTree) -> tuple[int, FloatArray, FloatArray,
     """Returns a box's joint, and its rotation and centre in the tree's frame of it, and its half sides."""
     own = tree.R_joint_own[solid.joint].T
     center, half = box_around(solid.geometry)
-    return solid.joint, own @ solid.pose.rotation, own @ np.asarray(solid.pose.act(center)), half
+    return (
+        solid.joint,
+        product(own, solid.pose.rotation),
+        product(own, np.asarray(solid.pose.act(center))),
+        half,
+    )
 
 
 def _largest_gap(C: FloatArray, t: FloatArray, one: FloatArray, other: FloatArray) -> FloatArray:
@@ -113,9 +124,9 @@ def _largest_gap(C: FloatArray, t: FloatArray, one: FloatArray, other: FloatArra
         other: of the second one, shape (m, 3).
     """
     size = np.abs(C)
-    sides = np.abs(t) - one - (size @ other[..., None])[..., 0]
-    across = np.abs((np.swapaxes(C, 1, 2) @ t[..., None])[..., 0])
-    across -= other + (np.swapaxes(size, 1, 2) @ one[..., None])[..., 0]
+    sides = np.abs(t) - one - product(size, other[..., None])[..., 0]
+    across = np.abs(product(np.swapaxes(C, 1, 2), t[..., None])[..., 0])
+    across -= other + product(np.swapaxes(size, 1, 2), one[..., None])[..., 0]
     # Axis i, j is the cross product of the boxes' axes i and j: its length is the sine between them.
     way = np.abs(t[:, _LAST, None] * C[:, _NEXT] - t[:, _NEXT, None] * C[:, _LAST])
     reach = one[:, _NEXT, None] * size[:, _LAST] + one[:, _LAST, None] * size[:, _NEXT]

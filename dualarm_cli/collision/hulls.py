@@ -10,6 +10,7 @@ import numpy as np
 from dualarm_cli.collision.solids import Solid
 from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.records import dataclass
 
 
@@ -40,7 +41,7 @@ class Hulls:
             np.array([0.5 * (a + b) for a, b, _ in ends]).reshape(-1, 3),
             half,
             np.array([radius for *_, radius in ends]),
-            np.linalg.norm(half, axis=1),
+            norm(half, axis=1),
         )
 
 
@@ -87,7 +88,9 @@ def _hull(solid: Solid, tree: JointTree) -> tuple[FloatArray, FloatArray, float]
         center, half = box_around(form)
         longest = int(np.argmax(half))
         end[longest] = half[longest]
-        radius = float(np.linalg.norm(np.delete(half, longest)))
+        radius = float(norm(np.delete(half, longest)))
     own = tree.R_joint_own[solid.joint].T
-    one, other = (own @ np.asarray(solid.pose.act(center + sign * end)) for sign in (1.0, -1.0))
+    one, other = (
+        product(own, np.asarray(solid.pose.act(center + sign * end))) for sign in (1.0, -1.0)
+    )
     return one, other, radius

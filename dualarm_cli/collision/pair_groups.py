@@ -13,6 +13,7 @@ from dualarm_cli.collision.solids import Pair, Solid
 from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.compiled.pair_margins import BOX, CAPSULE, PLANE, SolidPairs
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.records import dataclass
 
 
@@ -59,8 +60,8 @@ def pair_group(
         length = float(hulls.length[one])
         first = capsules.setdefault(one, len(capsules))
         if isinstance(solid.geometry, coal.Halfspace):
-            normal = solid.pose.rotation @ np.asarray(solid.geometry.n).ravel()
-            slack += float(solid.geometry.d + normal @ solid.pose.translation)
+            normal = product(solid.pose.rotation, np.asarray(solid.geometry.n).ravel())
+            slack += float(solid.geometry.d + product(normal, solid.pose.translation))
             rows.append((first, PLANE, len(normals)))
             normals.append(normal)
         elif keeps_form(solid):
@@ -102,6 +103,6 @@ def pair_group(
 def _placed(solid: Solid, tree: JointTree) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns axes, centre and half sides of the box around a solid; axes in its joint's frame, one a row."""
     own = tree.R_joint_own[solid.joint].T
-    axes = (own @ solid.pose.rotation).T
+    axes = product(own, solid.pose.rotation).T
     center, half = box_around(solid.geometry)
-    return axes, axes @ own @ np.asarray(solid.pose.act(center)), half
+    return axes, product(axes, own, np.asarray(solid.pose.act(center))), half

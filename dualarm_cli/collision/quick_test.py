@@ -22,6 +22,7 @@ from dualarm_cli.collision.solids import (
 from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.compiled.pair_margins import pair_margins
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.model.cell import Cell, Held
 
 ENOUGH = 0.01
@@ -231,7 +232,7 @@ class QuickTest:
             least = min(sure[row], rough[~doubted[:, row], row].min(initial=np.inf))
             numbers = np.flatnonzero(doubted[:, row])
             # Until none that is left can be the least.
-            for number in numbers[np.argsort(rough[numbers, row])].tolist():
+            for number in numbers[np.argsort(rough[numbers, row], kind="stable")].tolist():
                 if rough[number, row] >= least:
                     break
                 rough[number, row] = self._margin(group.rough[number], frames, k)
@@ -245,11 +246,11 @@ class QuickTest:
         for number in (pair.first, pair.second):
             solid = self._solids[number]
             R, p = frames[solid.joint]
-            R_joint = R[..., row] @ self._tree.R_joint_own[solid.joint].T
+            R_joint = product(R[..., row], self._tree.R_joint_own[solid.joint].T)
             places.append(
                 coal.Transform3s(
-                    R_joint @ solid.pose.rotation,
-                    p[:, row] + R_joint @ solid.pose.translation,
+                    product(R_joint, solid.pose.rotation),
+                    p[:, row] + product(R_joint, solid.pose.translation),
                 )
             )
         one, other = self._solids[pair.first].geometry, self._solids[pair.second].geometry

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from dualarm_cli.collision.solids import Pair, Solid
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.records import dataclass
 
 SURE = 1e-6
@@ -62,7 +63,7 @@ class Reach:
         ]
         far = pair.required + within + SURE
         if balls[0] is not None and balls[1] is not None:
-            apart = float(np.linalg.norm(balls[0].center - balls[1].center))
+            apart = float(norm(balls[0].center - balls[1].center))
             return apart - balls[0].radius - balls[1].radius < far
         for ball, fixed in ((balls[0], other), (balls[1], one)):
             if ball is not None and np.isfinite(ball.radius):
@@ -80,16 +81,15 @@ class Reach:
         if not self._slides.isdisjoint(chain):
             return _Ball(np.asarray(placements[0].translation), np.inf)
         rest = solid.extent + sum(
-            float(np.linalg.norm(self._model.jointPlacements[joint].translation))
-            for joint in chain[2:]
+            float(norm(self._model.jointPlacements[joint].translation)) for joint in chain[2:]
         )
         if len(chain) == 1:
             return _Ball(np.asarray(placements[0].translation), rest)
         # The next joint's origin goes round on a circle about the first one's axis.
         axis, step = self._axis[chain[0]], placements[1].translation
-        along = float(axis @ step)
+        along = float(product(axis, step))
         center = np.asarray(placements[0].act(along * axis))
-        return _Ball(center, float(np.linalg.norm(step - along * axis)) + rest)
+        return _Ball(center, float(norm(step - along * axis)) + rest)
 
 
 def _chain(model: pin.Model, joint: int) -> list[int]:

@@ -12,6 +12,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Hull, Shape
@@ -105,7 +106,7 @@ def _with_capsules(entries: Sequence[pin.GeometryObject]) -> list[pin.GeometryOb
                 for e in left
                 if isinstance(e.geometry, coal.Sphere)
                 and abs(e.geometry.radius - rod.geometry.radius) < CAP_TOLERANCE
-                and np.linalg.norm(e.placement.translation - end) < CAP_TOLERANCE
+                and norm(e.placement.translation - end) < CAP_TOLERANCE
             ][:1]
         if len(caps) == 2:
             names = {rod.name, *(cap.name for cap in caps)}
@@ -156,7 +157,7 @@ def _solid(body: str, joint: int, pose: pin.SE3, geometry: coal.CollisionGeometr
         return Solid(body, joint, pose, geometry, np.inf)
     geometry.computeLocalAABB()
     center, radius = np.asarray(geometry.aabb_center).ravel(), float(geometry.aabb_radius)
-    return Solid(body, joint, pose, geometry, float(np.linalg.norm(pose.act(center))) + radius)
+    return Solid(body, joint, pose, geometry, float(norm(pose.act(center))) + radius)
 
 
 def cell_solids(cell: Cell, model: pin.Model, carried: Sequence[tuple[str, str]]) -> list[Solid]:

@@ -9,6 +9,8 @@ import pinocchio as pin
 
 from dualarm_cli.compiled.pair_margins import JointSteps
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import cos, sin
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.records import dataclass
 
 
@@ -47,13 +49,13 @@ class JointTree:
         R, p = [np.eye(3)], [np.zeros(3)]
         for joint in range(1, model.njoints):
             twist = pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, model.idx_vs[joint]]
-            slides.append(bool(np.linalg.norm(twist[3:]) < 0.5))
+            slides.append(bool(norm(twist[3:]) < 0.5))
             axis = twist[:3] if slides[-1] else twist[3:]
             turned.append(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).matrix())
             columns.append(joints.index(model.names[joint]))
             before, step = turned[model.parents[joint]], model.jointPlacements[joint]
-            R.append(before.T @ step.rotation @ turned[-1])
-            p.append(before.T @ step.translation)
+            R.append(product(before.T, step.rotation, turned[-1]))
+            p.append(product(before.T, step.translation))
         return cls(
             tuple(int(parent) for parent in model.parents),
             tuple(columns),
@@ -96,13 +98,13 @@ class JointTree:
         found = {0: (root, np.zeros((3, n)))}
         for joint in sorted(self.above(needed)):
             R, p = found[self.parents[joint]]
-            p = p + self.p_parent_own[joint] @ R
-            R = self.R_parent_own[joint].T @ R
+            p = p + product(self.p_parent_own[joint], R)
+            R = product(self.R_parent_own[joint].T, R)
             q = position[:, self.columns[joint]]
             if self.slides[joint]:
                 p = p + R[:, 2] * q
             else:
-                s, c = np.sin(q), np.cos(q)
+                s, c = sin(q), cos(q)
                 turned = np.empty_like(R)
                 turned[:, 0] = c * R[:, 0] + s * R[:, 1]
                 turned[:, 1] = c * R[:, 1] - s * R[:, 0]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dualarm_cli.compiled import library, numbers, pointer, whole
+from dualarm_cli.native import library, numbers, pointer, whole
 from dualarm_cli.geometry.arrays import FloatArray
 
 PLACES = 9

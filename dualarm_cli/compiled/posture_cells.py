@@ -8,8 +8,8 @@ from ctypes import byref
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.compiled import library, numbers, pointer, whole
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, distinct
+from dualarm_cli.native import library, numbers, pointer, whole
 
 _pointer, _int64 = ctypes.c_void_p, ctypes.c_int64
 PER_PART = 4

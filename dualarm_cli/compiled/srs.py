@@ -10,8 +10,8 @@ from ctypes import byref
 
 import numpy as np
 
-from dualarm_cli.compiled import library, numbers, pointer, whole
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.native import library, numbers, pointer, whole
 from dualarm_cli.records import dataclass
 
 MOST_CUTS = 32

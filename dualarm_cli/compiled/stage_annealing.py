@@ -9,8 +9,8 @@ from ctypes import byref
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.compiled import PointerStruct, library, pointer, whole
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, SingleArray
+from dualarm_cli.native import PointerStruct, library, pointer, whole
 
 _pointer, _int64, _double = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 MOST_STAGES = 16

@@ -9,7 +9,7 @@ from ctypes import byref
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.compiled import PointerStruct, library, numbers, pointer
+from dualarm_cli.native import PointerStruct, library, numbers, pointer
 
 Array = NDArray[np.float64]
 Knots = tuple[Array, Array, Array, Array]

@@ -8,7 +8,7 @@ from ctypes import byref
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.compiled import PointerStruct, library, pointer, whole
+from dualarm_cli.native import PointerStruct, library, pointer, whole
 
 _pointer, _int32, _int64 = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64
 

@@ -16,6 +16,7 @@ from dualarm_cli.exporting.json_reader import JsonReader
 from dualarm_cli.exporting.schedule_json import FORMAT
 from dualarm_cli.files.robots.urdf import read_urdf
 from dualarm_cli.files.source.text_source import read_text
+from dualarm_cli.geometry import products
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Dwell
 from dualarm_cli.model.joint_motion import JointMotion, followed
@@ -195,7 +196,7 @@ class _Reader(JsonReader):
         quat = self.array(value.get("quat_xyzw"), f"{path}.quat_xyzw", (4,))
         if not (np.isfinite(xyz).all() and np.isfinite(quat).all()):
             self.fail(path, "must be finite")
-        norm = float(np.linalg.norm(quat))
+        norm = float(products.norm(quat))
         if abs(norm - 1.0) > UNIT_TOLERANCE:
             self.fail(f"{path}.quat_xyzw", f"must be of unit length, not {norm:g}")
         return pin.SE3(pin.Quaternion(quat / norm).toRotationMatrix(), xyz)

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import cube, power
 from dualarm_cli.records import dataclass
 
 Interpolation = Literal["linear", "cubic", "quintic"]
@@ -98,7 +99,7 @@ def interpolated(
         raise ValueError(f"{kind} interpolation needs velocities")
     v, w = velocity[:-1], velocity[1:]
     if kind == "cubic":
-        rows = [q, v, (3.0 * way / h - 2.0 * v - w) / h, (v + w - 2.0 * way / h) / h**2]
+        rows = [q, v, (3.0 * way / h - 2.0 * v - w) / h, (v + w - 2.0 * way / h) / np.square(h)]
         return PiecewisePolynomial(time, np.stack(rows, axis=1))
     if acceleration is None:
         raise ValueError("quintic interpolation needs accelerations")
@@ -107,9 +108,9 @@ def interpolated(
         q,
         v,
         a / 2.0,
-        (10.0 * way / h - 4.0 * w - 6.0 * v) / h**2 - (3.0 * a - b) / (2.0 * h),
-        (7.0 * w + 8.0 * v - 15.0 * way / h) / h**3 + (3.0 * a - 2.0 * b) / (2.0 * h**2),
-        (6.0 * way / h - 3.0 * (v + w)) / h**4 + (b - a) / (2.0 * h**3),
+        (10.0 * way / h - 4.0 * w - 6.0 * v) / np.square(h) - (3.0 * a - b) / (2.0 * h),
+        (7.0 * w + 8.0 * v - 15.0 * way / h) / cube(h) + (3.0 * a - 2.0 * b) / (2.0 * np.square(h)),
+        (6.0 * way / h - 3.0 * (v + w)) / power(h, 4) + (b - a) / (2.0 * cube(h)),
     ]
     return PiecewisePolynomial(time, np.stack(rows, axis=1))
 
@@ -124,7 +125,7 @@ def extrema(coefficients: FloatArray, length: FloatArray) -> tuple[FloatArray, F
     Returns:
         Two arrays (m, n).
     """
-    powers = length[:, None] ** np.arange(coefficients.shape[1])
+    powers = power(length[:, None], np.arange(coefficients.shape[1]))
     # As a polynomial over [0, 1], of which every column is one row.
     m, _, n = coefficients.shape
     scaled = (coefficients * powers[:, :, None]).transpose(0, 2, 1).reshape(m * n, -1)

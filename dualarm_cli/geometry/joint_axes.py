@@ -9,6 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.elementary import arcsin
+from dualarm_cli.geometry.linear_systems import least_squares
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.records import dataclass
 
 SRS_TOLERANCE = 1e-6
@@ -91,23 +94,23 @@ class SrsGeometry:
         )
         gaps = tuple(_distance(axes[i], points[i], axes[i + 1], points[i + 1]) for i in range(6))
         skew = np.abs((axes[:-1] * axes[1:]).sum(axis=1)).max()
-        deviation = SrsDeviation(miss_s, miss_e, miss_w, gaps, float(np.arcsin(min(1.0, skew))))
+        deviation = SrsDeviation(miss_s, miss_e, miss_w, gaps, float(arcsin(min(1.0, skew))))
         return cls(axes, shoulder, elbow, wrist, R_flange, p_flange, deviation)
 
     @property
     def upper(self) -> float:
         """Length of the upper arm, shoulder to elbow [m]."""
-        return float(np.linalg.norm(self.elbow - self.shoulder))
+        return float(norm(self.elbow - self.shoulder))
 
     @property
     def fore(self) -> float:
         """Length of the forearm, elbow to wrist [m]."""
-        return float(np.linalg.norm(self.wrist - self.elbow))
+        return float(norm(self.wrist - self.elbow))
 
     @property
     def p_flange_wrist(self) -> FloatArray:
         """Wrist centre in the flange frame [m], shape (3,)."""
-        wrist: FloatArray = self.R_flange.T @ (self.wrist - self.p_flange)
+        wrist: FloatArray = product(self.R_flange.T, self.wrist - self.p_flange)
         return wrist
 
     def is_srs(self, tolerance: float) -> bool:
@@ -128,19 +131,19 @@ def meeting_point(axes: FloatArray, points: FloatArray) -> tuple[FloatArray, flo
         points: a point on each line [m], shape (n, 3).
     """
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    normal, right = across.sum(axis=0), (across @ points[:, :, None]).sum(axis=0)[:, 0]
-    centre = np.linalg.lstsq(normal, right, rcond=None)[0]
-    distance = np.linalg.norm((across @ (centre - points)[:, :, None])[..., 0], axis=1)
+    normal, right = across.sum(axis=0), product(across, points[:, :, None]).sum(axis=0)[:, 0]
+    centre = least_squares(normal, right)
+    distance = norm(product(across, (centre - points)[:, :, None])[..., 0], axis=1)
     return centre, float(distance.max())
 
 
 def _distance(e: FloatArray, p: FloatArray, f: FloatArray, r: FloatArray) -> float:
     """Returns the distance [m] of the line through p along e from the line through r along f."""
     common = np.cross(e, f)
-    sine = np.linalg.norm(common)
+    sine = norm(common)
     if sine < PARALLEL:
-        return float(np.linalg.norm(np.cross(e, r - p)))
-    return float(abs(common @ (r - p)) / sine)
+        return float(norm(np.cross(e, r - p)))
+    return float(abs(product(common, r - p)) / sine)
 
 
 def joint_axes(model: pin.Model, joints: Sequence[str]) -> tuple[FloatArray, FloatArray]:
@@ -158,7 +161,10 @@ def joint_axes(model: pin.Model, joints: Sequence[str]) -> tuple[FloatArray, Flo
     for k, name in enumerate(joints):
         index = model.getJointId(name)
         twist = pin.getJointJacobian(model, data, index, pin.LOCAL)[:, model.idx_vs[index]]
-        axes[k], points[k] = data.oMi[index].rotation @ twist[3:], data.oMi[index].translation
+        axes[k], points[k] = (
+            product(data.oMi[index].rotation, twist[3:]),
+            data.oMi[index].translation,
+        )
     return axes, points
 
 
@@ -169,7 +175,7 @@ def parallel_deviation(axes: FloatArray) -> float:
         axes: unit joint axes, shape (n, 3).
     """
     pairs = ((1, 2), (1, 3), (2, 3))
-    return float(max(np.linalg.norm(np.cross(axes[i], axes[j])) for i, j in pairs))
+    return float(max(norm(np.cross(axes[i], axes[j])) for i, j in pairs))
 
 
 def measured_kind(
@@ -181,7 +187,7 @@ def measured_kind(
         axes: unit joint axes, shape (n, 3); zero for a joint that slides.
         points: a point on each axis [m], shape (n, 3).
     """
-    if not np.allclose(np.linalg.norm(axes, axis=1), 1.0, atol=1e-9):
+    if not np.allclose(norm(axes, axis=1), 1.0, atol=1e-9):
         return "general"
     if len(axes) == 7:
         geometry = SrsGeometry.measure(axes, points, np.eye(3), np.zeros(3))

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from dualarm_cli.geometry import elementary
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.linear_systems import zeros_of
+from dualarm_cli.geometry.products import product
 from dualarm_cli.records import dataclass
 
 _CHARTS = np.arange(6) * (np.pi / 3)
@@ -22,7 +25,7 @@ def first_order_zeros(
     amplitude = np.hypot(f1, f2)
     ratio = -f0 / np.where(amplitude > 0, amplitude, 1.0)
     exists = (amplitude > 0) & (np.abs(ratio) <= 1.0)
-    middle, half = np.arctan2(f2, f1), np.arccos(np.clip(ratio, -1.0, 1.0))
+    middle, half = elementary.arctan2(f2, f1), elementary.arccos(np.clip(ratio, -1.0, 1.0))
     angle = np.where(exists[:, None], np.column_stack([middle - half, middle + half]), 0.0)
     return angle, np.column_stack([exists, exists])
 
@@ -45,14 +48,14 @@ def second_order_zeros(coefficients: FloatArray) -> tuple[FloatArray, FloatArray
     f0, f1, f2, f3, f4 = coefficients.T
     values = (
         f0
-        + np.cos(_CHARTS)[:, None] * f1
-        + np.sin(_CHARTS)[:, None] * f2
-        + np.cos(2 * _CHARTS)[:, None] * f3
-        + np.sin(2 * _CHARTS)[:, None] * f4
+        + elementary.cos(_CHARTS)[:, None] * f1
+        + elementary.sin(_CHARTS)[:, None] * f2
+        + elementary.cos(2 * _CHARTS)[:, None] * f3
+        + elementary.sin(2 * _CHARTS)[:, None] * f4
     )
     infinity = _CHARTS[np.argmax(np.abs(values), axis=0)]
     # Turned by chart = infinity + pi: cos and sin of first order change their sign.
-    c, s = np.cos(infinity), np.sin(infinity)
+    c, s = elementary.cos(infinity), elementary.sin(infinity)
     c2, s2 = c * c - s * s, 2.0 * c * s
     g1, g2 = -(f1 * c + f2 * s), -(f2 * c - f1 * s)
     g3, g4 = f3 * c2 + f4 * s2, f4 * c2 - f3 * s2
@@ -64,7 +67,7 @@ def second_order_zeros(coefficients: FloatArray) -> tuple[FloatArray, FloatArray
         (2.0 * g2 + 4.0 * g4) / lead,
         (f0 + g1 + g3) / lead,
     )
-    return 2.0 * np.arctan(t) + (infinity + np.pi)[:, None], imaginary / (1.0 + t * t)
+    return 2.0 * elementary.arctan(t) + (infinity + np.pi)[:, None], imaginary / (1.0 + t * t)
 
 
 def _quartic_zeros(
@@ -79,7 +82,7 @@ def _quartic_zeros(
     m = _largest_cubic_zero(2.0 * p, p * p - 4.0 * r, -q * q)
     m = np.maximum(m, 0.0)
     a = np.sqrt(m)
-    w = np.sqrt(np.maximum((m + p) ** 2 - 4.0 * r, 0.0)) * np.where(q < 0, -1.0, 1.0)
+    w = np.sqrt(np.maximum(np.square(m + p) - 4.0 * r, 0.0)) * np.where(q < 0, -1.0, 1.0)
     first = _quadratic_zeros(a, (p + m - w) / 2.0)
     second = _quadratic_zeros(-a, (p + m + w) / 2.0)
     real = np.column_stack([first[0], first[1], second[0], second[1]])
@@ -95,9 +98,11 @@ def _largest_cubic_zero(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArr
     discriminant = q * q + p * p * p
     root_p = np.sqrt(np.maximum(-p, 0.0))
     # Three real zeros: the largest has the smallest angle.
-    ratio = -q / np.where(root_p > 0, root_p**3, 1.0)
-    three = 2.0 * root_p * np.cos(np.arccos(np.clip(ratio, -1.0, 1.0)) / 3.0)
-    u = np.cbrt(np.abs(q) + np.sqrt(np.maximum(discriminant, 0.0))) * np.where(q < 0, 1.0, -1.0)
+    ratio = -q / np.where(root_p > 0, elementary.cube(root_p), 1.0)
+    three = 2.0 * root_p * elementary.cos(elementary.arccos(np.clip(ratio, -1.0, 1.0)) / 3.0)
+    u = elementary.cbrt(np.abs(q) + np.sqrt(np.maximum(discriminant, 0.0))) * np.where(
+        q < 0, 1.0, -1.0
+    )
     one = u - p / np.where(u == 0.0, 1.0, u)
     m = np.where(discriminant < 0, three, one) - third
     for _ in range(2):
@@ -137,26 +142,22 @@ def zeros_by_companion(laurent: FloatArray) -> tuple[FloatArray, FloatArray]:
     Returns:
         Angles [rad], shape (n, 2k), and imaginary parts of t relative to 1 + |t|², shape (n, 2k).
     """
-    n, width = laurent.shape
-    k = width // 2
+    k = laurent.shape[1] // 2
     orders = np.arange(1, k + 1)
     charts = np.arange(2 * k + 2) * (2.0 * np.pi / (2 * k + 2))
-    cos, sin = np.cos(charts[:, None] * orders), np.sin(charts[:, None] * orders)
-    values = laurent[:, :1] + laurent[:, 1::2] @ cos.T + laurent[:, 2::2] @ sin.T
+    cos, sin = elementary.cos(charts[:, None] * orders), elementary.sin(charts[:, None] * orders)
+    values = laurent[:, :1] + product(laurent[:, 1::2], cos.T) + product(laurent[:, 2::2], sin.T)
     infinity = charts[np.argmax(np.abs(values), axis=1)]
     turn = (infinity + np.pi)[:, None] * orders
-    g_cos = laurent[:, 1::2] * np.cos(turn) + laurent[:, 2::2] * np.sin(turn)
-    g_sin = laurent[:, 2::2] * np.cos(turn) - laurent[:, 1::2] * np.sin(turn)
-    polynomial = _half_angle_basis(k) @ np.hstack([laurent[:, :1], g_cos, g_sin]).T
+    g_cos = laurent[:, 1::2] * elementary.cos(turn) + laurent[:, 2::2] * elementary.sin(turn)
+    g_sin = laurent[:, 2::2] * elementary.cos(turn) - laurent[:, 1::2] * elementary.sin(turn)
+    polynomial = product(_half_angle_basis(k), np.hstack([laurent[:, :1], g_cos, g_sin]).T)
     lead = polynomial[-1]
     flat = np.abs(lead) <= 1e-300
     monic = (polynomial[:-1] / np.where(flat, 1.0, lead)).T
-    matrix = np.zeros((n, 2 * k, 2 * k))
-    matrix[:, np.arange(1, 2 * k), np.arange(2 * k - 1)] = 1.0
-    matrix[:, :, -1] = -np.where(flat[:, None], 1.0, monic)
-    t = np.linalg.eigvals(matrix)
-    angle = 2.0 * np.arctan(t.real) + (infinity + np.pi)[:, None]
-    return angle, np.abs(t.imag) / (1.0 + np.abs(t) ** 2)
+    real, imaginary = zeros_of(np.where(flat[:, None], 1.0, monic))
+    angle = 2.0 * elementary.arctan(real) + (infinity + np.pi)[:, None]
+    return angle, np.abs(imaginary) / (1.0 + (real * real + imaginary * imaginary))
 
 
 def _half_angle_basis(k: int) -> FloatArray:
@@ -247,7 +248,7 @@ def polynomial_value(coefficients: FloatArray, angle: FloatArray) -> FloatArray:
 
 def _value_and_slope(columns: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns a polynomial and its derivative; coefficients come first, (2k + 1, ...)."""
-    cos, sin = np.cos(angle), np.sin(angle)
+    cos, sin = elementary.cos(angle), elementary.sin(angle)
     value = columns[0] + columns[1] * cos + columns[2] * sin
     slope = columns[2] * cos - columns[1] * sin
     c, s = cos, sin
@@ -281,7 +282,7 @@ def _derivative_zeros(coefficients: FloatArray) -> FloatArray:
     slope = derivative(coefficients)
     k = coefficients.shape[1] // 2
     if k == 1:
-        top = np.arctan2(coefficients[:, 2], coefficients[:, 1])
+        top = elementary.arctan2(coefficients[:, 2], coefficients[:, 1])
         return np.column_stack([top, top + np.pi])
     return (second_order_zeros if k == 2 else zeros_by_companion)(slope)[0]
 
@@ -308,7 +309,7 @@ def _enclosed_zeros(
         after: values at the upper ends, shape (m,).
     """
     high, sign, last = low + gap, np.sign(before), gap
-    angle = low + gap * np.arccos(-(before + after) / (before - after)) / np.pi
+    angle = low + gap * elementary.arccos(-(before + after) / (before - after)) / np.pi
     zero, active = angle.copy(), np.arange(len(angle))
     for _ in range(ITERATIONS):
         if active.size == 0:
@@ -323,7 +324,9 @@ def _enclosed_zeros(
         angle, size = angle + step, np.abs(step)
         zero[active] = angle
         # Newton's errors square: the next step is about size³ / last².
-        done = (size <= 4e-16) | (use & (size**3 <= 1e-17 * last * last) & (last < 0.1))
+        done = (size <= 4e-16) | (
+            use & (elementary.cube(size) <= 1e-17 * last * last) & (last < 0.1)
+        )
         last = size
         if done.any():
             on = np.flatnonzero(~done)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import arctan2, cos, sin
+from dualarm_cli.geometry.products import norm, product
 
 SMALL = 1e-6
 """Angles below this are taken by their series [rad]."""
@@ -20,12 +22,14 @@ def skew(vector: FloatArray) -> FloatArray:
 
 def exp_rotation(vector: FloatArray) -> FloatArray:
     """Returns rotations (..., 3, 3) by rotation vectors (..., 3) [rad] (Rodrigues' formula)."""
-    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    angle = norm(vector, axis=-1)[..., None, None]
     safe = np.where(angle < SMALL, 1.0, angle)
-    one = np.where(angle < SMALL, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
-    two = np.where(angle < SMALL, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    one = np.where(angle < SMALL, 1.0 - np.square(angle) / 6.0, sin(safe) / safe)
+    two = np.where(
+        angle < SMALL, 0.5 - np.square(angle) / 24.0, (1.0 - cos(safe)) / np.square(safe)
+    )
     K = skew(vector)
-    return np.eye(3) + one * K + two * (K @ K)
+    return np.eye(3) + one * K + two * product(K, K)
 
 
 def rpy_angles(R: FloatArray) -> FloatArray:
@@ -34,11 +38,11 @@ def rpy_angles(R: FloatArray) -> FloatArray:
     Pitch and roll are read after the yaw has been taken off, so that the three agree with R to rounding also where
     pitch is a quarter turn and the yaw alone means nothing.
     """
-    yaw = float(np.arctan2(R[1, 0], R[0, 0]))
-    c, s = np.cos(yaw), np.sin(yaw)
-    level = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
-    pitch = np.arctan2(-level[2, 0], level[0, 0])
-    roll = np.arctan2(-level[1, 2], level[1, 1])
+    yaw = float(arctan2(R[1, 0], R[0, 0]))
+    c, s = cos(yaw), sin(yaw)
+    level = product(np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]), R)
+    pitch = arctan2(-level[2, 0], level[0, 0])
+    roll = arctan2(-level[1, 2], level[1, 1])
     return np.array([roll, pitch, yaw]) + 0.0
 
 
@@ -50,8 +54,8 @@ def log_rotation(R: FloatArray) -> FloatArray:
     quaternion = to_quaternion(R)
     vector, w = quaternion[..., :3], quaternion[..., 3:]
     vector = np.where(w < 0.0, -vector, vector)
-    sine = np.linalg.norm(vector, axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, np.abs(w))
+    sine = norm(vector, axis=-1, keepdims=True)
+    angle = 2.0 * arctan2(sine, np.abs(w))
     scale = np.where(sine < SMALL, 2.0, angle / np.where(sine < SMALL, 1.0, sine))
     found: FloatArray = vector * scale
     return found
@@ -75,5 +79,5 @@ def to_quaternion(R: FloatArray) -> FloatArray:
     )
     best = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
     row = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
-    found: FloatArray = row / np.linalg.norm(row, axis=-1, keepdims=True)
+    found: FloatArray = row / norm(row, axis=-1, keepdims=True)
     return found

@@ -10,6 +10,7 @@ import pinocchio as pin
 from dualarm_cli.errors import Diagnostic, InputError, UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE, SrsGeometry, joint_axes
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.closed_arm import ClosedArm, with_closed_forms
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.parallel_arm import ParallelArm
@@ -121,8 +122,8 @@ class CellModel:
         found = []
         for model in (self.arms[arm] for arm in arms):
             R, p = model.kinematics.forward(position[..., model.columns])
-            tip = p + R @ model.T_flange_tcp.translation
-            found.append(p_world + (R_world @ tip[..., None])[..., 0])
+            tip = p + product(R, model.T_flange_tcp.translation)
+            found.append(p_world + product(R_world, tip[..., None])[..., 0])
         return np.array(found)
 
     def tool_pose(self, arm: str, position: FloatArray) -> pin.SE3:
@@ -263,7 +264,7 @@ def measure_arm(
             f"arm {arm.name} of {robot.name} has {len(arm.joints)} joints; kind srs needs 7"
         )
     axes, points = joint_axes(model, arm.joints)
-    sliding = np.abs(np.linalg.norm(axes, axis=1) - 1.0) > 1e-9
+    sliding = np.abs(norm(axes, axis=1) - 1.0) > 1e-9
     if sliding.any():
         name = arm.joints[int(sliding.argmax())]
         raise UnsupportedError(f"joint {name} of {robot.name} slides; kind srs needs revolute")
@@ -272,4 +273,6 @@ def measure_arm(
     T_carried_root = platform.T_world_carried.inverse() * base
     flange = T_carried_root * data.oMf[model.getFrameId(arm.flange)]
     R, p = T_carried_root.rotation, T_carried_root.translation
-    return SrsGeometry.measure(axes @ R.T, points @ R.T + p, flange.rotation, flange.translation)
+    return SrsGeometry.measure(
+        product(axes, R.T), product(points, R.T) + p, flange.rotation, flange.translation
+    )

@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.general_arm import LEAST_JOINTS, GeneralArm, ReachedPostures, pose_error
 from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, polished
 from dualarm_cli.kinematics.srs import srs_limits
@@ -190,9 +191,7 @@ class ClosedArm(GeneralArm):
         """Returns what the best of tried branches (b, 8, 6), set back to their limits, miss poses by, shape (b, 2)."""
         R_now, p_now = self.forward(np.clip(q, self.lower, self.upper))
         e = pose_error(R_now, p_now, R[:, None], p[:, None])
-        error = np.stack(
-            [np.linalg.norm(e[..., :3], axis=-1), np.linalg.norm(e[..., 3:], axis=-1)], axis=-1
-        )
+        error = np.stack([norm(e[..., :3], axis=-1), norm(e[..., 3:], axis=-1)], axis=-1)
         best = np.where(tried, error.sum(axis=-1), np.inf).argmin(axis=1)
         return np.asarray(error[np.arange(len(p)), best])
 

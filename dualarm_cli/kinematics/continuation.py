@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.linear_systems import determinant, null_space, solve
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.closed_arm import ClosedArm
 from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
 from dualarm_cli.kinematics.numeric_inverse import RESIDUAL
@@ -33,8 +35,7 @@ def spare_directions(arm: GeneralArm, q: FloatArray) -> FloatArray:
     """
     if not arm.spare:
         return np.empty((len(q), 0, arm.axes))
-    _, _, Vt = np.linalg.svd(arm.jacobian(q))
-    W: FloatArray = Vt[:, 6:]
+    W = null_space(arm.jacobian(q))
     largest = np.take_along_axis(W, np.abs(W).argmax(axis=2)[..., None], axis=2)
     return W * np.where(largest < 0.0, -1.0, 1.0)
 
@@ -147,7 +148,7 @@ class _Line:
                 ok &= away[every, best] <= BEND * step + BEND_SLACK
             q[k] = np.where(ok[:, None], here, q[k - 1])
         _, _, J = arm.linearised(q[1:].reshape(-1, arm.axes))
-        det = np.linalg.det(J).reshape(samples - 1, -1)
+        det = determinant(J).reshape(samples - 1, -1)
         ok &= ((np.sign(det) == sign) & (np.abs(det) > LEAST_PIVOT)).all(axis=0)
         return Course(q, ok & arm.within_limits(q).all(axis=0))
 
@@ -207,7 +208,7 @@ def follow_poses(
     for k, share in enumerate(np.linspace(0.0, 1.0, len(p)).tolist()):
         if k == 0:
             continue
-        wanted = W @ start
+        wanted = product(W, start)
         wanted[:, :1] += share * drift
         guess = 2.0 * q[k - 1] - q[k - 2] if k > 1 else q[0]
         found, met, det = newton(arm, guess[None], R[k : k + 1], p[k : k + 1], W, wanted)
@@ -267,7 +268,7 @@ def newton(
             break
         A = np.concatenate([J, W], axis=1)
         A[:, range(arm.axes), range(arm.axes)] += 1e-14
-        step = np.linalg.solve(A, np.concatenate([e, off], axis=1)[..., None])[..., 0]
+        step = solve(A, np.concatenate([e, off], axis=1)[..., None])[..., 0]
         # A step so long leads nowhere near; what is cut does not arrive and is dropped.
         longest = np.abs(step).max(axis=1, keepdims=True)
         q = q + step * np.minimum(1.0, 1.0 / np.maximum(longest, 1e-300))
@@ -275,5 +276,4 @@ def newton(
 
 
 def _determinant(J: FloatArray, W: FloatArray) -> FloatArray:
-    det: FloatArray = np.linalg.det(np.concatenate([J, W], axis=1))
-    return det
+    return determinant(np.concatenate([J, W], axis=1))

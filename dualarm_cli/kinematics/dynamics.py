@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.model.cell import Cell
 
 
@@ -20,7 +21,7 @@ class Dynamics:
         """
         robot = cell.robot
         model = pin.buildModelFromXML(robot.urdf)
-        model.gravity.linear = cell.base.rotation.T @ model.gravity.linear
+        model.gravity.linear = product(cell.base.rotation.T, model.gravity.linear)
         for arm in robot.arms:
             tool = cell.tools[arm.name]
             flange = model.frames[model.getFrameId(arm.flange)]
@@ -29,7 +30,7 @@ class Dynamics:
                 model.appendBodyToJoint(flange.parentJoint, inertia, flange.placement * tool.tcp)
         self._model, self._data = model, model.createData()
         self._order = np.array([robot.joints.index(name) for name in model.names[1:]])
-        self._back = np.argsort(self._order)
+        self._back = np.argsort(self._order, kind="stable")
         self.limit: FloatArray = np.array(model.upperEffortLimit)[self._back]
         """Largest torque of every joint [N m], 0 where the URDF has none, shape (n,)."""
         masses = np.array([model.inertias[k].mass for k in range(1, model.njoints)])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import arctan2, cos, sin
 from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.kinematics.srs.srs_limits import TURN
@@ -35,11 +36,11 @@ def least_elbow_distance(
     offset = elbow + along * axis - point[..., None, :]
     squared = (offset * offset).sum(axis=-1)
     a = squared.mean(axis=0)
-    b, c = (2.0 / 3.0 * np.tensordot(wave(THIRDS), squared, 1) for wave in (np.cos, np.sin))
-    lowest = np.arctan2(-c, -b)[..., None]
+    b, c = (2.0 / 3.0 * np.einsum("i,i...->...", wave(THIRDS), squared) for wave in (cos, sin))
+    lowest = arctan2(-c, -b)[..., None]
     a, b, c = a[..., None], b[..., None], c[..., None]
     reached = np.mod(lowest - intervals.start, TURN) <= intervals.end - intervals.start
-    ends = (a + b * np.cos(psi) + c * np.sin(psi) for psi in (intervals.start, intervals.end))
+    ends = (a + b * cos(psi) + c * sin(psi) for psi in (intervals.start, intervals.end))
     least = np.where(reached, a - np.hypot(b, c), np.minimum(*ends))
     least = np.where(np.isnan(intervals.start), np.inf, least).min(axis=(-1, -2))
     found: FloatArray = np.sqrt(np.maximum(least, 0.0))

@@ -12,7 +12,10 @@ import pinocchio as pin
 
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.geometry.elementary import arctan2, cos, sin
 from dualarm_cli.geometry.joint_axes import parallel_deviation
+from dualarm_cli.geometry.linear_systems import least_squares
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.platform_chain import align_z
 from dualarm_cli.kinematics.srs import srs_limits
 from dualarm_cli.records import dataclass
@@ -105,7 +108,7 @@ class GeneralArm:
             twist = pin.getJointJacobian(model, data, index, pin.LOCAL)
             # Of a robot with one joint the Jacobian comes without its second axis.
             twist = twist.reshape(6, model.nv)[:, model.idx_vs[index]]
-            if np.linalg.norm(twist[3:]) < 0.5:
+            if norm(twist[3:]) < 0.5:
                 slides.append(k)
             axis = twist[:3] if k in slides else twist[3:]
             turned = pin.SE3(align_z(axis), np.zeros(3))
@@ -147,7 +150,7 @@ class GeneralArm:
     @cached_property
     def length(self) -> float:
         """Greatest distance that the flange can be away from the first axis' origin, joints that slide at 0 [m]."""
-        links = np.linalg.norm([*self.p_parent_joint[1:], self.p_last_flange], axis=1)
+        links = norm([*self.p_parent_joint[1:], self.p_last_flange], axis=1)
         return float(links.sum())
 
     @cached_property
@@ -222,14 +225,14 @@ class GeneralArm:
         T = np.empty((n + 1, len(q), 4, 4))
         T[0] = turned[:, 0]
         for k in range(1, n):
-            np.matmul(T[k - 1], turned[:, k], out=T[k])
-        np.matmul(T[n - 1], steps[n], out=T[n])
+            T[k] = product(T[k - 1], turned[:, k])
+        T[n] = product(T[n - 1], steps[n])
         z, origin = (T[:n, :, :3, i].transpose(2, 0, 1) for i in (2, 3))
         return T[n, :, :3, :3], T[n, :, :3, 3], z, origin
 
     def _turned(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns cosines and sines of joints (b, n); those that slide do not turn."""
-        c, s = np.cos(q), np.sin(q)
+        c, s = cos(q), sin(q)
         c[:, list(self.slides)], s[:, list(self.slides)] = 1.0, 0.0
         return c, s
 
@@ -244,7 +247,7 @@ class GeneralArm:
         z, origin = np.empty((3, n, b)), np.empty((3, n, b))
         for k, step in enumerate(self._steps):
             # Columns of the next frame and the way to it are combinations of the columns so far.
-            x, y, z_next, way = (step[:3].T @ frame.reshape(3, -1)).reshape(4, 3, b)
+            x, y, z_next, way = product(step[:3].T, frame.reshape(3, -1)).reshape(4, 3, b)
             p = p + way
             if k == n:
                 break
@@ -260,17 +263,17 @@ class GeneralArm:
         """The point nearest to the last three axes, all joints at zero [m], shape (3,)."""
         _, points, across = self._last_axes
         # Three parallel axes leave the place along them open.
-        center: FloatArray = np.linalg.lstsq(
-            across.sum(axis=0), (across @ points[:, :, None])[..., 0].sum(axis=0), rcond=None
-        )[0]
+        center: FloatArray = least_squares(
+            across.sum(axis=0), product(across, points[:, :, None])[..., 0].sum(axis=0)
+        )
         return center
 
     @cached_property
     def wrist_gap(self) -> float:
         """Largest distance of the last three axes from the point nearest to all [m]: 0 for a spherical wrist."""
         _, points, across = self._last_axes
-        away = (across @ (points - self.meeting_point)[:, :, None])[..., 0]
-        return float(np.linalg.norm(away, axis=1).max())
+        away = product(across, (points - self.meeting_point)[:, :, None])[..., 0]
+        return float(norm(away, axis=1).max())
 
     @cached_property
     def parallel_deviation(self) -> float:
@@ -331,13 +334,13 @@ def pose_error(
         R_wanted: wanted rotations, broadcast against R.
         p_wanted: wanted positions [m], broadcast against p.
     """
-    E = R_wanted @ np.swapaxes(R, -1, -2)
+    E = product(R_wanted, np.swapaxes(R, -1, -2))
     axis = 0.5 * np.stack(
         [E[..., 2, 1] - E[..., 1, 2], E[..., 0, 2] - E[..., 2, 0], E[..., 1, 0] - E[..., 0, 1]],
         axis=-1,
     )
-    sine = np.linalg.norm(axis, axis=-1)
-    angle = np.arctan2(sine, 0.5 * (np.trace(E, axis1=-2, axis2=-1) - 1.0))
+    sine = norm(axis, axis=-1)
+    angle = arctan2(sine, 0.5 * (np.trace(E, axis1=-2, axis2=-1) - 1.0))
     # At half a turn the axis is lost to rounding: any direction makes progress there.
     scale = np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0)
     return np.concatenate([p_wanted - p, axis * scale[..., None]], axis=-1)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.elementary import log
+from dualarm_cli.geometry.linear_systems import determinant, inverse
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.whole_body import WholeBody, cobracket, screw_rates
 from dualarm_cli.records import dataclass
 
@@ -30,7 +33,7 @@ def manipulability(J: FloatArray) -> FloatArray:
     [Zhang2024]'s J_G, whose rows are the mean of both tools' and right minus left (Eq. 4; the print of J_r has the
     signs turned), and of [J_R; J_L] are equal, as the one is the other times a matrix of determinant ±1.
     """
-    found: FloatArray = np.sqrt(np.maximum(np.linalg.det(J @ np.swapaxes(J, -1, -2)), 0.0))
+    found: FloatArray = np.sqrt(np.maximum(determinant(product(J, np.swapaxes(J, -1, -2))), 0.0))
     return found
 
 
@@ -53,27 +56,27 @@ def manipulability_rates(
         follows: which arms' tools count, shape (a,); None for all.
 
     Raises:
-        numpy.linalg.LinAlgError: the Jacobian is singular to the last digit.
+        SingularMatrixError: the Jacobian is singular to the last digit.
     """
     moves, before = body.moves if follows is None else body.moves[follows], body.before
     Sd = screw_rates(S, before, qd)
     J, Jd = _stacked(S, moves), _stacked(Sd, moves)
-    gram = J @ J.T
-    inverse = np.linalg.inv(gram)
-    plus = J.T @ inverse
+    gram = product(J, J.T)
+    gram_inverse = inverse(gram)
+    plus = product(J.T, gram_inverse)
     # d/dt J+ = (I - J+ J) dJ^T (J J^T)^-1 - J+ dJ J+ (Eq. 16).
-    back = Jd.T @ inverse
-    plus_rate = back - plus @ (J @ back) - plus @ (Jd @ plus)
+    back = product(Jd.T, gram_inverse)
+    plus_rate = back - product(plus, product(J, back)) - product(plus, product(Jd, plus))
     W, Wd = _folded(plus, moves), _folded(plus_rate, moves)
     P = -cobracket(S, W)
     Pd = -cobracket(Sd, W) - cobracket(S, Wd)
     carried = before.astype(np.float64)
-    sum_P, sum_Pd = carried @ P, carried @ Pd
+    sum_P, sum_Pd = product(carried, P), product(carried, Pd)
     gradient = np.einsum("ij,ij->i", S, sum_P)
     rate = np.einsum("ij,ij->i", Sd, sum_P) + np.einsum("ij,ij->i", S, sum_Pd)
-    sign, logarithm = np.linalg.slogdet(gram)
-    inner = gradient - plus @ (J @ gradient)
-    value = 0.5 * float(logarithm) if sign > 0 else -np.inf
+    inner = gradient - product(plus, product(J, gradient))
+    size = float(determinant(gram))
+    value = 0.5 * float(log(size)) if size > 0.0 else -np.inf
     return ManipulabilityRates(value, gradient, inner, rate)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.linear_systems import solve
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.general_arm import GeneralArm, ReachedPostures, pose_error
 
 STARTS, FEW_STARTS = 32, 12
@@ -66,7 +68,7 @@ def solve_poses(
     found_pose, found_q = np.empty(0, dtype=np.int64), np.empty((0, arm.axes))
     miss = np.full((m, 2), np.inf)
     # Farther away than all links together there is nothing to be looked for.
-    far = np.linalg.norm(p - arm.p_parent_joint[0], axis=1) > arm.farthest
+    far = norm(p - arm.p_parent_joint[0], axis=1) > arm.farthest
     open_, quiet = np.flatnonzero(~far), np.zeros(m, dtype=np.int64)
     count, calm = (STARTS, QUIET_ROUNDS) if thorough else (FEW_STARTS, FEW_ROUNDS)
     for k in range(MOST_ROUNDS):
@@ -135,7 +137,7 @@ def descend(
     for k in range(5 * ITERATIONS if turned else ITERATIONS):
         R_now, p_now, J = arm.linearised(q[active])
         e = pose_error(R_now, p_now, R[active], p[active]) * weight
-        size = np.linalg.norm(e, axis=1)
+        size = norm(e, axis=1)
         going = size > CLOSE
         if k and k % PATIENCE == 0:
             going &= size < (NO_PROGRESS if turned else STALLED) * last[active]
@@ -155,12 +157,12 @@ def _stepped(
     arm: GeneralArm, q: FloatArray, J: FloatArray, e: FloatArray, damping: FloatArray
 ) -> FloatArray:
     """Returns joints after one damped step (Levenberg in the dual form, joints at their limits held)."""
-    gradient = (np.swapaxes(J, 1, 2) @ e[:, :, None])[..., 0]
+    gradient = product(np.swapaxes(J, 1, 2), e[:, :, None])[..., 0]
     held = ((q <= arm.lower) & (gradient < 0.0)) | ((q >= arm.upper) & (gradient > 0.0))
     J = np.where(held[:, None], 0.0, J)
-    A = J @ np.swapaxes(J, 1, 2)
+    A = product(J, np.swapaxes(J, 1, 2))
     A[:, range(6), range(6)] += (damping + 1e-14)[:, None]
-    step = (np.swapaxes(J, 1, 2) @ np.linalg.solve(A, e[:, :, None]))[..., 0]
+    step = product(np.swapaxes(J, 1, 2), solve(A, e[:, :, None]))[..., 0]
     longest = np.abs(step).max(axis=1, keepdims=True)
     step *= np.minimum(1.0, LARGEST_STEP / np.maximum(longest, 1e-300))
     return np.clip(q + step, arm.lower, arm.upper)
@@ -175,17 +177,15 @@ def polished(
     for _ in range(3):
         R_now, p_now, J = arm.linearised(trial)
         e = pose_error(R_now, p_now, R, p)
-        error = np.stack(
-            [np.linalg.norm(e[:, :3], axis=1), np.linalg.norm(e[:, 3:], axis=1)], axis=1
-        )
+        error = np.stack([norm(e[:, :3], axis=1), norm(e[:, 3:], axis=1)], axis=1)
         better = error.sum(axis=1) < best.sum(axis=1)
         q[better], best[better] = trial[better], error[better]
         near = best.sum(axis=1) < 1e-4
         if not near.any():
             break
-        A = J @ np.swapaxes(J, 1, 2)
+        A = product(J, np.swapaxes(J, 1, 2))
         A[:, range(6), range(6)] += 1e-15
-        step = (np.swapaxes(J, 1, 2) @ np.linalg.solve(A, e[:, :, None]))[..., 0]
+        step = product(np.swapaxes(J, 1, 2), solve(A, e[:, :, None]))[..., 0]
         trial = np.clip(np.where(near[:, None], q + step, q), arm.lower, arm.upper)
     return q, best
 

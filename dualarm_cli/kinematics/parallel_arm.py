@@ -8,7 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.geometry.elementary import (
+    angle_between,
+    angle_of,
+    arccos,
+    arctan2,
+    complex_product,
+    cos,
+    modulus,
+    sin,
+    unit_complex,
+)
 from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.roots import (
     derivative,
     first_order_square,
@@ -102,7 +114,7 @@ class ParallelArm(ClosedArm):
     def _feet(self) -> tuple[float, FloatArray]:
         """Foot of the common normal of axes 5 and 6 along axis 5 [m], and the normal in frame 5 [m], shape (3,)."""
         across, p = self.R_parent_joint[5][:, 2], self.p_parent_joint[5]
-        shift = -float(p[:2] @ across[:2]) / float(across[:2] @ across[:2])
+        shift = -float(product(p[:2], across[:2])) / float(product(across[:2], across[:2]))
         # Along axis 6 by `shift`: what is left across axis 5 is the normal.
         foot = p + shift * across
         return shift, readonly(foot)
@@ -115,14 +127,14 @@ class ParallelArm(ClosedArm):
 
     @property
     def _normal_length(self) -> float:
-        return float(np.linalg.norm(self._normal))
+        return float(norm(self._normal))
 
     @cached_property
     def _chain_of_links(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Steps from axis 2 to 3, 3 to 4, and 4 to the foot on axis 5, in frame 2, joints at zero [m], (3,) each."""
         R23, R34, R45 = self.R_parent_joint[2:5]
         foot = self.p_parent_joint[4] + R45[:, 2] * self._feet[1][2]
-        return self.p_parent_joint[2], R23 @ self.p_parent_joint[3], R23 @ R34 @ foot
+        return self.p_parent_joint[2], product(R23, self.p_parent_joint[3]), product(R23, R34, foot)
 
     @cached_property
     def _links(self) -> tuple[complex, complex, complex]:
@@ -138,13 +150,15 @@ class ParallelArm(ClosedArm):
     @cached_property
     def _R25(self) -> FloatArray:
         """Frame 5 in frame 2, all joints at zero, shape (3, 3)."""
-        return readonly(self.R_parent_joint[2] @ self.R_parent_joint[3] @ self.R_parent_joint[4])
+        return readonly(
+            product(self.R_parent_joint[2], self.R_parent_joint[3], self.R_parent_joint[4])
+        )
 
     @cached_property
     def _tool(self) -> tuple[FloatArray, FloatArray]:
         """The foot on axis 6 [m], and this axis, in the flange frame, shape (3,) each."""
         R = self.R_last_flange.T
-        foot = R @ (np.array([0.0, 0.0, self._feet[0]]) - self.p_last_flange)
+        foot = product(R, np.array([0.0, 0.0, self._feet[0]]) - self.p_last_flange)
         return readonly(foot), readonly(R[:, 2])
 
     @cached_property
@@ -155,14 +169,14 @@ class ParallelArm(ClosedArm):
     def _postures(self, R: FloatArray, p: FloatArray, reference: FloatArray) -> PoseSolutions:
         """Returns all branches before they are polished; where a pose is out of reach, those that come near it."""
         foot, axis = self._tool
-        place = (p + R @ foot - self.p_parent_joint[0]) @ self.R_parent_joint[0]
-        first = self._first_turns(place, (R @ axis) @ self.R_parent_joint[0], reference[:, :1])
+        place = product(p + product(R, foot) - self.p_parent_joint[0], self.R_parent_joint[0])
+        first = self._first_turns(place, product(R, axis, self.R_parent_joint[0]), reference[:, :1])
         R12, p12 = self.R_parent_joint[1], self.p_parent_joint[1]
-        back = R12.T @ rotation_z(-first.q1)
+        back = product(R12.T, rotation_z(-first.q1))
         third, fourth = self.signs
         total = reference[:, 1:2] + third * reference[:, 2:3] + fourth * reference[:, 3:4]
-        M = back @ (self.R_parent_joint[0].T @ R @ self.R_last_flange.T)[:, None]
-        u = (back @ place[:, None, :, None])[..., 0] - R12.T @ p12
+        M = product(back, product(self.R_parent_joint[0].T, R, self.R_last_flange.T)[:, None])
+        u = product(back, place[:, None, :, None])[..., 0] - product(R12.T, p12)
         w = u[..., 0] + 1j * u[..., 1]
         turns, last = self._last_turns(M, np.broadcast_to(total, w.shape), first.way)
         if turns.aligned.any():
@@ -170,13 +184,13 @@ class ParallelArm(ClosedArm):
             turns, last = self._last_turns(M, total, first.way)
         theta, q5, q6 = last
         # Where axis 4 is to be, in frame 2 across axis 2.
-        v = w - np.exp(1j * theta) * self._last_link(q5)
+        v = w - complex_product(unit_complex(theta), self._last_link(q5))
         l2, l3, _ = self._links
         bend, reachable = _bends(v, l2, l3)
-        q3 = bend + np.angle(l2) - np.angle(l3)
-        arm = l2 + np.exp(1j * q3) * l3
-        free2 = (np.abs(v) < TINY)[..., None]
-        q2 = np.where(free2, reference[:, 1, None, None], np.angle(v[..., None] * np.conj(arm)))
+        q3 = bend + angle_of(l2) - angle_of(l3)
+        arm = l2 + complex_product(unit_complex(q3), l3)
+        free2 = (modulus(v) < TINY)[..., None]
+        q2 = np.where(free2, reference[:, 1, None, None], angle_between(v[..., None], arm))
         q4 = theta[..., None] - q2 - q3
         single = (np.broadcast_to(x[..., None], q2.shape) for x in (first.q1, q5, q6))
         q1, q5, q6 = single
@@ -200,7 +214,7 @@ class ParallelArm(ClosedArm):
 
     def _last_link(self, q5: FloatArray) -> ComplexArray:
         """Returns the step from axis 4 to the foot on axis 6 across axis 2 [m], joints 2 to 4 at zero, shape (...)."""
-        normal = rotation_z(q5) @ self._normal @ self._R25.T
+        normal = product(rotation_z(q5), self._normal, self._R25.T)
         found: ComplexArray = self._links[2] + normal[..., 0] + 1j * normal[..., 1]
         return found
 
@@ -214,12 +228,12 @@ class ParallelArm(ClosedArm):
         """
         l2, l3, _ = self._links
         link = self._last_link(last[1])
-        size = np.maximum(2.0 * np.abs(w) * np.abs(link), TINY**2)
+        size = np.maximum(2.0 * modulus(w) * modulus(link), np.square(TINY))
         # The squared distance that the links span falls with the cosine of the angle between.
-        both = np.abs(w) ** 2 + np.abs(link) ** 2
-        ends = ((abs(l2) - abs(l3)) ** 2, (abs(l2) + abs(l3)) ** 2)
-        least, most = (np.arccos(np.clip((both - end) / size, -1.0, 1.0)) for end in ends)
-        middle = np.angle(w) - np.angle(link)
+        both = np.square(modulus(w)) + np.square(modulus(link))
+        ends = (np.square(abs(l2) - abs(l3)), np.square(abs(l2) + abs(l3)))
+        least, most = (arccos(np.clip((both - end) / size, -1.0, 1.0)) for end in ends)
+        middle = angle_of(w) - angle_of(link)
         between = wrap(total - middle)
         found: FloatArray = middle + np.copysign(np.clip(np.abs(between), least, most), between)
         return found
@@ -238,16 +252,16 @@ class ParallelArm(ClosedArm):
         across = complex(n[0], n[1])
         w = place[:, 0] + 1j * place[:, 1]
         # n·P less what it is of axis 2's origin and of the links: n_z P_z + |n||w| cos(arg w - arg n - q1) - height.
-        rest = float(n @ self.p_parent_joint[1]) + self._height - n[2] * place[:, 2]
+        rest = float(product(n, self.p_parent_joint[1])) + self._height - n[2] * place[:, 2]
         if self._normal_length > MEETING:
             return self._first_turns_apart(w, rest, axis)
-        size = np.abs(w) * abs(across)
+        size = modulus(w) * abs(across)
         over, under = size + rest, size - rest
-        half = 2.0 * np.arctan2(np.sqrt(np.maximum(under, 0.0)), np.sqrt(np.maximum(over, 0.0)))
+        half = 2.0 * arctan2(np.sqrt(np.maximum(under, 0.0)), np.sqrt(np.maximum(over, 0.0)))
         side = np.array([1.0, 1.0, -1.0, -1.0])
-        free = np.broadcast_to((np.abs(w) < TINY)[:, None], (len(w), 4))
+        free = np.broadcast_to((modulus(w) < TINY)[:, None], (len(w), 4))
         q1 = np.where(
-            free, reference, (np.angle(w) - np.angle(across))[:, None] + half[:, None] * side
+            free, reference, (angle_of(w) - angle_of(across))[:, None] + half[:, None] * side
         )
         reachable = (np.minimum(over, under) >= -REACH_SLACK)[:, None]
         way = np.broadcast_to(np.array([0, 1, 0, 1]), free.shape)
@@ -268,7 +282,7 @@ class ParallelArm(ClosedArm):
 
         def linear(constant: FloatArray, z: ComplexArray, scale: float) -> FloatArray:
             # Re(conj(n) e^{-i q1} z) over (1, cos, sin) of joint 1.
-            turning = z * complex(n[0], -n[1])
+            turning = complex_product(z, complex(n[0], -n[1]))
             return np.stack([constant, turning.real, turning.imag], axis=1) / scale
 
         cosine = linear(n[2] * axis[:, 2] - level, spin, wide)
@@ -282,7 +296,7 @@ class ParallelArm(ClosedArm):
             row, column = np.nonzero(some)
             slot = first + step * (np.cumsum(some, axis=1)[row, column] - 1)
             q1[row, slot], found[row, slot] = zeros.angle[row, column], True
-        c, s = np.cos(q1), np.sin(q1)
+        c, s = cos(q1), sin(q1)
         clockwise = sine[:, :1] + sine[:, 1:2] * c + sine[:, 2:] * s < 0.0
         return _FirstTurns(q1, clockwise.astype(np.int64), found, np.zeros_like(found))
 
@@ -298,9 +312,9 @@ def _bends(v: ComplexArray, l2: complex, l3: complex) -> tuple[FloatArray, BoolA
 
     Both of shape (..., 2); both factors vanish exactly where the arm is stretched or folded.
     """
-    d, a, b = np.abs(v), abs(l2), abs(l3)
+    d, a, b = modulus(v), abs(l2), abs(l3)
     out, in_ = a + b - d, d - abs(a - b)
-    half = np.arctan2(
+    half = arctan2(
         np.sqrt(np.maximum(out * (a + b + d), 0.0)),
         np.sqrt(np.maximum(in_ * (d + abs(a - b)), 0.0)),
     )

@@ -6,6 +6,8 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.elementary import cos, sin
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.records import dataclass
 
 LEVER = 0.5
@@ -58,7 +60,7 @@ class PlatformChain:
             index = model.getJointId(name)
             # Local unit twist of the joint: (linear, angular).
             twist = pin.getJointJacobian(model, data, index, pin.LOCAL)[:, model.idx_vs[index]]
-            revolute.append(bool(np.linalg.norm(twist[3:]) > 0.5))
+            revolute.append(bool(norm(twist[3:]) > 0.5))
             axis = twist[3:] if revolute[-1] else twist[:3]
             frames.append(base * data.oMi[index] * pin.SE3(align_z(axis), np.zeros(3)))
         world = pin.SE3.Identity()
@@ -146,10 +148,10 @@ class PlatformChain:
         R = np.broadcast_to(np.eye(3), (*batch, 3, 3))
         p = np.zeros((*batch, 3))
         for k, turns in enumerate(self.revolute):
-            p = p + (R @ self.p_parent_joint[k])
-            R = R @ self.R_parent_joint[k]
+            p = p + product(R, self.p_parent_joint[k])
+            R = product(R, self.R_parent_joint[k])
             if turns:
-                R = R @ rotation_z(position[..., k])
+                R = product(R, rotation_z(position[..., k]))
             else:
                 p = p + R[..., :, 2] * position[..., k, None]
         return R, p
@@ -157,7 +159,7 @@ class PlatformChain:
 
 def rotation_z(angle: FloatArray) -> FloatArray:
     """Returns rotations about z, shape (..., 3, 3), for angles [rad] of shape (...)."""
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = cos(angle), sin(angle)
     R = np.zeros((*np.shape(angle), 3, 3))
     R[..., 0, 0] = R[..., 1, 1] = c
     R[..., 0, 1], R[..., 1, 0], R[..., 2, 2] = -s, s, 1.0
@@ -170,5 +172,5 @@ def align_z(axis: FloatArray) -> FloatArray:
         return np.eye(3)
     # Any frame with that z axis will do; the coordinate axis farthest from it spans the first one.
     x = np.cross(np.eye(3)[np.argmin(np.abs(axis))], axis)
-    x /= np.linalg.norm(x)
+    x /= norm(x)
     return np.column_stack([x, np.cross(axis, x), axis])

@@ -8,7 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dualarm_cli.geometry import elementary
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.geometry.products import product
 from dualarm_cli.geometry.roots import (
     derivative,
     first_order_square,
@@ -68,9 +70,9 @@ class ThreeAxes:
             point: what is carried, in frame 3 [m], shape (3,).
         """
         across = R[1][:2, 2]
-        sine2 = float(across @ across)
+        sine2 = float(product(across, across))
         # Parallel axes have normals everywhere.
-        shift = -float(p[1][:2] @ across) / sine2 if sine2 > PARALLEL**2 else 0.0
+        shift = -float(product(p[1][:2], across)) / sine2 if sine2 > np.square(PARALLEL) else 0.0
         p12 = p[1] + shift * R[1][:, 2]
         p23 = p[2] - np.array([0.0, 0.0, shift])
         p1 = p[0] + R[0][:, 2] * p12[2]
@@ -84,7 +86,7 @@ class ThreeAxes:
     @cached_property
     def normal(self) -> complex:
         """The common normal of axes 1 and 2, in frame 2 as a complex number [m]."""
-        u = self.R12.T @ self.p12
+        u = product(self.R12.T, self.p12)
         return complex(u[0], u[1])
 
     @cached_property
@@ -100,7 +102,7 @@ class ThreeAxes:
     def squared(self) -> FloatArray:
         """Squared distance of the point from frame 2's origin, over joint 3: times (1, cos, sin) [m²], shape (3,)."""
         c, a, b = self.circle
-        return readonly([c @ c + a @ a, 2.0 * c @ a, 2.0 * c @ b])
+        return readonly([product(c, c) + product(a, a), product(2.0 * c, a), product(2.0 * c, b)])
 
     @cached_property
     def family(self) -> Family | None:
@@ -137,11 +139,11 @@ class ThreeAxes:
         Args:
             q: joints 2 and 3 [rad], shape (..., 2).
         """
-        c, s = np.cos(q), np.sin(q)
+        c, s = elementary.cos(q), elementary.sin(q)
         f = self.circle[0] + c[..., 1:] * self.circle[1] + s[..., 1:] * self.circle[2]
         x = c[..., 0] * f[..., 0] - s[..., 0] * f[..., 1]
         y = s[..., 0] * f[..., 0] + c[..., 0] * f[..., 1]
-        found: FloatArray = np.stack([x, y, f[..., 2]], axis=-1) @ self.R12.T + self.p12
+        found: FloatArray = product(np.stack([x, y, f[..., 2]], axis=-1), self.R12.T) + self.p12
         return found
 
     def section(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -150,7 +152,7 @@ class ThreeAxes:
         Args:
             q: joints 2 and 3 [rad], shape (b, 2).
         """
-        c, s = np.cos(q), np.sin(q)
+        c, s = elementary.cos(q), elementary.sin(q)
         own, a, b = self.circle
         f = own + c[:, 1:] * a + s[:, 1:] * b
         df, ddf = c[:, 1:] * b - s[:, 1:] * a, -(c[:, 1:] * a + s[:, 1:] * b)
@@ -159,14 +161,17 @@ class ThreeAxes:
         cos = np.stack([c[:, 0], -s[:, 0], c[:, 0], -c[:, 0], -s[:, 0], c[:, 0]])
         sin = np.stack([s[:, 0], c[:, 0], s[:, 0], -s[:, 0], c[:, 0], s[:, 0]])
         z = z * np.array([1.0, 0.0, 1.0, 0.0, 0.0, 1.0])[:, None]
-        h = np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=-1) @ self.R12.T
+        h = product(np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=-1), self.R12.T)
         h[0] += self.p12
         r = np.maximum(np.hypot(h[0, :, 0], h[0, :, 1]), 1e-12)
         toward = h[0, :, :2] / r[:, None]
         radial = (h[1:, :, :2] * toward).sum(axis=-1)
         # The radius bends by what goes across it as well.
         aside = h[1:3, :, 1] * toward[:, 0] - h[1:3, :, 0] * toward[:, 1]
-        bent = radial[2:] + np.stack([aside[0] ** 2, aside[0] * aside[1], aside[1] ** 2]) / r
+        bent = (
+            radial[2:]
+            + np.stack([np.square(aside[0]), aside[0] * aside[1], np.square(aside[1])]) / r
+        )
         at = np.stack([r, h[0, :, 2]], axis=1)
         slope = np.stack([radial[:2].T, h[1:3, :, 2].T], axis=1)
         both = np.stack([bent.T, h[3:, :, 2].T], axis=1)
@@ -212,16 +217,16 @@ def point_postures(axes: ThreeAxes, p: FloatArray, reference: FloatArray) -> Poi
         p: places in the frame that carries the arm [m], shape (b, 3).
         reference: joints 1 to 3 where they are free [rad], shape (b, 3).
     """
-    place = (p - axes.p1) @ axes.R1
+    place = product(p - axes.p1, axes.R1)
     w, z = place[:, 0] + 1j * place[:, 1], place[:, 2]
     solve = {"elbow": _elbow, "two_steps": _two_steps, "quartic": _quartic}[axes.family or "elbow"]
-    v, q3, reachable = solve(axes, np.abs(w), z)
+    v, q3, reachable = solve(axes, elementary.modulus(w), z)
     f = _over(axes.circle, q3)
-    free2, free1 = np.abs(v) < TINY, (np.abs(w) < TINY)[:, None]
-    q2 = np.where(free2, reference[:, 1:2], np.angle(v * np.conj(f[0] + 1j * f[1])))
+    free2, free1 = elementary.modulus(v) < TINY, (elementary.modulus(w) < TINY)[:, None]
+    q2 = np.where(free2, reference[:, 1:2], elementary.angle_between(v, f[0] + 1j * f[1]))
     h = axes.R12[:2, :1, None] * v.real + axes.R12[:2, 1:2, None] * v.imag
     h = h + axes.R12[:2, 2:, None] * f[2] + axes.p12[:2, None, None]
-    q1 = np.where(free1, reference[:, :1], np.angle(w[:, None] * np.conj(h[0] + 1j * h[1])))
+    q1 = np.where(free1, reference[:, :1], elementary.angle_between(w[:, None], h[0] + 1j * h[1]))
     q = wrap(np.stack([q1, q2, q3], axis=-1))
     return PointPostures(
         np.where(reachable[..., None], q, 0.0), reachable, (free1 | free2) & reachable
@@ -241,21 +246,21 @@ def _elbow(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
         n, N = -n, -N
     # The plane of the links cuts height z of frame 1 in the line foot + t n.
     foot = (z - axes.R12[2, 2] * height) / abs(axes.axis1)
-    along = axes.R12[:2, :2] @ np.array([E.real, E.imag])
+    along = product(axes.R12[:2, :2], np.array([E.real, E.imag]))
     h = foot * complex(*along) + complex(*(axes.R12[:2, 2] * height + axes.p12[:2]))
-    local = h * N.conjugate()
+    local = elementary.complex_product(h, N.conjugate())
     aside = np.abs(local.imag)
     t = np.sqrt(np.maximum((r - aside) * (r + aside), 0.0))
     v = foot[:, None] * E + n * (np.stack([t, -t], axis=1) - local.real[:, None])
-    d, L2, L3 = np.abs(v), abs(P), abs(omega)
+    d, L2, L3 = elementary.modulus(v), abs(P), abs(omega)
     # Half the angle between the links: both factors vanish exactly where the arm is stretched or folded.
     out, in_ = L2 + L3 - d, d - abs(L2 - L3)
-    half = np.arctan2(np.sqrt(np.maximum(out * (L2 + L3 + d), 0.0)), _inner(in_, d, L2, L3))
+    half = elementary.arctan2(np.sqrt(np.maximum(out * (L2 + L3 + d), 0.0)), _inner(in_, d, L2, L3))
     ok = ((r - aside) >= -REACH_SLACK)[:, None] & (out >= -REACH_SLACK) & (in_ >= -REACH_SLACK)
-    zero = np.arctan2(axes.R23[1, 0], axes.R23[0, 0]) - np.angle(P)
+    zero = elementary.arctan2(axes.R23[1, 0], axes.R23[0, 0]) - elementary.angle_of(P)
     bend = np.stack([2.0 * half, -2.0 * half], axis=-1)
     # The second link's direction against the first one's is zero + sign (q3 + angle(omega)).
-    q3 = sign * (bend - zero) - np.angle(omega)
+    q3 = sign * (bend - zero) - elementary.angle_of(omega)
     return np.repeat(v, 2, axis=1), q3.reshape(-1, 4), np.repeat(ok, 2, axis=1)
 
 
@@ -275,8 +280,8 @@ def _two_steps(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
         g, size = axes.circle[:, 2], np.ones_like(z)
         constant = g[0] - axes.R12[2, 2] * z
     amplitude = np.hypot(g[1], g[2])
-    half = np.arccos(np.clip(-constant / amplitude, -1.0, 1.0))
-    q3 = np.arctan2(g[2], g[1]) + np.stack([half, half, -half, -half], axis=1)
+    half = elementary.arccos(np.clip(-constant / amplitude, -1.0, 1.0))
+    q3 = elementary.arctan2(g[2], g[1]) + np.stack([half, half, -half, -half], axis=1)
     ok = np.abs(constant) - amplitude <= REACH_SLACK * np.maximum(size, REACH_SLACK)
     f = _over(axes.circle, q3)
     length = np.hypot(f[0], f[1])
@@ -284,14 +289,15 @@ def _two_steps(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
         line, direction = z[:, None] - axes.R12[2, 2] * f[2], axes.axis1
     else:
         line, direction = (
-            0.5 * (r[:, None] ** 2 - abs(axes.normal) ** 2 - length**2),
+            0.5 * (np.square(r[:, None]) - np.square(abs(axes.normal)) - np.square(length)),
             axes.normal,
         )
     line = line / abs(direction)
     rest = (length - np.abs(line)) * (length + np.abs(line))
     side = np.sqrt(np.maximum(rest, 0.0)) * [1.0, -1.0, 1.0, -1.0]
     ok = ok[:, None] & (length - np.abs(line) >= -REACH_SLACK)
-    v = direction / abs(direction) * (np.clip(line, -length, length) + 1j * side)
+    along = np.clip(line, -length, length) + 1j * side
+    v = elementary.complex_product(direction / abs(direction), along)
     return v, q3, ok
 
 
@@ -301,7 +307,7 @@ def _quartic(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
     f, b = axes.circle.T, len(r)
     # Both right sides over (1, cos, sin) of joint 3.
     first = np.broadcast_to(-0.5 * axes.squared, (b, 3)).copy()
-    first[:, 0] += 0.5 * (r * r + z * z - abs(u) ** 2)
+    first[:, 0] += 0.5 * (r * r + z * z - np.square(abs(u)))
     second = np.broadcast_to(-axes.R12[2, 2] * f[2], (b, 3)).copy()
     second[:, 0] += z
     # The normal is across axis 1: v is known by its parts along either.
@@ -322,13 +328,15 @@ def _quartic(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
 
 def _over(rows: FloatArray, q3: FloatArray) -> FloatArray:
     """Returns coordinates that are (1, cos, sin) q3 times rows (3, k), shape (k, ...)."""
-    c, s = np.cos(q3), np.sin(q3)
+    c, s = elementary.cos(q3), elementary.sin(q3)
     return np.stack([k + a * c + b * s for k, a, b in rows.T])
 
 
 def _first_order(rows: FloatArray, q3: FloatArray) -> FloatArray:
     """Returns first-order polynomials (b, 3) at angles (b, 4)."""
-    found: FloatArray = rows[:, :1] + rows[:, 1:2] * np.cos(q3) + rows[:, 2:] * np.sin(q3)
+    found: FloatArray = (
+        rows[:, :1] + rows[:, 1:2] * elementary.cos(q3) + rows[:, 2:] * elementary.sin(q3)
+    )
     return found
 
 
@@ -362,7 +370,7 @@ def point_miss(axes: ThreeAxes, p: FloatArray, lower: FloatArray, upper: FloatAr
         np.meshgrid(*(np.linspace(low[k], high[k], COARSE) for k in (0, 1)), indexing="ij"), axis=-1
     ).reshape(-1, 2)
     reached = axes.section(grid)[0]
-    local = (p - axes.p1) @ axes.R1
+    local = product(p - axes.p1, axes.R1)
     wanted = np.stack([np.hypot(local[:, 0], local[:, 1]), local[:, 2]], axis=1)
     # What is free goes on beyond the ends of its turn.
     low, high = np.where(free, -np.inf, low), np.where(free, np.inf, high)
@@ -385,7 +393,7 @@ def _valleys(distance: FloatArray) -> IntArray:
         for j in range(3):
             lowest &= distance <= walled[:, i : i + n, j : j + n]
     height = np.where(lowest, distance, np.inf).reshape(b, -1)
-    return np.asarray(np.argpartition(height, VALLEYS, axis=1)[:, :VALLEYS], dtype=np.int64)
+    return np.argsort(height, axis=1, kind="stable")[:, :VALLEYS]
 
 
 def _descended(
@@ -419,12 +427,16 @@ def _newton_step(
     at, slope, bend = axes.section(q)
     e = at - wanted
     gradient = (slope * e[:, :, None]).sum(axis=1)
-    H = np.swapaxes(slope, 1, 2) @ slope + (bend * e[:, :, None, None]).sum(axis=1)
+    H = product(np.swapaxes(slope, 1, 2), slope) + (bend * e[:, :, None, None]).sum(axis=1)
     held = ((q <= low) & (gradient > 0.0)) | ((q >= high) & (gradient < 0.0))
     gradient = np.where(held, 0.0, gradient)
     H[held[:, 0] | held[:, 1], 0, 1] = H[held[:, 0] | held[:, 1], 1, 0] = 0.0
-    values, vectors = np.linalg.eigh(H)
+    # Axes of curvature: the first is turned by half the angle of (difference, 2 x mixed) of the second derivatives.
+    mean, apart = 0.5 * (H[:, 0, 0] + H[:, 1, 1]), 0.5 * (H[:, 0, 0] - H[:, 1, 1])
+    turn, most = 0.5 * elementary.arctan2(H[:, 0, 1], apart), np.hypot(H[:, 0, 1], apart)
+    c, s = elementary.cos(turn), elementary.sin(turn)
+    vectors = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
     # Where it curves downwards the step goes downhill all the same.
-    values = np.maximum(np.abs(values), 1e-9)
-    along = (gradient[:, None] @ vectors)[:, 0] / values
-    return -(vectors @ along[..., None])[..., 0]
+    values = np.maximum(np.abs(np.stack([mean + most, mean - most], axis=1)), 1e-9)
+    along = product(gradient[:, None], vectors)[:, 0] / values
+    return -product(vectors, along[..., None])[..., 0]

@@ -6,6 +6,8 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.linear_systems import solve
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import log_rotation, skew
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.robot import JointLimits
@@ -61,7 +63,7 @@ class WholeBody:
         self._model, self._data = model, model.createData()
         order = [robot.joints.index(name) for name in model.names[1:]]
         self._order = np.array(order)
-        self._back = np.argsort(self._order)
+        self._back = np.argsort(self._order, kind="stable")
         self.joints = robot.joints
         """Names of the n joints."""
         self.arms = tuple(arm.name for arm in robot.arms)
@@ -95,13 +97,13 @@ class WholeBody:
             zip(self._tools, self._elbows, strict=True)
         ):
             T = data.oMi[parent]
-            R[k] = T.rotation @ R_tool
-            p[k] = T.rotation @ p_tool + T.translation
+            R[k] = product(T.rotation, R_tool)
+            p[k] = product(T.rotation, p_tool) + T.translation
             elbow[k] = data.oMi[joint].translation
         J = np.empty((a, 6, S.shape[0]))
         # A screw's velocity at p is its velocity at the origin plus omega x p.
         v, w = S[:, :3].T, S[:, 3:].T
-        np.subtract(v, skew(p) @ w, out=J[:, :3])
+        np.subtract(v, product(skew(p), w), out=J[:, :3])
         J[:, 3:] = w
         J *= self.moves[:, None, :]
         carried = data.oMi[self._carrier].copy() if self._carrier else self._base
@@ -114,14 +116,14 @@ class WholeBody:
         R, p = np.empty((a, 3, 3)), np.empty((a, 3))
         for k, (parent, R_tool, p_tool) in enumerate(self._tools):
             T = data.oMi[parent]
-            R[k] = T.rotation @ R_tool
-            p[k] = T.rotation @ p_tool + T.translation
+            R[k] = product(T.rotation, R_tool)
+            p[k] = product(T.rotation, p_tool) + T.translation
         return R, p
 
     def elbow_jacobian(self, state: BodyState) -> FloatArray:
         """Returns the Jacobian of the elbows, shape (a, 3, n)."""
         v, w = state.S[:, :3].T, state.S[:, 3:].T
-        found: FloatArray = (v - skew(state.elbow) @ w) * self.moves_elbow[:, None, :]
+        found: FloatArray = (v - product(skew(state.elbow), w)) * self.moves_elbow[:, None, :]
         return found
 
     def carried_points(self, state: BodyState, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -131,9 +133,9 @@ class WholeBody:
             state: where the robot is.
             points: the points in the frame `carried`, shape (m, 3) [m].
         """
-        places = points @ state.carried.rotation.T + state.carried.translation
+        places = product(points, state.carried.rotation.T) + state.carried.translation
         v, w = state.S[:, :3].T, state.S[:, 3:].T
-        return places, (v - skew(places) @ w) * self.moves_carried
+        return places, (v - product(skew(places), w)) * self.moves_carried
 
     def shoulders(self) -> tuple[FloatArray, FloatArray]:
         """Returns each shoulder in the frame `carried` at zero [m], shape (a, 3), and upper arm lengths (a,) [m].
@@ -148,7 +150,7 @@ class WholeBody:
             own = np.flatnonzero(moved & ~self.moves_carried & ~self.slides)
             second = sorted(self._model.getJointId(self.joints[j]) for j in own)[1]
             places[a] = carried.actInv(data.oMi[second].translation)
-            lengths[a] = np.linalg.norm(data.oMi[elbow].translation - data.oMi[second].translation)
+            lengths[a] = norm(data.oMi[elbow].translation - data.oMi[second].translation)
         return places, lengths
 
 
@@ -170,8 +172,8 @@ def tool_drift(
         qd: joint velocities [rad/s], shape (n,).
     """
     Sd = screw_rates(S, before, qd)
-    V = (moves * qd) @ S
-    A = (moves * qd) @ Sd
+    V = product(moves * qd, S)
+    A = product(moves * qd, Sd)
     v, w, a, alpha = V[:, :3], V[:, 3:], A[:, :3], A[:, 3:]
     # The point moves: d/dt (v + w x p) = a + alpha x p + w x (v + w x p).
     found = np.empty((len(p), 6))
@@ -188,7 +190,7 @@ def screw_rates(S: FloatArray, before: BoolArray, qd: FloatArray) -> FloatArray:
         before: whether joint i carries joint j, shape (n, n).
         qd: joint velocities [rad/s], shape (n,).
     """
-    return bracket((before.T * qd) @ S, S)
+    return bracket(product(before.T * qd, S), S)
 
 
 def bracket(one: FloatArray, other: FloatArray) -> FloatArray:
@@ -271,12 +273,12 @@ def reach(
     best = Reached(q, np.inf, np.inf)
     for _ in range(ROUNDS):
         state = body.at(q)
-        turn = log_rotation(R @ state.R[which].transpose(0, 2, 1))
+        turn = log_rotation(product(R, state.R[which].transpose(0, 2, 1)))
         error = np.concatenate([p - state.p[which], turn], axis=1).ravel()
-        size = float(np.linalg.norm(error))
+        size = float(norm(error))
         if np.abs(error).max() < EXACT:
             return Reached(q, 0.0, 0.0)
-        parts = np.linalg.norm(error.reshape(-1, 2, 3), axis=2).max(axis=0)
+        parts = norm(error.reshape(-1, 2, 3), axis=2).max(axis=0)
         if parts.sum() < best.distance + best.angle:
             best = Reached(q, float(parts[0]), float(parts[1]))
         # Joints at a limit that the step would cross are left out of it.
@@ -284,7 +286,7 @@ def reach(
         for _ in range(3):
             J = state.J[rows] * active
             damping = DAMPING * min(1.0, size) * np.eye(len(J))
-            step = J.T @ np.linalg.solve(J @ J.T + damping, error * min(1.0, LONGEST / size))
+            step = product(J.T, solve(product(J, J.T) + damping, error * min(1.0, LONGEST / size)))
             blocked = active & ((q + step < lower) | (q + step > upper))
             stuck = blocked & ((q <= lower) | (q >= upper))
             if not stuck.any():

@@ -7,6 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
+from dualarm_cli.geometry.elementary import angle_between, arctan2, sin
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.closed_arm import BRANCHES, EXACT, ClosedArm, PoseSolutions
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs import srs_limits
@@ -48,27 +50,25 @@ def three_turns(R_12: FloatArray, R_23: FloatArray, M: FloatArray, reference: Fl
         reference: first angle where it is free [rad], broadcast against (...).
     """
     first, last = R_12[2], R_23[:, 2]  # axes 1 and 3 in frame 2, joint 2 at zero
-    alpha = np.arctan2(np.hypot(first[0], first[1]), first[2])
-    beta = np.arctan2(np.hypot(last[0], last[1]), last[2])
+    alpha = arctan2(np.hypot(first[0], first[1]), first[2])
+    beta = arctan2(np.hypot(last[0], last[1]), last[2])
     x, y = M[..., 0, 2], M[..., 1, 2]
     sine = np.hypot(x, y)
-    theta = np.arctan2(sine, M[..., 2, 2])
-    near = np.sin(0.5 * (theta + alpha - beta)) * np.sin(0.5 * (theta - alpha + beta))
-    far = np.sin(0.5 * (alpha + beta + theta)) * np.sin(0.5 * (alpha + beta - theta))
+    theta = arctan2(sine, M[..., 2, 2])
+    near = sin(0.5 * (theta + alpha - beta)) * sin(0.5 * (theta - alpha + beta))
+    far = sin(0.5 * (alpha + beta + theta)) * sin(0.5 * (alpha + beta - theta))
     least, most = abs(alpha - beta), min(alpha + beta, 2.0 * np.pi - alpha - beta)
     possible = (theta >= least - SLACK) & (theta <= most + SLACK)
-    phi = 2.0 * np.arctan2(np.sqrt(np.maximum(near, 0.0)), np.sqrt(np.maximum(far, 0.0)))
-    b = np.stack([phi, -phi], axis=-1) + (
-        np.arctan2(first[1], first[0]) - np.arctan2(last[1], last[0])
-    )
-    outer = R_12 @ rotation_z(b) @ last
+    phi = 2.0 * arctan2(np.sqrt(np.maximum(near, 0.0)), np.sqrt(np.maximum(far, 0.0)))
+    b = np.stack([phi, -phi], axis=-1) + (arctan2(first[1], first[0]) - arctan2(last[1], last[0]))
+    outer = product(R_12, rotation_z(b), last)
     aligned = sine < ALIGNED
-    turned = (x + 1j * y)[..., None] * (outer[..., 0] - 1j * outer[..., 1])
-    a = np.where(aligned[..., None], np.asarray(reference)[..., None], np.angle(turned))
-    middle = rotation_z(a) @ R_12 @ rotation_z(b) @ R_23
+    turned = angle_between((x + 1j * y)[..., None], outer[..., 0] + 1j * outer[..., 1])
+    a = np.where(aligned[..., None], np.asarray(reference)[..., None], turned)
+    middle = product(rotation_z(a), R_12, rotation_z(b), R_23)
     # Rz(c) = middle^T M: its first column.
-    left = np.swapaxes(middle, -1, -2) @ M[..., None, :, :1]
-    c = np.arctan2(left[..., 1, 0], left[..., 0, 0])
+    left = product(np.swapaxes(middle, -1, -2), M[..., None, :, :1])
+    c = arctan2(left[..., 1, 0], left[..., 0, 0])
     return Turns(np.stack([a, b, c], axis=-1), possible, aligned)
 
 
@@ -117,8 +117,10 @@ class WristArm(ClosedArm):
         center = self.meeting_point
         x = np.eye(3)
         for k in range(3):
-            x = x @ self.R_parent_joint[k]
-        return readonly(x.T @ (center - origin[:, 2, 0])), readonly(R[0].T @ (center - p[0]))
+            x = product(x, self.R_parent_joint[k])
+        return readonly(product(x.T, center - origin[:, 2, 0])), readonly(
+            product(R[0].T, center - p[0])
+        )
 
     @cached_property
     def shoulder(self) -> ThreeAxes:
@@ -132,17 +134,17 @@ class WristArm(ClosedArm):
 
     def wrist_center(self, R: FloatArray, p: FloatArray) -> FloatArray:
         """Returns the wrist centre [m], shape (..., 3), of flange poses (..., 3, 3), (..., 3)."""
-        center: FloatArray = p + R @ self._wrist[1]
+        center: FloatArray = p + product(R, self._wrist[1])
         return center
 
     def _postures(self, R: FloatArray, p: FloatArray, reference: FloatArray) -> PoseSolutions:
         """Returns all branches before they are polished; those that do not reach their poses have any joints."""
         first = point_postures(self.shoulder, self.wrist_center(R, p), reference[:, :3])
-        frame = self.R_parent_joint[0] @ rotation_z(first.q[..., 0])
+        frame = product(self.R_parent_joint[0], rotation_z(first.q[..., 0]))
         for k in (1, 2):
-            frame = frame @ self.R_parent_joint[k] @ rotation_z(first.q[..., k])
-        left = np.swapaxes(frame @ self.R_parent_joint[3], -1, -2)
-        M = left @ (R @ self.R_last_flange.T)[:, None]
+            frame = product(frame, self.R_parent_joint[k], rotation_z(first.q[..., k]))
+        left = np.swapaxes(product(frame, self.R_parent_joint[3]), -1, -2)
+        M = product(left, product(R, self.R_last_flange.T)[:, None])
         last = three_turns(self.R_parent_joint[4], self.R_parent_joint[5], M, reference[:, 3:4])
         q = np.empty((len(p), 4, 2, 6))
         q[..., :3], q[..., 3:] = first.q[:, :, None], srs_limits.wrap(last.q)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.records import dataclass
 
 
@@ -27,7 +27,7 @@ class Conveyor:
     @property
     def speed(self) -> float:
         """Length of the velocity [m/s]."""
-        return float(np.linalg.norm(self.velocity))
+        return float(norm(self.velocity))
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ def _steps(time: FloatArray, acceleration: FloatArray) -> tuple[FloatArray, Floa
     step = np.diff(time)[:, None]
     begin, end = acceleration[:-1], acceleration[1:]
     with np.errstate(invalid="ignore", over="ignore"):
-        return step, step * ((begin + end) / 2.0), step**2 * ((begin + begin + end) / 6.0)
+        return step, step * ((begin + end) / 2.0), np.square(step) * ((begin + begin + end) / 6.0)
 
 
 def lean(

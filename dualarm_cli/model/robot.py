@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.elementary import cube
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.records import dataclass
@@ -86,8 +87,8 @@ class JointLimits:
             self.lower,
             self.upper,
             self.velocity * speed,
-            self.acceleration * speed**2,
-            self.jerk * speed**3,
+            self.acceleration * np.square(speed),
+            self.jerk * cube(speed),
             self.source,
         )
 

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.geometry.rotations import exp_rotation
 from dualarm_cli.model.curves.feature_curve import MeasuredCurve
 from dualarm_cli.model.curves.tool_path import Poses, ToolPath
@@ -43,7 +44,7 @@ class SeamTool:
         work = exp_rotation(np.array([self.work_angle, 0.0, 0.0]))
         travel = exp_rotation(np.array([0.0, self.travel_angle, 0.0]))
         spin = exp_rotation(np.array([0.0, 0.0, self.spin]))
-        found: FloatArray = work @ travel @ INTO @ spin
+        found: FloatArray = product(work, travel, INTO, spin)
         return found
 
 
@@ -146,7 +147,7 @@ class SeamWork:
         The tool centre point is `standoff` from the point, back along the tool's z axis.
         """
         R, p = self.curve.at(share * self.curve.length)
-        return R @ self.tool.R_curve_tool, p
+        return product(R, self.tool.R_curve_tool), p
 
 
 def longest_ramp(work: SeamWork, pace: float) -> float:

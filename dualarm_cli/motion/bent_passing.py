@@ -115,7 +115,7 @@ def _vias(detour: Detour, whole: Trajectory) -> list[tuple[FloatArray, FloatArra
     found = []
     for share in SHARES:
         q, v, a = (row[0] for row in whole.at(np.array([share * whole.duration])))
-        found += [(q, np.stack([pace * v, pace**2 * a])) for pace in PACES]
+        found += [(q, np.stack([pace * v, np.square(pace) * a])) for pace in PACES]
     return found
 
 

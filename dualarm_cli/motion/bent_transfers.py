@@ -12,6 +12,8 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import power
+from dualarm_cli.geometry.products import product
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.transfers import (
@@ -64,7 +66,7 @@ def curve(start: FloatArray, controls: FloatArray, goal: FloatArray, count: int)
     """
     basis = _bernstein(controls.shape[-2] + 1, count)
     ends = basis[:, :1] * start + basis[:, -1:] * goal
-    points: FloatArray = ends + basis[:, 1:-1] @ controls
+    points: FloatArray = ends + product(basis[:, 1:-1], controls)
     return points
 
 
@@ -74,7 +76,7 @@ def _bernstein(degree: int, count: int) -> FloatArray:
     s = np.linspace(0.0, 1.0, count)[:, None]
     k = np.arange(degree + 1)
     number = np.array([comb(degree, int(i)) for i in k], dtype=np.float64)
-    return number * s**k * (1.0 - s) ** (degree - k)
+    return number * power(s, k) * power(1.0 - s, degree - k)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.continuation import spare_directions
 from dualarm_cli.kinematics.general_arm import GeneralArm
@@ -119,7 +120,9 @@ def dwell_path(
         )
         R, p = arm.forward(come.q_target)
         # The flange stays where it is in the world.
-        flange = in_carried_frame(model, platform, R_carried @ R, p_carried + R_carried @ p)
+        flange = in_carried_frame(
+            model, platform, product(R_carried, R), p_carried + product(R_carried, p)
+        )
         q = followed(arm, come, _swing(arm, come, left), flange)
         if np.abs(q[-1] - left.q_target).max() > SAME_JOINTS:
             raise InfeasibleError(Refusal("no_plan_on_grid"))
@@ -139,7 +142,7 @@ def _swing(arm: SrsArm | GeneralArm, come: StopPosture, left: StopPosture) -> fl
     """Returns by how much an arm's angle changes [rad], or its way along the self-motion."""
     if not isinstance(arm, GeneralArm):
         return left.psi_target - come.psi_target
-    ways = spare_directions(arm, come.q_target[None])[0] @ (left.q_target - come.q_target)
+    ways = product(spare_directions(arm, come.q_target[None])[0], left.q_target - come.q_target)
     return float(ways[0]) if len(ways) else 0.0
 
 
@@ -150,6 +153,6 @@ def _tool_deviation(
     distance, angle = 0.0, 0.0
     platform = _platform(drive.model, plan)[0]
     for R, tip in measured_tools(drive, groups, motion, platform).values():
-        distance = max(distance, float(np.linalg.norm(tip - tip[0], axis=1).max()))
+        distance = max(distance, float(norm(tip - tip[0], axis=1).max()))
         angle = max(angle, largest_angle(R, R[0]))
     return distance, angle

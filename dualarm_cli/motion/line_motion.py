@@ -14,6 +14,7 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.transfers import PLATFORM, Drive, Key
 from dualarm_cli.motion.world_poses import (
@@ -112,9 +113,9 @@ def _arm_path(drive: Drive, plan: StagePlan, one: ArmStop, line: str) -> FloatAr
         arm = drive.model.arms[one.arm].kinematics
         R_first, p_first = drive.model.platform.pose(platform[0])
         R, p = arm.forward(made.q_target)
-        R_flange, z = R_first @ R, _tool_axis(drive, one.arm, R_first @ R)
+        R_flange, z = product(R_first, R), _tool_axis(drive, one.arm, product(R_first, R))
         depth = np.linspace(0.0, line_length(one, line), PATH_SAMPLES)
-        points = p_first + R_first @ p - depth[:, None] * z
+        points = p_first + product(R_first, p) - depth[:, None] * z
         flange = in_carried_frame(drive.model, platform, R_flange, points)
         q = followed(arm, made, end - made.psi_target, flange)
         drive.known.paths[key] = one.stop, q, depth
@@ -123,7 +124,7 @@ def _arm_path(drive: Drive, plan: StagePlan, one: ArmStop, line: str) -> FloatAr
 
 def _tool_axis(drive: Drive, name: str, R_flange: FloatArray) -> FloatArray:
     """Returns the direction of a tool's z axis, given the rotation of its flange."""
-    axis: FloatArray = R_flange @ drive.model.arms[name].T_flange_tcp.rotation[:, 2]
+    axis: FloatArray = product(R_flange, drive.model.arms[name].T_flange_tcp.rotation[:, 2])
     return axis
 
 
@@ -187,11 +188,11 @@ def turned_deviation(drive: Drive, plan: StagePlan, line: str, timed: Trajectory
     for name, (R, tip) in measured_tools(drive, groups_on_line(plan), timed, platform).items():
         arm, made = drive.model.arms[name], plan.stop_at(line, plan.stops[name]).posture
         R_arm, p_arm = arm.kinematics.forward(made.q_target)
-        R_target = R_first @ R_arm
-        target = p_first + R_first @ (p_arm + R_arm @ arm.T_flange_tcp.translation)
+        R_target = product(R_first, R_arm)
+        target = p_first + product(R_first, p_arm + product(R_arm, arm.T_flange_tcp.translation))
         z = _tool_axis(drive, name, R_target)
         offset = tip - target
-        beside = offset - (offset @ z)[:, None] * z
-        off = float(np.linalg.norm(beside, axis=1).max())
+        beside = offset - product(offset, z)[:, None] * z
+        off = float(norm(beside, axis=1).max())
         worst = max(worst, off, largest_angle(R, R_target))
     return worst

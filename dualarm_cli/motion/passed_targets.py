@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.continuation import moved_along
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.model.job import PoseTarget
@@ -198,7 +199,7 @@ class _Corner:
             straight = _moved(self.drive, plan.arrival, {name: between})
             target = model.tool_pose(name, plan.arrival)
             way = model.tool_position(name, straight) - target.translation
-            far = float(np.linalg.norm(way))
+            far = float(norm(way))
             if far == 0.0:
                 continue
             shift = way * min(1.0, cut * plan.stops[name].stop.blend / far)

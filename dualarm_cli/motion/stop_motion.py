@@ -11,6 +11,7 @@ from dualarm_cli.beside import halves
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import JointTarget, PoseTarget
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
@@ -157,7 +158,7 @@ def line_deviation(
         q: exact joints along the line [rad], shape (m, 7); the ends are what matters.
         trajectory: the motion to be judged.
     """
-    tip = -problem.R_tool_flange.T @ problem.p_tool_flange
+    tip = product(-problem.R_tool_flange.T, problem.p_tool_flange)
     knots = trajectory.time, trajectory.position, trajectory.velocity, trajectory.acceleration
     return trajectories.line_deviation(
         (*problem.arm.chain, tip), q[[0, -1]], knots, CHECKS_PER_KNOT

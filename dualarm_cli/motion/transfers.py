@@ -11,6 +11,7 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, distinct
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job, Stop
 from dualarm_cli.model.robot import JointLimits
@@ -341,7 +342,7 @@ def largest_tool_speed(
         both = position_at(np.concatenate([time - SPEED_STEP, time + SPEED_STEP]))
         tip = model.tool_positions(arms, both)
         way = tip[:, len(time) :] - tip[:, : len(time)]
-        largest: FloatArray = np.linalg.norm(way, axis=-1).max(axis=0)
+        largest: FloatArray = norm(way, axis=-1).max(axis=0)
         return largest / (2.0 * SPEED_STEP)
 
     coarse = np.arange(0.0, length + SPEED_SAMPLE, COARSE * SPEED_SAMPLE)

@@ -8,6 +8,8 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import arcsin
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.continuation import follow_poses
 from dualarm_cli.kinematics.general_arm import GeneralArm
@@ -36,7 +38,7 @@ def in_carried_frame(
     """
     R_carried, p_carried = model.platform.pose(platform)
     R_back = np.swapaxes(R_carried, -1, -2)
-    return R_back @ R, (R_back @ (p - p_carried)[..., None])[..., 0]
+    return product(R_back, R), product(R_back, (p - p_carried)[..., None])[..., 0]
 
 
 def followed(
@@ -103,13 +105,16 @@ def measured_tools(
             continue
         arm = drive.model.arms[name]
         R, p = arm.kinematics.forward(joints[:, columns[name]])
-        tip = p_carried + (R_carried @ (p + R @ arm.T_flange_tcp.translation)[..., None])[..., 0]
-        found[name] = R_carried @ R, tip
+        tip = (
+            p_carried
+            + product(R_carried, (p + product(R, arm.T_flange_tcp.translation))[..., None])[..., 0]
+        )
+        found[name] = product(R_carried, R), tip
     return found
 
 
 def largest_angle(R: FloatArray, reference: FloatArray) -> float:
     """Returns the largest angle [rad] of rotations (m, 3, 3) from one (3, 3), exact for small ones."""
     # |R - R0| in the Frobenius norm is 2 sqrt(2) sin(angle/2); no loss of digits near zero.
-    gap = np.linalg.norm(R - reference, axis=(-2, -1)) / (2.0 * np.sqrt(2.0))
-    return float(2.0 * np.arcsin(np.clip(gap, 0.0, 1.0)).max())
+    gap = norm(R - reference, axis=(-2, -1)) / (2.0 * np.sqrt(2.0))
+    return float(2.0 * arcsin(np.clip(gap, 0.0, 1.0)).max())

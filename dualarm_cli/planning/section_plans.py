@@ -11,6 +11,7 @@ import numpy as np
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job, PoseTarget, Task
 from dualarm_cli.model.schedule import Schedule
@@ -185,7 +186,7 @@ def _ends(
 
 def _distance(some: FloatArray, others: FloatArray) -> float:
     """Returns the least distance between places of two sets [m]."""
-    return float(np.linalg.norm(some[:, None] - others[None], axis=-1).min())
+    return float(norm(some[:, None] - others[None], axis=-1).min())
 
 
 def quickest_of_sections(

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.elementary import arccos, arctan2, complex_product, cos, sin
 from dualarm_cli.geometry.roots import real_zeros, second_order_zeros
 from dualarm_cli.platform_angle.problem import (
     REACH_SLACK,
@@ -109,8 +110,8 @@ def _difference_form(
     Arms that move nearly alike and start nearly alike make both terms small, each with all its digits. Where both
     vanish and m = s, q4_1 - s q4_2 is K at every angle.
     """
-    mirror = np.where(np.cos(target) >= 0.0, 1.0, -1.0)
-    half = np.where(mirror > 0.0, np.sin(target / 2.0), np.cos(target / 2.0))
+    mirror = np.where(cos(target) >= 0.0, 1.0, -1.0)
+    half = np.where(mirror > 0.0, sin(target / 2.0), cos(target / 2.0))
     gap = np.abs(arms[:3] - mirror * arms[3:]).sum(axis=0)
     alike = (gap <= ALIKE) & (np.abs(half) <= ALIKE) & (mirror == sign)
     return mirror, half, alike
@@ -144,15 +145,15 @@ def _first_order(
     whose left side is of first order and whose right side is small and changes little: a fixed point.
     """
     f0, f1, f2 = (row[:, None] for row in arms[:3] - sign * arms[3:])
-    swing, middle = np.hypot(f1, f2), np.arctan2(f2, f1)
+    swing, middle = np.hypot(f1, f2), arctan2(f2, f1)
     u, v, w = (arms[[k, k + 3]][:, :, None] for k in range(3))
     s, right = sign[:, None], np.zeros((len(half), 2))
     for _ in range(FIXED_POINT_STEPS):
         ratio = (right - f0) / np.where(swing > 0.0, swing, 1.0)
-        opening = np.arccos(np.clip(ratio, -1.0, 1.0))
+        opening = arccos(np.clip(ratio, -1.0, 1.0))
         phi = middle + opening * [-1.0, 1.0]
-        q = np.arccos(np.clip(u + v * np.cos(phi) + w * np.sin(phi), -1.0, 1.0))
-        mean = np.where(s > 0.0, -np.sin((q[0] + q[1]) / 2.0), np.cos((q[0] - q[1]) / 2.0))
+        q = arccos(np.clip(u + v * cos(phi) + w * sin(phi), -1.0, 1.0))
+        mean = np.where(s > 0.0, -sin((q[0] + q[1]) / 2.0), cos((q[0] - q[1]) / 2.0))
         right = 2.0 * half[:, None] * mean
     # At an extremum rounding decides whether there is a zero: the unsquared equation is to say.
     return phi, (np.abs(ratio) <= 1.0 + 1e-9) & (swing > 0.0)
@@ -199,11 +200,11 @@ def _polish(form: FloatArray, phi: FloatArray) -> tuple[IntArray, FloatArray]:
 
 def _evaluate(form: FloatArray, phi: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns x and x' of both arms, shape (2, m), and q4_1 - s q4_2 - K, shape (m,)."""
-    c, s = np.cos(phi), np.sin(phi)
+    c, s = cos(phi), sin(phi)
     # The same sums in the same order as `elbow_cosine`: near a stretched arm the last digit of x shows.
     x = np.stack([form[0] + form[1] * c + form[2] * s, form[3] + form[4] * c + form[5] * s])
     slope = np.stack([form[2] * c - form[1] * s, form[5] * c - form[4] * s])
-    q = np.arccos(np.clip(x, -1.0, 1.0))
+    q = arccos(np.clip(x, -1.0, 1.0))
     return x, slope, q[0] - form[6] * q[1] - form[7]
 
 
@@ -301,11 +302,11 @@ def _boundaries(coefficients: FloatArray) -> tuple[FloatArray, BoolArray]:
     angles, exist = [], []
     for arm in (0, 1):
         u, v, w = coefficients[:, arm].T
-        swing, middle = np.hypot(v, w), np.arctan2(w, v)
+        swing, middle = np.hypot(v, w), arctan2(w, v)
         for limit in (1.0 - HAIR, HAIR - 1.0):
             exists = (np.abs(limit - u) <= swing + REACH_SLACK) & (swing > 0.0)
             ratio = np.where(exists, limit - u, 0.0) / np.where(exists, swing, 1.0)
-            half = np.arccos(np.clip(ratio, -1.0, 1.0))
+            half = arccos(np.clip(ratio, -1.0, 1.0))
             angles += [middle - half, middle + half]
             exist += [exists, exists]
     return np.column_stack(angles), np.column_stack(exist)
@@ -314,7 +315,7 @@ def _boundaries(coefficients: FloatArray) -> tuple[FloatArray, BoolArray]:
 def _reached(coefficients: FloatArray, angle: FloatArray) -> BoolArray:
     """Returns whether both arms reach at angles [rad] (n, k), shape (n, k)."""
     u, v, w = (coefficients[:, None, :, k] for k in range(3))
-    x = u + v * np.cos(angle)[..., None] + w * np.sin(angle)[..., None]
+    x = u + v * cos(angle)[..., None] + w * sin(angle)[..., None]
     return np.asarray((np.abs(x) <= 1.0 + REACH_SLACK).all(axis=-1))
 
 
@@ -322,10 +323,10 @@ def _stationary(coefficients: FloatArray) -> tuple[FloatArray, BoolArray, BoolAr
     """Returns the stationary points of q4_1 - q4_2 and q4_1 + q4_2: angles (n, 6), and whose they are."""
     zeros = real_zeros(stationary_polynomial(coefficients))
     u, v, w = (coefficients[..., k][:, :, None] for k in range(3))
-    c, s = np.cos(zeros.angle)[:, None], np.sin(zeros.angle)[:, None]
+    c, s = cos(zeros.angle)[:, None], sin(zeros.angle)[:, None]
     x = u + v * c + w * s
     # q4_1' ∓ q4_2' = 0 is x_1' sin q4_2 = ± x_2' sin q4_1.
-    slope = (w * c - v * s) * np.sqrt(np.clip(1.0 - x[:, ::-1] ** 2, 0.0, None))
+    slope = (w * c - v * s) * np.sqrt(np.clip(1.0 - np.square(x[:, ::-1]), 0.0, None))
     same = slope[:, 0] * slope[:, 1] >= 0.0
     return zeros.angle, zeros.exists & same, zeros.exists & ~same
 
@@ -356,7 +357,7 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
     """Returns products of Laurent polynomials, row by row."""
     out = np.zeros((len(a), a.shape[1] + b.shape[1] - 1), dtype=np.complex128)
     for k in range(a.shape[1]):
-        out[:, k : k + b.shape[1]] += a[:, k : k + 1] * b
+        out[:, k : k + b.shape[1]] += complex_product(a[:, k : k + 1], b)
     return out
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import arctan2, cos
 from dualarm_cli.geometry.roots import first_order_zeros
 from dualarm_cli.platform_angle.problem import Kind, PlatformProblem, cosine_coefficients
 from dualarm_cli.platform_angle.solution import (
@@ -35,7 +36,7 @@ def solve_linearised(problem: PlatformProblem) -> PlatformSolution:
     or the angle changes no elbow, every angle is equal: the start is a candidate then.
     """
     coefficients = cosine_coefficients(problem)
-    x_0 = np.cos(problem.elbow_0)
+    x_0 = cos(problem.elbow_0)
     roots, stationary = [], []
     exists, bends, alike = [], [], []
     for sign in (1.0, -1.0):
@@ -65,5 +66,5 @@ def solve_linearised(problem: PlatformProblem) -> PlatformSolution:
 
 def _stationary(B: FloatArray, C: FloatArray) -> FloatArray:
     """Returns both stationary points of A + B cos + C sin, in the order of Eq. 15, shape (n, 2)."""
-    second = np.arctan2(C, B)
+    second = arctan2(C, B)
     return np.column_stack([second + np.pi, second])

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.geometry.elementary import arccos, cos, sin
 from dualarm_cli.records import dataclass
 
 REACH_SLACK = 1e-9
@@ -149,13 +150,15 @@ class PlatformProblem:
         x = elbow_cosine(before, np.array([[angle_0]]))[0, 0]
         if (np.abs(x) > 1.0 + REACH_SLACK).any():
             arm = int(np.argmax(np.abs(x)))
-            distance = np.sqrt(links[0] ** 2 + links[1] ** 2 - 2.0 * links[0] * links[1] * x[arm])
+            distance = np.sqrt(
+                np.square(links[0]) + np.square(links[1]) - 2.0 * links[0] * links[1] * x[arm]
+            )
             raise ValueError(
                 f"arm {arm + 1} cannot reach its start point: {distance:.6g} m from its shoulder, "
                 f"reach {abs(links[0] - links[1]):.6g} to {links[0] + links[1]:.6g} m"
             )
         wrist[0, :, :2] = goal
-        elbow_0 = np.arccos(np.clip(x, -1.0, 1.0))
+        elbow_0 = arccos(np.clip(x, -1.0, 1.0))
         return moves(elbow_0[None])
 
     def rows(self, index: slice | IntArray | BoolArray) -> PlatformProblem:
@@ -171,10 +174,10 @@ def cosine_coefficients(problem: PlatformProblem) -> FloatArray:
     """
     x, y, z = np.moveaxis(problem.wrist, -1, 0)
     twice = 2.0 * problem.upper * problem.fore
-    fixed = x * x + y * y + problem.radius**2 + (z - problem.height) ** 2
-    u = (problem.upper**2 + problem.fore**2 - fixed) / twice
+    fixed = x * x + y * y + np.square(problem.radius) + np.square(z - problem.height)
+    u = (np.square(problem.upper) + np.square(problem.fore) - fixed) / twice
     reach = 2.0 * problem.radius / twice
-    c, s = np.cos(problem.offset), np.sin(problem.offset)
+    c, s = cos(problem.offset), sin(problem.offset)
     # rho cos(phi + offset - theta) = x cos(phi + offset) + y sin(phi + offset)
     return np.stack([u, reach * (x * c + y * s), reach * (y * c - x * s)], axis=-1)
 
@@ -182,7 +185,7 @@ def cosine_coefficients(problem: PlatformProblem) -> FloatArray:
 def elbow_cosine(problem: PlatformProblem, angle: FloatArray) -> FloatArray:
     """Returns x_i = cos q4_i at platform angles [rad] (n, k), shape (n, k, 2); |x| > 1 out of reach."""
     u, v, w = np.moveaxis(cosine_coefficients(problem), -1, 0)
-    c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
+    c, s = cos(angle)[..., None], sin(angle)[..., None]
     return u[:, None] + v[:, None] * c + w[:, None] * s
 
 
@@ -198,7 +201,7 @@ def elbow_angles(problem: PlatformProblem, angle: FloatArray) -> tuple[FloatArra
     """
     x = elbow_cosine(problem, angle)
     reached: BoolArray = np.abs(x) <= 1.0 + REACH_SLACK
-    return np.where(reached, np.arccos(np.clip(x, -1.0, 1.0)), 0.0), reached
+    return np.where(reached, arccos(np.clip(x, -1.0, 1.0)), 0.0), reached
 
 
 def _check(name: str, values: FloatArray, shape: tuple[int, ...]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.elementary import arccos, cos, sin
 from dualarm_cli.platform_angle.problem import (
     REACH_SLACK,
     Kind,
@@ -137,12 +138,12 @@ def build_solution(
     # Most entries are no candidates: only those that are cost a cosine.
     row, column = np.nonzero(valid)
     phi = turned[row, column]
-    c, s = np.cos(phi)[:, None], np.sin(phi)[:, None]
+    c, s = cos(phi)[:, None], sin(phi)[:, None]
     u, v, w = (coefficients[..., k][row] for k in range(3))
     x = u + v * c + w * s
     reached: BoolArray = np.asarray((np.abs(x) <= 1.0 + REACH_SLACK).all(axis=1))
     reachable[row, column] = reached
-    moved = np.arccos(np.clip(x, -1.0, 1.0)) - problem.elbow_0[row]
+    moved = arccos(np.clip(x, -1.0, 1.0)) - problem.elbow_0[row]
     delta[row, column] = np.where(reached[:, None], moved, 0.0)
     return PlatformSolution(
         problem,

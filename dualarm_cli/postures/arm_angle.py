@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
+from dualarm_cli.geometry.elementary import power
 from dualarm_cli.kinematics.srs.srs_limits import wrap
 from dualarm_cli.postures.line_following import FollowedLines, Lines
 from dualarm_cli.postures.problem import NoPosture, Place, StopPosture, StopProblem
@@ -89,7 +90,7 @@ def _spread(ways: StopWays) -> StopWays:
     far_ones = np.flatnonzero(far)
     second = far_ones[np.diff(ways.row[far_ones], prepend=-1) > 0]
     place[second] = best[second] + 0.5
-    return ways.take(np.argsort(place))
+    return ways.take(np.argsort(place, kind="stable"))
 
 
 def _sides(
@@ -192,7 +193,7 @@ def refinements(batch: StopBatch, ways: StopWays) -> list[StopWays]:
     found = [ways]
     lines: Lines | None = None
     for k in range(pattern.rounds):
-        width = FIRST_WIDTH * pattern.shrink**k
+        width = FIRST_WIDTH * power(pattern.shrink, k)
         if k == ALL_WAYS:
             best = leading(found[-1])
             if len(best) < len(ways.row):

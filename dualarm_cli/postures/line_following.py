@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.elementary import cos, sin
 from dualarm_cli.kinematics.srs.arm_angle_curves import ArmAngleCurves, flips
 from dualarm_cli.postures.stop_batch import StopBatch, ToolPoses
 from dualarm_cli.records import dataclass
@@ -67,7 +68,7 @@ class Lines:
         psi = psi_target + self.share[:, None, None] * swing
         q = np.empty((len(self.share), 7, *psi_target.shape))
         second = FLIPPED[branch][:, :, None]
-        for joint, (plain, flipped) in enumerate(self.curves.pairs(np.sin(psi), np.cos(psi))):
+        for joint, (plain, flipped) in enumerate(self.curves.pairs(sin(psi), cos(psi))):
             q[:, joint] = np.where(second[:, joint], flipped, plain)
         ok = self.curves.plane.reachable.all(axis=0) & _unwrap(q)
         arm = self.batch.arm

@@ -8,6 +8,7 @@ import numpy as np
 
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import power
 from dualarm_cli.kinematics.continuation import moved_along
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
@@ -172,7 +173,9 @@ def refined(batch: StopBatch, arm: GeneralArm, way: NumericWays) -> list[Numeric
     found: list[NumericWays] = []
     best = way
     for k in range(ROUNDS):
-        tried = _drifts_around(batch, arm, varied(batch, arm, best, FIRST_WIDTH * SHRINK**k), k)
+        tried = _drifts_around(
+            batch, arm, varied(batch, arm, best, FIRST_WIDTH * power(SHRINK, k)), k
+        )
         if not len(tried):
             continue
         cost = tried.cost(batch)[1]
@@ -202,5 +205,5 @@ def _drifts_around(
 ) -> NumericWays:
     """Returns ways with the best of a few drifts about their own."""
     steps = SIDES if arm.spare and batch.length.any() else SIDES[:1]
-    width = FIRST_WIDTH * SHRINK**round_
+    width = FIRST_WIDTH * power(SHRINK, round_)
     return _best_drifts(batch, arm, ways, ways.drift[:, :, None] + width * steps)

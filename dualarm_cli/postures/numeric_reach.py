@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import least_distances, solve_poses
 
@@ -29,8 +30,10 @@ def numeric_reach(arm: GeneralArm, R: FloatArray, p: FloatArray) -> tuple[BoolAr
     feasible = (found.miss == 0.0).all(axis=1)
     miss = np.where(feasible, 0.0, found.miss.sum(axis=1))
     if not feasible.any():
-        far = np.linalg.norm(flat_p - arm.p_parent_joint[0], axis=1)
-        nearest = np.unique([*np.argsort(miss, kind="stable")[:6], *np.argsort(far)[:6]])
+        far = norm(flat_p - arm.p_parent_joint[0], axis=1)
+        nearest = np.unique(
+            [*np.argsort(miss, kind="stable")[:6], *np.argsort(far, kind="stable")[:6]]
+        )
         exact = least_distances(arm, flat_R[nearest], flat_p[nearest])
         miss = np.full(len(flat_p), np.inf)
         miss[nearest] = exact

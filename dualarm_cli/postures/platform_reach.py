@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.elementary import arccos, arctan2, cos, sin
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.records import dataclass
 
@@ -57,20 +59,20 @@ def reachable_cells(arm: SrsArm, wrist: FloatArray, edges: FloatArray) -> AngleC
     shoulder = arm.geometry.shoulder
     rho, radius = np.hypot(*wrist[:2]), np.hypot(*shoulder[:2])
     height = wrist[2] - shoulder[2]
-    A, B = rho**2 + radius**2 + height**2, 2.0 * rho * radius
+    A, B = np.square(rho) + np.square(radius) + np.square(height), 2.0 * rho * radius
     least, most = arm.reach
     if edges[-1] == edges[0] or B < 1e-12:
-        gap = np.linalg.norm(turned(wrist, edges[:1])[0] - shoulder)
+        gap = norm(turned(wrist, edges[:1])[0] - shoulder)
         if not least - ROUNDING <= gap <= most + ROUNDING:
             return AngleCells(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
         return AngleCells(np.arange(len(edges) - 1), edges[:-1], edges[1:])
     if np.sqrt(max(A - B, 0.0)) > most + ROUNDING or np.sqrt(A + B) < least - ROUNDING:
         return AngleCells(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
     # In the carried frame the wrist turns backwards: its azimuth is theta - phi.
-    nearest = np.arctan2(wrist[1], wrist[0]) - np.arctan2(shoulder[1], shoulder[0])
+    nearest = arctan2(wrist[1], wrist[0]) - arctan2(shoulder[1], shoulder[0])
     nearest += FULL * np.round((0.5 * (edges[0] + edges[-1]) - nearest) / FULL)
-    inner = np.arccos(np.clip((A - least**2) / B, -1.0, 1.0))
-    outer = np.arccos(np.clip((A - most**2) / B, -1.0, 1.0))
+    inner = arccos(np.clip((A - np.square(least)) / B, -1.0, 1.0))
+    outer = arccos(np.clip((A - np.square(most)) / B, -1.0, 1.0))
     index, low, high = [], [], []
     for turn in range(-2, 3):
         for begin, end in ((inner, outer), (-outer, -inner)):
@@ -100,10 +102,10 @@ def reachable_spans(arm: SrsArm, wrist: FloatArray) -> list[tuple[float, float]]
     least, most = arm.reach
     if away > most + ROUNDING:
         return []
-    outer = float(np.sqrt(max(most**2 - away**2, 0.0))) + ROUNDING
+    outer = float(np.sqrt(max(np.square(most) - np.square(away), 0.0))) + ROUNDING
     if away >= least - ROUNDING:
         return [(nearest - outer, nearest + outer)]
-    inner = float(np.sqrt(least**2 - away**2)) - ROUNDING
+    inner = float(np.sqrt(np.square(least) - np.square(away))) - ROUNDING
     return [(nearest - outer, nearest - inner), (nearest + inner, nearest + outer)]
 
 
@@ -114,7 +116,7 @@ def turned(wrist: FloatArray, angle: FloatArray) -> FloatArray:
         wrist: the point in the carried frame at platform angle zero [m], shape (3,).
         angle: platform angles [rad], shape (c,).
     """
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = cos(angle), sin(angle)
     x, y, z = wrist
     return np.stack([c * x + s * y, c * y - s * x, np.full(len(angle), z)], axis=1)
 
@@ -135,13 +137,15 @@ def wrist_distances(
     half = cells.half
     radius = float(np.hypot(*arm.geometry.shoulder[:2]))
     samples = [
-        np.linalg.norm(turned(wrist, angle) - arm.geometry.shoulder, axis=1)
+        norm(turned(wrist, angle) - arm.geometry.shoulder, axis=1)
         for angle in (cells.low, cells.middle, cells.high)
     ]
     nearest, farthest = np.minimum.reduce(samples), np.maximum.reduce(samples)
     near = np.maximum(nearest - radius * half, TINY)
     # Between three samples half a width apart: the way to the nearest one, or the error of a parabola's chord.
-    bulge = np.where(near > TINY, (radius + radius**2 / near) * half**2 / 8.0, np.inf)
+    bulge = np.where(
+        near > TINY, (radius + np.square(radius) / near) * np.square(half) / 8.0, np.inf
+    )
     bulge = np.minimum(bulge, 0.5 * radius * half) + ROUNDING
     # The reach, but for the hair by which intervals of `reachable_cells` are longer.
     least, most = arm.reach[0] - radius * HAIR, arm.reach[1] + radius * HAIR

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain, rotation_z
@@ -159,7 +160,7 @@ def _misses(stop: StopProblem, platform: PlatformChain, turn: FloatArray) -> lis
 def _miss(stop: StopProblem, R: FloatArray, p: FloatArray) -> FloatArray:
     arm = closed_form(stop.arm)
     least, most = arm.reach
-    distance = np.linalg.norm(arm.wrist_center(R, p) - arm.geometry.shoulder, axis=-1)
+    distance = norm(arm.wrist_center(R, p) - arm.geometry.shoulder, axis=-1)
     return np.where(distance > most, distance - most, np.minimum(0.0, distance - least))
 
 
@@ -178,10 +179,11 @@ def moved_flanges(
         moved = np.zeros(len(moved))
     yaws = stop.yaw[:: max(1, len(stop.yaw) // SCAN_YAWS)]
     R_moved, p_moved = platform.shifted(moved)
-    R_tool = R_moved[:, None] @ (stop.R_base_tool[0] @ rotation_z(yaws))[None]
-    target = (R_moved @ stop.p_base_tool[0] + p_moved)[:, None]
-    R = R_tool @ stop.R_tool_flange
+    R_tool = product(R_moved[:, None], product(stop.R_base_tool[0], rotation_z(yaws))[None])
+    target = (product(R_moved, stop.p_base_tool[0]) + p_moved)[:, None]
+    R = product(R_tool, stop.R_tool_flange)
     depths = [0.0, *(depth for depth in (stop.approach, stop.retract) if depth > 0)]
     return [
-        (R, target - R_tool[..., :, 2] * depth + R_tool @ stop.p_tool_flange) for depth in depths
+        (R, target - R_tool[..., :, 2] * depth + product(R_tool, stop.p_tool_flange))
+        for depth in depths
     ]

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, Task
 from dualarm_cli.model.robot import JointLimits
@@ -151,10 +152,10 @@ def _targets(
     if isinstance(stop.target, JointTarget):
         tcp, q, m = arm.T_flange_tcp, stop.target.configurations, len(p_world)
         R, p = arm.kinematics.forward(q)
-        p = p + R @ tcp.translation
-        R = R @ tcp.rotation
+        p = p + product(R, tcp.translation)
+        R = product(R, tcp.rotation)
         return np.broadcast_to(R, (m, *R.shape)), np.broadcast_to(p, (m, *p.shape)), q
     assert isinstance(stop.target, PoseTarget)  # seams are planned in sections of their own
     pose = stop.target.pose
-    p = (R_carried @ (pose.translation - p_world)[..., None])[..., 0]
-    return (R_carried @ pose.rotation)[:, None], p[:, None], None
+    p = product(R_carried, (pose.translation - p_world)[..., None])[..., 0]
+    return product(R_carried, pose.rotation)[:, None], p[:, None], None

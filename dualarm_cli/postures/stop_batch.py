@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
 from dualarm_cli.postures.problem import StopProblem
@@ -111,9 +112,9 @@ class StopBatch:
         """
         R_nominal, p_nominal = self._targets
         one, index = self.problems[0], self._first[row] + target
-        R_tool = R_nominal[index] @ rotation_z(yaw)
-        p = p_nominal[index] + R_tool @ one.p_tool_flange
-        return ToolPoses(row, R_tool @ one.R_tool_flange, p, R_tool[..., :, 2])
+        R_tool = product(R_nominal[index], rotation_z(yaw))
+        p = p_nominal[index] + product(R_tool, one.p_tool_flange)
+        return ToolPoses(row, product(R_tool, one.R_tool_flange), p, R_tool[..., :, 2])
 
     def turned_targets(self) -> tuple[IntArray, IntArray, FloatArray]:
         """Returns problem, target and yaw of every target of every problem under every yaw."""

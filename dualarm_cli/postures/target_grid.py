@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.elementary import cos, sin
 from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs.srs_arm import closed_form
 from dualarm_cli.kinematics.srs.srs_limits import LIMIT_SLACK
@@ -138,7 +139,7 @@ def _transfer_times(
     """
     arm = closed_form(problem.arm)
     curves = arm.curves(R[:, None], p[:, None])
-    values = np.array(curves.pairs(np.sin(angles), np.cos(angles))).transpose(1, 2, 3, 0)
+    values = np.array(curves.pairs(sin(angles), cos(angles))).transpose(1, 2, 3, 0)
     values = arm.nearest_turns(values, start[:, None])
     time = problem.joint_times(values - start[:, None])
     inside = (values >= arm.lower - LIMIT_SLACK) & (values <= arm.upper + LIMIT_SLACK)

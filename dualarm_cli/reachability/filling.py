@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, descend, solve_poses
@@ -101,7 +102,7 @@ def fill(
             continue
         R, p = flange_poses(model, arm, grid, starts.node, starts.yaw)
         # What is on nobody's way to anything is not descended to.
-        near = np.linalg.norm(p - numeric.p_parent_joint[0], axis=1) <= numeric.farthest
+        near = norm(p - numeric.p_parent_joint[0], axis=1) <= numeric.farthest
         starts, R, p = starts.take(near), R[near], p[near]
         reached, error = descend(numeric, R, p, starts.q)
         good = (error <= RESIDUAL).all(axis=1)

@@ -14,6 +14,7 @@ from dualarm_cli.collision.solids import (
     link_solids,
     pairs_that_must_keep_apart,
 )
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.cell import Cell, Tool
@@ -116,15 +117,17 @@ def _outward(arm: GeneralArm) -> str:
     flange, or +.
     """
     R, p = arm.forward(np.zeros((1, arm.axes)))
-    away = R[0].T @ (p[0] - arm.meeting_point)
+    away = product(R[0].T, p[0] - arm.meeting_point)
     _, _, jacobian = arm.linearised(np.zeros((1, arm.axes)))
-    last = R[0].T @ jacobian[0, 3:, -1]
-    length = float(np.linalg.norm(away))
+    last = product(R[0].T, jacobian[0, 3:, -1])
+    length = float(norm(away))
     direction = last * np.sign(last[np.argmax(np.abs(last))])
     if length > 1e-3:
-        cosine = float(away @ last) / length
+        cosine = float(product(away, last)) / length
         direction = last * np.sign(cosine) if abs(cosine) >= ALONG else away
-    return max(_DIRECTIONS, key=lambda axis: round(float(direction @ _DIRECTIONS[axis][0]), 6))
+    return max(
+        _DIRECTIONS, key=lambda axis: round(float(product(direction, _DIRECTIONS[axis][0])), 6)
+    )
 
 
 def _tool(cell: Cell, arm: Arm, axis: str, reach: float) -> ProposedTool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.cell import Cell
@@ -96,14 +97,14 @@ def region(cell: Cell) -> Region:
     for arm in model.arms.values():
         assert isinstance(arm.kinematics, GeneralArm)  # asked for
         first, second = arm.kinematics.p_parent_joint[:2]
-        shoulders.append(p + R @ (first + arm.kinematics.R_parent_joint[0] @ second))
-        reaches.append(arm.kinematics.length + float(np.linalg.norm(arm.T_flange_tcp.translation)))
+        shoulders.append(p + product(R, first + product(arm.kinematics.R_parent_joint[0], second)))
+        reaches.append(arm.kinematics.length + float(norm(arm.T_flange_tcp.translation)))
         slides.append(arm.kinematics.farthest - arm.kinematics.length)
     at, reach = np.array(shoulders), np.array(reaches)
     centre = at[:, :2].mean(axis=0)
     if model.platform.is_turntable:
         centre = p[:2]
-    radius = float((np.linalg.norm(at[:, :2] - centre, axis=1) + reach).max())
+    radius = float((norm(at[:, :2] - centre, axis=1) + reach).max())
     along = platform_positions(cell) - home if model.platform.is_rail else np.zeros(1)
     travel = float(np.abs(along).max()) + max(slides)
     wanted = STEP_SHARE * float(reach.min())

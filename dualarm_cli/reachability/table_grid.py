@@ -7,6 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.geometry.elementary import arctan2, cos, sin
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.records import dataclass
@@ -70,15 +72,15 @@ class TableGrid:
             yaw: numbers of turns about the tool's axis, of YAWS, shape (m,).
         """
         tip = self.points(node)
-        away = np.arctan2(tip[:, 1] - self.centre[1], tip[:, 0] - self.centre[0])
-        c, s = np.cos(self.tilt), np.sin(self.tilt)
+        away = arctan2(tip[:, 1] - self.centre[1], tip[:, 0] - self.centre[0])
+        c, s = cos(self.tilt), sin(self.tilt)
         # Straight down: half a turn about x. Then the z axis leans towards x.
         leaning = np.array([[c, 0.0, s], [0.0, -1.0, 0.0], [s, 0.0, -c]])
         turn = away if self.tilt else np.zeros(len(tip))
-        R = (
-            rotation_z(turn)
-            @ leaning
-            @ rotation_z(np.asarray(yaw * (2.0 * np.pi / YAWS), dtype=np.float64))
+        R = product(
+            rotation_z(turn),
+            leaning,
+            rotation_z(np.asarray(yaw * (2.0 * np.pi / YAWS), dtype=np.float64)),
         )
         return R, tip
 
@@ -125,5 +127,5 @@ def flange_poses(
     p = p - back * R[..., 2]
     R_world, p_world = model.platform.pose(grid.platform_at(node))
     R_carried = np.swapaxes(R_world, -1, -2)
-    R, p = R_carried @ R, (R_carried @ (p - p_world)[..., None])[..., 0]
-    return R @ T.rotation, p + R @ T.translation
+    R, p = product(R_carried, R), product(R_carried, (p - p_world)[..., None])[..., 0]
+    return product(R, T.rotation), p + product(R, T.translation)

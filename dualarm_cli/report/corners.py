@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from dualarm_cli.geometry.elementary import cbrt
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.motion.waiting import MOVES, SAME_TIME
@@ -134,7 +136,7 @@ def _off_target(event: Event | None, stop: Stop | None) -> float:
     """Returns how far a tool is from its target at an event [m]."""
     if event is None or stop is None or not isinstance(stop.target, PoseTarget):
         return 0.0
-    return float(np.linalg.norm(event.pose.translation - stop.target.pose.translation))
+    return float(norm(event.pose.translation - stop.target.pose.translation))
 
 
 def _columns(schedule: Schedule, arm: str) -> list[int]:
@@ -146,7 +148,7 @@ def _speeds(schedule: Schedule, model: ToolModel, arm: str, times: Sequence[floa
     step = 1e-5
     around = np.array(times)[:, None] + np.array([-step, step])
     _, p = model.poses(arm, schedule.trajectory.at(around.ravel())[0])
-    return [float(np.linalg.norm(way)) / (2.0 * step) for way in p[1::2] - p[::2]]
+    return [float(norm(way)) / (2.0 * step) for way in p[1::2] - p[::2]]
 
 
 def _limiting(schedule: Schedule, arm: str, parts: Sequence[Segment]) -> list[tuple[str, str]]:
@@ -166,7 +168,7 @@ def _limiting(schedule: Schedule, arm: str, parts: Sequence[Segment]) -> list[tu
             [
                 rates[0] / limits.velocity,
                 np.sqrt(rates[1] / limits.acceleration),
-                np.cbrt(rates[2] / limits.jerk),
+                cbrt(rates[2] / limits.jerk),
             ]
         )
         which, joint = divmod(int(np.argmax(shares)), shares.shape[1])
@@ -211,7 +213,7 @@ def _besides(
                 continue
             along = np.linspace(transfer.start, transfer.end, INSTANTS)
             places = model.poses(arm, schedule.trajectory.at(along[:: 1 if out[row] else -1])[0])[1]
-            local = (places - p[row, 0]) @ R[row]
+            local = product(places - p[row, 0], R[row])
             gone = np.flatnonzero(-local[:, 2] > length)
             within = local[: gone[0] if len(gone) else None]
             found[k] = float(np.hypot(within[:, 0], within[:, 1]).max(initial=0.0))

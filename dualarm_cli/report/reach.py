@@ -36,7 +36,7 @@ def reach_document(name: str, cell: Cell, reach: ReachMap) -> dict[str, Any]:
     platform = CellModel.from_cell(cell).platform
     places = grid.platform[:, 0].tolist() if platform.is_chosen else [None]
     reached = _by_whom(reach)
-    cell_area = grid.step**2
+    cell_area = np.square(grid.step)
     frames = {}
     for frame, pose in cell.frames.items():
         x, y, z = pose.translation.tolist()

@@ -8,6 +8,8 @@ from functools import lru_cache
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.elementary import cbrt, cos, cube, power
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import DURATION, Schedule
 from dualarm_cli.model.trajectory import Trajectory
@@ -57,7 +59,9 @@ def line_factors(
         jerk: factors on the jerk limits, shape (v, n).
     """
     columns = [trajectory.joints.index(joint) for joint in limits.joints]
-    slower = np.concatenate([np.ones_like(jerk), acceleration**-0.5, np.cbrt(1.0 / jerk)], axis=1)
+    slower = np.concatenate(
+        [np.ones_like(jerk), power(acceleration, -0.5), cbrt(1.0 / jerk)], axis=1
+    )
     least = _shape_times(_paths(trajectory, spans, columns, limits.velocity), limits)
     own = _own_times(trajectory, spans, columns, limits)
     before = least.max(axis=2).min(axis=0)
@@ -108,7 +112,7 @@ def _own_times(
             [
                 speed / limits.velocity,
                 np.sqrt(acceleration / limits.acceleration),
-                np.cbrt(jerk / limits.jerk),
+                cbrt(jerk / limits.jerk),
             ]
         )
     return own
@@ -119,10 +123,10 @@ def _paths(
 ) -> FloatArray:
     """Returns joints at the path's sample nodes [rad], shape (k, SAMPLES, n)."""
     # Dense where the motion starts and ends slowly, so that the path is resolved alike everywhere.
-    share = (1.0 - np.cos(np.linspace(0.0, np.pi, INSTANTS))) / 2.0
+    share = (1.0 - cos(np.linspace(0.0, np.pi, INSTANTS))) / 2.0
     time = spans[:, :1] + share * (spans[:, 1:] - spans[:, :1])
     q = trajectory.at(time.ravel())[0][:, columns].reshape(*time.shape, len(columns))
-    step = np.linalg.norm(np.diff(q, axis=1) / scale, axis=2)
+    step = norm(np.diff(q, axis=1) / scale, axis=2)
     way = np.concatenate([np.zeros((len(q), 1)), np.cumsum(step, axis=1)], axis=1)
     nodes = _nodes()
     return np.stack([_read_off(q[k], way[k], nodes) for k in range(len(q))])
@@ -140,7 +144,7 @@ def _read_off(q: FloatArray, way: FloatArray, nodes: FloatArray) -> FloatArray:
 
 def _nodes() -> FloatArray:
     """Returns Chebyshev's extrema on [0, 1]: interpolation there does not swing at the ends."""
-    return (1.0 - np.cos(np.pi * np.arange(SAMPLES) / (SAMPLES - 1))) / 2.0
+    return (1.0 - cos(np.pi * np.arange(SAMPLES) / (SAMPLES - 1))) / 2.0
 
 
 def _shape_times(path: FloatArray, limits: JointLimits) -> FloatArray:
@@ -148,14 +152,14 @@ def _shape_times(path: FloatArray, limits: JointLimits) -> FloatArray:
     k, m, n = path.shape
     flat = np.moveaxis(path, 1, 0).reshape(m, -1)
     rates = [
-        np.abs(operator @ flat).reshape(len(SHAPES.start), -1, k, n).max(axis=1)
+        np.abs(product(operator, flat)).reshape(len(SHAPES.start), -1, k, n).max(axis=1)
         for operator in _operators()
     ]
     return np.concatenate(
         [
             rates[0] / limits.velocity,
             np.sqrt(rates[1] / limits.acceleration),
-            np.cbrt(rates[2] / limits.jerk),
+            cbrt(rates[2] / limits.jerk),
         ],
         axis=2,
     )
@@ -168,12 +172,12 @@ def _operators() -> tuple[FloatArray, FloatArray, FloatArray]:
     nodes = _nodes()
     D = differentiation_matrix(nodes)
     at = lagrange_basis(nodes, s)
-    first, second, third = at @ D, at @ D @ D, at @ D @ D @ D
+    first, second, third = product(at, D), product(at, D, D), product(at, D, D, D)
     sd, sdd, sddd = sd[:, None], sdd[:, None], sddd[:, None]
     return (
         sd * first,
-        sdd * first + sd**2 * second,
-        sddd * first + 3.0 * sd * sdd * second + sd**3 * third,
+        sdd * first + np.square(sd) * second,
+        sddd * first + 3.0 * sd * sdd * second + cube(sd) * third,
     )
 
 
@@ -459,7 +463,7 @@ def _passing_times(
     asked = _own_times(schedule.trajectory, spans, columns, own)
     asked /= asked.max(axis=1, keepdims=True)
     a, j = acceleration[:, columns], jerk[:, columns]
-    slower = np.concatenate([np.ones_like(j), a**-0.5, np.cbrt(1.0 / j)], axis=1)
+    slower = np.concatenate([np.ones_like(j), power(a, -0.5), cbrt(1.0 / j)], axis=1)
     for line, factor in zip(lines, _slowest(asked[None], slower).T, strict=True):
         times[:, line.stage] = factor * (line.end - line.start)
     return times

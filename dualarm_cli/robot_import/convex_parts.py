@@ -12,6 +12,7 @@ from dualarm_cli.files.robots.meshes import convex_hull, mesh_scale
 from dualarm_cli.files.robots.packages import MeshFinder
 from dualarm_cli.files.robots.urdf import Urdf, mesh_elements
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.shape import Hull
 
 CONCAVITY = 0.05
@@ -82,9 +83,9 @@ def _sticking_out(hulls: Sequence[Hull], points: FloatArray) -> FloatArray:
     for k, hull in enumerate(hulls):
         first, second, third = (hull.corners[hull.triangles[:, i]] for i in range(3))
         normals = np.cross(second - first, third - first)
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        normals /= np.maximum(norm(normals, axis=1, keepdims=True), 1e-300)
         heights = np.einsum("ij,ij->i", normals, first)
-        found[k] = (points @ normals.T - heights).max(axis=1)
+        found[k] = (product(points, normals.T) - heights).max(axis=1)
     return found
 
 
@@ -96,6 +97,6 @@ def _triangles(path: Path, scale: FloatArray) -> tuple[FloatArray, IntArray]:
         raise MissingDependencyError("trimesh", "coacd") from None
     mesh = trimesh.load_mesh(path)
     corners, triangles = np.asarray(mesh.vertices) * scale, np.asarray(mesh.faces)
-    longest = FACE_SHARE * float(np.linalg.norm(np.ptp(corners, axis=0)))
+    longest = FACE_SHARE * float(norm(np.ptp(corners, axis=0)))
     corners, triangles = trimesh.remesh.subdivide_to_size(corners, triangles, longest)
     return np.asarray(corners), np.asarray(triangles)

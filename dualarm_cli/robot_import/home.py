@@ -8,6 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import tanh
+from dualarm_cli.geometry.linear_systems import singular_values
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.robot_import.contacts import (
     in_model_order,
@@ -65,15 +67,15 @@ def _home_at(robot: Robot, seed: int, place: FloatArray) -> FloatArray | None:
         score = np.empty(len(postures))
         for k, (q, in_order) in enumerate(zip(postures, ordered, strict=True)):
             jacobian = pin.computeFrameJacobian(model, data, in_order, frame, pin.LOCAL)[:, moved]
-            values = np.linalg.svd(jacobian, compute_uv=False)
+            values = singular_values(jacobian)
             pin.framesForwardKinematics(model, data, in_order)
             pose = data.oMf[frame]
             room = np.min(
                 0.5 - np.abs(q[columns] - centre[columns]) / np.maximum(width[columns], 1e-9)
             )
             down = -pose.rotation[2, 2]
-            front = np.tanh(4.0 * pose.translation[0])
-            own_side = np.tanh(4.0 * side * pose.translation[1])
+            front = tanh(4.0 * pose.translation[0])
+            own_side = tanh(4.0 * side * pose.translation[1])
             score[k] = 2.0 * room + down + 0.5 * front + 0.5 * own_side + 2.0 * min(values[-1], 0.2)
         best[arm.name] = np.argsort(-score, kind="stable")[:TRIED].tolist()
 

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from dualarm_cli.errors import UsageError
 from dualarm_cli.files.robots.robot_pair import compose_pair, why_not_a_pair_member
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.contacts import touches
@@ -104,7 +105,7 @@ def _reach(robot: Robot) -> float:
     steps = [model.jointPlacements[joint].translation for joint in joints[2:]] + [
         flange.translation
     ]
-    return float(sum(np.linalg.norm(step) for step in steps))
+    return float(sum(norm(step) for step in steps))
 
 
 def _cell_text(folders: Mapping[str, str], distance: float) -> str:

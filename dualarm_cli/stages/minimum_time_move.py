@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, distinct
+from dualarm_cli.geometry.elementary import power
 from dualarm_cli.postures import NoPosture, StopPosture, StopProblem
 from dualarm_cli.postures.arm_angle import choose_near
 from dualarm_cli.postures.reach import moved_flanges
@@ -166,7 +167,7 @@ def _zoomed(stage: OpenStage, position: FloatArray, best: StagePlan) -> StagePla
     column = stage.model.platform_columns[0]
     limits = stage.model.cell.robot.limits
     for k in range(ZOOM_ROUNDS):
-        shrink = ZOOM_SHRINK**k
+        shrink = power(ZOOM_SHRINK, k)
         angles = _angle(stage, best) + _step(stage) * shrink * ZOOM
         angles = np.clip(angles, limits.lower[column], limits.upper[column])
         made = _stages_near(stage, position, angles, best, POSTURE_WIDTH * shrink)

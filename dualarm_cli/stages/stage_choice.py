@@ -9,6 +9,8 @@ import numpy as np
 
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import arctan2, cos, sin
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.srs.srs_arm import closed_form
 from dualarm_cli.model.job import Stop, Task
@@ -71,7 +73,7 @@ def stage_problem(
         else:
             # Joint targets turn with the platform: as for a shoulder on the axis, no angle changes the elbow.
             height = arm.geometry.shoulder[2]
-            reach = float(np.linalg.norm(before - arm.geometry.shoulder))
+            reach = float(norm(before - arm.geometry.shoulder))
             shoulder.append(np.array([0.0, 0.0, height]))
             wrist.append(np.array([reach, 0.0, height]))
         elbow.append(float(arm.elbow_interior_angle(stop.start[3])))
@@ -79,7 +81,7 @@ def stage_problem(
     return PlatformProblem.broadcast(
         shoulder=(
             np.hypot(points[:, 0], points[:, 1]),
-            np.arctan2(points[:, 1], points[:, 0]),
+            arctan2(points[:, 1], points[:, 0]),
             points[:, 2],
         ),
         links=(np.array(upper), np.array(fore)),
@@ -94,14 +96,14 @@ def _wrist_before_approach(stop: StopProblem) -> FloatArray:
     R_tool = stop.R_base_tool[0]
     p_tool = stop.p_base_tool[0] - R_tool[:, 2] * stop.approach
     wrist: FloatArray = closed_form(stop.arm).wrist_center(
-        R_tool @ stop.R_tool_flange, p_tool + R_tool @ stop.p_tool_flange
+        product(R_tool, stop.R_tool_flange), p_tool + product(R_tool, stop.p_tool_flange)
     )
     return wrist
 
 
 def in_axis_frame(point: FloatArray, angle: float) -> FloatArray:
     """Returns a point of the carried frame in the platform's fixed axis frame."""
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = cos(angle), sin(angle)
     x, y, z = point
     return np.array([c * x - s * y, s * x + c * y, z])
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK, CellClearance
 from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry import products
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Cell
@@ -172,11 +173,11 @@ def _front(cell: Cell, here: Region, grid: TableGrid) -> FloatArray:
     model, home = CellModel.from_cell(cell), cell.robot.postures["home"]
     tips = np.mean([model.tool_position(arm, home)[:2] for arm in model.arms], axis=0)
     ahead = tips - np.array(here.centre)
-    if np.linalg.norm(ahead) < grid.step:
+    if products.norm(ahead) < grid.step:
         ahead = np.array([1.0, 0.0])
     away = np.stack(np.meshgrid(grid.x, grid.y), axis=-1) - np.array(here.centre)
-    cosine = (
-        away @ ahead / (np.linalg.norm(ahead) * np.maximum(np.linalg.norm(away, axis=-1), 1e-9))
+    cosine = products.product(away, ahead) / (
+        products.norm(ahead) * np.maximum(products.norm(away, axis=-1), 1e-9)
     )
     return np.asarray(1.0 + FRONT * cosine)
 
@@ -264,7 +265,7 @@ def _pairs(reach: ReachMap, found: _Found, count: int, depth: int) -> list[tuple
 def _distance(one: Nodes, other: Nodes) -> float:
     """Returns the least distance of nodes of two rows, in steps."""
     a, b = np.array(one), np.array(other)
-    return float(np.linalg.norm(a[:, None] - b[None], axis=-1).min())
+    return float(products.norm(a[:, None] - b[None], axis=-1).min())
 
 
 def _layouts(
@@ -285,16 +286,16 @@ def _layouts(
     a, b = (
         np.array([[np.mean(row, axis=0) for row in pair] for pair in one]) for one in (left, right)
     )
-    gap = np.linalg.norm(a[:, None, :, None] - b[None, :, None, :], axis=-1).min(axis=(2, 3))
+    gap = products.norm(a[:, None, :, None] - b[None, :, None, :], axis=-1).min(axis=(2, 3))
     # From the right arm's tray to the left one's, and so for the boxes; and the middles between them.
     across, between = a[:, None] - b[None], 0.5 * (a[:, None] + b[None]) - np.array(centre)
-    unlike = np.linalg.norm(across[:, :, 0] - across[:, :, 1], axis=-1)
+    unlike = products.norm(across[:, :, 0] - across[:, :, 1], axis=-1)
     along = across.sum(axis=2, keepdims=True)
-    along /= np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
+    along /= np.maximum(products.norm(along, axis=-1, keepdims=True), 1e-9)
     aside = np.abs((between * along).sum(axis=-1)).sum(axis=-1)
     score = np.minimum(gap, 2.0 * ARMS_APART) - ALIKE * (unlike + aside)
     # Arms that work on each other's side would have to pass each other.
-    own_side = (across @ np.array(apart) >= 0.0).all(axis=-1)
+    own_side = (products.product(across, np.array(apart)) >= 0.0).all(axis=-1)
     score = np.where((gap >= ARMS_APART) & own_side, score, -np.inf)
     order = np.argsort(-score, axis=None, kind="stable")[:LAYOUTS_TRIED]
     order = order[np.isfinite(score.ravel()[order])]

@@ -29,7 +29,7 @@ def drawn_out(trajectory: Trajectory, factor: float) -> Trajectory:
         trajectory.time * factor,
         trajectory.position,
         trajectory.velocity / factor,
-        trajectory.acceleration / factor**2,
+        trajectory.acceleration / np.square(factor),
     )
 
 

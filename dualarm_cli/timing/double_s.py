@@ -6,6 +6,7 @@ import numpy as np
 
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.elementary import cbrt, cube
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.composition import hold
@@ -39,7 +40,7 @@ class Phases:
         """
         total = self.duration.sum(axis=1, keepdims=True)
         k = np.where(total > 0.0, duration / np.where(total > 0.0, total, 1.0), 1.0)
-        return Phases(self.duration * k, self.acceleration / k**2, self.jerk / k**3)
+        return Phases(self.duration * k, self.acceleration / np.square(k), self.jerk / cube(k))
 
 
 def transfer_trajectory(problem: TransferProblem, phases: Phases, duration: float) -> Trajectory:
@@ -100,7 +101,7 @@ def fastest_phases(distance: FloatArray, law: RestToRest) -> Phases:
     # Peak speed w from w²/a + w a/j = d, and w/a - a/j of constant acceleration.
     half = 0.5 * a * full
     constant[medium] = ((np.sqrt(half * half + a * d) - half) / a - full)[medium]
-    ramp[short], constant[short] = np.cbrt(d / (2.0 * j))[short], 0.0
+    ramp[short], constant[short] = cbrt(d / (2.0 * j))[short], 0.0
     constant, cruise = np.maximum(constant, 0.0), np.maximum(cruise, 0.0)
     limited = np.isfinite(j)
     top = sign * np.where(limited, np.where(limited, j, 0.0) * ramp, a)

@@ -15,6 +15,7 @@ import numpy as np
 
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.elementary import power
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.launch import COMPARED, CUTS, PROFILES, Launch, launches
 from dualarm_cli.timing.line_profile import path_of
@@ -208,7 +209,7 @@ class _End:
         numbers, which = [], []
         for number in wanted:
             least, most, relative = RANGES[number]
-            step = WIDEST[number] * 0.5**halved * (1.0 + relative * own[number])
+            step = WIDEST[number] * power(0.5, halved) * (1.0 + relative * own[number])
             for value in (own[number] + step, own[number] - step):
                 if (value := min(max(value, least), most)) != own[number]:
                     numbers.append([*own[:number], value, *own[number + 1 :]])

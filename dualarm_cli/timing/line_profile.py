@@ -18,6 +18,8 @@ import numpy as np
 
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.elementary import cbrt, cube
+from dualarm_cli.geometry.products import product
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing.composition import hold
@@ -81,11 +83,11 @@ def _estimate_block(position: FloatArray, limits: JointLimits) -> FloatArray:
     rates = []
     scales = limits.velocity, limits.acceleration, limits.jerk
     for (operator, first), scale in zip(distinct_operators(samples), scales, strict=True):
-        rate = operator @ (position / scale[:, None]).reshape(samples, -1)
+        rate = product(operator, (position / scale[:, None]).reshape(samples, -1))
         np.abs(rate, out=rate)
         largest = rate.reshape(-1, joints, n).max(axis=1)
         rates.append(np.maximum.reduceat(largest, first, axis=0))
-    time = np.maximum(rates[0], np.maximum(np.sqrt(rates[1]), np.cbrt(rates[2])))
+    time = np.maximum(rates[0], np.maximum(np.sqrt(rates[1]), cbrt(rates[2])))
     shortest: FloatArray = time.min(axis=0)
     return shortest
 
@@ -120,12 +122,12 @@ def estimate_operators(samples: int) -> tuple[FloatArray, FloatArray, FloatArray
     nodes = np.linspace(0.0, 1.0, samples)
     D = differentiation_matrix(nodes)
     at = lagrange_basis(nodes, s)
-    first, second, third = at @ D, at @ D @ D, at @ D @ D @ D
+    first, second, third = product(at, D), product(at, D, D), product(at, D, D, D)
     sd, sdd, sddd = sd[:, None], sdd[:, None], sddd[:, None]
     return (
         sd * first,
-        sdd * first + sd**2 * second,
-        sddd * first + 3.0 * sd * sdd * second + sd**3 * third,
+        sdd * first + np.square(sd) * second,
+        sddd * first + 3.0 * sd * sdd * second + cube(sd) * third,
     )
 
 
@@ -136,7 +138,7 @@ def path_of(problem: LineProblem) -> trajectories.Path:
     if problem.tool_speed is None:
         return trajectories.Path.of(problem.position, limits)
     cap = problem.tool_speed * (1.0 - SPEED_MARGIN)
-    more = cap, UNLIMITED * cap, UNLIMITED**2 * cap
+    more = cap, UNLIMITED * cap, np.square(UNLIMITED) * cap
     return trajectories.Path.of(
         np.column_stack([problem.position, problem.length]),
         [np.append(limit, one) for limit, one in zip(limits, more, strict=True)],
@@ -168,12 +170,12 @@ def _block(position: FloatArray, limits: JointLimits) -> FloatArray:
     flat = np.moveaxis(position, 1, 0).reshape(samples, -1)
     shapes = len(ESTIMATE_SHAPES.start)
     rates = [
-        np.abs(operator @ flat).reshape(shapes, -1, n, joints).max(axis=1)
+        np.abs(product(operator, flat)).reshape(shapes, -1, n, joints).max(axis=1)
         for operator in estimate_operators(samples)
     ]
     time = np.maximum(
         rates[0] / limits.velocity,
-        np.maximum(np.sqrt(rates[1] / limits.acceleration), np.cbrt(rates[2] / limits.jerk)),
+        np.maximum(np.sqrt(rates[1] / limits.acceleration), cbrt(rates[2] / limits.jerk)),
     )
     best = time.max(axis=2).argmin(axis=0)
     return time[best, np.arange(n)]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.elementary import cbrt, cube
 from dualarm_cli.records import dataclass
 
 TABLE_STEPS = 1 << 13
@@ -67,12 +68,13 @@ class RestToRest:
         # Peak speed w of a way that reaches the acceleration limit, 2 (w/a + a/j): the positive
         # root of w²/a + w a/j = d. In place, since this is the inner loop of everything.
         time: FloatArray = d * a
-        time += self._half**2
+        time += np.square(self._half)
         np.sqrt(time, out=time)
         time -= self._half
         time *= 2.0 / a
         time += 2.0 * self._ramp
-        np.cbrt(d * (32.0 / self.jerk), out=time, where=d <= self._d_a)
+        short = d <= self._d_a
+        time[short] = cbrt((d * (32.0 / self.jerk))[short])
         np.copyto(time, d / self.velocity + self._t_v, where=d >= self._d_v)
         return time
 
@@ -94,7 +96,7 @@ class RestToRest:
         medium = a * np.maximum(0.5 * duration - ramp, 0.0) * 0.5 * duration
         # Where there is no jerk limit the third case has no duration; 0 keeps infinity out.
         jerk = np.where(np.isinf(self.jerk), 0.0, self.jerk)
-        distance = np.where(duration <= self._t_a, jerk * duration**3 / 32.0, medium)
+        distance = np.where(duration <= self._t_a, jerk * cube(duration) / 32.0, medium)
         full = self.velocity * (duration - self._t_v)
         return np.where(duration >= 2.0 * self._t_v, full, distance)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.linear_systems import least_squares
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing import double_s
@@ -131,7 +132,7 @@ def _corrected(profile: Any, ends: FloatArray, duration: float) -> FloatArray | 
                 jerk,
             ]
         )
-        time[free] += np.linalg.lstsq(more[:, free], missing, rcond=None)[0]
+        time[free] += least_squares(more[:, free], missing)
         if time.min() < 0.0:
             return None
     return None
@@ -288,7 +289,7 @@ class MovingTransfer:
         time, _, jerk = phases
         q, v, a = _states(time, jerk, start)
         turns = a[:-1] * a[1:] < 0.0
-        inside = v[:-1][turns] - a[:-1][turns] ** 2 / (2.0 * jerk[turns])
+        inside = v[:-1][turns] - np.square(a[:-1][turns]) / (2.0 * jerk[turns])
         most = 1.0 + SAME_LIMIT
         begins = np.stack([time, q[:-1], v[:-1], a[:-1], jerk])[None]
         return bool(

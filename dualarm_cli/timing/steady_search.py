@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
+from dualarm_cli.geometry.elementary import cube, geometric, power
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
 
@@ -114,14 +115,14 @@ def ramp_at(
     left = T - t
     safe = np.where(np.asarray(x) > 0.0, x, 1.0)
     rising, falling = t < x, left < x
-    first = a * t**3 / (6.0 * safe)
-    middle = a * (t**2 / 2.0 - x * t / 2.0 + x**2 / 6.0)
-    last = speed * T / 2.0 - speed * left + a * left**3 / (6.0 * safe)
+    first = a * cube(t) / (6.0 * safe)
+    middle = a * (np.square(t) / 2.0 - x * t / 2.0 + np.square(x) / 6.0)
+    last = speed * T / 2.0 - speed * left + a * cube(left) / (6.0 * safe)
     share = np.where(rising, first, np.where(falling, last, middle))
     speeds = np.where(
         rising,
-        a * t**2 / (2.0 * safe),
-        np.where(falling, speed - a * left**2 / (2.0 * safe), a * (t - x / 2.0)),
+        a * np.square(t) / (2.0 * safe),
+        np.where(falling, speed - a * np.square(left) / (2.0 * safe), a * (t - x / 2.0)),
     )
     accelerations = np.where(rising, a * t / safe, np.where(falling, a * left / safe, a))
     return share, speeds, accelerations
@@ -129,7 +130,7 @@ def ramp_at(
 
 RATE_MARGIN = np.array([0.995, 0.985, 0.96])
 """Share of velocity, acceleration and jerk limits that is used: the motion's spline is a little dearer."""
-RAMPS = np.geomspace(0.01, 2000.0, 116)
+RAMPS = geometric(0.01, 2000.0, 116)
 """Times of a ramp that are tried, each a ninth longer than the one before [s]."""
 RATIO = float(RAMPS[1] / RAMPS[0])
 TOGETHER, FINER = 16, 18
@@ -170,7 +171,7 @@ def steady_limit(rates: PathRates, limits: JointLimits) -> TooFast:
     names = ("velocity", "acceleration", "jerk")
     allowed = (limits.velocity, limits.acceleration, limits.jerk)
     slowness = [
-        (np.abs(rate) / (limit * margin)) ** (1.0 / order)
+        power(np.abs(rate) / (limit * margin), 1.0 / order)
         for order, (rate, limit, margin) in enumerate(
             zip((rates.first, rates.second, rates.third), allowed, RATE_MARGIN, strict=True), 1
         )
@@ -208,8 +209,9 @@ def fastest_profile(
         if exact is not None:
             return _shortened(exact, rates, limits, acceleration, trapezoid)
     # Two ramps cover the whole path at most.
-    highest = min(most, top, 1.0 / RAMPS[0])
-    speeds = highest * np.geomspace(1.0, LEAST_SPEED, SPEEDS)
+    # Rounding may not make a ramp to the highest speed too fast.
+    highest = min(most, top / AS_FAST, 1.0 / RAMPS[0])
+    speeds = highest * geometric(1.0, LEAST_SPEED, SPEEDS)
     best = _quickest(rates, limits, speeds, acceleration, trapezoid)
     if best is None:
         return None
@@ -300,7 +302,7 @@ def _shortest_ramp(
         tried = times[k : k + TOGETHER]
         found = _first(rates, limits, speed, tried, coarse, acceleration)
         if found is not None:
-            shorter = np.geomspace(found.time / RATIO**2, found.time, FINER + 1)[:-1]
+            shorter = geometric(found.time / np.square(RATIO), found.time, FINER + 1)[:-1]
             return _first(rates, limits, speed, shorter, fine, acceleration) or found
     return None
 
@@ -315,7 +317,7 @@ def _shortened(
     """Returns a profile with its ramps shorter by what the times that were tried leave between them."""
     ramps = []
     for end, ramp in ((rates, profile.start), (rates.backwards(), profile.end)):
-        times = np.geomspace(ramp.time / RATIO ** (2.0 / FINER), ramp.time, FINER + 1)[:-1]
+        times = geometric(ramp.time / power(RATIO, 2.0 / FINER), ramp.time, FINER + 1)[:-1]
         shapes = np.zeros(1) if trapezoid else FINER_SHARES
         ramps.append(_first(end, limits, profile.speed, times, shapes, acceleration) or ramp)
     return SteadyProfile(profile.speed, *ramps)
@@ -377,8 +379,8 @@ def _keeps(
     q1, q2, q3 = rates.at(s)
     sd, sdd, sddd = sd[..., None], sdd[..., None], sddd[..., None]
     velocity = np.abs(q1 * sd) / limits.velocity
-    accelerations = np.abs(q2 * sd**2 + q1 * sdd) / limits.acceleration
-    jerks = np.abs(q3 * sd**3 + 3.0 * q2 * sd * sdd + q1 * sddd) / limits.jerk
+    accelerations = np.abs(q2 * np.square(sd) + q1 * sdd) / limits.acceleration
+    jerks = np.abs(q3 * cube(sd) + 3.0 * q2 * sd * sdd + q1 * sddd) / limits.jerk
     largest = [part.max(axis=(1, 2, 3)) for part in (velocity, accelerations, jerks)]
     good = np.all([one <= margin for one, margin in zip(largest, RATE_MARGIN, strict=True)], axis=0)
     good &= s.max(axis=(1, 2)) <= AS_FAST

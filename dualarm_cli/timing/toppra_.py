@@ -10,6 +10,7 @@ import numpy as np
 
 from dualarm_cli.errors import DualArmError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.problem import LineProblem
@@ -32,7 +33,7 @@ def solve_line(problem: LineProblem) -> Trajectory:
     Raises:
         DualArmError: toppra finds no profile.
     """
-    joint_length = float(np.linalg.norm(np.diff(problem.position, axis=0), axis=1).sum())
+    joint_length = float(norm(np.diff(problem.position, axis=0), axis=1).sum())
     if joint_length == 0.0 and problem.tool_speed is None:
         return hold(problem.joints, problem.position[0], 0.0)
     # Where no joint moves but a tool speed is set, any scale will do.
@@ -49,7 +50,7 @@ def solve_line(problem: LineProblem) -> Trajectory:
     a[0::2], a[1::2] = np.vstack([rest, second]), np.vstack([first, rest])
     factor = _stretch(problem, largest_rates(time[twice], v[twice], a), speed / total)
     return Trajectory(
-        problem.joints, time[twice] * factor, q[twice], v[twice] / factor, a / factor**2
+        problem.joints, time[twice] * factor, q[twice], v[twice] / factor, a / np.square(factor)
     )
 
 

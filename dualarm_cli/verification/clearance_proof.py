@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from dualarm_cli.collision.solids import WORLD, Pair, Solid, geometry_model
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 
@@ -108,7 +109,7 @@ class ClearanceProof:
         _lower(met, met_pair, met_time, where, at_low, pair, begin)
         _lower(met, met_pair, met_time, where, at_high, pair, end)
         # All pairs have their first intervals in common, and speeds in them.
-        rate = (self._fastest(times[:-1], times[1:]) @ self._levers.T)[low, pair]
+        rate = product(self._fastest(times[:-1], times[1:]), self._levers.T)[low, pair]
         while len(pair):
             bound = 0.5 * (at_low + at_high - rate * (end - begin))
             bound = np.where(rate == 0.0, np.minimum(at_low, at_high), bound)
@@ -222,7 +223,9 @@ def _interval_speeds(trajectory: Trajectory) -> FloatArray:
     # Speed is a parabola between knots; its vertex counts where acceleration changes its sign.
     # At a jump of it, two knots at one time, there is no parabola.
     turns = (a[:-1] * a[1:] < 0) & (np.diff(trajectory.time)[:, None] > 0)
-    step = np.divide(a[:-1] ** 2, 2.0 * trajectory.jerk, out=np.zeros_like(fastest), where=turns)
+    step = np.divide(
+        np.square(a[:-1]), 2.0 * trajectory.jerk, out=np.zeros_like(fastest), where=turns
+    )
     vertex = np.abs(trajectory.velocity[:-1] - step)
     return np.where(turns, np.maximum(fastest, vertex), fastest)
 
@@ -274,6 +277,6 @@ def _reaches(model: pin.Model, solid: Solid) -> dict[int, float]:
                 abs(model.upperPositionLimit[model.idx_qs[joint]]),
             )
         found[joint] = 1.0 if slides else reach
-        reach += float(np.linalg.norm(model.jointPlacements[joint].translation))
+        reach += float(norm(model.jointPlacements[joint].translation))
         joint = model.parents[joint]
     return found

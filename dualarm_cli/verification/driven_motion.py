@@ -17,6 +17,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, distinct
 from dualarm_cli.geometry.interpolation import Interpolation, PiecewisePolynomial, interpolated
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.logged_motion import LoggedMotion
@@ -40,7 +41,7 @@ SECTIONS, STEPS, ENOUGH = 12, 20, 1e-7
 """Golden sections, steps of generalised least squares at most, and a step that is small enough [s]."""
 ORDER = 8
 """Of the autoregression: eight samples before tell the next one."""
-GOLDEN = (5.0**0.5 - 1.0) / 2.0
+GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 MOST_SAMPLES = 20_000
 """Samples of a long log that the fit looks at."""
 LEAST_MOTION = 0.02
@@ -232,9 +233,11 @@ def _fitted(plan: Trajectory, times: FloatArray, driven: FloatArray, first: floa
         weights, windows = _autoregression(rest)
         velocity = plan.at(times - delay)[1][:, 0]
         slope = velocity - velocity.mean()
-        slope = slope[ORDER:] - _windows(slope) @ weights
+        slope = slope[ORDER:] - product(_windows(slope), weights)
         # What is late by d is off by -d v.
-        change = -float(slope @ (rest[ORDER:] - windows @ weights)) / float(slope @ slope)
+        change = -float(product(slope, rest[ORDER:] - product(windows, weights))) / float(
+            product(slope, slope)
+        )
         delay += change
         if abs(delay - found) > FINE_STEP:
             return found
@@ -253,15 +256,17 @@ def _untold(plan: Trajectory, times: FloatArray, driven: FloatArray, delay: floa
     """Returns the sum of squares that an autoregression leaves of the rest."""
     rest = _rest(plan, times, driven, delay)
     weights, windows = _autoregression(rest)
-    left = rest[ORDER:] - windows @ weights
-    return float(left @ left)
+    left = rest[ORDER:] - product(windows, weights)
+    return float(product(left, left))
 
 
 def _autoregression(rest: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns weights (ORDER,) by which values before tell each one best, and those values (m - ORDER, ORDER)."""
     windows = _windows(rest)
-    gram = windows.T @ windows
-    weights = np.asarray(np.linalg.lstsq(gram, windows.T @ rest[ORDER:], rcond=1e-10)[0], float)
+    gram = product(windows.T, windows)
+    weights = np.asarray(
+        np.linalg.lstsq(gram, product(windows.T, rest[ORDER:]), rcond=1e-10)[0], float
+    )
     return weights, windows
 
 
@@ -368,9 +373,9 @@ def _events(schedule: Schedule, driven: Trajectory, delay: float) -> tuple[Event
         found.append(
             EventTracking(
                 event,
-                float(np.linalg.norm(late.translation - event.pose.translation)),
-                float(np.linalg.norm(at.translation - event.pose.translation)),
-                float(rotation_angle(event.pose.rotation.T @ at.rotation)),
+                float(norm(late.translation - event.pose.translation)),
+                float(norm(at.translation - event.pose.translation)),
+                float(rotation_angle(product(event.pose.rotation.T, at.rotation))),
             )
         )
     return tuple(found)

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.model.job import Job, Stop
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.records import dataclass
@@ -164,10 +165,10 @@ def _on_lines(
     velocity = np.array([line.stop.velocity for line in lines])
     moved = p - p_event[line] - (times - events[line])[:, None] * velocity[line]
     turn = R_event.transpose(0, 2, 1)[line]
-    local = (turn @ moved[:, :, None])[:, :, 0]
+    local = product(turn, moved[:, :, None])[:, :, 0]
     depth = -local[:, 2]
     on_line = (np.hypot(local[:, 0], local[:, 1]) <= tol.LINE_DISTANCE) & (
-        rotation_angle(turn @ R) <= tol.LINE_ANGLE
+        rotation_angle(product(turn, R)) <= tol.LINE_ANGLE
     )
     on_line &= depth >= -tol.LINE_DISTANCE
     ends = np.cumsum([len(some) for some in instants])[:-1]

@@ -9,6 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import arctan2
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, StopKey
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
@@ -66,7 +68,7 @@ def _speeds(schedule: Schedule, model: ToolModel, times: FloatArray) -> dict[str
     earlier, later = trajectory.at(before)[0], trajectory.at(after)[0]
     speeds = {}
     for arm in schedule.robot.arms:
-        way = np.linalg.norm(model.poses(arm, later)[1] - model.poses(arm, earlier)[1], axis=1)
+        way = norm(model.poses(arm, later)[1] - model.poses(arm, earlier)[1], axis=1)
         speeds[arm] = np.divide(way, width, out=np.zeros_like(width), where=width > 0)
     return speeds
 
@@ -149,14 +151,14 @@ def check_events(
         knot.add(float(np.abs(knots[max(0, after - 1) : after + 1] - event.time).min()), where)
         # The instant by pinocchio, the dwell by arrays: two ways that must agree.
         pose = model.pose(event.arm, schedule.trajectory.at(np.array([event.time]))[0][0])
-        distance.add(float(np.linalg.norm(pose.translation - event.pose.translation)), where)
-        angle.add(float(rotation_angle(event.pose.rotation.T @ pose.rotation)), where)
+        distance.add(float(norm(pose.translation - event.pose.translation)), where)
+        angle.add(float(rotation_angle(product(event.pose.rotation.T, pose.rotation))), where)
         if event.dwell > 0 and not event.moves:
             R, p = next(dwells)
             held = (event.arm, event.task, event.action) in moving
             off, turned = (held_distance, held_angle) if held else (still_distance, still_angle)
-            off.add(float(np.linalg.norm(p - event.pose.translation, axis=1).max()), where)
-            turned.add(float(rotation_angle(event.pose.rotation.T @ R).max()), where)
+            off.add(float(norm(p - event.pose.translation, axis=1).max()), where)
+            turned.add(float(rotation_angle(product(event.pose.rotation.T, R)).max()), where)
     none, short = "the schedule lists no events", "no event has a dwell in which the tool stands"
     held_checks = [
         held_distance.judge("tool_held_in_dwells", tol.DWELL_DISTANCE, "m", short),
@@ -227,15 +229,14 @@ def pose_error(nominal: pin.SE3, target: PoseTarget, pose: pin.SE3, within: floa
         within: how far from there it may be [m].
     """
     error = nominal.actInv(pose)
-    off = max(0.0, float(np.linalg.norm(error.translation)) - within)
+    off = max(0.0, float(norm(error.translation)) - within)
     if target.free_yaw:
-        tilt = np.arctan2(
-            np.hypot(error.rotation[0, 2], error.rotation[1, 2]), error.rotation[2, 2]
-        )
+        tilt = arctan2(np.hypot(error.rotation[0, 2], error.rotation[1, 2]), error.rotation[2, 2])
         return max(off, float(tilt))
     turns = np.arange(target.symmetry) * (2.0 * np.pi / target.symmetry)
     angles = [
-        float(rotation_angle(error.rotation @ pin.utils.rotate("z", -turn))) for turn in turns
+        float(rotation_angle(product(error.rotation, pin.utils.rotate("z", -turn))))
+        for turn in turns
     ]
     return max(off, min(angles))
 
@@ -301,9 +302,9 @@ def _measure_line(
 ) -> None:
     R, p = tool
     # In the target's own frame the line is the negative z axis.
-    local = (p - event.pose.translation) @ event.pose.rotation
+    local = product(p - event.pose.translation, event.pose.rotation)
     worst[0].add(float(np.hypot(local[:, 0], local[:, 1]).max()), where)
-    worst[1].add(float(rotation_angle(event.pose.rotation.T @ R).max()), where)
+    worst[1].add(float(rotation_angle(product(event.pose.rotation.T, R)).max()), where)
     depth = -local[:, 2] if segment.kind == "retract" else -local[::-1, 2]
     asked = float(depth[-1])
     if stop is not None:
@@ -334,8 +335,8 @@ def tool_left(schedule: Schedule, model: ToolModel, event: Event, end: float) ->
         return over
     times = dense_times(schedule.trajectory.time, over, end)
     R, p = model.poses(event.arm, schedule.trajectory.at(times)[0])
-    away = np.linalg.norm(p - event.pose.translation, axis=1) > tol.DWELL_DISTANCE
-    away |= rotation_angle(event.pose.rotation.T @ R) > tol.DWELL_ANGLE
+    away = norm(p - event.pose.translation, axis=1) > tol.DWELL_DISTANCE
+    away |= rotation_angle(product(event.pose.rotation.T, R)) > tol.DWELL_ANGLE
     gone = np.flatnonzero(away)
     return float(times[max(0, gone[0] - 1)]) if len(gone) else end
 

@@ -9,6 +9,8 @@ import pinocchio as pin
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import arctan2, cos, sin
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.records import dataclass
 
@@ -42,9 +44,9 @@ class ToolChain:
             if slide:
                 origin += q * z
             else:
-                c, s = np.cos(q), np.sin(q)
+                c, s = cos(q), sin(q)
                 frame[:, 0], frame[:, 1] = c * x + s * y, c * y - s * x
-            frame = np.matmul(constant.T, frame)
+            frame = product(constant.T, frame)
         return np.ascontiguousarray(frame[:, :3].transpose(2, 0, 1)), frame[:, 3].T.copy()
 
 
@@ -96,9 +98,9 @@ def _axis(model: pin.Model, joint: int) -> tuple[FloatArray, bool]:
     jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL).reshape(6, -1)
     subspace = jacobian[:, model.idx_vs[joint]]
     along, about = np.array(subspace[:3]), np.array(subspace[3:])
-    slide = bool(np.linalg.norm(along) > np.linalg.norm(about))
+    slide = bool(norm(along) > norm(about))
     axis = along if slide else about
-    length = float(np.linalg.norm(axis))
+    length = float(norm(axis))
     if not abs(length - 1.0) <= UNIT_AXIS:
         name = model.names[joint]
         message = f"robot.urdf: joint '{name}' has an axis of length {length:g}; give a unit vector"
@@ -171,7 +173,7 @@ def rotation_angle(R: FloatArray) -> FloatArray:
         axis=-1,
     )
     trace = R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2]
-    return np.arctan2(np.linalg.norm(skew, axis=-1), trace - 1.0)
+    return arctan2(norm(skew, axis=-1), trace - 1.0)
 
 
 def _input_error(message: str) -> InputError:

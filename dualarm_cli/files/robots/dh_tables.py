@@ -17,6 +17,8 @@ from dualarm_cli.files.source.fields import to_se3
 from dualarm_cli.files.source.text_source import TextSource, quote
 from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import arctan2, cos, sin
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import rpy_angles
 
 ROOT_LINK = "base_link"
@@ -41,7 +43,7 @@ def read_tables(document: Document, model: RobotFile, findings: Findings) -> Urd
         base = to_se3(getattr(model.dh.bases, side))
         frames = placements(rows, model.dh.convention)
         R, p = np.array(base.rotation), np.array(base.translation)
-        frames[0] = (p + R @ frames[0][0], R @ frames[0][1])
+        frames[0] = (p + product(R, frames[0][0]), product(R, frames[0][1]))
         parts += _arm(rows, frames, arm.flange)
     try:
         return read_urdf(TextSource(document.source.name, urdf_text("robot", parts), ""))
@@ -66,15 +68,18 @@ def placements(rows: Sequence[RowSection], convention: str) -> list[Placement]:
     if convention == "modified":
         found = [
             (
-                np.array([row.a, -math.sin(row.alpha) * row.d, math.cos(row.alpha) * row.d]),
-                _turn_x(row.alpha) @ turn,
+                np.array([row.a, -sin(row.alpha) * row.d, cos(row.alpha) * row.d]),
+                product(_turn_x(row.alpha), turn),
             )
             for row, turn in zip(rows, turns, strict=True)
         ]
         return [*found, (zero, np.eye(3))]
     turns.append(np.eye(3))
     after = [(np.array([row.a, 0.0, row.d]), _turn_x(row.alpha)) for row in rows]
-    return [(p, R @ turn) for (p, R), turn in zip([(zero, np.eye(3)), *after], turns, strict=True)]
+    return [
+        (p, product(R, turn))
+        for (p, R), turn in zip([(zero, np.eye(3)), *after], turns, strict=True)
+    ]
 
 
 def _check_links(document: Document, model: RobotFile, findings: Findings) -> bool:
@@ -138,13 +143,13 @@ def _joint(name: str, kind: str, parent: str, child: str, frame: Placement) -> E
 
 def _capsule(tag: str, link: str, radius: float, end: FloatArray) -> list[Element]:
     """Returns a capsule from the link's origin to a point, spelled as a cylinder and two balls."""
-    length = float(np.linalg.norm(end))
+    length = float(norm(end))
     ball = Element("sphere", {"radius": repr(radius)})
     if length < 1e-9:
         return [_solid(tag, f"{link}_capsule", np.zeros(3), np.eye(3), ball)]
     x, y, z = end / length
-    tilt = math.atan2(math.hypot(x, y), z)
-    R = _turn_z(math.atan2(y, x)) @ _turn_y(tilt)
+    tilt = arctan2(math.hypot(x, y), z)
+    R = product(_turn_z(arctan2(y, x)), _turn_y(tilt))
     middle = Element("cylinder", {"radius": repr(radius), "length": repr(length)})
     return [
         _solid(tag, f"{link}_capsule", end / 2.0, R, middle),
@@ -164,15 +169,15 @@ def _origin(p: FloatArray, R: FloatArray) -> Element:
 
 
 def _turn_x(angle: float) -> FloatArray:
-    c, s = math.cos(angle), math.sin(angle)
+    c, s = cos(angle), sin(angle)
     return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
 def _turn_y(angle: float) -> FloatArray:
-    c, s = math.cos(angle), math.sin(angle)
+    c, s = cos(angle), sin(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
 def _turn_z(angle: float) -> FloatArray:
-    c, s = math.cos(angle), math.sin(angle)
+    c, s = cos(angle), sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

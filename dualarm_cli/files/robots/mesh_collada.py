@@ -18,6 +18,7 @@ from dualarm_cli.files.robots.mesh_formats import MeshError, check_numbers_of_co
 from dualarm_cli.files.robots.urdf_tree import Element, parse_xml
 from dualarm_cli.files.source.text_source import TextSource, quote
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.records import dataclass
 
 _PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
@@ -129,7 +130,7 @@ def _show(node: Element, T_scene_parent: FloatArray, scene: _Scene, depth: int) 
     T_scene_node = T_scene_parent
     for part in node.children:
         if part.tag in _TRANSFORMS:
-            T_scene_node = T_scene_node @ _transform(part)
+            T_scene_node = product(T_scene_node, _transform(part))
     for part in node.children:
         if part.tag == "node":
             _show(part, T_scene_node, scene, depth + 1)
@@ -140,7 +141,7 @@ def _show(node: Element, T_scene_parent: FloatArray, scene: _Scene, depth: int) 
             scene.left -= len(corners)
             if scene.left < 0:
                 raise MeshError(f"line {part.line}: more corners than are read")
-            scene.found.append(corners @ T_scene_node[:3, :3].T + T_scene_node[:3, 3])
+            scene.found.append(product(corners, T_scene_node[:3, :3].T) + T_scene_node[:3, 3])
         elif part.tag in _UNREAD:
             raise MeshError(
                 f"line {part.line}: <{part.tag}> is not read; export the mesh as it stands, with its nodes' matrices"
@@ -161,7 +162,7 @@ def _transform(element: Element) -> FloatArray:
         T[:3, 3] = values
     elif element.tag == "scale":
         T[:3, :3] = np.diag(values)
-    elif (length := np.linalg.norm(values[:3])) > 0.0:
+    elif (length := norm(values[:3])) > 0.0:
         T[:3, :3] = pin.AngleAxis(math.radians(values[3]), values[:3] / length).matrix()
     return T
 

@@ -22,6 +22,7 @@ from dualarm_cli.files.tasks.schema_curves import (
     TurnSection,
 )
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.curves.tool_path import Line, Piece, Spline, ToolPath, Turn
 
@@ -83,10 +84,10 @@ def _row(line: str, names: list[str]) -> tuple[pin.SE3 | None, str]:
             return None, f"{name}: {quote(field.strip())} is not a number"
         if not math.isfinite(values[name]) or abs(values[name]) > 1e3:
             return None, f"{name}: {quote(field.strip())} is outside the range of -1000 to 1000"
-    norm = math.sqrt(sum(values[name] ** 2 for name in COLUMNS[3:]))
-    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-        return None, f"a quaternion must have length 1, not {norm:.6g}; divide by its length"
-    x, y, z, w = (values[name] / norm for name in COLUMNS[3:])
+    length = math.sqrt(sum(values[name] * values[name] for name in COLUMNS[3:]))
+    if abs(length - 1.0) > QUATERNION_TOLERANCE:
+        return None, f"a quaternion must have length 1, not {length:.6g}; divide by its length"
+    x, y, z, w = (values[name] / length for name in COLUMNS[3:])
     rotation = pin.Quaternion(w, x, y, z).toRotationMatrix()
     return pin.SE3(rotation, np.array([values[name] for name in COLUMNS[:3]])), ""
 
@@ -184,7 +185,7 @@ class CurveReader:
                 return None
             arc = Turn.through(here, via, to)
             if arc is None:
-                closed = float(np.linalg.norm(to.translation - here.translation)) < SHORTEST
+                closed = float(norm(to.translation - here.translation)) < SHORTEST
                 message = (
                     "an arc cannot end where it starts; write a full circle as a turn"
                     if closed
@@ -204,7 +205,7 @@ class CurveReader:
         if frame is None:
             return None
         axis = frame.rotation @ np.array(section.axis, dtype=np.float64)
-        axis /= np.linalg.norm(axis)
+        axis /= norm(axis)
         about = frame.act(np.array(section.about))
         turned = section.angle * axis if section.tool == "turns" else np.zeros(3)
         return Turn(here, about, axis, section.angle, turned)

@@ -60,7 +60,7 @@ class TurnSection(Section):
 
     @model_validator(mode="after")
     def _axis_has_length(self) -> TurnSection:
-        if sum(value**2 for value in self.axis) < 1e-12:
+        if sum(value * value for value in self.axis) < 1e-12:
             raise refuse("an axis needs a direction; allowed: for example [0, 0, 1]", "axis")
         return self
 

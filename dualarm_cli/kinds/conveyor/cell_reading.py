@@ -12,6 +12,7 @@ from dualarm_cli.files.cells.cell_frames import frame_pose
 from dualarm_cli.files.cells.cells import AddedToCell, CellReader, KindCell
 from dualarm_cli.files.cells.schema_cell import CellFile
 from dualarm_cli.files.source.fields import Name, Section, Velocity3, refuse
+from dualarm_cli.geometry.products import product
 from dualarm_cli.model.cell import Tool
 from dualarm_cli.model.conveyor import Conveyor
 
@@ -57,7 +58,7 @@ def read_conveyors(
         loc = ("conveyors", name, "in")
         T_world_frame = frame_pose(reader.document, loc, section.in_, frames, reader.findings)
         if T_world_frame is not None:
-            velocity = T_world_frame.rotation @ np.array(section.velocity)
+            velocity = product(T_world_frame.rotation, np.array(section.velocity))
             found[name] = Conveyor(name, velocity)
     return AddedToCell({"conveyors": found})
 

@@ -7,6 +7,7 @@ from dataclasses import field
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
@@ -77,7 +78,7 @@ def check_conveyors(
             continue
         where = f"{event.task} ({event.action}) at {event.time:.6f} s"
         off = np.subtract(written.velocity, event.velocity)
-        found.velocity.add(float(np.linalg.norm(off)), f"{where}: the event states another one")
+        found.velocity.add(float(norm(off)), f"{where}: the event states another one")
         if event.moves:
             stop = stops.get(_key(event))
             _measure_event(schedule, model, event, stop, found, where)
@@ -108,7 +109,7 @@ def _measure_event(
         nominal.translation = nominal.translation + velocity * (event.time - belt.at)
         pose = model.pose(event.arm, trajectory.at(np.array([event.time]))[0][0])
         found.part.add(pose_error(nominal, target, pose), where)
-        last = belt.passes + belt.within / float(np.linalg.norm(velocity))
+        last = belt.passes + belt.within / float(norm(velocity))
         found.window.add(
             max(belt.passes - event.time, event.time - last),
             f"{where}, allowed from {belt.passes:.6f} to {last:.6f} s",
@@ -117,11 +118,11 @@ def _measure_event(
         ends = np.clip([time - STEP, time + STEP], 0.0, trajectory.duration)
         _, p = model.poses(event.arm, trajectory.at(ends)[0])
         speed = (p[1] - p[0]) / np.diff(ends)
-        found.velocity.add(float(np.linalg.norm(speed - np.array(event.velocity))), where)
+        found.velocity.add(float(norm(speed - np.array(event.velocity))), where)
     if event.dwell > 0:
         times = dense_times(trajectory.time, event.time, over)
         local, angle = _in_belt(schedule, model, event, times)
-        found.stays.add(float(np.linalg.norm(local, axis=1).max()), where)
+        found.stays.add(float(norm(local, axis=1).max()), where)
         found.steady.add(float(angle.max()), where)
 
 
@@ -131,7 +132,7 @@ def _in_belt(
     """Returns the tool's positions (m, 3) in the frame of the event's pose moving with the belt [m], and its turns."""
     R, p = model.poses(event.arm, schedule.trajectory.at(times)[0])
     part = event.pose.translation + (times - event.time)[:, None] * np.array(event.velocity)
-    return (p - part) @ event.pose.rotation, rotation_angle(event.pose.rotation.T @ R)
+    return product(p - part, event.pose.rotation), rotation_angle(product(event.pose.rotation.T, R))
 
 
 def _measure_lines(

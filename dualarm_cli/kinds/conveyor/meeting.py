@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinds.conveyor.tracking import Tracking
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
@@ -344,7 +345,7 @@ class ConveyorMeeting:
         """Returns a stop with its target where it is at a time, and with the motion that follows it."""
         model, job, belt = self.model, self.job, _belt(arm_stop)
         R_world, _ = model.carried_frame(plan.arrival)
-        velocity = R_world.T @ belt.conveyor.velocity
+        velocity = product(R_world.T, belt.conveyor.velocity)
         shift = velocity * (time - belt.at)
         seen = arm_stop.problem
         problem = replace(seen, p_base_tool=seen.p_base_tool + shift)

@@ -9,6 +9,8 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
+from dualarm_cli.geometry.elementary import cbrt, cube
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.continuation import (
     LARGEST_STEP,
     LEAST_PIVOT,
@@ -38,7 +40,7 @@ CHECKS_PER_KNOT = 4
 def ramp_way(share: FloatArray) -> FloatArray:
     """Returns the way of a velocity that rises to 1 by two opposite jerks over shares of time from 0 to 1: 1/2 at 1."""
     back = 1.0 - share
-    return np.where(share < 0.5, 2.0 / 3.0 * share**3, share - 0.5 + 2.0 / 3.0 * back**3)
+    return np.where(share < 0.5, 2.0 / 3.0 * cube(share), share - 0.5 + 2.0 / 3.0 * cube(back))
 
 
 def line_way(share: FloatArray, shape: int) -> FloatArray:
@@ -171,7 +173,9 @@ def _one_way(
         ahead[:, :1] = drift[rows, None]
         planes = np.broadcast_to(W, (len(rows), *W.shape))
         turned = np.broadcast_to(R, (len(rows), 3, 3))
-        found, good, det = newton(arm, guess, turned, points[rows], planes, ahead + W @ start)
+        found, good, det = newton(
+            arm, guess, turned, points[rows], planes, ahead + product(W, start)
+        )
         same = (np.sign(det) == sign) & (np.abs(det) > LEAST_PIVOT)
         return found, bool((good & same & arm.within_limits(found)).all())
 
@@ -252,7 +256,7 @@ class Tracking:
         Raises:
             InfeasibleError: the belt is too fast for the arm or the cap, or goes where the posture cannot follow.
         """
-        speed = float(np.linalg.norm(self.velocity))
+        speed = float(norm(self.velocity))
         if self.cap is not None and speed >= self.cap * (1.0 - SPEED_MARGIN):
             raise InfeasibleError(Refusal("conveyor_above_cap", measured=speed, allowed=self.cap))
         found = phases or self._quickest_shape()
@@ -319,7 +323,7 @@ class Tracking:
                 break
         if best is not None:
             return best
-        more = {"speed": np.linalg.norm(self.velocity)}
+        more = {"speed": norm(self.velocity)}
         most = float(excess.max())
         raise InfeasibleError(Refusal("conveyor_too_fast", measured=most, allowed=1.0, more=more))
 
@@ -397,7 +401,7 @@ class Tracking:
             found[k] = max(
                 float((v / limits.velocity).max()),
                 float(np.sqrt((a / limits.acceleration).max())),
-                float(np.cbrt((j / limits.jerk).max())),
+                float(cbrt((j / limits.jerk).max())),
             )
             if self.cap is not None:
                 found[k] = max(found[k], self._speed(motion, rows) / self.cap)
@@ -409,13 +413,13 @@ class Tracking:
         step = 1e-6 * max(1.0, self.pace)
         at = np.clip(np.stack([time - step, time + step]), motion.time[0], motion.time[-1])
         before, after = (self._tool(motion.at(instants)[0])[1] for instants in at)
-        speed = np.linalg.norm(after - before, axis=1) / (at[1] - at[0])
+        speed = norm(after - before, axis=1) / (at[1] - at[0])
         return float(speed.max()) / (1.0 - SPEED_MARGIN)
 
     def _tool(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns rotations (m, 3, 3) of the flange and positions (m, 3) [m] of the tool, in the arm's base frame."""
         R, p = self.problem.arm.forward(q)
-        return R, p - R @ self.problem.R_tool_flange.T @ self.problem.p_tool_flange
+        return R, p - product(R, self.problem.R_tool_flange.T, self.problem.p_tool_flange)
 
     def _stays(self, motion: Trajectory, phases: TrackingPhases) -> bool:
         """Returns whether the tool is where it should be between the knots."""
@@ -424,12 +428,14 @@ class Tracking:
         R_target, p_target, z = flange_poses(
             self.problem, np.array([self.posture.target]), np.array([self.posture.yaw])
         )
-        tip = p_target[0] - R_target[0] @ self.problem.R_tool_flange.T @ self.problem.p_tool_flange
+        tip = p_target[0] - product(
+            R_target[0], self.problem.R_tool_flange.T, self.problem.p_tool_flange
+        )
         along, depth, _ = self._course(phases, time)
         there = tip + along[:, None] * self.velocity - depth[:, None] * z[0]
-        off = np.linalg.norm(p - there, axis=1)
+        off = norm(p - there, axis=1)
         # |R - R0| in the Frobenius norm is 2 sqrt(2) sin(angle/2).
-        turned = np.linalg.norm(R - R_target[0], axis=(1, 2)) / np.sqrt(2.0)
+        turned = norm(R - R_target[0], axis=(1, 2)) / np.sqrt(2.0)
         off = np.maximum(off, turned)
         edges = phases.edges
         dwells: BoolArray = (time >= edges[2]) & (time <= edges[3])

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job, Task
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
@@ -146,7 +147,7 @@ def _judge_grip(schedule: Schedule, span: HandoverSpan, model: ToolModel, worst:
     for time, what in ((span.take.time, "grips"), (span.give.time, "holds it")):
         [q] = schedule.trajectory.at(np.array([time]))[0]
         off = (model.pose(span.giving.arm, q) * work.grip).actInv(model.pose(span.taking.arm, q))
-        error = max(float(np.linalg.norm(off.translation)), float(rotation_angle(off.rotation)))
+        error = max(float(norm(off.translation)), float(rotation_angle(off.rotation)))
         worst.add(
             error, f"{span.giving.id}: where the {span.taking.arm} arm {what} at {time:.4f} s"
         )
@@ -166,8 +167,8 @@ def _judge_still(
         return
     instants = dense_times(schedule.trajectory.time, start, end)
     R, p = model.poses(arm, schedule.trajectory.at(instants)[0])
-    turned: FloatArray = rotation_angle(R[0].T @ R)
-    off = np.maximum(np.linalg.norm(p - p[0], axis=1), turned)
+    turned: FloatArray = rotation_angle(product(R[0].T, R))
+    off = np.maximum(norm(p - p[0], axis=1), turned)
     k = int(np.argmax(off))
     worst.add(float(off[k]), f"{what} tool moves, {arm} arm at {instants[k]:.4f} s")
 

@@ -6,6 +6,8 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import cbrt, cube
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH, ToolPath
@@ -61,7 +63,7 @@ def check_torques(schedule: Schedule, job: Job | None) -> Check:
 def _model(cell: Cell) -> pin.Model:
     """Returns the robot with its tools' masses, gravity as it is where the robot stands."""
     model = pin.buildModelFromXML(cell.robot.urdf)
-    model.gravity.linear = cell.base.rotation.T @ model.gravity.linear
+    model.gravity.linear = product(cell.base.rotation.T, model.gravity.linear)
     for arm in cell.robot.arms:
         tool = cell.tools[arm.name]
         frame = model.frames[model.getFrameId(arm.flange, pin.FrameType.BODY)]
@@ -202,9 +204,9 @@ def _add_corners(
     time = dense_times(schedule.trajectory.time, segment.start, segment.end)
     _, p = model.poses(segment.arm, schedule.trajectory.at(time)[0])
     # Between two instants the tool comes nearer than at both by less than half of its way.
-    steps = np.concatenate([[0.0], np.linalg.norm(np.diff(p, axis=0), axis=1)])
+    steps = np.concatenate([[0.0], norm(np.diff(p, axis=0), axis=1)])
     for s in path.corners:
-        away = np.linalg.norm(p - path.pose(s).translation, axis=1)
+        away = norm(p - path.pose(s).translation, axis=1)
         nearest = int(np.argmin(away))
         near = float(away[nearest]) - 0.5 * float(steps[nearest : nearest + 2].max())
         share = near / (work.blend + work.tolerance)
@@ -215,7 +217,7 @@ def _add_corners(
 def _pose_error(event: Event, path: ToolPath) -> float:
     """Returns how far the pose that an event commands is from a path's end [m, rad]."""
     off = path.pose(path.length).actInv(event.pose)
-    return max(float(np.linalg.norm(off.translation)), float(rotation_angle(off.rotation)))
+    return max(float(norm(off.translation)), float(rotation_angle(off.rotation)))
 
 
 def _dawdling(job: Job, work: PathWork, segment: Segment) -> float:
@@ -228,8 +230,8 @@ def _dawdling(job: Job, work: PathWork, segment: Segment) -> float:
     if job.tool_speed is not None:
         v = min(v, job.tool_speed)
     given_a, given_j = work.acceleration, work.jerk
-    a = given_a * job.speed**2 if given_a is not None else v * job.speed / tol.PATH_RAMP
-    j = given_j * job.speed**3 if given_j is not None else a * job.speed / tol.PATH_RISE
+    a = given_a * np.square(job.speed) if given_a is not None else v * job.speed / tol.PATH_RAMP
+    j = given_j * cube(job.speed) if given_j is not None else a * job.speed / tol.PATH_RISE
     v *= 1.0 - tol.PATH_SPEED_SLACK
     stretches = np.diff([0.0, *work.corners(), 1.0]) * work.length
     late = segment.end - segment.start - sum(_double_s(float(d), v, a, j) for d in stretches)
@@ -242,11 +244,11 @@ def _double_s(d: float, v: float, a: float, j: float) -> float:
         a = np.sqrt(v * j)
     if d >= v * (v / a + a / j):
         return d / v + v / a + a / j
-    if d >= 2.0 * a**3 / j**2:
+    if d >= 2.0 * cube(a) / np.square(j):
         # A peak speed w below v: w (w / a + a / j) = d.
-        w = a * (np.sqrt((a / j) ** 2 / 4.0 + d / a) - a / j / 2.0)
+        w = a * (np.sqrt(np.square(a / j) / 4.0 + d / a) - a / j / 2.0)
         return float(2.0 * (w / a + a / j))
-    return float(4.0 * np.cbrt(d / (2.0 * j)))
+    return float(4.0 * cbrt(d / (2.0 * j)))
 
 
 def _add(worst: Worst, values: FloatArray, time: FloatArray, where: str) -> None:
@@ -282,8 +284,8 @@ def along_path(schedule: Schedule, model: ToolModel, segment: Segment, path: Too
     """
     time = dense_times(schedule.trajectory.time, segment.start, segment.end)
     R, p = model.poses(segment.arm, schedule.trajectory.at(time)[0])
-    moved = np.linalg.norm(np.diff(p, axis=0), axis=1)
-    turned = np.linalg.norm(log_rotation(R[1:] @ np.swapaxes(R[:-1], -1, -2)), axis=1)
+    moved = norm(np.diff(p, axis=0), axis=1)
+    turned = norm(log_rotation(product(R[1:], np.swapaxes(R[:-1], -1, -2))), axis=1)
     gone = np.concatenate([[0.0], np.cumsum(np.maximum(moved, TURN_LENGTH * turned))])
     s = np.clip(gone * (path.length / max(gone[-1], path.length)), 0.0, path.length)
     step = path.length / SAMPLES
@@ -296,13 +298,18 @@ def along_path(schedule: Schedule, model: ToolModel, segment: Segment, path: Too
         (R0, p0), (R1, p1), (R_here, p_here) = path.at(low), path.at(high), path.at(s)
         span = (high - low)[:, None]
         way = np.hstack(
-            [(p1 - p0) / span, TURN_LENGTH * log_rotation(R1 @ np.swapaxes(R0, -1, -2)) / span]
+            [
+                (p1 - p0) / span,
+                TURN_LENGTH * log_rotation(product(R1, np.swapaxes(R0, -1, -2))) / span,
+            ]
         )
-        off = np.hstack([p - p_here, TURN_LENGTH * log_rotation(R @ np.swapaxes(R_here, -1, -2))])
+        off = np.hstack(
+            [p - p_here, TURN_LENGTH * log_rotation(product(R, np.swapaxes(R_here, -1, -2)))]
+        )
         s = np.clip(s + (way * off).sum(axis=1) / (way * way).sum(axis=1), first, last)
     R_here, p_here = path.at(s)
-    angle = np.linalg.norm(log_rotation(R @ np.swapaxes(R_here, -1, -2)), axis=1)
-    return Along(time, s, np.linalg.norm(p - p_here, axis=1), angle)
+    angle = norm(log_rotation(product(R, np.swapaxes(R_here, -1, -2))), axis=1)
+    return Along(time, s, norm(p - p_here, axis=1), angle)
 
 
 CHECKS = KindChecks(

@@ -9,6 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
+from dualarm_cli.geometry.elementary import cube
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import exp_rotation, log_rotation
 from dualarm_cli.kinds.path.following import PathProblem
 from dualarm_cli.kinds.path.following.problem import Spring
@@ -80,9 +82,11 @@ class PathClock:
             speed = min(speed, cap * (1.0 - CAP_MARGIN))
         # Followed slower, everything takes longer in the same way.
         acceleration = (
-            work.acceleration * pace**2 if work.acceleration else speed / (RAMP * gentle / pace)
+            work.acceleration * np.square(pace)
+            if work.acceleration
+            else speed / (RAMP * gentle / pace)
         )
-        jerk = work.jerk * pace**3 if work.jerk else acceleration / (RISE * gentle / pace)
+        jerk = work.jerk * cube(pace) if work.jerk else acceleration / (RISE * gentle / pace)
         law = RestToRest(np.array([speed]), np.array([acceleration]), np.array([jerk]))
         edges = np.array([0.0, *work.corners(), 1.0]) * work.length
         starts, states, clock = [], [], 0.0
@@ -124,7 +128,8 @@ class PathClock:
         padded = np.pad(wanted, 2 * half, mode="edge")
         least = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1).min(axis=1)
         weight = np.hanning(2 * half + 3)[1:-1]
-        mean = np.convolve(least, weight / weight.sum(), mode="valid")
+        about = np.lib.stride_tricks.sliding_window_view(least, len(weight))
+        mean = product(about, weight / weight.sum())
         ease = np.maximum(self.ease * mean, SLOWEST)
         slowness = 1.0 / ease
         duration = float((slowness[1:] + slowness[:-1]).sum() * 0.5 * (grid[1] - grid[0]))
@@ -143,7 +148,12 @@ class PathClock:
         x = np.clip((time - real[k]) / gap, 0.0, 1.0)
         # Cubic Hermite: the clock's own time passes at the factor's rate.
         m0, m1 = gap * self.ease[k], gap * self.ease[k + 1]
-        own = grid[k] + h * x**2 * (3.0 - 2.0 * x) + m0 * x * (1.0 - x) ** 2 - m1 * x**2 * (1.0 - x)
+        own = (
+            grid[k]
+            + h * np.square(x) * (3.0 - 2.0 * x)
+            + m0 * x * np.square(1.0 - x)
+            - m1 * np.square(x) * (1.0 - x)
+        )
         rate = (
             h * 6.0 * x * (1.0 - x) + m0 * (1.0 - x) * (1.0 - 3.0 * x) - m1 * x * (2.0 - 3.0 * x)
         ) / gap
@@ -191,7 +201,10 @@ def tool_targets(path: ToolPath, share: FloatArray, step: float, tolerance: floa
     corners = set(path.corners)
     places = np.array([edge for edge in path.junctions if edge not in corners]) / path.length
     turned = np.concatenate(
-        [np.zeros((1, 3)), np.cumsum(log_rotation(np.swapaxes(R[:-1], -1, -2) @ R[1:]), axis=0)]
+        [
+            np.zeros((1, 3)),
+            np.cumsum(log_rotation(product(np.swapaxes(R[:-1], -1, -2), R[1:])), axis=0),
+        ]
     )
     # Turns as vectors in the tool's own frame, one after the other: over a short while they add up.
     way = np.hstack([p, TURN_LENGTH * turned])
@@ -207,11 +220,9 @@ def tool_targets(path: ToolPath, share: FloatArray, step: float, tolerance: floa
         if half < 2:
             break
         change = _fade(len(p), joints, stops, half)[:, None] * (_means(way, half) - way)
-        off = max(
-            np.linalg.norm(change[:, :3], axis=1).max(), np.linalg.norm(change[:, 3:], axis=1).max()
-        )
+        off = max(norm(change[:, :3], axis=1).max(), norm(change[:, 3:], axis=1).max())
         if off <= SHARE * tolerance:
-            return R @ exp_rotation(change[:, 3:] / TURN_LENGTH), p + change[:, :3]
+            return product(R, exp_rotation(change[:, 3:] / TURN_LENGTH)), p + change[:, :3]
         window *= min(0.9, float(np.sqrt(SHARE * tolerance / off)))
     return R, p
 
@@ -221,9 +232,9 @@ def _jumps(way: FloatArray, k: int, step: float) -> bool:
     if k < BESIDE + 1 or k > len(way) - BESIDE - 2:
         return False
     before, after = (
-        (way[i + 1] - 2.0 * way[i] + way[i - 1]) / step**2 for i in (k - BESIDE, k + BESIDE)
+        (way[i + 1] - 2.0 * way[i] + way[i - 1]) / np.square(step) for i in (k - BESIDE, k + BESIDE)
     )
-    return bool(np.linalg.norm(after - before) >= SMALLEST)
+    return bool(norm(after - before) >= SMALLEST)
 
 
 def _means(way: FloatArray, half: int) -> FloatArray:
@@ -248,7 +259,7 @@ def _fade(count: int, joints: IntArray, stops: IntArray, half: int) -> FloatArra
 def _smooth(x: FloatArray) -> FloatArray:
     """Returns 0 below 0, 1 above 1, and a step with two continuous derivatives in between."""
     x = np.clip(x, 0.0, 1.0)
-    found: FloatArray = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+    found: FloatArray = cube(x) * (10.0 - 15.0 * x + 6.0 * np.square(x))
     return found
 
 
@@ -339,7 +350,9 @@ class PathContext:
             p=np.stack([p for _, p in poses], axis=1),
             share=share,
             pace=pace,
-            spring=Spring(self.critical_points(work.critical_points), 2.0 * work.stiffness**2),
+            spring=Spring(
+                self.critical_points(work.critical_points), 2.0 * np.square(work.stiffness)
+            ),
             model=self.model if self.closed_form else None,
             tool_speed=self.job.tool_speed,
             torque=self.dynamics.limit if work.torque and self.dynamics else None,

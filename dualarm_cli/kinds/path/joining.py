@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import power
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinds.path.following import PathMotion, PathProblem
 from dualarm_cli.kinds.path.following.velocity import pose_error
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH
@@ -53,7 +55,7 @@ class Joined:
         jerk = np.maximum(np.vstack([jerk[:1], jerk]), np.vstack([jerk, jerk[-1:]]))
         needed = np.stack([np.abs(v), np.abs(a), jerk])
         allowed = np.stack([limits.velocity, limits.acceleration, limits.jerk])
-        shares = (needed / allowed[:, None]) ** (1.0 / np.arange(1.0, 4.0))[:, None, None]
+        shares = power(needed / allowed[:, None], (1.0 / np.arange(1.0, 4.0))[:, None, None])
         kind, knot, joint = (int(i) for i in np.unravel_index(int(np.argmax(shares)), shares.shape))
         slides = bool(problem.body.slides[joint])
         unit, factor = (SLIDING_UNITS[kind], 1e3) if slides else (UNITS[kind], 1.0)
@@ -63,7 +65,7 @@ class Joined:
         )
         # Between knots velocity may be larger: the spline's own extrema decide.
         exact = largest_rates(time, v, a)
-        worst = float(max((exact[i] / allowed[i]).max() ** (1.0 / (i + 1)) for i in range(3)))
+        worst = float(max(power((exact[i] / allowed[i]).max(), 1.0 / (i + 1)) for i in range(3)))
         curve = cls(trajectory, shares.max(axis=(0, 2)), worst, reason, float(time[knot]), True)
         if worst > 1.0:
             return curve
@@ -86,7 +88,7 @@ class Joined:
         motion, body = self.trajectory, problem.body
         speed = np.empty((len(motion.time), len(body.arms)))
         for k, (q, v) in enumerate(zip(motion.position, motion.velocity, strict=True)):
-            speed[k] = np.linalg.norm((body.at(q).J @ v).reshape(-1, 6)[:, :3], axis=1)
+            speed[k] = norm(product(body.at(q).J, v).reshape(-1, 6)[:, :3], axis=1)
         knot, arm = (int(i) for i in np.unravel_index(int(np.argmax(speed)), speed.shape))
         if speed[knot, arm] <= problem.tool_speed * (1.0 - CAP_KEPT_FREE):
             return self
@@ -110,7 +112,7 @@ class Joined:
             zip(motion.position, motion.velocity, motion.acceleration, strict=True)
         ):
             mass, rest = problem.dynamics(q, v)
-            torques[k] = mass @ a + rest
+            torques[k] = product(mass, a) + rest
         share = np.abs(torques) / problem.torque
         knot, joint = (int(i) for i in np.unravel_index(int(np.argmax(share)), share.shape))
         if share[knot, joint] <= 1.0:
@@ -154,8 +156,8 @@ def _farthest(problem: PathProblem, position: FloatArray, there: FloatArray | No
         if there is not None:
             R_there, p_there = (part[which] for part in problem.body.tools(there[k]))
         error = pose_error(R_there, p_there, R[which], p[which]).reshape(-1, 6)
-        worst = max(worst, float(np.linalg.norm(error[:, :3], axis=1).max()))
-        worst = max(worst, TURN_LENGTH * float(np.linalg.norm(error[:, 3:], axis=1).max()))
+        worst = max(worst, float(norm(error[:, :3], axis=1).max()))
+        worst = max(worst, TURN_LENGTH * float(norm(error[:, 3:], axis=1).max()))
     return worst
 
 

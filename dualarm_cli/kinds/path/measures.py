@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinds.path.checks import along_path, followed_work
 from dualarm_cli.kinds.path.context import PathContext
 from dualarm_cli.kinds.reporting import KindMeasures, joint_ways, room_words, travel_words
@@ -164,7 +165,7 @@ class PathSamples:
     @property
     def distance(self) -> FloatArray:
         """Distances of the elbows from their critical points [m], shape (k, m)."""
-        found: FloatArray = np.linalg.norm(self.elbow - self.critical, axis=-1)
+        found: FloatArray = norm(self.elbow - self.critical, axis=-1)
         return found
 
     @property
@@ -282,16 +283,16 @@ def _least(
         arm = model.arms[name]
         assert isinstance(arm.kinematics, SrsArm)
         T = arm.T_flange_tcp.inverse()
-        turned = R_carried @ R[:, m]
+        turned = product(R_carried, R[:, m])
         tool, place, point = (
-            (R_carried @ (there[:, m] - p_world)[..., None])[..., 0]
+            product(R_carried, (there[:, m] - p_world)[..., None])[..., 0]
             for there in (p, elbow, critical)
         )
-        flange = tool + turned @ T.translation
+        flange = tool + product(turned, T.translation)
         middle, axis = arm.kinematics.elbow(q[0, arm.columns])
-        along = float((place[0] - middle) @ axis)
+        along = float(product(place[0] - middle, axis))
         found.append(
-            least_elbow_distance(arm.kinematics, turned @ T.rotation, flange, point, along)
+            least_elbow_distance(arm.kinematics, product(turned, T.rotation), flange, point, along)
         )
     return np.stack(found, axis=1)
 

@@ -9,6 +9,9 @@ import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.elementary import cube, power
+from dualarm_cli.geometry.linear_systems import SingularMatrixError, inverse
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinds.path.context import PER_KNOT, PathClock, PathContext
 from dualarm_cli.kinds.path.context import SHARE as ROUNDED
 from dualarm_cli.kinds.path.following import NoPath, PathMotion, PathProblem
@@ -49,8 +52,8 @@ def evened_out(problem: PathProblem, found: PathMotion, window: float) -> PathMo
         state = body.at(position[k])
         J = state.J[problem.rows] * problem.free
         try:
-            plus = J.T @ np.linalg.inv(J @ J.T)
-        except np.linalg.LinAlgError:
+            plus = product(J.T, inverse(product(J, J.T)))
+        except SingularMatrixError:
             return found
         position[k] = corrected(problem, position[k], plus, R_there[which], p_there[which])
     return PathMotion(position)
@@ -65,7 +68,7 @@ def _means(position: FloatArray, half: int) -> FloatArray:
     ends = padded[2 * half :] + padded[: -2 * half] - 2.0 * position[0]
     mean = position[0] + (whole - ends / 2.0) / (2 * half)
     x = np.clip(np.minimum(np.arange(count), count - 1 - np.arange(count)) / (2.0 * half), 0.0, 1.0)
-    fade = (x**3 * (10.0 - 15.0 * x + 6.0 * x**2))[:, None]
+    fade = (cube(x) * (10.0 - 15.0 * x + 6.0 * np.square(x)))[:, None]
     return position + fade * (mean - position)
 
 
@@ -259,7 +262,9 @@ class _Trials:
             if not tried.slower_helps or self.budget.spent:
                 break
             if tried.profile is not None and k < EASED:
-                clock = clock.eased(tried.profile.time, tried.profile.excess * AMPLE, GENTLY**k)
+                clock = clock.eased(
+                    tried.profile.time, tried.profile.excess * AMPLE, power(GENTLY, k)
+                )
             else:
                 # It is not known where, or easing off there does not do: slower all along.
                 too_fast, known = slower, np.isfinite(tried.excess)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
@@ -30,6 +29,7 @@ from dualarm_cli.files.tasks.schema_curves import CurveSection, PathAcceleration
 from dualarm_cli.files.tasks.schema_tasks import TaskHead, TaskSection
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import cos, sin
 from dualarm_cli.model.job import Dwell, PoseTarget, Stop, Task
 from dualarm_cli.model.path_work import PathWork
 
@@ -240,7 +240,7 @@ def _critical_point(section: CriticalPoint) -> FloatArray:
     if section.xyz is not None:
         return np.array(section.xyz)
     radius, angle, height = section.radius or 0.0, section.angle or 0.0, section.height or 0.0
-    return np.array([radius * math.cos(angle), radius * math.sin(angle), height])
+    return np.array([radius * cos(angle), radius * sin(angle), height])
 
 
 def _wrong_arms(arms: Sequence[str], section: PathSection, task_arm: str | None) -> str:

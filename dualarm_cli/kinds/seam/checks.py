@@ -8,6 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, distinct
+from dualarm_cli.geometry.elementary import arccos, arctan2, cos, sin
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, Segment
@@ -76,20 +78,20 @@ def placed(
     if work.master is not None:
         R_tool, p_tool = model.poses(work.master, position)
         T: pin.SE3 = job.cell.tools[work.master].tcp.inverse() * work.part
-        R_part, p_part = R_tool @ T.rotation, p_tool + R_tool @ T.translation
+        R_part, p_part = product(R_tool, T.rotation), p_tool + product(R_tool, T.translation)
     tip = p + work.tool.standoff * R[:, :, 2]
-    inside = ((tip - p_part)[:, None] @ R_part)[:, 0]
+    inside = product((tip - p_part)[:, None], R_part)[:, 0]
     if guess is None:
-        gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(inside, axis=0), axis=1))])
+        gone = np.concatenate([[0.0], np.cumsum(norm(np.diff(inside, axis=0), axis=1))])
         guess = gone * (work.length / max(gone[-1], 1e-12))
     s = np.clip(guess, 0.0, work.length)
     for _ in range(ROUNDS):
         along = ((inside - work.curve.at(s)[1]) * work.curve.directions(s)).sum(axis=1)
         s = np.clip(s + along, 0.0, work.length)
     R_seam, p_seam = work.curve.at(s)
-    E = np.swapaxes(R_part @ R_seam @ work.tool.R_curve_tool, -1, -2) @ R
-    distance = np.linalg.norm(inside - p_seam, axis=1)
-    lean = np.arctan2(np.hypot(E[:, 0, 2], E[:, 1, 2]), E[:, 2, 2])
+    E = product(np.swapaxes(product(R_part, R_seam, work.tool.R_curve_tool), -1, -2), R)
+    distance = norm(inside - p_seam, axis=1)
+    lean = arctan2(np.hypot(E[:, 0, 2], E[:, 1, 2]), E[:, 2, 2])
     return OnSeam(time, s, distance, _turned_away(E, lean, work), lean, R_part, p_part)
 
 
@@ -106,14 +108,18 @@ def _turned_away(E: FloatArray, lean: FloatArray, work: SeamWork) -> FloatArray:
         return beyond
     # What is left once the lean is taken back by the shortest turn.
     axis = np.stack([-E[:, 1, 2], E[:, 0, 2], np.zeros(len(E))], axis=-1)
-    size = np.linalg.norm(axis, axis=1, keepdims=True)
+    size = norm(axis, axis=1, keepdims=True)
     back = -np.where(size > 1e-12, axis / np.where(size > 1e-12, size, 1.0), 0.0) * lean[:, None]
     K = np.zeros((len(E), 3, 3))
     K[:, 0, 2], K[:, 1, 2] = back[:, 1], -back[:, 0]
     K[:, 2, 0], K[:, 2, 1] = -back[:, 1], back[:, 0]
-    sine = np.where(lean > 1e-12, np.sin(lean) / np.where(lean > 1e-12, lean, 1.0), 1.0)
-    cosine = np.where(lean > 1e-6, (1.0 - np.cos(lean)) / np.where(lean > 1e-6, lean**2, 1.0), 0.5)
-    upright = (np.eye(3) + sine[:, None, None] * K + cosine[:, None, None] * (K @ K)) @ E
+    sine = np.where(lean > 1e-12, sin(lean) / np.where(lean > 1e-12, lean, 1.0), 1.0)
+    cosine = np.where(
+        lean > 1e-6, (1.0 - cos(lean)) / np.where(lean > 1e-6, np.square(lean), 1.0), 0.5
+    )
+    upright = product(
+        np.eye(3) + sine[:, None, None] * K + cosine[:, None, None] * product(K, K), E
+    )
     spin = np.abs(log_rotation(upright)[:, 2])
     return np.maximum(beyond, spin)
 
@@ -209,8 +215,8 @@ def _judge(
     def add_stands(end: int, start: float, over: float) -> FloatArray:
         time = dense_times(schedule.trajectory.time, start, over)
         at = placed(schedule, job, model, work, time, np.zeros(len(time)))
-        away = np.linalg.norm(at.p_part - found.p_part[end], axis=1)
-        turned = rotation_angle(found.R_part[end].T @ at.R_part)
+        away = norm(at.p_part - found.p_part[end], axis=1)
+        turned = rotation_angle(product(found.R_part[end].T, at.R_part))
         add("seam_part", np.maximum(away, turned), time)
         return time
 
@@ -248,7 +254,7 @@ def _judge(
             message = f"{task}: the way to it takes {way:.6g} s, not {asked:g} s"
             worst["seam_as_asked"].add(np.inf, message)
     if work.acceleration is not None:
-        allowed = work.acceleration * job.speed**2
+        allowed = work.acceleration * np.square(job.speed)
         add("seam_as_asked", np.abs(acceleration) / allowed - 1.0, middle)
     if work.master is not None and (work.hold.given or work.hold.stands):
         add("seam_part", _part_off(found, work))
@@ -262,11 +268,11 @@ def _judge(
             time = add_stands(end, stop.event.time, stop.over)
             there = _tool_in_part(schedule, job, model, work, np.array([found.time[end]]))
             off = _tool_in_part(schedule, job, model, work, time) - there
-            add("seam_distance", np.linalg.norm(off, axis=1), time)
+            add("seam_distance", norm(off, axis=1), time)
     if work.downhand is not None:
         R, _ = work.curve.at(found.length)
-        up = (found.R_part @ R)[:, 2, 2]
-        add("seam_downhand", np.arccos(np.clip(up, -1.0, 1.0)) - work.downhand)
+        up = product(found.R_part, R)[:, 2, 2]
+        add("seam_downhand", arccos(np.clip(up, -1.0, 1.0)) - work.downhand)
 
 
 def _free_from(schedule: Schedule, task: str, lines: Sequence[LineSpan], begin: float) -> float:
@@ -330,7 +336,7 @@ def _tool_in_part(
     position = schedule.trajectory.at(time)[0]
     _, p = model.poses(work.slave, position)
     at = placed(schedule, job, model, work, time, np.zeros(len(time)))
-    found: FloatArray = ((p - at.p_part)[:, None] @ at.R_part)[:, 0]
+    found: FloatArray = product((p - at.p_part)[:, None], at.R_part)[:, 0]
     return found
 
 
@@ -349,7 +355,7 @@ def _rates(
         guess = np.interp(time, found.time, found.length)
         three.append(placed(schedule, job, model, work, time, guess).length)
     behind, here, ahead = three
-    return middle, (ahead - behind) / (2.0 * step), (ahead - 2.0 * here + behind) / step**2
+    return middle, (ahead - behind) / (2.0 * step), (ahead - 2.0 * here + behind) / np.square(step)
 
 
 def _unsteady(speed: FloatArray) -> tuple[float, int]:
@@ -375,8 +381,8 @@ def _part_off(found: OnSeam, work: SeamWork) -> FloatArray:
         R, p = work.hold.at(found.length / work.length)
     else:
         R, p = found.R_part[:1], found.p_part[:1]
-    away = np.linalg.norm(found.p_part - p, axis=1)
-    turned = rotation_angle(np.swapaxes(R, -1, -2) @ found.R_part)
+    away = norm(found.p_part - p, axis=1)
+    turned = rotation_angle(product(np.swapaxes(R, -1, -2), found.R_part))
     return np.maximum(away, turned)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.kinds.reporting import KindMeasures, joint_ways, room_words
 from dualarm_cli.kinds.seam.checks import OnSeam, on_seam
@@ -245,7 +246,7 @@ def _measured(
     travel = np.abs(np.diff(seam.position, axis=0)).sum(axis=0)
     speed = seam.speed
     steady = np.flatnonzero(speed >= STEADY * speed.max())
-    steps = log_rotation(np.swapaxes(on.R_part[:-1], -1, -2) @ on.R_part[1:])
+    steps = log_rotation(product(np.swapaxes(on.R_part[:-1], -1, -2), on.R_part[1:]))
     numbers = [
         k
         for k, stage in enumerate(schedule.stages)
@@ -265,8 +266,8 @@ def _measured(
         "residual": float(on.distance.max()),
         "residual_angle": float(on.angle.max()),
         "lean": float(on.lean.max()),
-        "part_way": float(np.linalg.norm(np.diff(on.p_part, axis=0), axis=1).sum()),
-        "part_turn": float(np.linalg.norm(steps, axis=1).sum()),
+        "part_way": float(norm(np.diff(on.p_part, axis=0), axis=1).sum()),
+        "part_turn": float(norm(steps, axis=1).sum()),
         "part_xyz": on.p_part[0].tolist(),
         "part_rpy": pin.rpy.matrixToRpy(on.R_part[0]).tolist(),
         "least_manipulability": {arm: float(m.min()) for arm, m in seam.alone.items()},

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from dualarm_cli.geometry.arrays import distinct
+from dualarm_cli.geometry.elementary import power
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
 from dualarm_cli.kinds.seam.path import SeamPath
 from dualarm_cli.model.robot import JointLimits
@@ -85,7 +86,9 @@ def timed_seam(
         cap: largest steady speed for which all tools keep to their cap in the world [1/s].
     """
     jumps = trapezoid and not np.isfinite(limits.jerk).any()
-    allowed = np.inf if work.acceleration is None else work.acceleration * pace**2 / work.length
+    allowed = (
+        np.inf if work.acceleration is None else work.acceleration * np.square(pace) / work.length
+    )
     reason = Refusal("seam_exceeds_limits", remedy=DIVIDE)
     for share in TIGHTER:
         tight = replace(
@@ -116,7 +119,7 @@ def timed_seam(
                 else Refusal("seam_rushes", measured=excess, remedy=DIVIDE)
             )
             # A spline's error falls with the fourth power of its knots' distance.
-            if residual > OPEN * 2.0 * 16.0 ** (len(SPACINGS) - 1 - k):
+            if residual > OPEN * 2.0 * power(16.0, len(SPACINGS) - 1 - k):
                 return reason
     return reason
 
@@ -134,7 +137,7 @@ def _profile(
     length = work.length
     acceleration = None
     if work.acceleration is not None:
-        acceleration = ACCELERATION_MARGIN * work.acceleration * pace**2 / length
+        acceleration = ACCELERATION_MARGIN * work.acceleration * np.square(pace) / length
     if work.duration is not None:
         found = profile_of_duration(
             path.rates, limits, work.duration / pace, acceleration, trapezoid=trapezoid
@@ -249,4 +252,4 @@ def _acceleration(chain: Chain, profile: SteadyProfile, trajectory: Trajectory) 
         chain.nearest_share(chain.bodies(trajectory.at(time)[0]), profile.at(time)[0])
         for time in (knots - step, knots, knots + step)
     )
-    return float(np.abs(ahead - 2.0 * here + behind).max() / step**2)
+    return float(np.abs(ahead - 2.0 * here + behind).max() / np.square(step))

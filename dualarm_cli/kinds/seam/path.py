@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
+from dualarm_cli.geometry.elementary import cube, power
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations, close
 from dualarm_cli.kinds.seam.closed_chain.problem import SeamMotion, SeamProblem
@@ -92,12 +94,12 @@ class SeamPath:
             if not opens.any():
                 break
             # The spline between two places hangs on their neighbours too.
-            opens = np.convolve(opens, np.ones(3), mode="same") > 0.0
+            opens = opens | np.append(opens[1:], False) | np.append(False, opens[:-1])
             more = _closed(problem, motion, middle[opens], near(middle[opens]))
             if more is None:
                 return None
             share = np.concatenate([share, middle[opens]])
-            order = np.argsort(share)
+            order = np.argsort(share, kind="stable")
             share, position = share[order], np.concatenate([position, more])[order]
         if problem.begin is not None:
             position = _from(problem.begin, share, position)
@@ -130,8 +132,8 @@ class SeamPath:
         """
         body, first = WholeBody(cell), self.rates.first
         J = np.array([body.at(q).J for q in self.at(self.even)])
-        velocity = (J @ first[..., None]).reshape(len(first), -1, 6)[..., :3]
-        found: FloatArray = np.linalg.norm(velocity, axis=2).max(axis=1)
+        velocity = product(J, first[..., None]).reshape(len(first), -1, 6)[..., :3]
+        found: FloatArray = norm(velocity, axis=2).max(axis=1)
         return found
 
 
@@ -153,7 +155,7 @@ def _closed(
         # One-sided equations are left aside: where they come and go, joints have kinks along a seam.
         lambda q: all_equations(chain, q, share, poses).exact,
         position,
-        limits.velocity**2 * (chain.closes & ~_stands(problem, motion)),
+        np.square(limits.velocity) * (chain.closes & ~_stands(problem, motion)),
         CLOSING_STEPS,
     )
     q = found.position
@@ -169,7 +171,7 @@ def _from(begin: FloatArray, share: FloatArray, position: FloatArray) -> FloatAr
     Where a seam goes on from another, what files round away opens the chain a little at first.
     """
     x = np.clip(share / FADED, 0.0, 1.0)
-    fade = 1.0 - x**4 * (35.0 - 84.0 * x + 70.0 * x**2 - 20.0 * x**3)
+    fade = 1.0 - power(x, 4) * (35.0 - 84.0 * x + 70.0 * np.square(x) - 20.0 * cube(x))
     return position + fade[:, None] * (begin - position[0])
 
 
@@ -193,7 +195,7 @@ def _evened_out(position: FloatArray, width: float) -> FloatArray:
         for high in range(low, 5):
             band = rough[4 - (high - low)]
             band[high : count - 4 + high] += difference[low] * difference[high]
-    weight = (width * PER_NODE / np.pi) ** 8
+    weight = power(width * PER_NODE / np.pi, 8)
     uneven = np.zeros((count + 4, position.shape[1]))
     uneven[4:-4] = np.diff(position, 4, axis=0)
     rough *= weight

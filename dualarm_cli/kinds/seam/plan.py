@@ -13,6 +13,8 @@ from dualarm_cli.collision.quick_test import OVERLAP
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.linear_systems import solve
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS, NoSeam, SeamMotion, SeamProblem
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
@@ -61,7 +63,7 @@ def drawn_back(
     """
     here = chain.bodies(position[None])
     R, p, back = here.R_tool[0], here.p_tool[0], -here.R_tool[0, :, 2]
-    weight = limits.velocity**2 * chain.slave_joints
+    weight = np.square(limits.velocity) * chain.slave_joints
     found = np.empty((SEAM_LINE_SAMPLES, len(position)))
     found[0] = q = np.array(position)
     for k in range(1, SEAM_LINE_SAMPLES):
@@ -70,12 +72,12 @@ def drawn_back(
             q = 2.0 * found[k - 1] - found[k - 2]
         for _ in range(STEPS):
             bodies = chain.bodies(q[None])
-            left = np.append(bodies.p_tool[0] - there, log_rotation(bodies.R_tool[0] @ R.T))
+            left = np.append(bodies.p_tool[0] - there, log_rotation(product(bodies.R_tool[0], R.T)))
             if np.abs(left).max() < EXACT:
                 break
             JW = bodies.J_tool[0] * weight
-            gram = JW @ bodies.J_tool[0].T
-            q = q - JW.T @ np.linalg.solve(gram + 1e-12 * np.eye(6), left)
+            gram = product(JW, bodies.J_tool[0].T)
+            q = q - product(JW.T, solve(gram + 1e-12 * np.eye(6), left))
         away = {"mm": length * k / (SEAM_LINE_SAMPLES - 1) * 1e3}
         if np.abs(left).max() > 100.0 * EXACT:
             return Refusal("seam_line_out_of_reach", arm=chain.work.slave, more=away)
@@ -115,11 +117,11 @@ def line_motion(
         middle = (found.time[1:] + found.time[:-1]) / 2.0
         bodies = chain.bodies(found.at(middle)[0])
         gone = bodies.p_tool - start
-        beside = gone - (gone @ along)[:, None] * along
-        turned = log_rotation(bodies.R_tool @ R.T)
+        beside = gone - product(gone, along)[:, None] * along
+        turned = log_rotation(product(bodies.R_tool, R.T))
         off = max(
-            float(np.linalg.norm(beside, axis=1).max()),
-            float(np.linalg.norm(turned, axis=1).max()),
+            float(norm(beside, axis=1).max()),
+            float(norm(turned, axis=1).max()),
         )
         if off <= NEAR:
             return found

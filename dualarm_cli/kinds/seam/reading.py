@@ -14,6 +14,7 @@ from dualarm_cli.files.source.yaml_source import Loc
 from dualarm_cli.files.tasks.schema_tasks import TaskSection
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import sin
 from dualarm_cli.kinds.seam.schema import CoordinateSection, FeatureSection, HoldSection, SeamTask
 from dualarm_cli.model.curves.contours import Contour, Ellipse, LineContour, Saddle, SphereArc
 from dualarm_cli.model.curves.feature_curve import (
@@ -248,7 +249,7 @@ def _wrong(section: FeatureSection) -> tuple[Loc, str] | None:
                 f"{r:g} m and the eccentricity must stay 0.01 mm inside the main pipe of {R:g} m, "
                 "so that the branch pipe meets it all round"
             )
-        if section.angle is not None and abs(math.sin(section.angle)) < 0.05:
+        if section.angle is not None and abs(sin(section.angle)) < 0.05:
             return ("angle",), "the pipes are (nearly) parallel and do not meet in a closed curve"
     if section.kind == "arc":
         r = section.radius or 0.0

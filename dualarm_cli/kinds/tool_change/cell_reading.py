@@ -25,6 +25,8 @@ from dualarm_cli.files.source.fields import (
 )
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.geometry.elementary import arctan2
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.cell import ChangedTool, Held, Tool, ToolChanges
 from dualarm_cli.model.place import Place
 from dualarm_cli.model.shape import Shape
@@ -188,7 +190,7 @@ def _check_axis(
 ) -> None:
     """Notes a tool whose z axis is not that of the arm's own: lines run along both."""
     z = own.tcp.actInv(tool.tcp).rotation[:, 2]
-    lean = float(np.arctan2(np.hypot(z[0], z[1]), z[2]))
+    lean = float(arctan2(np.hypot(z[0], z[1]), z[2]))
     if lean > PARALLEL:
         message = (
             f"the z axis of tool {quote(name)} leans by {np.degrees(lean):.4g} deg from that of the permanent tool "
@@ -207,7 +209,7 @@ def _check_stands(
         for name, one in own.tools.items()
     ]
     for (arm, name, here), (_, other, there) in combinations(stands, 2):
-        if float(np.linalg.norm(here - there)) < APART:
+        if float(norm(here - there)) < APART:
             message = f"the stands of {quote(name)} and {quote(other)} are at the same place"
             findings.add(document, ("tool_changes", arm, "tools", name, "stand"), message)
 

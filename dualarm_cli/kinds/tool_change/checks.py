@@ -6,8 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import field
 
-import numpy as np
-
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.job import Action, Dwell, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
@@ -24,7 +23,7 @@ def tool_at(event: Event, job: Job) -> str:
     """Returns the tool whose stand an event is at: the nearest one's. How near is for the check of the targets."""
     tools = job.cell.tool_changes[event.arm].tools
     here = event.pose.translation
-    return min(tools, key=lambda name: float(np.linalg.norm(tools[name].stand.translation - here)))
+    return min(tools, key=lambda name: float(norm(tools[name].stand.translation - here)))
 
 
 def change_tasks(schedule: Schedule, job: Job) -> list[tuple[float, Task]]:

@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dualarm_cli.geometry import elementary
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.srs.srs_canonical import SrsCanonical
 from dualarm_cli.kinematics.srs.srs_limits import wrap
@@ -77,15 +78,26 @@ class ArmPlane:
         product = 2.0 * upper * fore
         cos_bend = np.clip((d * d - upper * upper - fore * fore) / product, -1.0, 1.0)
         sin_bend = np.sqrt((reach - d) * (reach + d) * (d - core) * (d + core)) / product
-        bend = np.arctan2(sin_bend, cos_bend)
-        along, beside = upper + fore * np.cos(bend), fore * np.sin(bend)
+        bend = elementary.arctan2(sin_bend, cos_bend)
+        along, beside = upper + fore * elementary.cos(bend), fore * elementary.sin(bend)
         tiny = distance < REACH_SLACK
         length = np.where(tiny, 1.0, distance)
         u = np.where(tiny, np.array([0.0, 0.0, 1.0]).reshape(3, *(1,) * tiny.ndim), w / length)
         r, t = reference_directions(u)
-        a = np.where(tiny, 0.5 * np.pi, np.arctan2(beside, along))
+        a = np.where(tiny, 0.5 * np.pi, elementary.arctan2(beside, along))
         f = bend - a
-        return cls(u, r, t, np.cos(a), np.sin(a), np.cos(f), np.sin(f), bend, reachable, R)
+        return cls(
+            u,
+            r,
+            t,
+            elementary.cos(a),
+            elementary.sin(a),
+            elementary.cos(f),
+            elementary.sin(f),
+            bend,
+            reachable,
+            R,
+        )
 
     @cached_property
     def R_plane(self) -> FloatArray:
@@ -221,7 +233,7 @@ class ArmAngleCurves:
         for i, joint in enumerate(TURNING):
             sign, offset = canonical.sign[joint], canonical.offset[joint]
             if offset != 0.0:
-                c, s = np.cos(offset), np.sin(offset)
+                c, s = elementary.cos(offset), elementary.sin(offset)
                 num, den = turning[i].copy()
                 turning[i, 0], turning[i, 1] = num * c - den * s, num * s + den * c
             if sign < 0:
@@ -267,14 +279,15 @@ class ArmAngleCurves:
         for i in range(4):
             num = _at(self.turning[i, 0], sin, cos)
             den = _at(self.turning[i, 1], sin, cos)
-            angle = np.asarray(np.arctan2(num, den))
+            angle = np.asarray(elementary.arctan2(num, den))
             np.copyto(angle, np.pi, where=angle <= -np.pi)
             q.append(angle)
             if i in (0, 2):
                 sines.append(np.asarray(np.sqrt(num * num + den * den)))
         # The arc cosine by its tangent: as exact at 0 and pi as elsewhere.
         middle = [
-            np.asarray(np.arctan2(sines[j], _at(self.bending[j], sin, cos))) for j in range(2)
+            np.asarray(elementary.arctan2(sines[j], _at(self.bending[j], sin, cos)))
+            for j in range(2)
         ]
         for j in range(2):
             near = sines[j] < NEAR_SINGULAR
@@ -306,11 +319,11 @@ class ArmAngleCurves:
         joint = q[first][near]
         joint[s2 < SINGULAR] = 0.0
         theta = sign[TURNING[first]] * joint + offset[TURNING[first]]
-        s, c = np.sin(theta), np.cos(theta)
+        s, c = elementary.sin(theta), elementary.cos(theta)
         # Y Z = Z(-theta) M has (s, c) of its last angle in its second row.
-        angle = np.arctan2(c * M[1, 0] - s * M[0, 0], c * M[1, 1] - s * M[0, 1])
+        angle = elementary.arctan2(c * M[1, 0] - s * M[0, 0], c * M[1, 1] - s * M[0, 1])
         # Signed: theta2 may come out an ulp below zero where the first joint was set.
-        bent = np.arctan2(c * M[0, 2] + s * M[1, 2], M[2, 2])
+        bent = elementary.arctan2(c * M[0, 2] + s * M[1, 2], M[2, 2])
         q[first][near] = joint
         q[last][near] = wrap(sign[TURNING[last]] * (angle - offset[TURNING[last]]))
         middle[triple][near] = bent
@@ -345,7 +358,7 @@ def _settle(canonical: SrsCanonical, plane: ArmPlane, turning: FloatArray) -> No
         rows = [[-ca * ty, -ca * ry, sa * y], [ry, -ty, 0.0 * y]]
         _overwrite(turning[0:2], shoulder, rows, 0.0)
     if wrist.any():
-        s, c = np.sin(canonical.offset[4]), np.cos(canonical.offset[4])
+        s, c = elementary.sin(canonical.offset[4]), elementary.cos(canonical.offset[4])
         rows = [
             [c * kr + s * cf * kt, -c * kt + s * cf * kr, s * sf * ku]
             for ku, kr, kt in ((k0u, k0r, k0t), (k1u, k1r, k1t))
@@ -358,7 +371,7 @@ def _overwrite(
 ) -> None:
     """Writes a constant first joint and the given rows of the last one where chosen."""
     # Short, so that the sine of the middle joint, which is their length, stays next to nothing.
-    first = SINGULAR**2 * np.array([np.sin(theta), np.cos(theta)])
+    first = np.square(SINGULAR) * np.array([elementary.sin(theta), elementary.cos(theta)])
     for k in range(2):
         for j in range(3):
             turning[0, k, j] = np.where(chosen, first[k] if j == 2 else 0.0, turning[0, k, j])

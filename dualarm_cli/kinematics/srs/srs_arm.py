@@ -9,7 +9,9 @@ import numpy as np
 from dualarm_cli.compiled import srs as compiled
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.geometry.elementary import arctan2, cos, sin
 from dualarm_cli.geometry.joint_axes import SrsGeometry
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.srs import srs_limits
 from dualarm_cli.kinematics.srs.arm_angle_curves import (
     REACH_SLACK,
@@ -104,13 +106,13 @@ class SrsArm:
         for k, (sign, offset) in enumerate(zip(own.sign, own.offset, strict=True)):
             swap = M if k % 2 else np.eye(3)
             half = reverse if sign < 0.0 else np.eye(3)
-            steps[k, :, :3] = before @ swap @ half
+            steps[k, :, :3] = product(before, swap, half)
             if k in ways:
-                steps[k, :, 3] = before @ np.array([0.0, 0.0, ways[k]])
-            c, s = np.cos(offset), np.sin(offset)
-            before = half @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ swap.T
-        steps[7, :, :3] = before @ own.C
-        steps[7, :, 3] = -steps[7, :, :3] @ geometry.p_flange_wrist
+                steps[k, :, 3] = product(before, np.array([0.0, 0.0, ways[k]]))
+            c, s = cos(offset), sin(offset)
+            before = product(half, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), swap.T)
+        steps[7, :, :3] = product(before, own.C)
+        steps[7, :, 3] = product(-steps[7, :, :3], geometry.p_flange_wrist)
         return readonly(steps), np.zeros(7, dtype=np.bool_)
 
     @cached_property
@@ -120,17 +122,17 @@ class SrsArm:
         # Row-major: (B^T R C^T)_ij = sum over kl of B_ki C_jl R_kl.
         rotation = np.asarray(np.kron(B.T, C), dtype=np.float64)
         wrist = np.asarray(np.kron(B.T, self.geometry.p_flange_wrist), dtype=np.float64)
-        return rotation, wrist, B.T @ self.geometry.shoulder
+        return rotation, wrist, product(B.T, self.geometry.shoulder)
 
     @cached_property
     def reach(self) -> tuple[float, float]:
         """Least and greatest distance of the wrist from the shoulder [m], joint 4 within limits."""
         low, high = self.lower[3], self.upper[3]
         zero = self.canonical.offset[3]
-        cosines = [np.cos(angle + zero) for angle in (low, high) if np.isfinite(angle)]
+        cosines = [cos(angle + zero) for angle in (low, high) if np.isfinite(angle)]
         for extreme in (0.0, np.pi):
             if srs_limits.some_turn_within(np.array(extreme - zero), low, high):
-                cosines.append(np.cos(extreme))
+                cosines.append(cos(extreme))
         a1, a2 = self.geometry.upper, self.geometry.fore
         least, most = (
             float(np.sqrt(max(0.0, a1 * a1 + a2 * a2 + 2.0 * a1 * a2 * cosine)))
@@ -145,21 +147,22 @@ class SrsArm:
         columns, upper, fore, _ = self.canonical.chain(q)
         w = self.geometry.upper * upper + self.geometry.fore * fore
         rotation, wrist, origin = self._to_canonical
-        R = rotation.T @ columns.reshape(9, -1)
-        p = self.canonical.B @ (w.reshape(3, -1) + origin[:, None] - wrist @ R)
+        R = product(rotation.T, columns.reshape(9, -1))
+        p = product(self.canonical.B, w.reshape(3, -1) + origin[:, None] - product(wrist, R))
         return R.T.reshape(*shape, 3, 3), p.T.reshape(*shape, 3)
 
     def wrist_center(self, R: FloatArray, p: FloatArray) -> FloatArray:
         """Returns the wrist centre [m], shape (..., 3), of flange poses (..., 3, 3), (..., 3)."""
-        return p + R @ self.geometry.p_flange_wrist
+        return p + product(R, self.geometry.p_flange_wrist)
 
     def elbow(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the elbow [m] and the axis of joint 4 through it, base frame, (..., 3) each, of joints (..., 7)."""
         _, upper, _, normal = self.canonical.chain(q)
         bend = self.canonical.sign[3] * q[..., 3] + self.canonical.offset[3]
-        turned = np.where(np.sin(bend) < 0.0, -1.0, 1.0)[..., None]
+        turned = np.where(sin(bend) < 0.0, -1.0, 1.0)[..., None]
         upper, normal = (
-            (part.T @ self.canonical.B.T).reshape(*q.shape[:-1], 3) for part in (upper, normal)
+            product(part.T, self.canonical.B.T).reshape(*q.shape[:-1], 3)
+            for part in (upper, normal)
         )
         return self.geometry.shoulder + self.geometry.upper * upper, turned * normal
 
@@ -178,7 +181,7 @@ class SrsArm:
             R: flange rotations in the base frame, shape (..., 3, 3).
             p: flange positions in the base frame [m], shape (..., 3).
         """
-        d = np.linalg.norm(self.wrist_center(R, p) - self.geometry.shoulder, axis=-1)
+        d = norm(self.wrist_center(R, p) - self.geometry.shoulder, axis=-1)
         least, most = self.reach
         miss = np.maximum(d - most, least - d)
         return np.where(miss > REACH_SLACK, miss, 0.0)
@@ -211,9 +214,9 @@ class SrsArm:
         shape_p = (1,) * (ndim - p.ndim + 1) + p.shape[:-1]
         rotation, wrist, origin = self._to_canonical
         flat = R.reshape(-1, 9).T
-        w = (self.canonical.B.T @ p.reshape(-1, 3).T - origin[:, None]).reshape(3, *shape_p)
-        w = w + (wrist @ flat).reshape(3, *shape_R)
-        R_canonical = (rotation @ flat).reshape(3, 3, *shape_R)
+        w = (product(self.canonical.B.T, p.reshape(-1, 3).T) - origin[:, None]).reshape(3, *shape_p)
+        w = w + product(wrist, flat).reshape(3, *shape_R)
+        R_canonical = product(rotation, flat).reshape(3, 3, *shape_R)
         plane = ArmPlane.of(w, R_canonical, self.geometry.upper, self.geometry.fore)
         return ArmAngleCurves.of(self.canonical, plane)
 
@@ -263,7 +266,7 @@ class SrsArm:
         u = np.where(tiny, np.array([0.0, 0.0, 1.0])[:, None], w / np.where(tiny, 1.0, d))
         r, t = reference_directions(u)
         # For a positive bend the elbow's axis is -u × h = r sin psi - t cos psi.
-        psi = np.arctan2((normal * r).sum(axis=0), -(normal * t).sum(axis=0))
+        psi = arctan2((normal * r).sum(axis=0), -(normal * t).sum(axis=0))
         return srs_limits.wrap(psi).reshape(q.shape[:-1])
 
 

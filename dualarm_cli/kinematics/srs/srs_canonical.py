@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.elementary import arctan2, cos, sin
 from dualarm_cli.geometry.joint_axes import SrsGeometry
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.records import dataclass
 
 ZERO = 1e-12
@@ -55,11 +57,11 @@ class SrsCanonical:
         sign = np.ones(7)
         # Outer axes point along their link rather than against it: theta2 and theta6 are then
         # measured from the nearer of the two singular positions.
-        sign[0] = -1.0 if n[0] @ upper < -LEANING else 1.0
-        sign[2] = np.sign(n[2] @ upper) or 1.0
-        sign[4] = np.sign(n[4] @ fore) or 1.0
-        sign[6] = -1.0 if n[6] @ fore < -LEANING else 1.0
-        e1, e2 = sign[0] * n[0], _unit(n[1] - (n[1] @ n[0]) * n[0])
+        sign[0] = -1.0 if product(n[0], upper) < -LEANING else 1.0
+        sign[2] = np.sign(product(n[2], upper)) or 1.0
+        sign[4] = np.sign(product(n[4], fore)) or 1.0
+        sign[6] = -1.0 if product(n[6], fore) < -LEANING else 1.0
+        e1, e2 = sign[0] * n[0], _unit(n[1] - product(n[1], n[0]) * n[0])
         B = np.column_stack([np.cross(e2, e1), e2, e1])
         offset = np.zeros(7)
         frame, offset[1] = _swing(B, upper)
@@ -68,7 +70,7 @@ class SrsCanonical:
         frame, offset[4] = _twist(frame, n[5])
         frame, offset[5] = _swing(frame, sign[6] * n[6])
         offset[np.abs(offset) < ZERO] = 0.0
-        return cls(sign, offset, B, frame.T @ geometry.R_flange)
+        return cls(sign, offset, B, product(frame.T, geometry.R_flange))
 
     def chain(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Returns flange columns (3, 3, n), directions of upper arm and forearm, and elbow normal.
@@ -81,7 +83,7 @@ class SrsCanonical:
             q: joints [rad], shape (..., 7), n of them.
         """
         theta = self.sign[:, None] * q.reshape(-1, 7).T + self.offset[:, None]
-        s, c = np.sin(theta), np.cos(theta)
+        s, c = sin(theta), cos(theta)
         frame = tuple(np.eye(3)[:, :, None])
         frame = _turn_bend(frame, s[0], c[0], s[1], c[1])
         upper = frame[2]
@@ -108,18 +110,18 @@ def _turn_bend(
 
 def _swing(frame: FloatArray, direction: FloatArray) -> tuple[FloatArray, float]:
     """Returns the frame turned about its y until z points along a direction, and the angle."""
-    angle = float(np.arctan2(direction @ frame[:, 0], direction @ frame[:, 2]))
-    c, s = np.cos(angle), np.sin(angle)
-    return frame @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]), angle
+    angle = float(arctan2(product(direction, frame[:, 0]), product(direction, frame[:, 2])))
+    c, s = cos(angle), sin(angle)
+    return product(frame, np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])), angle
 
 
 def _twist(frame: FloatArray, direction: FloatArray) -> tuple[FloatArray, float]:
     """Returns the frame turned about its z until y points along a direction, and the angle."""
-    angle = float(np.arctan2(-(direction @ frame[:, 0]), direction @ frame[:, 1]))
-    c, s = np.cos(angle), np.sin(angle)
-    return frame @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), angle
+    angle = float(arctan2(-product(direction, frame[:, 0]), product(direction, frame[:, 1])))
+    c, s = cos(angle), sin(angle)
+    return product(frame, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])), angle
 
 
 def _unit(v: FloatArray) -> FloatArray:
-    unit: FloatArray = v / np.linalg.norm(v)
+    unit: FloatArray = v / norm(v)
     return unit

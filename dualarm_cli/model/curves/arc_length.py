@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.products import product
 from dualarm_cli.records import dataclass
 
 _OFFSETS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])
@@ -84,8 +85,10 @@ class ArcLength:
         h, gap = u[k + 1] - u[k], length[k + 1] - length[k]
         x = np.clip((s - length[k]) / gap, 0.0, 1.0)
         m0, m1 = gap / self.speed[k], gap / self.speed[k + 1]
-        rise = x**2 * (3.0 - 2.0 * x)
-        found: FloatArray = u[k] + h * rise + m0 * x * (1.0 - x) ** 2 - m1 * x**2 * (1.0 - x)
+        rise = np.square(x) * (3.0 - 2.0 * x)
+        found: FloatArray = (
+            u[k] + h * rise + m0 * x * np.square(1.0 - x) - m1 * np.square(x) * (1.0 - x)
+        )
         return found
 
 
@@ -95,5 +98,5 @@ def _steps(
     """Returns lengths (k,) [m] between parameters (k,) and (k,)."""
     h = end - start
     inner = start[:, None] + h[:, None] * (0.5 + 0.5 * _OFFSETS)
-    found: FloatArray = h * (speed(inner.ravel()).reshape(inner.shape) @ _WEIGHTS)
+    found: FloatArray = h * product(speed(inner.ravel()).reshape(inner.shape), _WEIGHTS)
     return found

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.elementary import cos, cube, power, sin
 from dualarm_cli.records import dataclass
 
 NODES = 2049
@@ -61,14 +62,14 @@ class Saddle:
 
     def _beta(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
         beta = self.start + t * (self.end - self.start)
-        return np.cos(beta), np.sin(beta)
+        return cos(beta), sin(beta)
 
     def point(self, t: FloatArray) -> FloatArray:
         """Returns points (k, 3) [m] at parameters (k,)."""
         c, s = self._beta(t)
-        ca, sa = np.cos(self.angle), np.sin(self.angle)
+        ca, sa = cos(self.angle), sin(self.angle)
         y = self.branch_radius * s + self.eccentricity
-        x = np.sqrt(self.main_radius**2 - y**2)
+        x = np.sqrt(np.square(self.main_radius) - np.square(y))
         # Eq. 12: z on the branch pipe is (x - r cos beta cos alpha) / sin alpha in its own frame.
         along = (x - self.branch_radius * c * ca) / sa
         z = -self.branch_radius * c * sa + along * ca
@@ -77,10 +78,10 @@ class Saddle:
     def rate(self, t: FloatArray) -> FloatArray:
         """Returns their derivatives by the parameter (k, 3) [m]."""
         c, s = self._beta(t)
-        r, ca, sa = self.branch_radius, np.cos(self.angle), np.sin(self.angle)
+        r, ca, sa = self.branch_radius, cos(self.angle), sin(self.angle)
         y = r * s + self.eccentricity
         dy = r * c
-        dx = -y * dy / np.sqrt(self.main_radius**2 - y**2)
+        dx = -y * dy / np.sqrt(np.square(self.main_radius) - np.square(y))
         dz = r * s * sa + (dx + r * s * ca) / sa * ca
         found: FloatArray = np.stack([dx, dy, dz], axis=-1) * (self.end - self.start)
         return found
@@ -88,13 +89,13 @@ class Saddle:
     def second(self, t: FloatArray) -> FloatArray:
         """Returns their second derivatives by the parameter (k, 3) [m]."""
         c, s = self._beta(t)
-        r, sa = self.branch_radius, np.sin(self.angle)
+        r, sa = self.branch_radius, sin(self.angle)
         y = r * s + self.eccentricity
-        x = np.sqrt(self.main_radius**2 - y**2)
-        ddx = y / x * r * s - self.main_radius**2 * (r * c) ** 2 / x**3
+        x = np.sqrt(np.square(self.main_radius) - np.square(y))
+        ddx = y / x * r * s - np.square(self.main_radius) * np.square(r * c) / cube(x)
         # z is x cot alpha - r cos beta / sin alpha.
-        ddz = (ddx * np.cos(self.angle) + r * c) / sa
-        found: FloatArray = np.stack([ddx, -r * s, ddz], axis=-1) * (self.end - self.start) ** 2
+        ddz = (ddx * cos(self.angle) + r * c) / sa
+        found: FloatArray = np.stack([ddx, -r * s, ddz], axis=-1) * np.square(self.end - self.start)
         return found
 
     def third_bound(self, t: FloatArray, half: FloatArray) -> FloatArray:
@@ -107,11 +108,11 @@ class Saddle:
         cosine = np.minimum(np.abs(c) + half * turn, 1.0)
         y = np.abs(r * s + self.eccentricity) + r * cosine * half * turn
         y = np.minimum(y, r + abs(self.eccentricity))
-        x = np.sqrt(R**2 - y**2)
-        dddx = 3.0 * R**2 * y * (r * cosine) ** 3 / x**5
-        dddx = dddx + 3.0 * R**2 * r**2 * cosine / x**3 + y * r * cosine / x
-        dddz = (dddx * abs(np.cos(self.angle)) + r) / abs(np.sin(self.angle))
-        found: FloatArray = np.sqrt(dddx**2 + r**2 + dddz**2) * turn**3
+        x = np.sqrt(np.square(R) - np.square(y))
+        dddx = 3.0 * np.square(R) * y * cube(r * cosine) / power(x, 5)
+        dddx = dddx + 3.0 * np.square(R) * np.square(r) * cosine / cube(x) + y * r * cosine / x
+        dddz = (dddx * abs(cos(self.angle)) + r) / abs(sin(self.angle))
+        found: FloatArray = np.sqrt(np.square(dddx) + np.square(r) + np.square(dddz)) * cube(turn)
         return found
 
     @property
@@ -146,34 +147,36 @@ class SphereArc:
     """Angle about the pipe where it ends [rad]."""
 
     def _turned(self, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-        ca, sa = np.cos(self.angle), np.sin(self.angle)
+        ca, sa = cos(self.angle), sin(self.angle)
         return np.stack([x, y * ca - z * sa, y * sa + z * ca], axis=-1)
 
     def point(self, t: FloatArray) -> FloatArray:
         """Returns points (k, 3) [m] at parameters (k,)."""
         beta = self.start + t * (self.end - self.start)
-        x = self.branch_radius * np.cos(beta) + self.eccentricity
-        y = self.branch_radius * np.sin(beta)
-        return self._turned(x, y, np.sqrt(self.main_radius**2 - x**2 - y**2))
+        x = self.branch_radius * cos(beta) + self.eccentricity
+        y = self.branch_radius * sin(beta)
+        return self._turned(
+            x, y, np.sqrt(np.square(self.main_radius) - np.square(x) - np.square(y))
+        )
 
     def rate(self, t: FloatArray) -> FloatArray:
         """Returns their derivatives by the parameter (k, 3) [m]."""
         beta = self.start + t * (self.end - self.start)
-        c, s = np.cos(beta), np.sin(beta)
+        c, s = cos(beta), sin(beta)
         x, y = self.branch_radius * c + self.eccentricity, self.branch_radius * s
         dx, dy = -self.branch_radius * s, self.branch_radius * c
-        dz = -(x * dx + y * dy) / np.sqrt(self.main_radius**2 - x**2 - y**2)
+        dz = -(x * dx + y * dy) / np.sqrt(np.square(self.main_radius) - np.square(x) - np.square(y))
         found: FloatArray = self._turned(dx, dy, dz) * (self.end - self.start)
         return found
 
     def second(self, t: FloatArray) -> FloatArray:
         """Returns their second derivatives by the parameter (k, 3) [m]."""
         beta = self.start + t * (self.end - self.start)
-        r, e, c, s = self.branch_radius, self.eccentricity, np.cos(beta), np.sin(beta)
-        z = np.sqrt(self.main_radius**2 - r**2 - e**2 - 2.0 * r * e * c)
+        r, e, c, s = self.branch_radius, self.eccentricity, cos(beta), sin(beta)
+        z = np.sqrt(np.square(self.main_radius) - np.square(r) - np.square(e) - 2.0 * r * e * c)
         # z² = R² - r² - e² - 2 r e cos beta, so that z' = r e sin beta / z.
-        ddz = r * e * c / z - (r * e * s) ** 2 / z**3
-        found: FloatArray = self._turned(-r * c, -r * s, ddz) * (self.end - self.start) ** 2
+        ddz = r * e * c / z - np.square(r * e * s) / cube(z)
+        found: FloatArray = self._turned(-r * c, -r * s, ddz) * np.square(self.end - self.start)
         return found
 
     def third_bound(self, t: FloatArray, half: FloatArray) -> FloatArray:
@@ -184,14 +187,21 @@ class SphereArc:
         turn = abs(self.end - self.start)
         beta = self.start + t * (self.end - self.start)
         r, e = self.branch_radius, abs(self.eccentricity)
-        sine = np.minimum(np.abs(np.sin(beta)) + half * turn, 1.0)
-        square = self.main_radius**2 - r**2 - e**2 - 2.0 * r * self.eccentricity * np.cos(beta)
-        least = self.main_radius**2 - (r + e) ** 2
+        sine = np.minimum(np.abs(sin(beta)) + half * turn, 1.0)
+        square = (
+            np.square(self.main_radius)
+            - np.square(r)
+            - np.square(e)
+            - 2.0 * r * self.eccentricity * cos(beta)
+        )
+        least = np.square(self.main_radius) - np.square(r + e)
         z = np.sqrt(np.maximum(square - 2.0 * r * e * sine * half * turn, least))
         dddz = (
-            r * e * sine / z + 3.0 * (r * e) ** 2 * sine / z**3 + 3.0 * (r * e * sine) ** 3 / z**5
+            r * e * sine / z
+            + 3.0 * np.square(r * e) * sine / cube(z)
+            + 3.0 * cube(r * e * sine) / power(z, 5)
         )
-        found: FloatArray = np.hypot(r, dddz) * turn**3
+        found: FloatArray = np.hypot(r, dddz) * cube(turn)
         return found
 
     @property
@@ -221,22 +231,22 @@ class Ellipse:
         """Returns points (k, 3) [m] at parameters (k,)."""
         u = self.start + t * (self.end - self.start)
         a, b = self.semi_axes
-        return np.stack([a * np.cos(u), b * np.sin(u), np.zeros_like(u)], axis=-1)
+        return np.stack([a * cos(u), b * sin(u), np.zeros_like(u)], axis=-1)
 
     def rate(self, t: FloatArray) -> FloatArray:
         """Returns their derivatives by the parameter (k, 3) [m]."""
         u = self.start + t * (self.end - self.start)
         a, b = self.semi_axes
-        found: FloatArray = np.stack([-a * np.sin(u), b * np.cos(u), np.zeros_like(u)], axis=-1)
+        found: FloatArray = np.stack([-a * sin(u), b * cos(u), np.zeros_like(u)], axis=-1)
         return found * (self.end - self.start)
 
     def second(self, t: FloatArray) -> FloatArray:
         """Returns their second derivatives by the parameter (k, 3) [m]."""
-        return -self.point(t) * (self.end - self.start) ** 2
+        return -self.point(t) * np.square(self.end - self.start)
 
     def third_bound(self, t: FloatArray, half: FloatArray) -> FloatArray:
         """Returns what the third derivative's length does not exceed (k,) [m] anywhere."""
-        return np.full(len(t), max(self.semi_axes) * abs(self.end - self.start) ** 3)
+        return np.full(len(t), max(self.semi_axes) * cube(abs(self.end - self.start)))
 
     @property
     def nodes(self) -> FloatArray:
@@ -249,7 +259,7 @@ class Ellipse:
             return np.tile([0.0, 0.0, 1.0], (len(t), 1))
         x, y, z = self.point(t).T
         a, b = self.semi_axes
-        return np.stack([x / a**2, y / b**2, z], axis=-1)
+        return np.stack([x / np.square(a), y / np.square(b), z], axis=-1)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.elementary import arctan2, cube
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.model.curves.contours import Contour
 from dualarm_cli.model.curves.feature_curve import MeasuredCurve
@@ -105,7 +107,7 @@ def by_euler(curve: MeasuredCurve, step: float) -> Points:
     found, theta = [0.0], 0.0
     while True:
         rate = curve.contour.rate(np.array([theta]))[0]
-        size = float(np.sqrt(rate @ rate))
+        size = float(np.sqrt(product(rate, rate)))
         theta += step / size
         if theta > 1.0 - REMAINDER / size:
             break
@@ -134,10 +136,10 @@ def judge(curve: MeasuredCurve, points: Points) -> Quality:
     spacing = _cell_lengths(contour, edges).reshape(-1, parts).sum(axis=1)
     whole = spacing[:-1] - points.step
     kappa, second = (bound.reshape(-1, parts).max(axis=1) for bound in _bounds(contour, edges))
-    bounds = np.minimum(kappa * spacing**2, second * np.diff(t) ** 2) / 8.0
-    turned = log_rotation(np.swapaxes(points.R[:-1], 1, 2) @ points.R[1:])
-    rate = contour.rate(t) @ curve.T_part_curve.rotation.T
-    sine = np.linalg.norm(np.cross(points.R[:, :, 0], rate), axis=1)
+    bounds = np.minimum(kappa * np.square(spacing), second * np.square(np.diff(t))) / 8.0
+    turned = log_rotation(product(np.swapaxes(points.R[:-1], 1, 2), points.R[1:]))
+    rate = product(contour.rate(t), curve.T_part_curve.rotation.T)
+    sine = norm(np.cross(points.R[:, :, 0], rate), axis=1)
     error = float(np.abs(whole).max(initial=0.0))
     return Quality(
         spacing_error=error,
@@ -147,9 +149,9 @@ def judge(curve: MeasuredCurve, points: Points) -> Quality:
         chord_error=_chord_error(contour, t),
         chord_bound=float(bounds.max()) * ROUNDING,
         curvature_bound=float(kappa.max()) * ROUNDING,
-        turn=float(np.linalg.norm(turned, axis=1).max()),
+        turn=float(norm(turned, axis=1).max()),
         least_dot=float((points.R[:-1] * points.R[1:]).sum(axis=1).min()),
-        lean=float(np.arctan2(sine, (points.R[:, :, 0] * rate).sum(axis=1)).max()),
+        lean=float(arctan2(sine, (points.R[:, :, 0] * rate).sum(axis=1)).max()),
     )
 
 
@@ -157,8 +159,8 @@ def _cell_lengths(contour: Contour, edges: FloatArray) -> FloatArray:
     """Returns the lengths of cells between parameters (k + 1,), by five-point Gauss-Legendre, (k,) [m]."""
     h = np.diff(edges)
     inner = edges[:-1, None] + h[:, None] * (0.5 + 0.5 * _NODES)
-    speed = np.linalg.norm(contour.rate(inner.ravel()), axis=1).reshape(inner.shape)
-    found: FloatArray = h * (speed @ (0.5 * _WEIGHTS))
+    speed = norm(contour.rate(inner.ravel()), axis=1).reshape(inner.shape)
+    found: FloatArray = h * product(speed, 0.5 * _WEIGHTS)
     return found
 
 
@@ -170,12 +172,12 @@ def _bounds(contour: Contour, edges: FloatArray) -> tuple[FloatArray, FloatArray
     """
     t, d = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
     rate, bend, third = contour.rate(t), contour.second(t), contour.third_bound(t, d)
-    size = np.linalg.norm(rate, axis=1)
-    second = np.linalg.norm(bend, axis=1) + d * third
+    size = norm(rate, axis=1)
+    second = norm(bend, axis=1) + d * third
     least, most = np.maximum(size - d * second, 0.0), size + d * second
-    across = np.linalg.norm(np.cross(rate, bend), axis=1) + d * third * most
+    across = norm(np.cross(rate, bend), axis=1) + d * third * most
     with np.errstate(divide="ignore", invalid="ignore"):
-        kappa = np.where(across > 0.0, across / least**3, 0.0)
+        kappa = np.where(across > 0.0, across / cube(least), 0.0)
     return kappa, second
 
 
@@ -183,10 +185,10 @@ def _chord_error(contour: Contour, t: FloatArray) -> float:
     """Returns the largest distance of a curve from the chords between parameters (k,), measured at inner points [m]."""
     p = contour.point(t)
     chord = np.diff(p, axis=0)
-    chord /= np.linalg.norm(chord, axis=1)[:, None]
+    chord /= norm(chord, axis=1)[:, None]
     worst = 0.0
     for share in np.arange(1, INNER) / INNER:
         off = contour.point(t[:-1] + share * np.diff(t)) - p[:-1]
         across = off - (off * chord).sum(axis=1)[:, None] * chord
-        worst = max(worst, float(np.linalg.norm(across, axis=1).max()))
+        worst = max(worst, float(norm(across, axis=1).max()))
     return worst

@@ -10,6 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.elementary import arcsin, arctan2
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.curves.arc_length import ArcLength
 from dualarm_cli.model.curves.contours import Contour
 from dualarm_cli.model.curves.point_spline import (
@@ -42,7 +44,7 @@ class MeasuredCurve(ABC):
     def arc(self) -> ArcLength:
         """Its length over the contour's parameter ([Qin2024] Eq. 14)."""
         return ArcLength.refine(
-            lambda t: np.asarray(np.linalg.norm(self.contour.rate(t), axis=1)), self.contour.nodes
+            lambda t: np.asarray(norm(self.contour.rate(t), axis=1)), self.contour.nodes
         )
 
     @cached_property
@@ -57,7 +59,9 @@ class MeasuredCurve(ABC):
     def at_parameter(self, t: FloatArray) -> Poses:
         """Returns frames on the curve in the part's frame at the contour's parameters (k,)."""
         T = self.T_part_curve
-        return T.rotation @ self.frames(t), self.contour.point(t) @ T.rotation.T + T.translation
+        return product(T.rotation, self.frames(t)), product(
+            self.contour.point(t), T.rotation.T
+        ) + T.translation
 
     def directions(self, s: FloatArray) -> FloatArray:
         """Returns unit vectors (k, 3) along the curve in the part's frame at lengths (k,) [m].
@@ -65,8 +69,8 @@ class MeasuredCurve(ABC):
         Frames that a file gives may have x elsewhere.
         """
         rate = self.contour.rate(self.arc.at(np.clip(s, 0.0, self.length)))
-        found: FloatArray = rate @ self.T_part_curve.rotation.T
-        return found / np.linalg.norm(found, axis=1)[:, None]
+        found: FloatArray = product(rate, self.T_part_curve.rotation.T)
+        return found / norm(found, axis=1)[:, None]
 
     @abstractmethod
     def frames(self, t: FloatArray) -> FloatArray:
@@ -110,7 +114,7 @@ class PoseCurve(MeasuredCurve):
         """
         p = np.array([pose.translation for pose in poses])
         R = np.array([pose.rotation for pose in poses])
-        closed = len(p) > 3 and float(np.linalg.norm(p[0] - p[-1])) < SAME_PLACE
+        closed = len(p) > 3 and float(norm(p[0] - p[-1])) < SAME_PLACE
         t, turned = chord_parameters(p), _quaternions(R)
         # Rotations that are the same at both ends count as open ones all the same: their quaternions change signs.
         k = max(telling(t, p, closed=closed), telling(t, UNIT * turned, closed=False), key=len)
@@ -120,7 +124,7 @@ class PoseCurve(MeasuredCurve):
     def _turning(self) -> object:
         assert isinstance(self.contour, PointSpline)
         knots, q = self.contour.knots, _quaternions(self.rotations)
-        sign = 1.0 if float(q[0] @ q[-1]) > 0.0 else -1.0
+        sign = 1.0 if float(product(q[0], q[-1])) > 0.0 else -1.0
         if not self.contour.closed or np.abs(q[-1] - sign * q[0]).max() > SAME_NORMAL:
             return quintic(knots, q, closed=False)
         # Twice round, the quaternions are themselves again.
@@ -148,9 +152,9 @@ def _quaternions(R: FloatArray) -> FloatArray:
 def contour_frames(contour: Contour, t: FloatArray) -> FloatArray:
     """Returns rotations (k, 3, 3) at parameters (k,): x along the curve, z out of the surface, y = z x x."""
     rate, normal = contour.rate(t), contour.normal(t)
-    x = rate / np.linalg.norm(rate, axis=1)[:, None]
+    x = rate / norm(rate, axis=1)[:, None]
     z = normal - (normal * x).sum(axis=1)[:, None] * x
-    z /= np.linalg.norm(z, axis=1)[:, None]
+    z /= norm(z, axis=1)[:, None]
     return np.stack([x, np.cross(z, x), z], axis=-1)
 
 
@@ -158,10 +162,8 @@ def least_lean(contour: Contour) -> float:
     """Returns the least angle between a contour and its surface's normal [rad]: near 0 there is no frame."""
     rate, normal = contour.rate(contour.nodes), contour.normal(contour.nodes)
     with np.errstate(invalid="ignore", divide="ignore"):
-        sine = np.linalg.norm(np.cross(rate, normal), axis=1) / (
-            np.linalg.norm(rate, axis=1) * np.linalg.norm(normal, axis=1)
-        )
-    return float(np.arcsin(np.clip(np.nan_to_num(sine), 0.0, 1.0)).min())
+        sine = norm(np.cross(rate, normal), axis=1) / (norm(rate, axis=1) * norm(normal, axis=1))
+    return float(arcsin(np.clip(np.nan_to_num(sine), 0.0, 1.0)).min())
 
 
 def sharpest_bend(contour: Contour) -> tuple[float, FloatArray]:
@@ -172,7 +174,7 @@ def sharpest_bend(contour: Contour) -> tuple[float, FloatArray]:
     rate = contour.rate(contour.nodes)
     turned = _angles(rate)
     # Where the direction vanishes it does not follow from its neighbours': the contour stops there.
-    turned[np.linalg.norm(rate[1:], axis=1) < STANDS * np.linalg.norm(rate, axis=1).max()] = np.pi
+    turned[norm(rate[1:], axis=1) < STANDS * norm(rate, axis=1).max()] = np.pi
     k = int(np.argmax(turned))
     return float(turned[k]), contour.point(contour.nodes[k + 1 : k + 2])[0]
 
@@ -189,5 +191,5 @@ def sharpest_roll(contour: Contour) -> tuple[float, FloatArray]:
 
 def _angles(v: FloatArray) -> FloatArray:
     """Returns the angles between neighbouring vectors (k, 3), shape (k - 1,) [rad]."""
-    sine = np.linalg.norm(np.cross(v[:-1], v[1:]), axis=1)
-    return np.arctan2(sine, (v[:-1] * v[1:]).sum(axis=1))
+    sine = norm(np.cross(v[:-1], v[1:]), axis=1)
+    return arctan2(sine, (v[:-1] * v[1:]).sum(axis=1))

@@ -7,6 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
+from dualarm_cli.geometry.linear_systems import solve
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.curves.contours import NODES
 from dualarm_cli.records import dataclass
 
@@ -105,7 +107,7 @@ class PointSpline:
         third, fourth = (np.asarray(self._curve(self.knots, k)) for k in (3, 4))  # type: ignore[operator]
         middle = third[:-1] + 0.5 * np.diff(self.knots)[:, None] * fourth[:-1]
         hull = np.stack([third[:-1], middle, third[1:]])
-        size = np.linalg.norm(hull, axis=2).max(axis=0)
+        size = norm(hull, axis=2).max(axis=0)
         last = len(size) - 1
         low = np.clip(np.searchsorted(self.knots, t - half, side="left") - 1, 0, last)
         high = np.clip(np.searchsorted(self.knots, t + half, side="right") - 1, 0, last)
@@ -120,7 +122,7 @@ class PointSpline:
 
 def chord_parameters(points: FloatArray) -> FloatArray:
     """Returns parameters of points (k, 3) from 0 to 1 by the chords' lengths, shape (k,)."""
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    steps = norm(np.diff(points, axis=0), axis=1)
     found = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
     found[-1] = 1.0
     return readonly(found)
@@ -173,15 +175,15 @@ def _end_rates(knots: FloatArray, values: FloatArray) -> list[tuple[int, FloatAr
     """Returns first and second derivative, each (d,), of the quartic through values (5, d) at the first of them."""
     scale = knots[4] - knots[0]
     powers = np.vander((knots - knots[0]) / scale, increasing=True)
-    _, first, second, *_ = np.linalg.solve(powers, values)
-    return [(1, first / scale), (2, 2.0 * second / scale**2)]
+    _, first, second, *_ = solve(powers, values)
+    return [(1, first / scale), (2, 2.0 * second / np.square(scale))]
 
 
 def _directions(vectors: FloatArray) -> FloatArray:
     """Returns vectors (k, d) at length 1: a long normal beside short ones would pull the curve between them."""
     if not vectors.size:
         return vectors
-    found: FloatArray = vectors / np.linalg.norm(vectors, axis=1)[:, None]
+    found: FloatArray = vectors / norm(vectors, axis=1)[:, None]
     return found
 
 
@@ -195,21 +197,21 @@ def _carried_along(up: FloatArray, p: FloatArray, rate: FloatArray) -> FloatArra
         p: points [m], shape (k, 3).
         rate: along the curve, shape (k, 3).
     """
-    tangent = rate / np.linalg.norm(rate, axis=1)[:, None]
+    tangent = rate / norm(rate, axis=1)[:, None]
     found = np.empty_like(p)
-    r = up - (up @ tangent[0]) * tangent[0]
-    if np.linalg.norm(r) < ALONG * np.linalg.norm(up):
+    r = up - product(up, tangent[0]) * tangent[0]
+    if norm(r) < ALONG * norm(up):
         return np.zeros_like(p)
-    found[0] = r = r / np.linalg.norm(r)
+    found[0] = r = r / norm(r)
     for k in range(len(p) - 1):
         # First in the plane between the points, then in the one between the tangents.
         v = p[k + 1] - p[k]
-        scale = 2.0 / (v @ v)
-        r = r - scale * (v @ r) * v
-        t = tangent[k] - scale * (v @ tangent[k]) * v
+        scale = 2.0 / product(v, v)
+        r = r - scale * product(v, r) * v
+        t = tangent[k] - scale * product(v, tangent[k]) * v
         w = tangent[k + 1] - t
-        size = w @ w
+        size = product(w, w)
         if size > 0.0:
-            r = r - 2.0 / size * (w @ r) * w
+            r = r - 2.0 / size * product(w, r) * w
         found[k + 1] = r
     return found

@@ -12,6 +12,8 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.elementary import arctan2, cos, cube, power, sin
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import exp_rotation, log_rotation
 from dualarm_cli.model.curves.arc_length import ArcLength
 from dualarm_cli.records import dataclass
@@ -28,12 +30,14 @@ SPACING = 0.3
 whose curvature begins and ends at zero it has nearly the widest bend for how far it leaves the corner."""
 APEX = (16.0 - 25.0 * SPACING) / 32.0
 """How far such a curve leaves its corner, in its reach times the difference of both directions: its middle."""
-SHARPEST = np.cos(np.deg2rad(135.0))
+SHARPEST = cos(np.deg2rad(135.0))
 """Cosine of the largest change of direction that is rounded; beyond it the bend is tighter than a stop is slow."""
 SHORTEST_REST = 1e-9
 """Share of a straight piece between two rounded corners that counts as nothing."""
 SMALL_ANGLE = 1e-3
 """Rotation below which a series is exact enough [rad]."""
+TINY_ANGLE = 1e-9
+"""Rotation below which it is none [rad]."""
 ROUNDED_NODES = 33
 """Points with which measuring the length of a rounded corner begins."""
 QUINTIC = np.array([comb(5, k) for k in range(6)], dtype=np.float64)
@@ -65,19 +69,19 @@ class Line:
 
     @cached_property
     def _turn(self) -> FloatArray:
-        return log_rotation(self.start.rotation.T @ self.end.rotation)
+        return log_rotation(product(self.start.rotation.T, self.end.rotation))
 
     @cached_property
     def length(self) -> float:
         """Length [m]."""
-        way = float(np.linalg.norm(self.end.translation - self.start.translation))
-        return max(way, TURN_LENGTH * float(np.linalg.norm(self._turn)))
+        way = float(norm(self.end.translation - self.start.translation))
+        return max(way, TURN_LENGTH * float(norm(self._turn)))
 
     def at(self, s: FloatArray) -> Poses:
         """Returns poses at lengths s (k,) [m]."""
         share = (s / self.length)[:, None] if self.length else np.zeros((len(s), 1))
         way = self.end.translation - self.start.translation
-        R = self.start.rotation @ exp_rotation(share * self._turn)
+        R = product(self.start.rotation, exp_rotation(share * self._turn))
         return R, self.start.translation + share * way
 
     def part(self, first: float, last: float) -> Line:
@@ -119,16 +123,16 @@ class Turn:
     def length(self) -> float:
         """Length [m]."""
         arm = self.start.translation - self.about
-        radius = float(np.linalg.norm(arm - self.axis * (self.axis @ arm)))
-        turned = TURN_LENGTH * float(np.linalg.norm(self.rotation))
+        radius = float(norm(arm - self.axis * product(self.axis, arm)))
+        turned = TURN_LENGTH * float(norm(self.rotation))
         return max(radius * abs(self.angle), turned)
 
     def at(self, s: FloatArray) -> Poses:
         """Returns poses at lengths s (k,) [m]."""
         share = (s / self.length)[:, None] if self.length else np.zeros((len(s), 1))
         circle = exp_rotation(share * self.angle * self.axis)
-        R = exp_rotation(share * self.rotation) @ self.start.rotation
-        return R, self.about + circle @ (self.start.translation - self.about)
+        R = product(exp_rotation(share * self.rotation), self.start.rotation)
+        return R, self.about + product(circle, self.start.translation - self.about)
 
     @classmethod
     def through(cls, start: pin.SE3, via: FloatArray, end: pin.SE3) -> Turn | None:
@@ -141,16 +145,18 @@ class Turn:
         """
         a, b = via - start.translation, end.translation - start.translation
         normal = np.cross(a, b)
-        size = float(normal @ normal)
-        if size < 1e-12 * (float(a @ a) * float(b @ b)) or size == 0.0:
+        size = float(product(normal, normal))
+        if size < 1e-12 * (float(product(a, a)) * float(product(b, b))) or size == 0.0:
             return None
         # The circumcentre of the three points.
-        to_centre = np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)
+        to_centre = np.cross(normal, a) * product(b, b) + np.cross(b, normal) * product(a, a)
         about = start.translation + to_centre / (2.0 * size)
         axis = normal / np.sqrt(size)
         first, last = start.translation - about, end.translation - about
-        angle = float(np.arctan2(axis @ np.cross(first, last), first @ last) % (2.0 * np.pi))
-        rotation = log_rotation(end.rotation @ start.rotation.T)
+        angle = float(
+            arctan2(product(axis, np.cross(first, last)), product(first, last)) % (2.0 * np.pi)
+        )
+        rotation = log_rotation(product(end.rotation, start.rotation.T))
         return cls(start, about, axis, angle, rotation)
 
 
@@ -196,8 +202,8 @@ class Spline:
     def _speed(self, u: FloatArray) -> FloatArray:
         """Returns the length per unit of the parameter, smooth where neither way nor turning vanishes."""
         position, rotation = self._curves
-        way = np.linalg.norm(position(u, 1), axis=-1)  # type: ignore[operator]
-        turned = TURN_LENGTH * np.linalg.norm(rotation(u, 1), axis=-1)  # type: ignore[operator]
+        way = norm(position(u, 1), axis=-1)  # type: ignore[operator]
+        turned = TURN_LENGTH * norm(rotation(u, 1), axis=-1)  # type: ignore[operator]
         found: FloatArray = np.maximum(way, turned)
         return found
 
@@ -243,30 +249,33 @@ class RoundedCorner:
     def _bezier(self, u: FloatArray) -> FloatArray:
         """Returns way and rotation vector from the corner, shape (k, 6), for parameters from 0 to 1."""
         powers = np.arange(6)
-        weights = QUINTIC * u[:, None] ** powers * (1.0 - u[:, None]) ** powers[::-1]
-        return weights @ self._points
+        weights = QUINTIC * power(u[:, None], powers) * power(1.0 - u[:, None], powers[::-1])
+        return product(weights, self._points)
 
     @property
     def left_by(self) -> float:
         """How far it leaves the corner: its middle does most [m]."""
-        return float(np.linalg.norm(self._bezier(np.array([0.5]))[0, :3]))
+        return float(norm(self._bezier(np.array([0.5]))[0, :3]))
 
     def _speed(self, u: FloatArray) -> FloatArray:
         """Returns the length per unit of the parameter."""
         powers = np.arange(5)
-        weights = QUINTIC[:5] * (1.0 - powers / 5.0) * u[:, None] ** powers
-        rate = 5.0 * (weights * (1.0 - u[:, None]) ** powers[::-1]) @ np.diff(self._points, axis=0)
+        weights = QUINTIC[:5] * (1.0 - powers / 5.0) * power(u[:, None], powers)
+        rate = product(
+            5.0 * (weights * power(1.0 - u[:, None], powers[::-1])), np.diff(self._points, axis=0)
+        )
         vector = self._bezier(u)[:, 3:]
         # Angular velocity in the tool's frame: the right Jacobian of the rotation vector.
-        angle = np.linalg.norm(vector, axis=1, keepdims=True)
+        angle = norm(vector, axis=1, keepdims=True)
         once = np.cross(vector, rate[:, 3:])
-        first = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
         second = np.where(angle < SMALL_ANGLE, 1.0 / 6.0, 0.0)
         large = np.maximum(angle, SMALL_ANGLE)
-        second += np.where(angle < SMALL_ANGLE, 0.0, (large - np.sin(large)) / large**3)
+        half = np.maximum(angle, TINY_ANGLE) / 2.0
+        first = 0.5 * np.square(sin(half) / half)
+        second += np.where(angle < SMALL_ANGLE, 0.0, (large - sin(large)) / cube(large))
         turning = rate[:, 3:] - first * once + second * np.cross(vector, once)
         found: FloatArray = np.maximum(
-            np.linalg.norm(rate[:, :3], axis=1), TURN_LENGTH * np.linalg.norm(turning, axis=1)
+            norm(rate[:, :3], axis=1), TURN_LENGTH * norm(turning, axis=1)
         )
         return found
 
@@ -282,7 +291,7 @@ class RoundedCorner:
     def at(self, s: FloatArray) -> Poses:
         """Returns poses at lengths s (k,) [m]."""
         offset = self._bezier(self._lengths.at(s))
-        R = self.corner.rotation @ exp_rotation(offset[:, 3:])
+        R = product(self.corner.rotation, exp_rotation(offset[:, 3:]))
         return R, self.corner.translation + offset[:, :3]
 
 
@@ -367,9 +376,9 @@ def _rounded(one: Piece, other: Piece, blend: float) -> RoundedCorner | None:
         return None
     scale = np.repeat([1.0, TURN_LENGTH], 3)
     before, after = one.direction, other.direction
-    away = np.linalg.norm((scale * (after - before)).reshape(2, 3), axis=1).max()
-    if away <= SAME_DIRECTION or (scale * before) @ (scale * after) < SHARPEST * float(
-        np.linalg.norm(scale * before) * np.linalg.norm(scale * after)
+    away = norm((scale * (after - before)).reshape(2, 3), axis=1).max()
+    if away <= SAME_DIRECTION or product(scale * before, scale * after) < SHARPEST * float(
+        norm(scale * before) * norm(scale * after)
     ):
         return None
     reach = min(blend / (APEX * float(away)), 0.5 * one.length, 0.5 * other.length)
@@ -384,7 +393,7 @@ def _direction(piece: Piece, s: float) -> FloatArray:
     inward = 1.0 if s == 0.0 else -1.0
     # Second order: from the values at the end, one step and two steps inward.
     R, p = piece.at(s + inward * step * np.arange(3.0))
-    turn = log_rotation(R @ R[0].T)
+    turn = log_rotation(product(R, R[0].T))
     stacked = np.concatenate([p - p[0], TURN_LENGTH * turn], axis=1)
     slope: FloatArray = inward * (4.0 * stacked[1] - stacked[2]) / (2.0 * step)
     return slope

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.elementary import log, power
 from dualarm_cli.orders.asynchronous.problem import Order, SequencingProblem
 from dualarm_cli.orders.asynchronous.times import Timed, best_ways, timed
 from dualarm_cli.records import dataclass
@@ -241,7 +242,7 @@ class Recreator:
         best = current = start
         routes = self._routes(start.order)
         scale = start.total / len(self._units) if np.isfinite(start.total) else 1.0
-        cooling = (COLD / HOT) ** (1.0 / max(1, iterations))
+        cooling = power(COLD / HOT, 1.0 / max(1, iterations))
         heat = HOT * scale
         for _ in range(iterations):
             heat *= cooling
@@ -254,7 +255,7 @@ class Recreator:
                 continue
             # Ways that suit the neighbours they were put between need not suit the whole order.
             found = self._polished(tried)
-            if found.worth >= current.worth - heat * np.log(1.0 - self._random.random()):
+            if found.worth >= current.worth - heat * log(1.0 - self._random.random()):
                 continue
             routes, current = self._routes(found.order), found
             if found.worth < best.worth - 1e-12:

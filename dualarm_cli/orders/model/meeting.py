@@ -239,7 +239,7 @@ def _touch(
     def margins(rows: IntArray, share: FloatArray) -> FloatArray:
         position = np.tile(order.start, (len(rows), 1))
         for own, name in zip(ends, names, strict=True):
-            places = np.tensordot(share, own[:, rows], axes=1)
+            places = np.einsum("s,snj->nj", share, own[:, rows])
             position[:, order.model.arms[name].columns] = places
         return clearance.cross_margins(position, both[rows])
 

@@ -277,7 +277,11 @@ def _few_angles(order: OrderModel, stops: int) -> IntArray:
     few = 2 * MOST_ANGLES if stops <= FEW_STOPS else MOST_ANGLES
     most = min(few, max(3, int(np.sqrt(MOST_NUMBERS / ((stops + 1) * (stops + 2))))))
     if len(useful) >= most:
-        by_angle = useful[np.argsort(order.angles[useful, 0])] if order.angles.size else useful
+        by_angle = (
+            useful[np.argsort(order.angles[useful, 0], kind="stable")]
+            if order.angles.size
+            else useful
+        )
         useful = by_angle[np.unique(np.linspace(0, len(useful) - 1, most - 1).round().astype(int))]
     return np.concatenate([[0], np.sort(useful[useful != 0])])
 

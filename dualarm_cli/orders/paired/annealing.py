@@ -14,6 +14,7 @@ from dualarm_cli.compiled.stage_annealing import (
     anneal_stages,
 )
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.elementary import power
 from dualarm_cli.orders.paired.problem import StageOrder, StageProblem
 from dualarm_cli.orders.paired.times import with_angles
 
@@ -88,12 +89,12 @@ class StageAnnealing:
         """
         line = self.line(start.slots)
         total, warm = line.best, heat * line.total / len(line.slots)
-        cooling = (COLD / heat) ** (1.0 / max(1, rounds))
+        cooling = power(COLD / heat, 1.0 / max(1, rounds))
         for k in range(0, rounds, REFRESHED):
             if stop():
                 break
             some = range(k, min(rounds, k + REFRESHED))
-            self.anneal(line, some, (warm * cooling ** (k + 1), cooling))
+            self.anneal(line, some, (warm * power(cooling, k + 1), cooling))
             met(StageOrder(line.slots, line.angles[1:], line.total))
             if line.best < total:
                 total = line.best

@@ -65,7 +65,7 @@ def _best_with_buffers(
     for some in _queues(problem):
         if best is not None and stop():
             break
-        size = max(1, NUMBERS // len(problem.turn) ** 2)
+        size = max(1, NUMBERS // (len(problem.turn) * len(problem.turn)))
         for k in range(0, len(some[0]), size):
             queues = [own[k : k + size] for own in some]
             found = Alignments(problem, queues).totals()

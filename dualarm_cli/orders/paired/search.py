@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.elementary import log, power
 from dualarm_cli.orders.paired.problem import (
     IDLE,
     StageOrder,
@@ -341,7 +342,7 @@ class StageSearch:
     ) -> tuple[IntArray, float]:
         """Returns the best stages found, and their total."""
         best, current = (slots, total), (slots, total)
-        warm, cooling = heat[0], (heat[1] / max(heat)) ** (1.0 / max(1, iterations))
+        warm, cooling = heat[0], power(heat[1] / max(heat), 1.0 / max(1, iterations))
         for _ in range(iterations):
             warm *= cooling
             if stop():
@@ -351,7 +352,7 @@ class StageSearch:
             if tried is None:
                 continue
             found = float(totals(self.problem, tried[None], ends)[0])
-            if found >= current[1] - warm * np.log(1.0 - self._random.random()):
+            if found >= current[1] - warm * log(1.0 - self._random.random()):
                 continue
             current = tried, found
             if found < best[1] - 1e-9:

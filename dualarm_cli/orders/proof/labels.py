@@ -294,7 +294,7 @@ class LabelSearch:
         kept = bound < self.upper
         labels, bound = labels.take(kept), bound[kept]
         if len(labels) > self.most:
-            order = np.argpartition(bound, self.most)
+            order = np.argsort(bound, kind="stable")
             self._dropped = min(self._dropped, float(bound[order[self.most :]].min()))
             labels = labels.take(order[: self.most])
         return labels.take(np.lexsort((labels.node, labels.made)))
@@ -412,7 +412,7 @@ def _best_of_same(labels: _Labels) -> _Labels:
     # Idle arms' last stops are 62 at most, IDLE is -1.
     place = 64 * labels.node + labels.idle + 1
     key = labels.made.astype(np.uint64) * MIXED ^ place.astype(np.uint64)
-    order = np.argsort(key)
+    order = np.argsort(key, kind="stable")
     key, made, place = key[order], labels.made[order], place[order]
     # Where two keys happen to be the same both labels stay.
     new = (key[1:] != key[:-1]) | (made[1:] != made[:-1]) | (place[1:] != place[:-1])

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from dualarm_cli.geometry import products
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, SingleArray
 from dualarm_cli.orders.paired.problem import IDLE
 from dualarm_cli.orders.proof.graph import StageGraph
@@ -131,7 +132,7 @@ def best_prices(
                 continue
         made = graph.stops[paths.path(to)].ravel()
         slope = 1.0 - np.bincount(made[made != IDLE], minlength=paths.count)
-        norm = float(slope @ slope)
+        norm = float(products.product(slope, slope))
         if norm == 0.0 or value >= upper or stop():
             break
         price = price + share * (upper - value) / norm * slope
@@ -173,7 +174,7 @@ def good_prices(
         if not left or stop() or value >= upper:
             break
         least = (to + paths.backward(price)[::-1]).min(axis=0)
-        some = np.sort(np.argpartition(least, FEW_NODES)[:FEW_NODES])
+        some = np.sort(np.argsort(least, kind="stable")[:FEW_NODES])
     return best
 
 

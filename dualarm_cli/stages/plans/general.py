@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.continuation import SKELETON, FlangeLines, follow_lines, moved_along
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import solve_poses
@@ -362,7 +363,7 @@ def _rows(work: ArmWork, target: IntArray, yaw: FloatArray, q: FloatArray) -> Ar
 def _branch(work: ArmWork, q: FloatArray) -> IntArray:
     """Returns a number that tells in which half of its range every joint is, shape (n,)."""
     upper = q[:, :HALF_RANGES] > work.middle_of_ranges[:HALF_RANGES]
-    return np.asarray(upper @ (1 << np.arange(upper.shape[1])), dtype=np.int64)
+    return np.asarray(product(upper, 1 << np.arange(upper.shape[1])), dtype=np.int64)
 
 
 def _with_turns(work: ArmWork, nodes: Nodes, most: int) -> Nodes:

@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
@@ -99,16 +100,16 @@ class ArmWork:
         arm = self.kinematics
         if isinstance(arm, GeneralArm):
             axis = arm.R_last_flange.T[:, 2]
-            point = -arm.R_last_flange.T @ arm.p_last_flange
+            point = product(-arm.R_last_flange.T, arm.p_last_flange)
         else:
-            axis = arm.geometry.R_flange.T @ arm.geometry.axes[6]
+            axis = product(arm.geometry.R_flange.T, arm.geometry.axes[6])
             point = arm.geometry.p_flange_wrist
         z_tool = self.R_tool_flange.T[:, 2]
-        if np.linalg.norm(np.cross(axis, z_tool)) > 1e-9:
+        if norm(np.cross(axis, z_tool)) > 1e-9:
             return False
         # A point of the axis and the tool centre point, seen from the flange, on one line along the axis.
-        tcp = -self.R_tool_flange.T @ self.p_tool_flange
-        return bool(np.linalg.norm(np.cross(tcp - point, axis)) < 1e-9)
+        tcp = product(-self.R_tool_flange.T, self.p_tool_flange)
+        return bool(norm(np.cross(tcp - point, axis)) < 1e-9)
 
     @property
     def middle_of_ranges(self) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.platform_chain import PlatformChain, rotation_z
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
@@ -57,9 +58,9 @@ class StopTable:
                 configuration.append(np.zeros(arm.joints))
                 continue
             R_flange, p_flange = arm.kinematics.forward(stop.configurations)
-            R_tool = R_flange @ arm.R_tool_flange.T
+            R_tool = product(R_flange, arm.R_tool_flange.T)
             R.extend(R_tool)
-            p.extend(p_flange - R_tool @ arm.p_tool_flange)
+            p.extend(p_flange - product(R_tool, arm.p_tool_flange))
             carried.extend([True] * len(stop.configurations))
             configuration.extend(stop.configurations)
         if not R:
@@ -111,9 +112,13 @@ def flange_poses(
     if carried.any():
         R_inverse = np.where(carried[..., None, None], np.eye(3), R_inverse)
         p_world = np.where(carried[..., None], 0.0, p_world)
-    R_tool = R_inverse @ table.R[row] @ rotation_z(yaw)
-    p_tool = (R_inverse @ (table.p[row] - p_world)[..., None])[..., 0]
-    return R_tool @ arm.R_tool_flange, p_tool + R_tool @ arm.p_tool_flange, R_tool[..., :, 2]
+    R_tool = product(R_inverse, table.R[row], rotation_z(yaw))
+    p_tool = product(R_inverse, (table.p[row] - p_world)[..., None])[..., 0]
+    return (
+        product(R_tool, arm.R_tool_flange),
+        p_tool + product(R_tool, arm.p_tool_flange),
+        R_tool[..., :, 2],
+    )
 
 
 def platform_positions(problem: SequenceProblem, angle: FloatArray) -> FloatArray:

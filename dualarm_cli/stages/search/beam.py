@@ -422,7 +422,7 @@ def _options(
     left = np.append(potential, np.float32(np.inf))[at]
     total = cost + left
     w = min(per_angle, total.shape[2])
-    best = np.argpartition(total, w - 1, axis=2)[..., :w]
+    best = np.argsort(total, axis=2, kind="stable")[..., :w]
     cost = np.take_along_axis(cost, best, axis=2)
     nodes = np.take_along_axis(np.broadcast_to(at, total.shape), best, axis=2)
     left = np.take_along_axis(np.broadcast_to(left, total.shape), best, axis=2)

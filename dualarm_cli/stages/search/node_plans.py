@@ -11,6 +11,7 @@ from dualarm_cli.beside import halves
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.effort import Mesh
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import CandidatePostures, Grid, Nodes
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
@@ -57,8 +58,8 @@ def with_yaws(
 def _sense(work: ArmWork) -> float:
     """Returns +1 if a positive yaw is a positive turn of the last joint, else -1."""
     geometry = work.closed_form.geometry
-    axis = geometry.R_flange.T @ geometry.axes[-1]
-    return float(np.sign(axis @ work.R_tool_flange.T[:, 2]))
+    axis = product(geometry.R_flange.T, geometry.axes[-1])
+    return float(np.sign(product(axis, work.R_tool_flange.T[:, 2])))
 
 
 def _evaluate(

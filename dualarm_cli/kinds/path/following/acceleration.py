@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.linear_systems import SingularMatrixError, solve
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinds.path.following.problem import (
     NoPath,
     PathMotion,
@@ -124,7 +126,9 @@ def stoppable(problem: PathProblem) -> FloatArray:
     A speed v (left / t)³ has its largest acceleration 3 v / t and its largest jerk 6 v / t² at first.
     """
     t, limits = braking_time(problem), problem.limits
-    return np.minimum(limits.acceleration * t / ORDER, limits.jerk * t**2 / (ORDER * (ORDER - 1.0)))
+    return np.minimum(
+        limits.acceleration * t / ORDER, limits.jerk * np.square(t) / (ORDER * (ORDER - 1.0))
+    )
 
 
 def follow_min_acceleration(problem: PathProblem) -> PathMotion | NoPath:
@@ -145,7 +149,7 @@ def _follow(problem: PathProblem, wanted: Wanted) -> PathMotion | NoPath:
     for k in range(1, problem.instants):
         try:
             found = step.solve(q, qd, acceleration, k - 1)
-        except np.linalg.LinAlgError:
+        except SingularMatrixError:
             return NoPath(f"the tools cannot be followed{singular_words(problem, q)}", k)
         if found is None:
             return NoPath(
@@ -213,7 +217,7 @@ class AccelerationStep:
             problem.R[k], problem.p[k], state.R[self._follows], state.p[self._follows]
         )
         drift = tool_drift(state.S, state.p, body.moves, body.before, qd)[problem.rows]
-        slip = self._velocity[k] - J @ qd
+        slip = self._velocity[k] - product(J, qd)
         A = self._acceleration[k] + DAMPING * slip + STIFFNESS * error - drift
         left = (problem.instants - 1 - k) * problem.step
         aim = self._rest(J, qd, left) if left < self._braking else self._wanted(state.S, qd)
@@ -244,12 +248,12 @@ class AccelerationStep:
     def _towards(self, J: FloatArray, error: FloatArray) -> FloatArray:
         found = np.zeros(J.shape[1])
         own = J[:, self._free]
-        found[self._free] = own.T @ np.linalg.solve(own @ own.T, error)
+        found[self._free] = product(own.T, solve(product(own, own.T), error))
         return found
 
     def _rest(self, J: FloatArray, qd: FloatArray, left: float) -> FloatArray:
         """Returns the accelerations under which self-motion ends when the path does, shape (n,)."""
-        inner = qd - J.T @ np.linalg.solve(J @ J.T, J @ qd)
+        inner = qd - product(J.T, solve(product(J, J.T), product(J, qd)))
         return -ORDER / max(left, self._problem.step) * inner
 
     def _torques(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinds.path.following.problem import NoPath, PathMotion, PathProblem, within_limits
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
@@ -93,9 +94,9 @@ def flange_poses(
     """
     R_world, p_world = model.carried_frame(position)
     T = arm.T_flange_tcp.inverse()
-    inside = (p - p_world) @ R_world
-    turned = R_world.T @ R
-    return turned @ T.rotation, inside + turned @ T.translation
+    inside = product(p - p_world, R_world)
+    turned = product(R_world.T, R)
+    return product(turned, T.rotation), inside + product(turned, T.translation)
 
 
 def best_track(
@@ -221,7 +222,11 @@ def _refined(
     def cost_of(q: FloatArray) -> float:
         inside = ((q >= arm.lower + KEPT_FREE / 2) & (q <= arm.upper - KEPT_FREE / 2)).all()
         jumps = np.abs(np.diff(q, axis=0)).max() > FARTHEST
-        return float((np.diff(q / velocity, axis=0) ** 2).sum()) if inside and not jumps else np.inf
+        return (
+            float(np.square(np.diff(q / velocity, axis=0)).sum())
+            if inside and not jumps
+            else np.inf
+        )
 
     q = joints(psi)
     cost, damping = cost_of(q), 1e-6

@@ -8,6 +8,8 @@ from dataclasses import field
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
+from dualarm_cli.geometry.linear_systems import singular_values
+from dualarm_cli.geometry.products import product
 from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.whole_body import WholeBody
@@ -107,10 +109,10 @@ class PathProblem:
         """Returns velocities and accelerations of the tools, each (k, 6 b), by central differences over the step."""
         k, b = self.p.shape[:2]
         ahead = np.minimum(np.arange(k) + 1, k - 1)
-        turn = log_rotation(self.R[ahead] @ np.swapaxes(self.R, -1, -2))
+        turn = log_rotation(product(self.R[ahead], np.swapaxes(self.R, -1, -2)))
         rise = np.concatenate([self.p[ahead] - self.p, turn], axis=-1).reshape(k, 6 * b)
         before = np.vstack([np.zeros((1, 6 * b)), rise[:-1]])
-        return (rise + before) / (2.0 * self.step), (rise - before) / self.step**2
+        return (rise + before) / (2.0 * self.step), (rise - before) / np.square(self.step)
 
 
 @dataclass(frozen=True)
@@ -178,7 +180,7 @@ def singular_words(problem: PathProblem, q: FloatArray) -> str:
     if not np.isfinite(q).all():
         return ""
     J = problem.body.at(q).J[problem.rows][:, problem.free]
-    smallest = float(np.linalg.svd(J, compute_uv=False)[-1])
+    smallest = float(singular_values(J)[-1])
     if smallest > SINGULAR:
         return ""
     return f"; the posture is nearly singular there (smallest singular value {smallest:.2g})"

@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from dualarm_cli.geometry import linear_systems
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.linear_systems import SingularMatrixError, solve
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinds.path.following.problem import (
     NoPath,
     PathMotion,
@@ -134,7 +137,7 @@ def spring_gradient(
     """
     places, carried = body.carried_points(state, spring.points)
     D = state.elbow - places
-    v = -spring.gain * np.tensordot(D, body.elbow_jacobian(state) - carried, 2)
+    v = -spring.gain * np.einsum("ij,ijk->k", D, body.elbow_jacobian(state) - carried)
     return v, np.sqrt((D * D).sum(axis=1))
 
 
@@ -147,7 +150,7 @@ def _follow(problem: PathProblem, *, exact: bool, pulled: bool) -> PathMotion | 
     for k in range(1, problem.instants):
         try:
             moved = step(q, k)
-        except np.linalg.LinAlgError:
+        except SingularMatrixError:
             return NoPath(f"the joints cannot follow{singular_words(problem, q)}", k)
         if not np.abs(moved - q).max() < LARGEST_STEP:
             found = _judged(problem, room, position[:k])
@@ -180,7 +183,7 @@ def make_step(
     every = bool(rows.all() and free.all())
     follows = np.flatnonzero(problem.follows)
     speed = problem.pace * problem.step
-    damping = problem.damping**2 * np.eye(6 * len(follows))
+    damping = np.square(problem.damping) * np.eye(6 * len(follows))
     most = SELF_SPEED * problem.limits.velocity
     idle = ~problem.rows
     cap = SELF_SHARE * problem.tool_speed if problem.tool_speed is not None else np.inf
@@ -189,21 +192,21 @@ def make_step(
         """Returns how many times faster than it may self-motion swings the tools of arms that do not follow."""
         if not np.isfinite(cap) or not idle.any():
             return 0.0
-        speeds = (J[idle] @ v).reshape(-1, 6)[:, :3]
-        return float(np.linalg.norm(speeds, axis=1).max()) / cap
+        speeds = product(J[idle], v).reshape(-1, 6)[:, :3]
+        return float(norm(speeds, axis=1).max()) / cap
 
     def step(q: FloatArray, k: int) -> FloatArray:
         state = body.at(q)
         J = state.J if every else state.J[rows] * free
-        gram = J @ J.T
+        gram = product(J, J.T)
         error = pose_error(problem.R[k], problem.p[k], state.R[follows], state.p[follows])
-        moved = J.T @ np.linalg.solve(gram + damping, error)
-        inverse = np.linalg.inv(gram if exact else gram + damping)
+        moved = product(J.T, solve(gram + damping, error))
+        inverse = linear_systems.inverse(gram if exact else gram + damping)
         pull = np.zeros(len(q))
         if pulled:
             v = spring_gradient(body, state, spring)[0]
             v *= free
-            v -= J.T @ (inverse @ (J @ v))
+            v -= product(J.T, product(inverse, product(J, v)))
             if exact:
                 # Self-motion leaves joints enough of their speed for the tools' motion.
                 v /= max(1.0, float((np.abs(v) / most).max()), swing(state.J, v))
@@ -216,7 +219,7 @@ def make_step(
                 moved = moved if held is None else held
         q = q + moved
         if exact:
-            q = corrected(problem, q, J.T @ inverse, problem.R[k], problem.p[k])
+            q = corrected(problem, q, product(J.T, inverse), problem.R[k], problem.p[k])
         return q
 
     return step
@@ -241,7 +244,7 @@ def corrected(
     for _ in range(CORRECTIONS):
         R, p = body.tools(q)
         left = pose_error(R_goal, p_goal, R[which], p[which])
-        q = q + plus @ left
+        q = q + product(plus, left)
         size = float(np.abs(left).max())
         # What this step leaves, at the rate of the one before.
         if size * size <= SETTLED * before:
@@ -310,7 +313,7 @@ def pose_error(R_goal: FloatArray, p_goal: FloatArray, R: FloatArray, p: FloatAr
         R: rotations, shape (b, 3, 3).
         p: positions [m], shape (b, 3).
     """
-    E = R_goal @ R.transpose(0, 2, 1)
+    E = product(R_goal, R.transpose(0, 2, 1))
     error = np.empty((len(p), 6))
     error[:, :3] = p_goal - p
     error[:, 3] = E[:, 2, 1] - E[:, 1, 2]

@@ -9,6 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.elementary import arccos, arctan2, cos, sin
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import log_rotation, skew
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.whole_body import cross
@@ -93,10 +95,10 @@ def lean_and_spin(E: FloatArray) -> FloatArray:
     """
     x, y, z = np.moveaxis(E[..., :, 2], -1, 0)
     sine = np.hypot(x, y)
-    scale = np.where(sine > 1e-9, np.arctan2(sine, z) / np.where(sine > 1e-9, sine, 1.0), 1.0)
+    scale = np.where(sine > 1e-9, arctan2(sine, z) / np.where(sine > 1e-9, sine, 1.0), 1.0)
     # e_z x axis is the lean; taking it back leaves the spin.
     lean = np.stack([-y * scale, x * scale, np.zeros_like(x)], axis=-1)
-    spin = np.arctan2(E[..., 1, 0] - E[..., 0, 1], E[..., 0, 0] + E[..., 1, 1])
+    spin = arctan2(E[..., 1, 0] - E[..., 0, 1], E[..., 0, 0] + E[..., 1, 1])
     lean[..., 2] = spin
     return lean
 
@@ -114,19 +116,19 @@ def lean_slopes(E: FloatArray, w: FloatArray) -> FloatArray:
     axis = E[:, :, 2]
     moved = cross(np.swapaxes(w, 1, 2), axis[:, None]).swapaxes(1, 2)
     sine = np.hypot(axis[:, 0], axis[:, 1])
-    angle = np.arctan2(sine, axis[:, 2])
+    angle = arctan2(sine, axis[:, 2])
     small = sine < 1e-6
     safe = np.where(small, 1.0, sine)
     ratio = np.where(small, 1.0, angle / safe)
     # d (t / sin t) / dt, and dt = -d a_z / sin t; near e_z both are small.
-    bend = np.where(small, 0.0, (sine - angle * np.cos(angle)) / safe**2)
+    bend = np.where(small, 0.0, (sine - angle * cos(angle)) / np.square(safe))
     turned = -moved[:, 2] / safe[:, None] * ~small[:, None]
     found = np.empty_like(w)
     found[:, 0] = -moved[:, 1] * ratio[:, None] - axis[:, 1:2] * bend[:, None] * turned
     found[:, 1] = moved[:, 0] * ratio[:, None] + axis[:, :1] * bend[:, None] * turned
     between = axis + np.array([0.0, 0.0, 1.0])
     over = np.maximum(1.0 + axis[:, 2], 1e-9)
-    found[:, 2] = (between[:, None] @ w)[:, 0] / over[:, None]
+    found[:, 2] = product(between[:, None], w)[:, 0] / over[:, None]
     return found
 
 
@@ -158,8 +160,8 @@ def _limb(model: pin.Model, cell: Cell, name: str, T_flange_held: pin.SE3) -> _L
     columns = robot.columns(joints)
     bounds = robot.limits.lower[columns], robot.limits.upper[columns]
     bare = GeneralArm.from_model(model, joints, arm.flange, cell.base, bounds)
-    R = bare.R_last_flange @ T_flange_held.rotation
-    p = bare.p_last_flange + bare.R_last_flange @ T_flange_held.translation
+    R = product(bare.R_last_flange, T_flange_held.rotation)
+    p = bare.p_last_flange + product(bare.R_last_flange, T_flange_held.translation)
     return _Limb(replace(bare, R_last_flange=R, p_last_flange=p), columns)
 
 
@@ -228,14 +230,14 @@ class Chain:
         rows += [] if work.tool.free_spin else [5]
         found = Equations(r[:, rows], J[:, rows], np.array([1.0 if i < 3 else TURN for i in rows]))
         if work.tool.tilt > 0.0:
-            lean = np.linalg.norm(r[:, 3:5], axis=1)
+            lean = norm(r[:, 3:5], axis=1)
             along = r[:, 3:5] / np.maximum(lean, 1e-12)[:, None]
             slope = (along[:, :, None] * J[:, 3:5]).sum(axis=1)
             found = found.with_one_sided(lean - KEPT * work.tool.tilt, slope)
         if work.downhand is not None:
             upward, J_upward = self.upward(bodies, share)
-            angle = np.arccos(np.clip(upward, -1.0, 1.0))
-            slope = -J_upward / np.maximum(np.sin(angle), 1e-6)[:, None]
+            angle = arccos(np.clip(upward, -1.0, 1.0))
+            slope = -J_upward / np.maximum(sin(angle), 1e-6)[:, None]
             found = found.with_one_sided(angle - KEPT * work.downhand, slope)
         return found
 
@@ -249,11 +251,11 @@ class Chain:
         """
         work, farthest = self.work, -np.inf
         if work.tool.tilt > 0.0:
-            lean = np.linalg.norm(self.offsets(bodies, share)[0][:, 3:5], axis=1)
+            lean = norm(self.offsets(bodies, share)[0][:, 3:5], axis=1)
             farthest = float((lean - kept * work.tool.tilt).max())
         if work.downhand is not None:
             upward, _ = self.upward(bodies, share)
-            angle = np.arccos(np.clip(upward, -1.0, 1.0))
+            angle = arccos(np.clip(upward, -1.0, 1.0))
             farthest = max(farthest, float((angle - kept * work.downhand).max()))
         return farthest > 0.0
 
@@ -264,20 +266,20 @@ class Chain:
         """
         work = self.work
         R_seam, p_seam = work.tool_frames(share)
-        R_should = bodies.R_part @ R_seam
+        R_should = product(bodies.R_part, R_seam)
         tip = bodies.p_tool + work.tool.standoff * bodies.R_tool[:, :, 2]
-        there = bodies.p_part + (bodies.R_part @ p_seam[..., None])[..., 0]
+        there = bodies.p_part + product(bodies.R_part, p_seam[..., None])[..., 0]
         to_should = np.swapaxes(R_should, -1, -2)
         r = np.empty((len(share), 6))
-        r[:, :3] = (to_should @ (tip - there)[..., None])[..., 0]
-        E = to_should @ bodies.R_tool
+        r[:, :3] = product(to_should, (tip - there)[..., None])[..., 0]
+        E = product(to_should, bodies.R_tool)
         r[:, 3:] = lean_and_spin(E)
         Jt, Jp = bodies.J_tool, bodies.J_part
-        v = Jt[:, :3] - skew(tip - bodies.p_tool) @ Jt[:, 3:]
+        v = Jt[:, :3] - product(skew(tip - bodies.p_tool), Jt[:, 3:])
         # The part carries the seam's point, and the axes along which the difference is taken.
-        v = v - Jp[:, :3] + skew(tip - bodies.p_part) @ Jp[:, 3:]
-        turning = lean_slopes(E, to_should @ (Jt[:, 3:] - Jp[:, 3:]))
-        J = np.concatenate([to_should @ v, turning], axis=1)
+        v = v - Jp[:, :3] + product(skew(tip - bodies.p_part), Jp[:, 3:])
+        turning = lean_slopes(E, product(to_should, Jt[:, 3:] - Jp[:, 3:]))
+        J = np.concatenate([product(to_should, v), turning], axis=1)
         return r, J
 
     def nearest_share(self, bodies: Bodies, share: FloatArray, steps: int = 3) -> FloatArray:
@@ -290,7 +292,7 @@ class Chain:
         """
         work = self.work
         tip = bodies.p_tool + work.tool.standoff * bodies.R_tool[:, :, 2]
-        inside = ((tip - bodies.p_part)[:, None] @ bodies.R_part)[:, 0]
+        inside = product((tip - bodies.p_part)[:, None], bodies.R_part)[:, 0]
         for _ in range(steps):
             s = share * work.length
             along = ((inside - work.curve.at(s)[1]) * work.curve.directions(s)).sum(axis=1)
@@ -305,7 +307,7 @@ class Chain:
             R: rotations, shape (k, 3, 3).
             p: positions [m], shape (k, 3).
         """
-        turn = log_rotation(bodies.R_part @ np.swapaxes(R, -1, -2))
+        turn = log_rotation(product(bodies.R_part, np.swapaxes(R, -1, -2)))
         scale = np.array([1.0, 1.0, 1.0, TURN, TURN, TURN])
         return Equations(np.concatenate([bodies.p_part - p, turn], axis=1), bodies.J_part, scale)
 
@@ -317,7 +319,7 @@ class Chain:
             share: of the seam, shape (k,).
         """
         R, _ = self.work.curve.at(share * self.work.length)
-        normal = (bodies.R_part @ R[:, :, 2:])[..., 0]
+        normal = product(bodies.R_part, R[:, :, 2:])[..., 0]
         # d normal = w x normal; its z is (w_x n_y - w_y n_x).
         w = bodies.J_part[:, 3:]
         return normal[:, 2], w[:, 0] * normal[:, 1:2] - w[:, 1] * normal[:, :1]

@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.linear_systems import solve
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain, Equations
 from dualarm_cli.model.curves.tool_path import Poses
 from dualarm_cli.records import dataclass
@@ -88,9 +90,9 @@ def least_norm(equations: Equations, weight: FloatArray, wish: FloatArray) -> Fl
     """Returns what has to be added to joint steps (k, n) for them to remove what is left, of least weighted norm."""
     J = equations.slope
     JW = J * weight
-    gram = JW @ np.swapaxes(J, -1, -2)
-    damp = 1e-12 + DAMPING * np.minimum(equations.size, 1.0) ** 2
+    gram = product(JW, np.swapaxes(J, -1, -2))
+    damp = 1e-12 + DAMPING * np.square(np.minimum(equations.size, 1.0))
     gram = gram + damp[:, None, None] * np.eye(gram.shape[-1])
-    right = equations.left - (J @ wish[..., None])[..., 0]
-    found: FloatArray = (np.swapaxes(JW, -1, -2) @ np.linalg.solve(gram, right[..., None]))[..., 0]
+    right = equations.left - product(J, wish[..., None])[..., 0]
+    found: FloatArray = product(np.swapaxes(JW, -1, -2), solve(gram, right[..., None]))[..., 0]
     return found

@@ -170,7 +170,7 @@ def _closed(problem: SeamProblem, position: FloatArray, stands: BoolArray) -> Fl
                 part=(poses[0][:1], poses[1][:1]),
             ),
             position[:1],
-            limits.velocity**2 * chain.closes,
+            np.square(limits.velocity) * chain.closes,
             CLOSING_STEPS,
         )
         position = np.where(chain.master_joints, first.position, position)
@@ -178,7 +178,7 @@ def _closed(problem: SeamProblem, position: FloatArray, stands: BoolArray) -> Fl
     found = close(
         partial(all_equations, chain, share=problem.shares, part=poses),
         position,
-        limits.velocity**2 * (chain.closes & ~stands),
+        np.square(limits.velocity) * (chain.closes & ~stands),
         CLOSING_STEPS,
     )
     # What one step leans beyond what is kept the next one takes back; a still part cannot while its tool is moved.

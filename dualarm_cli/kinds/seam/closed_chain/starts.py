@@ -186,7 +186,7 @@ def _closed_draws(problem: SeamProblem, node: int) -> Closed:
         q = np.where(drawn, np.where(near, about, wide), q)
         towards = middle
     share = np.full(count, problem.shares[node])
-    weight = limits.velocity**2 * drawn
+    weight = np.square(limits.velocity) * drawn
     return close(
         partial(all_equations, chain, share=share, part=part_poses(problem, share)),
         q,
@@ -233,7 +233,7 @@ def _step(problem: SeamProblem, guess: FloatArray, share: float, stands: BoolArr
     return close(
         partial(all_equations, chain, share=shares, part=part_poses(problem, shares)),
         guess,
-        limits.velocity**2 * (chain.closes & ~stands),
+        np.square(limits.velocity) * (chain.closes & ~stands),
         FOLLOWING_STEPS,
         towards=np.where(np.isfinite(middle), middle, 0.0) if problem.near is None else None,
         pulls=PULLS,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import power
+from dualarm_cli.geometry.linear_systems import singular_values
 from dualarm_cli.kinds.seam.closed_chain.problem import SeamProblem
 from dualarm_cli.model.robot import JointLimits
 
@@ -21,8 +23,8 @@ def steady_times(position: FloatArray, limits: JointLimits) -> FloatArray:
     step = 1.0 / (position.shape[-2] - 1)
     found = []
     for order, limit in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
-        rates = np.abs(np.diff(position, order, axis=-2)) / step**order / limit
-        found.append(rates.max(axis=(-2, -1)) ** (1.0 / order))
+        rates = np.abs(np.diff(position, order, axis=-2)) / power(step, order) / limit
+        found.append(power(rates.max(axis=(-2, -1)), 1.0 / order))
     return np.stack(found, axis=-1)
 
 
@@ -78,5 +80,5 @@ def least_singular_value(problem: SeamProblem, way: FloatArray) -> float:
     values = []
     for J, joints in ((bodies.J_tool, chain.slave_joints), (bodies.J_part, chain.master_joints)):
         if joints.any():
-            values.append(np.linalg.svd(scale * J[:, :, joints], compute_uv=False).min())
+            values.append(singular_values(scale * J[:, :, joints]).min())
     return float(min(values))

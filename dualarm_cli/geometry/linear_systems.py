@@ -1,0 +1,106 @@
+"""Small dense systems, determinants and singular values with the same bits on every processor.
+
+Matrices may be stacks (..., m, n). By elimination with pivots and by one-sided Jacobi rotations (Hestenes 1958), which
+for matrices of this size are as accurate as LAPACK.
+"""
+
+from __future__ import annotations
+
+from ctypes import c_int64
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.native import library, numbers, pointer
+
+ZERO = 1e-14
+"""Singular values up to this share of the largest count as zero where a system is solved."""
+
+
+class SingularMatrixError(ArithmeticError):
+    """A matrix that has no inverse."""
+
+
+def solve(A: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve square systems A x = right, for vectors (n,) or matrices (..., n, m).
+
+    Raises:
+        SingularMatrixError: a matrix is singular to the last digit.
+    """
+    columns = right[:, None] if right.ndim == 1 else right
+    x, determinants = _eliminated(A, np.broadcast_to(columns, (*A.shape[:-2], *columns.shape[-2:])))
+    if (determinants == 0.0).any():
+        raise SingularMatrixError("a matrix is singular")
+    return x[..., 0] if right.ndim == 1 else x
+
+
+def inverse(A: FloatArray) -> FloatArray:
+    """Invert square matrices.
+
+    Raises:
+        SingularMatrixError: a matrix is singular to the last digit.
+    """
+    return solve(A, np.eye(A.shape[-1]))
+
+
+def determinant(A: FloatArray) -> FloatArray:
+    """Compute the determinants of square matrices, shape (...)."""
+    return _eliminated(A, np.empty((*A.shape[:-1], 0)))[1]
+
+
+def _eliminated(A: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Compute solutions (..., n, m) and determinants (...) of systems."""
+    used, x = np.array(A, dtype=np.float64, order="C"), np.array(right, np.float64, order="C")
+    determinants = np.empty(A.shape[:-2])
+    sizes = (c_int64(size) for size in (determinants.size, *x.shape[-2:]))
+    library().dualarm_solve(*sizes, pointer(used), pointer(x), pointer(determinants))
+    return x, determinants
+
+
+def singular_values(A: FloatArray) -> FloatArray:
+    """Compute the singular values of matrices (..., m, n), descending."""
+    rows = A if A.shape[-2] <= A.shape[-1] else np.swapaxes(A, -1, -2)
+    return np.sort(norm(_orthogonal(rows)[0], axis=-1), axis=-1)[..., ::-1]
+
+
+def null_space(A: FloatArray) -> FloatArray:
+    """Compute orthonormal rows (..., n - m, n) that matrices (..., m, n), m ≤ n, map to zero."""
+    turned, V = _orthogonal(np.swapaxes(A, -1, -2))
+    order = np.argsort(norm(turned, axis=-1), axis=-1, kind="stable")
+    rows = np.sort(order[..., : A.shape[-1] - A.shape[-2]], axis=-1)
+    return np.take_along_axis(V, rows[..., None], axis=-2)
+
+
+def least_squares(A: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve A x = right (m,) in the least-squares sense; of several solutions, the shortest (n,)."""
+    turned, V = _orthogonal(A.T)
+    squares = np.sum(turned * turned, axis=1)
+    large = squares > ZERO * ZERO * squares.max(initial=0.0)
+    found: FloatArray = product(product(turned[large], right) / squares[large], V[large])
+    return found
+
+
+def _orthogonal(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Compute rotations V (..., n, n) and the orthogonal rows V A of matrices A (..., n, m)."""
+    turned = np.array(rows, dtype=np.float64, order="C")
+    n, m = turned.shape[-2:]
+    V = np.array(np.broadcast_to(np.eye(n), (*turned.shape[:-2], n, n)), order="C")
+    sizes = (c_int64(size) for size in (V.size // max(1, n * n), n, m))
+    library().dualarm_orthogonalise(*sizes, pointer(turned), pointer(V))
+    return turned, V
+
+
+def zeros_of(coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Compute all zeros of monic polynomials: real and imaginary parts, both (b, n).
+
+    Simultaneously by Aberth's method (1973).
+
+    Args:
+        coefficients: of t^0 to t^(n-1), shape (b, n).
+    """
+    real, imaginary = np.empty(coefficients.shape), np.empty(coefficients.shape)
+    sizes = (c_int64(size) for size in coefficients.shape)
+    given = numbers(coefficients)
+    library().dualarm_zeros(*sizes, pointer(given), pointer(real), pointer(imaginary))
+    return real, imaginary

@@ -1,0 +1,62 @@
+"""The library of compiled functions, and how arrays are handed to it.
+
+`compiled/src` has their C; the package's build compiles it with the compiler that pip brings, for x86-64 processors
+since 2009. All arithmetic is that of IEEE 754 in the order written, and sines and the like are linked into the
+library: results are the same on all of these processors.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dualarm_cli.errors import DualArmError
+
+LIBRARY = Path(__file__).parent / "compiled" / "built" / "libdualarm.so"
+"""Path of the library that the build makes of `compiled/src`."""
+
+
+@lru_cache(maxsize=1)
+def library() -> ctypes.CDLL:
+    """Returns the compiled functions.
+
+    Raises:
+        DualArmError: they were not built.
+    """
+    try:
+        return ctypes.CDLL(str(LIBRARY))
+    except OSError as error:
+        raise DualArmError(
+            f"the compiled functions cannot be loaded ({error}); install dualarm again with pip, which builds them"
+        ) from error
+
+
+def pointer(array: np.ndarray) -> ctypes.c_void_p:
+    """Returns where the numbers of a contiguous array are, as an argument of a compiled function.
+
+    Args:
+        array: has to outlive the call.
+    """
+    assert array.flags.c_contiguous  # rows are expected one after the other
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+class PointerStruct(ctypes.Structure):
+    """A structure of pointers that keeps the arrays they point into."""
+
+    held: tuple[Any, ...] = ()
+
+
+def numbers(array: np.ndarray) -> NDArray[np.float64]:
+    """Returns an array as compiled functions read numbers: row by row, in double precision."""
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def whole(array: np.ndarray) -> NDArray[np.int64]:
+    """Returns an array as compiled functions read whole numbers: row by row, of 64 bits."""
+    return np.ascontiguousarray(array, dtype=np.int64)
