@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.elementary import cube
 from dualarm_cli.geometry.linear_systems import least_squares
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
@@ -154,8 +155,8 @@ def _even(ends: FloatArray, duration: float) -> FloatArray:
     (q, v, a), (q_end, v_end, a_end) = ends.tolist()
     step = duration / 3.0
     # What the jerks have to add at the end, in powers of the step.
-    more_q = (q_end - q - duration * (v + duration * a / 2.0)) / step**3
-    more_v = (v_end - v - duration * a) / step**2
+    more_q = (q_end - q - duration * (v + duration * a / 2.0)) / cube(step)
+    more_v = (v_end - v - duration * a) / np.square(step)
     more_a = (a_end - a) / step
     first = more_q - more_v + more_a / 3.0
     jerk = [first, more_v - more_a / 2.0 - 2.0 * first, 1.5 * more_a - more_v + first]

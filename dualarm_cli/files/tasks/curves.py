@@ -22,7 +22,7 @@ from dualarm_cli.files.tasks.schema_curves import (
     TurnSection,
 )
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.geometry.products import norm
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.curves.tool_path import Line, Piece, Spline, ToolPath, Turn
 
@@ -204,7 +204,7 @@ class CurveReader:
         frame = self._frame(section.in_, (*loc, "in"))
         if frame is None:
             return None
-        axis = frame.rotation @ np.array(section.axis, dtype=np.float64)
+        axis = product(frame.rotation, section.axis)
         axis /= norm(axis)
         about = frame.act(np.array(section.about))
         turned = section.angle * axis if section.tool == "turns" else np.zeros(3)

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.elementary import cos, power, sin
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinds.seam.closed_chain.chain import KEPT
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
 from dualarm_cli.kinds.seam.closed_chain.problem import SeamProblem
@@ -87,7 +89,7 @@ class SeamProgram:
         """Matrix from the joints at all nodes to shares of their limits; squares add up to means over the nodes."""
         from scipy.sparse import vstack
 
-        return vstack([self._rates[0] / time, self._rates[1] / time**2]) / np.sqrt(
+        return vstack([self._rates[0] / time, self._rates[1] / (time * time)]) / np.sqrt(
             self.problem.nodes
         )
 
@@ -114,10 +116,10 @@ class SeamProgram:
         rows, right = [], []
         for order, rate in enumerate(self._rates, start=1):
             now = rate @ y
-            slope = csr_matrix(np.full((len(now), 1), -order * time ** (order - 1)))
+            slope = csr_matrix(np.full((len(now), 1), -order * power(time, order - 1)))
             spread = rate @ S
             rows += [hstack([spread, slope]), hstack([-spread, slope])]
-            right += [time**order - now, time**order + now]
+            right += [power(time, order) - now, power(time, order) + now]
         for extra, bound in self._freedoms(position):
             rows.append(hstack([extra @ S, csr_matrix((len(bound), 1))]))
             right.append(bound)
@@ -202,9 +204,9 @@ class SeamProgram:
         if work.tool.tilt > 0.0:
             r, J = chain.offsets(bodies, share)
             angle = np.arange(LEAN_SIDES) * (2.0 * np.pi / LEAN_SIDES)
-            sides = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-            slope = sides @ J[:, 3:5][:, :, self.decided]
-            bound = KEPT * work.tool.tilt * np.cos(np.pi / LEAN_SIDES) - r[:, 3:5] @ sides.T
+            sides = np.stack([cos(angle), sin(angle)], axis=-1)
+            slope = product(sides, J[:, 3:5][:, :, self.decided])
+            bound = KEPT * work.tool.tilt * cos(np.pi / LEAN_SIDES) - product(r[:, 3:5], sides.T)
             found.append((block_diag(list(slope)).tocsr(), np.maximum(bound, 0.0).ravel()))
         if work.downhand is not None:
             upward, J = chain.upward(bodies, share)
@@ -212,7 +214,7 @@ class SeamProgram:
             found.append(
                 (
                     block_diag(list(slope)).tocsr(),
-                    np.maximum(upward - np.cos(KEPT * work.downhand), 0.0),
+                    np.maximum(upward - cos(KEPT * work.downhand), 0.0),
                 )
             )
         return found
@@ -226,7 +228,9 @@ class SeamProgram:
         """
         y = position[:, self.decided].ravel()
         near, effort = self._near(y), self._effort(time) @ y
-        return float(effort @ effort + AWAY / self.problem.nodes * (near @ near)) / 2.0
+        return (
+            float(product(effort, effort) + AWAY / self.problem.nodes * product(near, near)) / 2.0
+        )
 
     @cached_property
     def _room(self) -> FloatArray:
@@ -251,7 +255,7 @@ class SeamProgram:
         near, room = self._near(y), self._room
         column, count = self.column.ravel(), self._spread.shape[1]
         crowded, away = np.zeros(count), np.zeros(count)
-        np.add.at(crowded, column, AWAY / self.problem.nodes * (near != 0.0) / room**2)
+        np.add.at(crowded, column, AWAY / self.problem.nodes * (near != 0.0) / np.square(room))
         np.add.at(away, column, AWAY / self.problem.nodes * near / room)
         return crowded, away
 
