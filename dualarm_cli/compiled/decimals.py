@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dualarm_cli.native import library, numbers, pointer, whole
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.native import library, numbers, pointer, whole
 
 PLACES = 9
 """Most digits after the point."""

@@ -13,8 +13,8 @@ import pytest
 from dualarm_cli.collision.hulls import box_around, is_rough
 from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.collision.solids import WORLD, Solid
-from dualarm_cli.native import library, numbers, pointer
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.native import library, numbers, pointer
 
 
 def compiled(name, *arrays):
