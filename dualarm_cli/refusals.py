@@ -65,6 +65,15 @@ class Refusal:
         *others, last = (REMEDIES[key] for key in self.remedy)
         return f"{text}; {', '.join(others)}, or {last}" if others else f"{text}; {last}"
 
+    @property
+    def advised(self) -> str:
+        """The sentence without its place, with what helps."""
+        return (
+            f"{self.sentence}; {self.filled(HELPS[self.what])}"
+            if self.what in HELPS
+            else self.sentence
+        )
+
     def filled(self, template: str) -> str:
         """Returns a template with the data in it."""
         data = {
@@ -77,14 +86,20 @@ class Refusal:
 
 
 def told(refusals: Iterable[Refusal], placed: Refusal | None = None) -> str:
-    """Returns the message for refusals of one kind: each in a line, and what they have in common once.
+    """Return the message for refusals: those of one kind together, with what they have in common once.
 
     Args:
         refusals: at least one.
         placed: one whose place stands before the text.
     """
-    rows = tuple(refusals)
-    what = rows[0].what
+    kinds: dict[str, list[Refusal]] = {}
+    for one in refusals:
+        kinds.setdefault(one.what, []).append(one)
+    return "\n".join(_told_together(what, rows, placed) for what, rows in kinds.items())
+
+
+def _told_together(what: str, rows: list[Refusal], placed: Refusal | None) -> str:
+    """Return the message for refusals of one kind, each in a line."""
     text = "\n".join(one.sentence if one is placed else str(one) for one in rows)
     if what in HEADS:
         text = f"{HEADS[what]}:\n" + indent(text, "  ")
@@ -178,6 +193,11 @@ _POSTURES = {
     "beyond_limits": "{point}: no arm angle and branch keeps all joints within their limits",
     "not_from_one_angle": "its target and the ends of its lines are in reach, but not from one platform angle",
     "not_from_one_place": "its target and the ends of its lines are in reach, but not from one platform position",
+    "posture_misses": "no posture reaches {point}: the nearest one within limits misses it by {measured:mm} and "
+    "{degrees:.1f} deg ({where})",
+    "stop_impossible": "task '{task}': {arm} arm cannot {action}: {cause}",
+    "section_begins": "task '{task}' ({arm}): where its work begins {cause}",
+    "section_ends": "task '{task}' ({arm}): where its work ends {cause}",
     "at_platform_angle": "at best, with the platform at {degrees:.1f} deg",
     "at_platform_place": "at best, with the platform at {millimetres:.1f} mm",
     "platform_stands": "with the platform where it is",
@@ -388,6 +408,10 @@ REMEDIES: Mapping[str, str] = {
     # Stops.
     "move_target": "move the target",
     "move_target_or_free_yaw": "move the target or free its yaw",
+    "turn_over": "turn the tool over, whose z axis points up (rpy: [180 deg, 0, 0] points it down)",
+    "any_arm": "let the other arm do it (arm: any)",
+    "check_unit": "check the units (a plain number is m)",
+    "move_work": "move the work or the base of the robot",
     # Paths.
     "allow_slower": "allow it to be slower (slower: allowed)",
     "lower_speed": "lower its speed, acceleration or jerk",

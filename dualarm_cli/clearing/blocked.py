@@ -7,13 +7,12 @@ import numpy as np
 from dualarm_cli.clearing.repairs import Cleared, Clearing
 from dualarm_cli.clearing.stage_samples import stage_samples
 from dualarm_cli.collision.lying import too_near
-from dualarm_cli.errors import BlockedError, InfeasibleError
-from dualarm_cli.model.job import Job, PoseTarget
+from dualarm_cli.errors import BlockedError
+from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.refusals import Refusal
-from dualarm_cli.stages.method import MethodProblem
 
 MOST_PAIRS = 30
 """Most pairs of bodies that a message lists, worst first."""
@@ -21,73 +20,87 @@ MANY = 0.02
 """Share of stages; where lines touch in more of them, another order is better than repairing."""
 
 
-def check_start(problem: MethodProblem, holding: Holding) -> None:
-    """Refuses a start that is not collision-free: no motion begins there.
+def start_faults(job: Job, holding: Holding) -> list[Refusal]:
+    """Return why no motion begins in the start posture: all pairs of bodies that lack clearance; nothing if it may.
 
-    Raises:
-        InfeasibleError: with the posture, all pairs of bodies and what each lacks.
+    Args:
+        job: with its start.
+        holding: what has to be collision-free.
     """
-    job, cell = problem.job, holding.cell
     if job.start == "free":
-        return
-    position = np.array(job.start_joints)
-    held = holding.before[0]
-    lacking = cell.lacking(position, held)
-    if lacking:
-        pairs = [
-            Refusal("touches", measured=-margin, more={"one": one, "other": other})
-            for one, other, margin in lacking
-        ]
-        rest = len(pairs) - MOST_PAIRS
-        more = {
-            "posture": job.start,
-            "pairs": pairs[:MOST_PAIRS],
-            "rest": f", and {rest} more pairs" if rest > 0 else "",
-        }
-        raise InfeasibleError(Refusal("start_touches", more=more))
+        return []
+    lacking = holding.cell.lacking(np.array(job.start_joints), holding.before[0])
+    pairs = [
+        Refusal("touches", measured=-margin, more={"one": one, "other": other})
+        for one, other, margin in lacking
+    ]
+    if not pairs:
+        return []
+    rest = len(pairs) - MOST_PAIRS
+    more = {
+        "posture": job.start,
+        "pairs": pairs[:MOST_PAIRS],
+        "rest": f", and {rest} more pairs" if rest > 0 else "",
+    }
+    place = job.start_place if job.start_place.line else None
+    return [Refusal("start_touches", place, measured=pairs[0].measured, more=more)]
 
 
-def check_parts(problem: MethodProblem, holding: Holding) -> None:
-    """Refuses parts that reach into something where they are picked or placed, and tools at stands: no posture helps.
+def part_faults(job: Job, holding: Holding) -> list[Refusal]:
+    """Return parts that reach into something where they are picked or placed, and tools at stands: no posture helps.
 
-    Raises:
-        InfeasibleError: with task, part or tool, obstacle and depth, of all of them.
+    Args:
+        job: decided.
+        holding: of the job.
     """
+    stages = job.stages()
     found = []
-    stages = problem.job.stages()
     for (k, arm), (depth, into) in holding.misfits.items():
         task, stop = stages[k][arm]
         if isinstance(stop.target, PoseTarget) and stop.target.free_yaw:
             continue  # between the turns that were tried there are others
-        what = "tool_reaches_into" if task.is_change else "part_reaches_into"
         held = task.tool if task.is_change else task.part
-        more = {"action": stop.action.split("_")[0], "held": held, "into": into}
-        found.append(Refusal(what, stop.place, task.id, arm, depth, more=more))
-    if found:
-        raise InfeasibleError(*found)
+        found.append(reaches_into(task, stop, arm, held, depth, into))
+    return found
 
 
-def check_grips(problem: MethodProblem) -> None:
-    """Refuses hand-overs in which tools or part are too near to each other: no posture changes that.
+def reaches_into(task: Task, stop: Stop, arm: str, held: str, depth: float, into: str) -> Refusal:
+    """Return that what an arm has at a stop reaches into something.
 
-    Raises:
-        InfeasibleError: with task, bodies and what is missing, of all of them.
+    Args:
+        task: of the stop.
+        stop: where.
+        arm: whose.
+        held: name of the part, or of a tool.
+        depth: how deep at best [m].
+        into: what.
     """
-    tasks = problem.job.tasks
-    takes = {task.id: task.stops[0] for task in tasks if task.stops[0].action == "take"}
+    what = "part_reaches_into" if held == task.part else "tool_reaches_into"
+    more = {"action": stop.action.split("_")[0], "held": held, "into": into}
+    return Refusal(what, stop.place, task.id, arm, depth, more=more)
+
+
+def grip_faults(job: Job) -> list[Refusal]:
+    """Return hand-overs in which tools or part are too near to each other: no posture changes that.
+
+    Those whose arms are open are left out.
+
+    Args:
+        job: with its tasks.
+    """
+    takes = {task.id: task.stops[0] for task in job.tasks if task.stops[0].action == "take"}
     found = []
-    for task in tasks:
+    for task in job.tasks:
         work, give = task.handover, task.stops[-1]
-        if work is None or give.action != "give":
+        if work is None or give.action != "give" or task.arm == ANY:
             continue
         lengths = takes[task.id].approach, give.retract
-        for one in too_near(problem.job.cell, work, task.id, task.part, *lengths):
+        for one in too_near(job.cell, work, task.id, task.part, *lengths):
             more = {"where": one.where, "one": one.bodies[0], "other": one.bodies[1]}
             found.append(
                 Refusal("grip_touches", work.place, task.id, task.arm, -one.margin, more=more)
             )
-    if found:
-        raise InfeasibleError(*found)
+    return found
 
 
 def refuse_touching_lines(clearing: Clearing, plans: list[StagePlan], motion: Motion) -> None:

@@ -9,9 +9,8 @@ import numpy as np
 
 from dualarm_cli.clearing.blended_plan import has_blends, shortest_blended, with_room
 from dualarm_cli.clearing.blocked import (
-    check_grips,
-    check_parts,
-    check_start,
+    grip_faults,
+    part_faults,
     refuse_touching_lines,
     why_blocked,
 )
@@ -116,11 +115,10 @@ def quickest_clear(
     """
     holding = None
     if clear:
-        # What no plan can repair is refused before one is looked for.
+        # What no plan of these arms can repair is refused before one is looked for.
         holding = Holding.of(problem.job, crossing=crossing)
-        check_start(problem, holding)
-        check_parts(problem, holding)
-        check_grips(problem)
+        if faults := [*part_faults(problem.job, holding), *grip_faults(problem.job)]:
+            raise InfeasibleError(*faults)
     if not has_blends(problem):
         return _quickest_with_stops(problem, solve, timing, progress, holding)
     roomy = with_room(problem, solve)

@@ -68,7 +68,7 @@ def _check_one(file: str) -> dict[str, Any]:
         found: dict[str, Any] = {"file": file, "kind": None, "summary": "", "notes": []}
         return found | {"diagnostics": error.diagnostics}
     kind, summary = _describe(loaded)
-    wrong = [*_geometry(loaded), *_paths(loaded)]
+    wrong = [*_geometry(loaded), *_paths(loaded)] or _impossible(loaded)
     notes = cell_notes(loaded) if isinstance(loaded, Job) else []
     return {"file": file, "kind": kind, "summary": summary, "diagnostics": wrong, "notes": notes}
 
@@ -94,6 +94,22 @@ def _paths(loaded: Loaded) -> list[Diagnostic]:
     if not isinstance(loaded, Job):
         return []
     return [fault for kind in kinds_of(loaded) for fault in kind.check(loaded)]
+
+
+def _impossible(loaded: Loaded) -> list[Diagnostic]:
+    """Return what makes a job impossible whatever is planned, as `dualarm plan` refuses it."""
+    from dualarm_cli.errors import Diagnostic
+    from dualarm_cli.model.job import Job
+    from dualarm_cli.planning.job_faults import job_faults
+    from dualarm_cli.refusals import CODES
+
+    if not isinstance(loaded, Job):
+        return []
+    return [
+        Diagnostic(*one.place.order, CODES[one.what], one.advised)
+        for one in job_faults(loaded.blended())
+        if one.place is not None
+    ]
 
 
 def _describe(loaded: Loaded) -> tuple[str, str]:

@@ -16,6 +16,11 @@ class Place:
     column: int
     """Column, from 1."""
 
+    @property
+    def order(self) -> tuple[str, int, int]:
+        """Key that sorts places by file, line and column; line 9 comes before line 10."""
+        return self.file, self.line, self.column
+
     def __str__(self) -> str:
         """Returns `file:line:column`."""
         return f"{self.file}:{self.line}:{self.column}"

@@ -133,7 +133,7 @@ def why_impossible(order: OrderModel, problem: Relaxation) -> InfeasibleError | 
     tasks = [task for task in order.job.tasks if any(f"'{task.id}'" in name for name in kept)]
     buffers = [b for name, b in order.job.buffers.items() if _of_buffer(name, b) in kept]
     places = [task.place for task in tasks] + [buffer.place for buffer in buffers]
-    place = min(places, key=str, default=None)
+    place = min(places, key=lambda place: place.order, default=None)
     what = "rule_broken" if len(kept) == 1 else "rules_contradict"
     return InfeasibleError(Refusal(what, place, more={"rules": kept}))
 

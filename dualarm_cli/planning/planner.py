@@ -36,6 +36,7 @@ from dualarm_cli.motion.builder import Motion
 from dualarm_cli.orders.decided_jobs import file_order, stage_by_stage
 from dualarm_cli.orders.watch import SeenEnoughError, Watch
 from dualarm_cli.planning.job_bound import job_bound
+from dualarm_cli.planning.job_faults import job_faults
 from dualarm_cli.planning.redundancy_choice import check_follower
 from dualarm_cli.planning.section_plans import quickest_of_sections
 from dualarm_cli.postures import REDUNDANCY_SOLVERS
@@ -167,6 +168,12 @@ def plan_without_bound(
     )
     if reason := method.why_unsupported(problem):
         raise UnsupportedError(f"--platform {method.name} cannot plan {robot.name}: {reason}")
+    if job.in_sections:
+        check_follower(job, settings.follower)
+        if wrong := [fault for kind in kinds_of(job) for fault in kind.check(job)]:
+            raise InputError(wrong)
+    if faults := job_faults(job, clear=clear):
+        raise InfeasibleError(*faults)
     found = _until_seen_enough(
         watch, lambda: _not_slower_than_filed(job, settings, problem, replaced, watch, clear=clear)
     )
@@ -259,9 +266,6 @@ def _planned(
         TIMING_SOLVERS[settings.timing],
     )
     if job.in_sections:
-        check_follower(job, settings.follower)
-        if faults := [fault for kind in kinds_of(job) for fault in kind.check(job)]:
-            raise InputError(faults)
         return quickest_of_sections(
             problem.model,
             job,

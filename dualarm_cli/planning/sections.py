@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.clearing.blocked import check_start
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import clearance_notes
 from dualarm_cli.clearing.moving_plan import moving_plan
@@ -19,7 +18,6 @@ from dualarm_cli.orders.decided_jobs import own_rules
 from dualarm_cli.orders.model.buffer_numbers import begun
 from dualarm_cli.orders.orders import PairedSearch
 from dualarm_cli.orders.watch import Watch
-from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.method import Decided, MethodProblem
@@ -57,9 +55,6 @@ class SectionPlanner(SectionTools):
         if job.is_decided:
             job = with_needs(job)
         here = None if job.start == "free" else np.array(job.start_joints)
-        if self.clear and here is not None:
-            # What no plan can repair is refused before one is looked for.
-            check_start(self.problem, Holding.of(self.part((), here).job))
         sections = job.sections()
         done: list[Task] = []
         for section, after in zip(sections, [*sections[1:], ()], strict=True):

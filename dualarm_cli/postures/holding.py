@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +10,11 @@ import pinocchio as pin
 
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.collision.lying import part_reaches
-from dualarm_cli.collision.solids import tool_body
+from dualarm_cli.collision.solids import WORLD, shape_solid, tool_body
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.model.cell import Held
+from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.job import LYING, TAKES, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.shape import Shape
 from dualarm_cli.records import dataclass
 
 YAW_STEPS = 24
@@ -121,3 +122,56 @@ def _fitting(
     ]
     fits = [not into for _, into in reaches]
     return (yaws[fits], None) if any(fits) else (yaws, min(reaches))
+
+
+def inside_obstacle(cell: Cell, arm: str, task: Task, stop: Stop) -> tuple[str, float, str] | None:
+    """Return a tool or part that reaches into an obstacle at every turn of the tool that a stop allows.
+
+    Args:
+        cell: with obstacles.
+        arm: that makes the stop.
+        task: of the stop.
+        stop: where.
+
+    Returns:
+        Its name, how deep it reaches in at best [m], and the obstacle; None where nothing is proven to.
+    """
+    if not isinstance(stop.target, PoseTarget) or not cell.obstacles:
+        return None
+    T_tcp_flange, lines = cell.tools[arm].tcp.inverse(), (stop.approach, stop.retract)
+    own = tuple(replace(shape, pose=T_tcp_flange * shape.pose) for shape in cell.tools[arm].shapes)
+    of_tool, of_part = cell.held_shapes(arm, Held(task.tool, task.part))
+    line = lines[1] if stop.action in TAKES else lines[0]
+    own_name, tool_name = tool_body(arm, "tool"), tool_body(arm, task.tool)
+    bodies = [
+        (own_name, own_name, own, max(lines)),
+        (task.tool, tool_name, of_tool, line if task.is_change else max(lines)),
+        (task.part, task.part, of_part if stop.action in LYING else (), line),
+    ]
+    yaws = stop_yaws(stop)
+    for name, body, shapes, length in bodies:
+        if not shapes:
+            continue
+        # Half way to the next turn that is tried, each point is moved by no more than this.
+        turned = np.pi / len(yaws) * _radius(shapes) if stop.target.free_yaw else 0.0
+        best: tuple[float, str] | None = None
+        for yaw in yaws.tolist():
+            T = stop.target.pose * pin.SE3(pin.utils.rotate("z", yaw), np.zeros(3))
+            depth, into = part_reaches(cell, body, shapes, T, length)
+            if not into or depth <= turned:
+                best = None
+                break
+            best = (depth, into) if best is None else min(best, (depth, into))
+        if best is not None:
+            return name, *best
+    return None
+
+
+def _radius(shapes: Sequence[Shape]) -> float:
+    """Return the greatest distance of points of shapes from the z axis of their frame [m]; half-spaces have none."""
+    solids = [shape_solid("", WORLD, pin.SE3.Identity(), shape) for shape in shapes]
+    centers = [solid.pose.act(np.asarray(solid.geometry.aabb_center).ravel()) for solid in solids]
+    return max(
+        float(np.sqrt(x * x + y * y)) + solid.geometry.aabb_radius
+        for solid, (x, y, _) in zip(solids, centers, strict=True)
+    )

@@ -12,7 +12,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain, rotation_z
 from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
-from dualarm_cli.kinematics.srs.srs_arm import closed_form
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
 from dualarm_cli.postures import StopProblem, numeric_reach
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
@@ -55,7 +55,7 @@ def reachable_positions(
     """
     if not model.platform.is_chosen:
         return
-    angles, here = _angles(model, position)
+    angles, here = scanned_positions(model, position)
     turn = angles - here
     near = np.ones(len(angles), dtype=np.bool_)
     for stop in stops.values():
@@ -88,7 +88,7 @@ def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> 
         position: all joints before the stage [rad], shape (n,).
         stop: the arm's stop as seen with the platform where it is.
     """
-    angles, here = _angles(model, position)
+    angles, here = scanned_positions(model, position)
     points = _points(stop, model.platform, angles - here)
     if _together(points).any():
         return None
@@ -117,8 +117,13 @@ def at_platform(platform: PlatformChain, position: float) -> Refusal:
     return Refusal("at_platform_angle", more={"degrees": np.degrees(position)})
 
 
-def _angles(model: CellModel, position: FloatArray) -> tuple[FloatArray, float]:
-    """Returns the platform positions to look at, and where the platform is; one where it cannot move."""
+def scanned_positions(model: CellModel, position: FloatArray) -> tuple[FloatArray, float]:
+    """Return platform positions to look at [rad or m], shape (a,), and the present one; 0 where it cannot move.
+
+    Args:
+        model: the cell.
+        position: all joints [rad or m], shape (n,).
+    """
     if not model.platform.is_chosen:
         return np.zeros(1), 0.0
     limits = model.cell.robot.limits.select(model.platform.joints)
@@ -135,30 +140,42 @@ def _together(points: list[_PointReach]) -> BoolArray:
     return np.asarray(feasible.any(axis=1))
 
 
-def _points(stop: StopProblem, platform: PlatformChain, turn: FloatArray) -> list[_PointReach]:
-    """Returns reach of target, approach and retract after further moves of the platform (a,)."""
+def point_names(stop: StopProblem) -> list[str]:
+    """Return what people call the points of a stop: its target, and the outer ends of its lines."""
     names = ["the target"]
     if stop.approach > 0:
         names.append(f"the start of the {stop.approach * 1000:g} mm approach")
     if stop.retract > 0:
         names.append(f"the end of the {stop.retract * 1000:g} mm retract")
+    return names
+
+
+def _points(stop: StopProblem, platform: PlatformChain, turn: FloatArray) -> list[_PointReach]:
+    """Returns reach of target, approach and retract after further moves of the platform (a,)."""
     points = []
-    for name, (R, p) in zip(names, moved_flanges(stop, platform, turn), strict=True):
+    for name, (R, p) in zip(point_names(stop), moved_flanges(stop, platform, turn), strict=True):
         if isinstance(stop.arm, GeneralArm):
             points.append(_PointReach(name, *numeric_reach.numeric_reach(stop.arm, R, p)))
             continue
         feasible = np.asarray(feasible_arm_angles(stop.arm, R, p).count.any(axis=-1))
-        points.append(_PointReach(name, feasible, _miss(stop, R, p)))
+        points.append(_PointReach(name, feasible, srs_miss(stop.arm, R, p)))
     return points
 
 
 def _misses(stop: StopProblem, platform: PlatformChain, turn: FloatArray) -> list[FloatArray]:
     """Returns how far the wrist is beyond the reach at target, approach and retract [m], each (a, y)."""
-    return [_miss(stop, R, p) for R, p in moved_flanges(stop, platform, turn)]
+    return [srs_miss(stop.arm, R, p) for R, p in moved_flanges(stop, platform, turn)]
 
 
-def _miss(stop: StopProblem, R: FloatArray, p: FloatArray) -> FloatArray:
-    arm = closed_form(stop.arm)
+def srs_miss(kinematics: SrsArm | GeneralArm, R: FloatArray, p: FloatArray) -> FloatArray:
+    """Return how far the wrist is beyond reach [m], shape (...): positive too far, negative too near, 0 within.
+
+    Args:
+        kinematics: of an arm with closed forms over the arm angle.
+        R: flange rotations in the carried frame, shape (..., 3, 3).
+        p: flange positions [m], shape (..., 3).
+    """
+    arm = closed_form(kinematics)
     least, most = arm.reach
     distance = norm(arm.wrist_center(R, p) - arm.geometry.shoulder, axis=-1)
     return np.where(distance > most, distance - most, np.minimum(0.0, distance - least))

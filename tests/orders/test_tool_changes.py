@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.clearing.blocked import check_start
+from dualarm_cli.clearing.blocked import start_faults
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
@@ -362,13 +362,13 @@ def test_the_tool_of_the_start_is_there_from_the_start(kit):
         one = changes.tools[tool]
         one = dataclasses.replace(one, tool=dataclasses.replace(one.tool, shapes=huge))
         job = in_cell(some(kit, "screw-1", order="given"), tools={**changes.tools, tool: one})
-        problem = MethodProblem(CellModel.from_cell(job.cell), job, "arm_angle", "quick", 0)
-        holding = Holding.of(job)
-        if touches:
-            with pytest.raises(InfeasibleError, match=r"start: in posture 'home' .*left_fingers"):
-                check_start(problem, holding)
-        else:
-            check_start(problem, holding)
+        touching = [
+            pair.more["one"] + pair.more["other"]
+            for fault in start_faults(job, Holding.of(job))
+            for pair in fault.more["pairs"]
+        ]
+        assert bool(touching) is touches
+        assert all("left_fingers" in pair for pair in touching)
 
 
 def test_an_arm_by_its_own_clock_holds_what_its_stops_say(kit):

@@ -39,7 +39,7 @@ def test_too_far_is_measured_at_the_best_platform_angle(refusal):
         f"robot: sda10f\ntools: {GRIPPERS}",
         "{id: far, arm: left, move: {xyz: [2.5, 0.2, 0.8], rpy: [180 deg, 0, 0]}}",
     )
-    assert "no posture at any platform angle" in text
+    assert "at best, with the platform at " in text
     assert "tasks.yaml:7:" in text
     assert (
         "task 'far': left arm cannot move: the target is 1508.3 mm beyond the arm's reach" in text

@@ -29,6 +29,7 @@ from dualarm_cli.files.tasks.task_rules import (
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import ANY, Job, Task, waiting_forever
+from dualarm_cli.model.place import Place
 
 
 def check_order(document: Document, job: Job, findings: Findings) -> None:
@@ -127,6 +128,7 @@ def load_job(
         model.order,
         tuple(tuple(names) for names in model.sequences),
         budget=read_budget(document, model.budget),
+        start_place=Place(document.source.name, *document.place(("start",))),
     )
     for kind in kinds:
         job = kind.job(document, model, job)

@@ -1,0 +1,199 @@
+"""Faults that make a job impossible whatever is planned: its start, targets out of reach, tools and parts in obstacles.
+
+`dualarm check` prints them, and the planner refuses them before it searches. Only what is proven is a fault: a target
+that no posture reaches at any platform position and turn of the tool, or at which the tool or part, whose pose it
+gives, is inside an obstacle. Everything else is for the planner to find out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.clearing.blocked import grip_faults, reaches_into, start_faults
+from dualarm_cli.errors import InfeasibleError, UnsupportedError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinds.planning import kind_of, with_needs
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
+from dualarm_cli.orders.model.tool_changes import with_changes
+from dualarm_cli.postures.holding import Holding, inside_obstacle
+from dualarm_cli.postures.out_of_reach import ROUNDING, out_of_reach
+from dualarm_cli.postures.stage_problems import Clock, stage_problems
+from dualarm_cli.records import dataclass
+from dualarm_cli.refusals import Refusal
+
+BELT_STEP = 0.02
+"""Distance between the places on a conveyor at which a target is looked at [m]."""
+FAR = 2.0
+"""Distance beyond reach from which a wrong unit is the likely cause [m]."""
+UPWARDS = 0.5
+"""Vertical part of a tool's z axis from which the tool points up."""
+
+
+def job_faults(job: Job, *, clear: bool = True) -> list[Refusal]:
+    """Return all that is proven to make a job impossible, by file and line; nothing for a robot that is not planned.
+
+    Args:
+        job: of a file, with its lines as long as they have to be straight.
+        clear: whether anything has to be collision-free.
+    """
+    try:
+        model = CellModel.from_cell(job.cell)
+    except UnsupportedError:
+        return []
+    found: list[Refusal] = []
+    try:
+        job = with_needs(job) if job.is_decided and job.mode == "paired" else with_changes(job)
+    except InfeasibleError as error:
+        found += error.refusals
+    faults = _Faults(model, job, clear)
+    found += [*faults.of_tasks(), *faults.of_sections()]
+    if clear:
+        found += start_faults(job, Holding.of(replace(job, tasks=(), pairing=None)))
+        found += grip_faults(job)
+    # A stand is visited more than once, and its fault is the same each time.
+    unique = {(one.place, one.arm, one.what, one.measured): one for one in reversed(found)}
+    return sorted(unique.values(), key=lambda one: one.place.order if one.place else ("", 0, 0))
+
+
+@dataclass(frozen=True)
+class _Faults:
+    """One job, looked at target by target."""
+
+    model: CellModel
+    """The job's cell, with all closed forms."""
+    job: Job
+    """What is to be done, with its tool changes."""
+    clear: bool
+    """Whether anything has to be collision-free."""
+
+    @cached_property
+    def _start(self) -> FloatArray:
+        """All joints where the motion starts [rad or m], shape (n,)."""
+        return np.array(self.job.start_joints)
+
+    @cached_property
+    def _clock(self) -> Clock:
+        """Times of the robot's joints, which targets are looked at with."""
+        return Clock.of(self.model, self.job)
+
+    @cached_property
+    def _is_placed(self) -> bool:
+        """Whether a platform stands where the motion starts, or is one joint, of which all positions are looked at."""
+        platform = self.model.platform
+        moves = self.job.start == "free" or self.job.in_sections
+        return platform.is_chosen or not platform.joints or not moves
+
+    def _arms_with(self, tool: str) -> list[str]:
+        """Return the arms that may have a changed tool on; all for no tool."""
+        return [arm for arm in self.model.arms if tool in self.job.cell.tool_names(arm)]
+
+    def of_tasks(self) -> Iterator[Refusal]:
+        """Iterate over the faults of picks, places, moves, hand-overs and stands."""
+        for task in self.job.tasks:
+            arms = [arm for arm in self._arms_with(task.tool) if task.allows(arm)]
+            if task.alone:
+                continue
+            by_arm = [[self._fault(arm, task, stop) for stop in task.stops] for arm in arms]
+            found = [[fault for fault in faults if fault is not None] for faults in by_arm]
+            if task.arm != ANY:
+                yield from (fault for faults in found for fault in faults)
+            elif found and all(found):
+                yield _by_no_arm(task, arms, [faults[0] for faults in found])
+
+    def of_sections(self) -> Iterator[Refusal]:
+        """Iterate over the faults of the ends of paths and seams."""
+        for section in self.job.sections():
+            kind = kind_of(section)
+            ends = ({}, {}) if kind is None else kind.ends(self.job, section)
+            for what, poses in zip(("section_begins", "section_ends"), ends, strict=True):
+                for task in (one for one in section if one.arm in poses):
+                    stop = replace(task.stops[0], target=poses[task.arm], approach=0.0, retract=0.0)
+                    slack = ROUNDING if task.path is None else task.path.tolerance
+                    if cause := self._unreached(task.arm, task, stop, slack):
+                        yield _impossible(what, task.arm, task, stop, cause)
+
+    def _fault(self, arm: str, task: Task, stop: Stop) -> Refusal | None:
+        """Return why an arm cannot make a stop of its task, with what would help; None where that is not proven."""
+        fault = self._bare_fault(arm, task, stop)
+        if fault is None or not isinstance(stop.target, PoseTarget):
+            return fault
+        remedy, pose = fault.remedy, stop.target.pose
+        if task.arm == arm and not task.shared and not task.is_change:
+            others = [name for name in self._arms_with(task.tool) if name != arm]
+            tried = [self._bare_fault(name, task, one) for name in others for one in task.stops]
+            if tried and not any(tried):
+                remedy = ("any_arm", *remedy)
+        T_own_tool = self.job.cell.T_own_tool(arm, task.tool)
+        if (pose * T_own_tool).rotation[2, 2] > UPWARDS:
+            half_turn = pin.SE3(pin.utils.rotate("x", np.pi), np.zeros(3))
+            over = pose * T_own_tool * half_turn * T_own_tool.inverse()
+            turned = replace(stop, target=replace(stop.target, pose=over))
+            if self._bare_fault(arm, task, turned) is None:
+                remedy = ("turn_over", *remedy)
+        return replace(fault, remedy=remedy)
+
+    def _bare_fault(self, arm: str, task: Task, stop: Stop) -> Refusal | None:
+        """Return why an arm cannot make a stop of its task: it is out of reach, or a tool or part is in an obstacle."""
+        if cause := self._unreached(arm, task, stop):
+            return _impossible("stop_impossible", arm, task, stop, cause)
+        if not self.clear or stop.moves:
+            return None
+        found = inside_obstacle(self.job.cell, arm, task, stop)
+        return None if found is None else reaches_into(task, stop, arm, *found)
+
+    def _unreached(
+        self, arm: str, task: Task, stop: Stop, slack: float = ROUNDING
+    ) -> Refusal | None:
+        """Return why a target is out of an arm's reach, wherever a conveyor has it; None where that is not proven."""
+        if not self._is_placed:
+            return None
+        places = [stop]
+        if stop.belt is not None:
+            count = 2 + int(stop.belt.within / BELT_STEP)
+            times = np.linspace(stop.belt.passes, stop.belt.last, count)
+            places, slack = [stop.met(time) for time in times.tolist()], slack + 0.5 * BELT_STEP
+        here = self._start[self.model.platform_columns]
+        first: Refusal | None = None
+        for place in places:
+            [seen] = stage_problems(
+                self.model, self._clock, self._start, here[None], {arm: (task, place)}, refine=False
+            )
+            cause = out_of_reach(self.model, self._start, seen[arm], slack)
+            if cause is None:
+                return None
+            first = first or cause
+        return first
+
+
+def _impossible(what: str, arm: str, task: Task, stop: Stop, cause: Refusal) -> Refusal:
+    """Return the fault of a stop, or of an end of a path or seam, that is out of reach."""
+    remedy = ("check_unit",) if (cause.measured or 0.0) > FAR else ()
+    if what != "stop_impossible":
+        remedy += ("move_work",)
+    elif isinstance(stop.target, PoseTarget) and stop.target.free_yaw:
+        remedy += ("move_target",)
+    else:
+        remedy += ("move_target_or_free_yaw",)
+    more = {"action": stop.action, "cause": cause}
+    return Refusal(what, stop.place, task.id, arm, cause.measured, remedy=remedy, more=more)
+
+
+def _by_no_arm(task: Task, arms: list[str], faults: list[Refusal]) -> Refusal:
+    """Return that none of the arms that may do a task can, each with why."""
+    causes = []
+    for arm, fault in zip(arms, faults, strict=True):
+        cause = fault.more.get("cause", replace(fault, place=None, remedy=()))
+        more = {"action": fault.more["action"], "cause": cause}
+        at = Refusal("at_stop", more=more) if len(task.stops) > 1 else cause
+        causes.append(Refusal("by_arm", arm=arm, more={"cause": at}))
+    remedy = tuple(dict.fromkeys(key for fault in faults for key in fault.remedy))
+    more = {"causes": causes}
+    return Refusal(
+        "out_of_reach", task.place, task.id, measured=faults[0].measured, remedy=remedy, more=more
+    )

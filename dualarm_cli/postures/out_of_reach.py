@@ -1,0 +1,181 @@
+"""Proofs that an arm cannot make a stop: no posture of any branch, turn of the tool or platform position reaches it.
+
+`explain_reach` looks at samples of what is free. Here a sample stands for all that is nearer to it than to others:
+it counts with the distance that the arm moves in between. What is not proven is left open.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.closed_arm import ClosedArm
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.wrist_arm import WristArm
+from dualarm_cli.postures.problem import StopProblem
+from dualarm_cli.postures.reach import (
+    SCAN_YAWS,
+    at_platform,
+    moved_flanges,
+    point_names,
+    scanned_positions,
+    srs_miss,
+)
+from dualarm_cli.refusals import Refusal
+
+ROUNDING = 1e-6
+"""Distance beyond reach [m], and turn [rad], that prove nothing."""
+COARSE, FINE = np.radians(6.0), np.radians(0.5)
+"""Spacings of the platform positions that are looked at, the finer one where the coarse one leaves it open [rad]."""
+
+
+def out_of_reach(
+    model: CellModel, position: FloatArray, stop: StopProblem, slack: float = ROUNDING
+) -> Refusal | None:
+    """Return why an arm has no posture for a stop, whatever else is done; None where that is not proven.
+
+    Args:
+        model: the cell.
+        position: all joints where the motion starts [rad or m], shape (n,); a platform of one joint may be anywhere.
+        stop: the arm's stop as seen with the platform there.
+        slack: how far the tool may stay away from its target [m].
+    """
+    if stop.configurations is not None:
+        return None
+    names = point_names(stop)
+    for moved, gap in _platform_moves(model, position):
+        flanges = moved_flanges(stop, model.platform, moved)
+        verdicts = [_beyond(model, stop, flange, gap, slack) for flange in flanges]
+        for name, beyond, number in zip(names, verdicts, range(len(names)), strict=True):
+            if beyond:
+                return _how_far(model, position, stop, name, number)
+        if None not in verdicts:
+            break
+    if model.platform.is_chosen or _turns(stop) or slack > ROUNDING:
+        return None
+    for name, (R, p) in zip(names, moved_flanges(stop, model.platform, np.zeros(1)), strict=True):
+        if (miss := _least_miss(stop.arm, R[0], p[0])) is not None:
+            more = {"point": name, "degrees": np.degrees(miss[1]), "where": _stands(model)}
+            what = "beyond_limits" if isinstance(stop.arm, SrsArm) else "posture_misses"
+            return Refusal(what, measured=miss[0], more=more)
+    return None
+
+
+def _platform_moves(model: CellModel, position: FloatArray) -> list[tuple[FloatArray, float]]:
+    """Return moves of the platform from where it is, coarse ones first, and how far others are from them at most."""
+    if not model.platform.is_chosen:
+        return [(np.zeros(1), 0.0)]
+    limits = model.cell.robot.limits.select(model.platform.joints)
+    here = float(position[model.platform_columns][0])
+    low, high = float(limits.lower[0]), float(limits.upper[0])
+    if not model.platform.is_rail and not high - low < 2.0 * np.pi:
+        low, high = here - np.pi, here + np.pi
+    steps = (model.platform.spacing(step, low, high) for step in (COARSE, FINE))
+    moves = [np.linspace(low, high, 2 + int((high - low) / step)) - here for step in steps]
+    return [(moved, 0.5 * float(moved[1] - moved[0])) for moved in moves]
+
+
+def _how_far(
+    model: CellModel, position: FloatArray, stop: StopProblem, name: str, number: int
+) -> Refusal:
+    """Return how far a point of a stop, by its name and number, is beyond reach where the platform is best for it."""
+    angles, here = scanned_positions(model, position)
+    R, p = moved_flanges(stop, model.platform, angles - here)[number]
+    signed = srs_miss(stop.arm, R, p) if isinstance(stop.arm, SrsArm) else _miss(stop.arm, R, p)[1]
+    best = int(np.argmin(np.abs(signed)))
+    miss = float(signed.flat[best])
+    where = _stands(model)
+    if model.platform.is_chosen:
+        where = at_platform(model.platform, angles[best // signed.shape[1]])
+    what = "too_near_shoulder" if miss < 0.0 else "beyond_reach"
+    if isinstance(stop.arm, GeneralArm):
+        what = "flange_not_there"
+    return Refusal(what, measured=abs(miss), more={"point": name, "where": where})
+
+
+def _stands(model: CellModel) -> Refusal:
+    """Return where an arm stands whose platform does not move."""
+    return Refusal("platform_stands" if model.platform.joints else "from_base")
+
+
+def _turns(stop: StopProblem) -> bool:
+    """Return whether a tool may also be turned otherwise than is looked at."""
+    return stop.free_yaw or len(stop.yaw) > SCAN_YAWS
+
+
+def _least_miss(
+    arm: SrsArm | GeneralArm, R: FloatArray, p: FloatArray
+) -> tuple[float, float] | None:
+    """Return by how much poses are missed [m] and [rad], by inverse kinematics that finds all postures of a pose.
+
+    None where a posture within limits reaches one of them. Where a joint is free, as in a singular posture of six axes,
+    only samples of it are known: that is no proof, and None as well.
+
+    Args:
+        arm: kinematics and limits.
+        R: flange rotations in the carried frame, shape (y, 3, 3).
+        p: flange positions [m], shape (y, 3).
+    """
+    if isinstance(arm, SrsArm):
+        return None if feasible_arm_angles(arm, R, p).count.any() else (0.0, 0.0)
+    if not isinstance(arm, ClosedArm) or arm.solve(R, p).singular.any():
+        return None
+    miss = arm.closed_postures(R, p).miss
+    distance, angle = miss[int(np.argmin(miss.sum(axis=1)))].tolist()
+    return (distance, angle) if distance + angle > ROUNDING else None
+
+
+def _beyond(
+    model: CellModel,
+    stop: StopProblem,
+    flange: tuple[FloatArray, FloatArray],
+    gap: float,
+    slack: float,
+) -> bool | None:
+    """Return whether a pose is beyond reach at all positions and turns: False where one reaches it, None if unknown.
+
+    Args:
+        model: the cell.
+        stop: the stop.
+        flange: rotations (a, y, 3, 3) and positions (a, y, 3) [m] at a platform positions and y turns.
+        gap: largest distance of a platform position from one of these [rad or m].
+        slack: how far the tool may stay away [m].
+    """
+    R, p = flange
+    point, miss = _miss(stop.arm, R, p)
+    if bool((miss <= slack).any()):
+        return False
+    moved = np.full(miss.shape, slack)
+    if _turns(stop):
+        # Between two turns the point moves along a circle about the tool's axis.
+        away = point - p + _turned(R, stop.R_tool_flange.T, stop.p_tool_flange)
+        axis = np.einsum("...ij,j->...i", R, stop.R_tool_flange[2])
+        across = away - axis * (away * axis).sum(axis=-1, keepdims=True)
+        moved += np.sqrt((across * across).sum(axis=-1)) * (np.pi / miss.shape[1])
+    if model.platform.is_rail:
+        moved += gap
+    else:
+        moved += np.sqrt((point[..., :2] * point[..., :2]).sum(axis=-1)) * gap
+    return True if bool((miss > moved).all()) else None
+
+
+def _turned(R: FloatArray, inner: FloatArray, p: FloatArray) -> FloatArray:
+    """Return a vector p (3,) turned by one rotation (3, 3), then by others (..., 3, 3)."""
+    return np.einsum("...ij,jk,k->...i", R, inner, p)
+
+
+def _miss(arm: SrsArm | GeneralArm, R: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a point that flange poses fix, (..., 3) [m], and how far at least it is beyond what it reaches, (...)."""
+    if isinstance(arm, SrsArm | WristArm):
+        return arm.wrist_center(R, p), arm.reach_miss(R, p)
+    # The last joint's origin, which that joint does not move: no farther from the first than all links together.
+    point = p - _turned(R, arm.R_last_flange.T, arm.p_last_flange)
+    links = np.sqrt((arm.p_parent_joint[1:] ** 2).sum(axis=1)).sum()
+    slides = list(arm.slides)
+    ways = np.maximum(np.abs(arm.lower[slides]), np.abs(arm.upper[slides])).sum()
+    away = point - arm.p_parent_joint[0]
+    distance = np.sqrt((away * away).sum(axis=-1))
+    return point, np.maximum(0.0, distance - links - ways)
