@@ -22,6 +22,7 @@ SLOWED = 1.001
 """Durations longer by this factor are worth a word."""
 REMEDIES: Mapping[Remedy, tuple[str, ...]] = {
     "slower": ("allow_slower", "lower_speed", "method"),
+    "limit": ("move_path", "other_posture"),
     "other": ("move_path", "other_posture", "method"),
     "clear": ("move_path_or_obstacle", "other_posture", "method"),
     "tolerance": ("tolerance", "method"),

@@ -15,6 +15,7 @@ from dualarm_cli.geometry.products import product
 from dualarm_cli.kinds.path.context import PER_KNOT, PathClock, PathContext
 from dualarm_cli.kinds.path.context import SHARE as ROUNDED
 from dualarm_cli.kinds.path.following import NoPath, PathMotion, PathProblem
+from dualarm_cli.kinds.path.following.position_limits import ended_by_limit
 from dualarm_cli.kinds.path.following.problem import singular_words
 from dualarm_cli.kinds.path.following.velocity import corrected
 from dualarm_cli.kinds.path.joining import Joined, instants, leaves, strays
@@ -106,8 +107,9 @@ TIGHTENED = 3
 """How often a method that keeps the limits itself is given less of them, where the curve exceeds them."""
 
 
-Remedy = Literal["slower", "other", "clear", "tolerance"]
-"""What may help against a refusal: less speed, another path or start, more room, or a larger tolerance."""
+Remedy = Literal["slower", "limit", "other", "clear", "tolerance"]
+"""What may help against a refusal: less speed, another path or start (and another method), more room, or a larger
+tolerance."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +199,14 @@ def follow_path(
     clock = context.clock(work)
     full = clock.duration
     trials = _Trials(context, work, follower, start, budget)
+    # Without self-motion the joints are where the path has them: nothing has to be followed to see a limit.
+    if not trials.has_self_motion and (refused := trials.ended_by_limit(clock)):
+        return refused
     tried = trials.once(clock)
+    if np.isinf(tried.excess) and trials.has_self_motion:
+        refused = trials.ended_by_limit(clock)
+        if refused is not None:
+            return refused
     # Where it may be slower it eases off in its ramps as anywhere.
     for gentle in GENTLER if open_ramps and not work.slower else ():
         if tried.slower_helps:
@@ -254,6 +263,23 @@ class _Trials:
     start: FloatArray
     """Joints where the path begins [rad], shape (n,)."""
     budget: TrialBudget
+
+    @property
+    def has_self_motion(self) -> bool:
+        """Whether more joints move the tools than their poses ask for."""
+        body = self.context.body
+        follows = [arm in self.work.paths for arm in body.arms]
+        return int(body.moves[follows].any(axis=0).sum()) > 6 * sum(follows)
+
+    def ended_by_limit(self, clock: PathClock) -> Refused | None:
+        """Return where a joint's position limit ends the path, which less speed does not change; None without any."""
+        problem = self.context.problem(self.work, self.start, clock)
+        ended = ended_by_limit(problem)
+        if ended is None:
+            return None
+        along = float(problem.share[ended.instant])
+        remedy: Remedy = "other" if self.has_self_motion else "limit"
+        return _refused(self.work, ended.reason, ended.instant * problem.step, along, remedy)
 
     def eased(self, clock: PathClock, tried: _Tried) -> tuple[_Tried, PathClock]:
         """Returns what comes of easing off where it was too fast, or else of less speed all along, and the clock."""

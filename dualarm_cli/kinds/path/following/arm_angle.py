@@ -6,9 +6,10 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.products import product
+from dualarm_cli.kinds.path.following.position_limits import ended_by_limit
 from dualarm_cli.kinds.path.following.problem import NoPath, PathMotion, PathProblem, within_limits
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
 from dualarm_cli.records import dataclass
 
 STATIONS = 61
@@ -72,7 +73,7 @@ def follow_arm_angle(problem: PathProblem) -> PathMotion | NoPath:
         q0 = problem.start[arm.columns]
         track = best_track(kinematics, R[nearest], p[nearest], velocity, q0)
         if track is None:
-            return _reason(kinematics, name, R, p)
+            return _reason(problem, model, name, (R, p))
         kept = np.concatenate([[True], np.diff(own) > 0.0])
         psi = CubicSpline(own[kept], track.psi[kept])(problem.share)
         q, _ = kinematics.solve_branch(R, p, psi, np.array(track.branch))
@@ -258,14 +259,20 @@ def _refined(
     return Track(branch, psi, cost * (len(psi) - 1))
 
 
-def _reason(arm: SrsArm, name: str, R: FloatArray, p: FloatArray) -> NoPath:
-    """Returns why no branch follows a path: out of reach, or no way within the joints' limits."""
-    miss = arm.reach_miss(R, p)
+def _reason(
+    problem: PathProblem, model: CellModel, name: str, flanges: tuple[FloatArray, FloatArray]
+) -> NoPath:
+    """Return why no branch of an arm follows a path: out of reach, or no way within the joints' limits."""
+    miss = closed_form(model.arms[name].kinematics).reach_miss(*flanges)
     if miss.max() > 0.0:
         k = int(np.argmax(miss > 0.0))
         return NoPath(
             f"the {name} arm cannot reach: its wrist misses by {miss.max() * 1e3:.1f} mm at most", k
         )
+    moves = problem.free.copy()
+    moves[model.platform_columns] = False
+    if ended := ended_by_limit(problem, moves):
+        return NoPath(f"{ended.reason} while the platform stands", ended.instant)
     return NoPath(
         f"no branch and arm angles of the {name} arm follow the whole path within the joints' limits "
         "while the platform stands",

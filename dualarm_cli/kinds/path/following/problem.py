@@ -163,11 +163,16 @@ def within_limits(problem: PathProblem, position: FloatArray) -> PathMotion | No
         return PathMotion(position)
     k = int(np.argmax((beyond > SLACK).any(axis=1)))
     joint = int(np.argmax(beyond[k]))
-    return NoPath(
-        f"joint {limits.joints[joint]} reaches its limit: {np.rad2deg(position[k, joint]):.2f} deg, allowed "
-        f"{np.rad2deg(limits.lower[joint]):.2f} to {np.rad2deg(limits.upper[joint]):.2f} deg",
-        k,
-    )
+    return NoPath(limit_words(problem, joint, float(position[k, joint])), k)
+
+
+def limit_words(problem: PathProblem, joint: int, position: float) -> str:
+    """Return that a joint, by its number, reaches the limit that a position [rad or m] is at or beyond."""
+    limits = problem.limits
+    lower, upper = float(limits.lower[joint]), float(limits.upper[joint])
+    bound = upper if position > 0.5 * (lower + upper) else lower
+    shown = f"{bound * 1e3:g} mm" if problem.body.slides[joint] else f"{np.rad2deg(bound):g} deg"
+    return f"joint {limits.joints[joint]} reaches its limit of {shown}"
 
 
 def singular_words(problem: PathProblem, q: FloatArray) -> str:

@@ -1,0 +1,74 @@
+"""Whether a joint's position limit ends a path, however slowly it is followed: what less speed does not cure."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.kinds.path.following.problem import NoPath, PathProblem, limit_words
+from dualarm_cli.kinds.path.following.velocity import pose_error
+
+STATIONS = 400
+"""Places along the path between which joints are followed without time."""
+STEPS, CENTRING = 12, 3
+"""Newton steps from one place to the next, and those of them that self-motion uses to get away from limits."""
+SHARE = 0.2
+"""Share of the distance to the middle of their limits by which it moves joints then."""
+FOLLOWED = 1e-9
+"""Error of the tools that counts as none [m, rad]."""
+BEYOND = 1e-4
+"""Distance beyond a limit that no follower uses [rad]."""
+SINGULAR = 1e-6
+"""Smallest eigenvalue of J Jᵀ with which joints are moved."""
+
+
+def ended_by_limit(problem: PathProblem, moves: BoolArray | None = None) -> NoPath | None:
+    """Return the joint whose position limit ends a path from its start; None where none is known to.
+
+    The path is followed without time, by steps of least norm. A joint that would leave its limits is held there, and
+    self-motion keeps the others away from theirs; a path ends where they cannot make up for it.
+
+    Args:
+        problem: what a follower is asked.
+        moves: joints that may move, shape (n,); all that move a tool that follows for None.
+    """
+    limits, free = problem.limits, problem.free if moves is None else moves
+    q = np.array(problem.start)
+    count = min(problem.instants, STATIONS)
+    for k in np.linspace(0, problem.instants - 1, count).round().astype(np.int64).tolist():
+        held, worst = np.zeros(len(q), dtype=np.bool_), -1
+        while (found := _followed(problem, q, k, free & ~held)) is not None:
+            beyond = np.maximum(limits.lower - found, found - limits.upper)
+            out = (beyond > BEYOND) & free & ~held
+            if not out.any():
+                break
+            worst, held = int(np.argmax(np.where(out, beyond, 0.0))), held | out
+            q = np.where(out, np.clip(found, limits.lower, limits.upper), q)
+        if found is None:
+            return None if worst < 0 else NoPath(limit_words(problem, worst, q[worst]), k)
+        q = found
+    return None
+
+
+def _followed(problem: PathProblem, q: FloatArray, k: int, moves: BoolArray) -> FloatArray | None:
+    """Return joints (n,) [rad] near given ones whose tools are where they belong at an instant; None without any."""
+    limits, follows = problem.limits, np.flatnonzero(problem.follows)
+    middle = 0.5 * (limits.lower + limits.upper)
+    middle = np.where(np.isfinite(middle), middle, problem.start)
+    for number in range(STEPS):
+        state = problem.body.at(q)
+        error = pose_error(problem.R[k], problem.p[k], state.R[follows], state.p[follows])
+        if np.abs(error).max() < FOLLOWED and number >= CENTRING:
+            return q
+        J = state.J[problem.rows][:, moves]
+        gram = np.einsum("ij,kj->ik", J, J)
+        if np.linalg.eigvalsh(gram)[0] < SINGULAR:
+            return None
+        pull = np.zeros(J.shape[1])
+        if number < CENTRING and J.shape[1] > len(J):
+            pull = SHARE * (middle - q)[moves]
+        left = np.linalg.solve(gram, error - np.einsum("ij,j->i", J, pull))
+        step = np.zeros(len(q))
+        step[moves] = pull + np.einsum("ij,i->j", J, left)
+        q = q + step
+    return None
