@@ -181,12 +181,12 @@ def test_an_unreachable_stretch_is_told_with_its_place(tmp_path: Path) -> None:
 
 
 def test_a_start_out_of_reach_says_by_how_much(tmp_path: Path) -> None:
-    """The path begins 3 m away: no configuration, and how near the tool comes."""
+    """The path begins 3 m away: the start is told, with the distance at the best platform angle."""
     away = WIPE.replace("0.50, 0.20", "3.0, 0.20").replace("0.58, 0.20", "3.1, 0.20")
     away = away.replace("via: {xyz: [0.63, 0.25", "via: {xyz: [3.15, 0.25").replace(
         "0.58, 0.30", "3.1, 0.30"
     )
-    with pytest.raises(InfeasibleError, match=r"at best they are \d+\.\d mm"):
+    with pytest.raises(InfeasibleError, match=r"begins the target is \d+\.\d mm beyond"):
         planned(job_of(tmp_path, away, head="start: free\n"))
 
 
