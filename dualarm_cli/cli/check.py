@@ -30,7 +30,7 @@ def check_command(
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Validate cell, robot, task, study, points or base files, all errors at once, without planning."""
+    """Validate cell, robot, task, study, points or base files, all errors at once, without planning. Of a job also what makes it impossible: its start, targets out of reach, tools and parts in obstacles."""
     from dualarm_cli.files.source.diagnostics import render
 
     results = [_check_one(str(file)) for file in files]
@@ -46,7 +46,14 @@ def check_command(
                 for note in result["notes"]:
                     _echo(f"note: {_shown(note)}")
     if diagnostics:
-        raise typer.Exit(2)
+        raise typer.Exit(3 if all(_is_infeasible(one) for one in diagnostics) else 2)
+
+
+def _is_infeasible(diagnostic: Diagnostic) -> bool:
+    """Return whether a file can be read, but what it asks for cannot be done."""
+    from dualarm_cli.refusals import CODES
+
+    return diagnostic.code in CODES.values()
 
 
 def _echo(text: str) -> None:

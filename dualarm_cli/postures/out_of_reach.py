@@ -6,6 +6,8 @@ it counts with the distance that the arm moves in between. What is not proven is
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
@@ -120,7 +122,9 @@ def _least_miss(
         p: flange positions [m], shape (y, 3).
     """
     if isinstance(arm, SrsArm):
-        return None if feasible_arm_angles(arm, R, p).count.any() else (0.0, 0.0)
+        # At the ends of its limits an arm has single arm angles, which rounding takes away.
+        wider = replace(arm, lower=arm.lower - ROUNDING, upper=arm.upper + ROUNDING)
+        return None if feasible_arm_angles(wider, R, p).count.any() else (0.0, 0.0)
     if not isinstance(arm, ClosedArm) or arm.solve(R, p).singular.any():
         return None
     miss = arm.closed_postures(R, p).miss

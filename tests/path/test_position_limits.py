@@ -74,7 +74,8 @@ def test_closed_forms_over_the_arm_angle_name_the_joint_too(tmp_path):
     file = tmp_path / "tasks.yaml"
     file.write_text(
         "dualarm: tasks/1\ncell: cell.yaml\nstart: free\ntasks:\n  - id: screw\n    path:\n      arm: left\n"
-        "      speed: 0.2\n      posture: home\n      through:\n        - {xyz: [0.5, 0.3, 0.9], rpy: [180 deg, 0, 0]}\n"
+        "      speed: 0.2\n      posture: home\n      through:\n"
+        "        - {xyz: [0.5, 0.3, 0.9], rpy: [180 deg, 0, 0]}\n"
         "        - {turn: {about: [0.5, 0.3, 0.9], axis: [0, 0, -1], angle: 700 deg}}\n"
     )
     with pytest.raises(

@@ -9,7 +9,13 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
-from dualarm_cli.kinds.seam.closed_chain.starts import seam_starts, standing_joints
+from dualarm_cli.kinds.seam.closed_chain.starts import (
+    GOES_ON,
+    ROUNDED,
+    seam_starts,
+    standing_joints,
+    why_impossible,
+)
 from dualarm_cli.kinds.seam.closed_chain.ways import steady_times, way_cost
 from dualarm_cli.model.curves.contours import LineContour
 from dualarm_cli.model.curves.feature_curve import FeatureCurve
@@ -115,6 +121,25 @@ def test_a_joint_s_limit_that_ends_it_is_named(cells, make):
     assert 0.0 < found.failure.share < 1.0
     assert any(name in found.failure.reason for name in limits.joints)
     assert "deg" in found.failure.reason
+
+
+def test_of_ways_that_cannot_be_worked_the_joint_the_collision_or_the_end_is_told(cells, make):
+    """A joint's limit put between its least and its greatest position on a way; bodies; what comes next."""
+    problem = make.problem_on(cells["sda10f"], make.work_on(make.line()), samples=60)
+    way = seam_starts(problem).position[0]
+    assert why_impossible(problem, [way]).reason == GOES_ON
+    touching = replace(problem, clear=lambda q: np.zeros(len(q), dtype=bool))
+    assert "collides or lacks clearance" in why_impossible(touching, [way]).reason
+    joint = int(np.argmax(np.ptp(way, axis=0)))
+    upper = np.array(problem.limits.upper)
+    # Beyond what bounds for decisions leave free, and what they are passed by in rounding.
+    upper[joint] = 0.5 * (way[:, joint].min() + way[:, joint].max())
+    narrow = replace(problem, limits=replace(problem.limits, upper=upper))
+    found = why_impossible(narrow, [way])
+    beyond = way[:, joint] > narrow.bounds[1][joint] + ROUNDED
+    assert found.share == problem.shares[int(np.argmax(beyond))]
+    name, degrees = problem.limits.joints[joint], np.degrees(upper[joint])
+    assert found.reason == f"joint {name} comes to its limit of {degrees:.1f} deg"
 
 
 def test_what_touches_is_left_out(cells, make):

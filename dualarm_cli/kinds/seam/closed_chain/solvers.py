@@ -15,11 +15,11 @@ from dualarm_cli.kinds.seam.closed_chain.program import SeamProgram
 from dualarm_cli.kinds.seam.closed_chain.starts import (
     CLOSED,
     DEAR,
-    LIMITS,
     beyond_limits,
     part_poses,
     seam_starts,
     standing_joints,
+    why_impossible,
 )
 from dualarm_cli.kinds.seam.closed_chain.ways import (
     AMPLE,
@@ -200,7 +200,9 @@ def work_least_motion(problem: SeamProblem) -> SeamMotion | NoSeam:
     """
     starts = seam_starts(problem)
     first = next((way for way in starts.position if _possible(problem, way)), None)
-    return _motion(problem, first) if first is not None else starts.failure or NoSeam(LIMITS, 1.0)
+    if first is not None:
+        return _motion(problem, first)
+    return starts.failure or why_impossible(problem, list(starts.position))
 
 
 def work_still(problem: SeamProblem) -> SeamMotion | NoSeam:
@@ -246,10 +248,10 @@ def _ways(problem: SeamProblem, *, moving: bool) -> list[FloatArray] | NoSeam:
     # What is quicker may have come near to a singular posture: then the one before is only made easy.
     best = [improved(problem, tried[0], stands, rounds) for rounds in (ROUNDS, 0)]
     best.sort(key=lambda way: way_cost(problem, way))
-    possible = (way for way in (*best, *tried, *starts.position) if _possible(problem, way))
-    ways = list(islice(possible, _kept(problem)))
+    every = [*best, *tried, *starts.position]
+    ways = list(islice((way for way in every if _possible(problem, way)), _kept(problem)))
     if not ways:
-        return NoSeam(LIMITS, 1.0)
+        return why_impossible(problem, every)
     if not any(ways[0] is way for way in best):
         easy = improved(problem, ways[0], stands, 0)
         ways[0] = easy if _possible(problem, easy) else ways[0]

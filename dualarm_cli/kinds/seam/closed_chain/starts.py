@@ -14,8 +14,10 @@ from dualarm_cli.kinds.seam.closed_chain.ways import turned_back, way_cost
 from dualarm_cli.model.curves.tool_path import Poses
 from dualarm_cli.records import dataclass
 
-LIMITS = "no motion along it was found that is within joint limits and collision-free"
-"""Why there is none where the tool gets along the whole seam."""
+JUMPS = "each place of it is reached, but no motion was found from one end to the other"
+"""Reason where the tool gets along the seam in small steps and not from node to node."""
+GOES_ON = "no motion along it was found that ends where the next seam can begin"
+"""Reason where all else is as it should be."""
 TOUCHES = "every motion found along it collides or lacks clearance"
 FINER = 8
 """Steps from node to node where the first place that fails is looked for."""
@@ -138,7 +140,7 @@ def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
         if not good.any():
             return NoSeam(_why(problem, found.position[near]), float(fine[k]))
         before, here = here[good], found.position[good]
-    return NoSeam(LIMITS, 1.0)
+    return NoSeam(JUMPS, 1.0)
 
 
 def _apart(problem: SeamProblem) -> str:
@@ -238,6 +240,27 @@ def _step(problem: SeamProblem, guess: FloatArray, share: float, stands: BoolArr
         towards=np.where(np.isfinite(middle), middle, 0.0) if problem.near is None else None,
         pulls=PULLS,
     )
+
+
+def why_impossible(problem: SeamProblem, ways: list[FloatArray]) -> NoSeam:
+    """Return what is wrong with the best of some ways: a joint beyond its limit, a collision, or where it ends.
+
+    Args:
+        problem: the seam.
+        ways: joints at its nodes, none of which can be worked, each (nodes, n) [rad].
+    """
+    beyond = [beyond_limits(problem, way) for way in ways]
+    best = int(np.argmin([one.max() for one in beyond]))
+    outside = np.flatnonzero(beyond[best] > 0.0)
+    if len(outside):
+        node = int(outside[0])
+        return NoSeam(_why(problem, ways[best][node : node + 1]), float(problem.shares[node]))
+    within = np.array([way for way, one in zip(ways, beyond, strict=True) if one.max() == 0.0])
+    if problem.clear is not None:
+        free = problem.clear(within.reshape(-1, within.shape[-1])).reshape(len(within), -1)
+        if not free.all(axis=1).any():
+            return NoSeam(TOUCHES + _touching(problem, within), 1.0)
+    return NoSeam(GOES_ON, 1.0)
 
 
 def _why(problem: SeamProblem, position: FloatArray) -> str:

@@ -1,0 +1,209 @@
+"""Faults that make a job impossible: told all at once, with places, by check as by plan, and only where proven."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from dualarm_cli.cli.check import check_command
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job, PoseTarget
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning import planner
+from dualarm_cli.planning.job_faults import job_faults
+from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.postures.out_of_reach import out_of_reach
+from dualarm_cli.postures.stage_problems import stop_problems
+
+IIWAS = """\
+dualarm: cell/1
+robot:
+  left: {robot: iiwa14, base: {xyz: [0, 0.5, 0]}}
+  right: {robot: iiwa14, base: {xyz: [0, -0.5, 0]}}
+tools:
+  left: {tcp: {xyz: [0, 0, 150 mm]}, shapes: [{box: [80 mm, 80 mm, 100 mm], xyz: [0, 0, 50 mm]}]}
+  right: {tcp: {xyz: [0, 0, 150 mm]}, shapes: [{box: [80 mm, 80 mm, 100 mm], xyz: [0, 0, 50 mm]}]}
+obstacles:
+  table: {box: [1, 2, 0.1], xyz: [0.6, 0, -0.05]}
+"""
+DOWN = "rpy: [180 deg, 0, 0]"
+GOOD = f"  - {{id: good, arm: left, move: {{xyz: [0.5, 0.5, 0.2], {DOWN}}}}}\n"
+
+
+@pytest.fixture
+def job(tmp_path: Path):
+    """Makes a job of two iiwa14 at a table from lines of its tasks."""
+
+    def made(tasks: str, head: str = "", cell: str = IIWAS) -> Job:
+        (tmp_path / "dualarm.toml").write_text("")
+        (tmp_path / "cell.yaml").write_text(cell)
+        text = f"dualarm: tasks/1\ncell: cell.yaml\n{head}tasks:\n{tasks}"
+        (tmp_path / "tasks.yaml").write_text(text)
+        return load_job(tmp_path / "tasks.yaml")
+
+    return made
+
+
+def checked(folder: Path) -> tuple[int, str]:
+    """Exit code and stdout of `dualarm check`."""
+    app = typer.Typer()
+    app.command()(check_command)
+    result = CliRunner().invoke(app, [str(folder / "tasks.yaml")])
+    return result.exit_code, result.stdout
+
+
+def test_check_and_plan_tell_all_faults_with_their_places_before_any_search(
+    job, tmp_path, monkeypatch
+):
+    """A start with an elbow in a box, a target 10 mm in the table with a tool of 50 mm over its tip, and one far away, by hand.
+
+    The shoulder is 0.36 m high; the wrist is 150 + 126 mm over the target, at (4, 0) m before the shoulder:
+    sqrt(4² + 0.066²) - 0.82 m. The gripper ends 50 mm above its tip: 60 mm below the table's face are 10 mm in it.
+    """
+    cell = IIWAS + "  block: {box: [0.2, 0.2, 0.2], xyz: [0.21, -0.5, 0.72]}\n"
+    tasks = (
+        f"  - {{id: deep, arm: left, move: {{xyz: [0.5, 0.5, -0.06], {DOWN}}}}}\n" + GOOD + "\n" * 3
+    )
+    tasks += f"  - {{id: far, arm: left, move: {{xyz: [4, 0.5, 0.15], {DOWN}}}}}\n"
+    made = job(tasks, "start: home\n", cell)
+    searched: list[str] = []
+    monkeypatch.setattr(planner, "_planned", lambda *a, **k: searched.append("searched"))
+    with pytest.raises(InfeasibleError) as caught:
+        plan_without_bound(made, PlanSettings(effort="quick"))
+    code, said = checked(tmp_path)
+    assert (code, searched) == (3, [])
+    miss = 1e3 * (np.hypot(4.0, 0.15 + 0.276 - 0.36) - 0.82)
+    for place, words in (
+        ("3:8", "start: in posture 'home' "),
+        ("5:34", "task 'deep': where left has to move it or on the line there, tool 'left_tool'"),
+        ("5:34", "reaches 10.0 mm into 'table'"),
+        ("10:33", f"task 'far': left arm cannot move: the target is {miss:.1f} mm beyond"),
+    ):
+        for text in (str(caught.value), said):
+            assert any(f"tasks.yaml:{place}: " in row and words in row for row in text.split("\n"))
+    assert "check the units (a plain number is m)" in said
+    assert "'good'" not in said
+    places = [line.split(": ")[0].split(":")[-2] for line in said.split("\n") if ": E6" in line]
+    assert places == ["3", "5", "10"]
+
+
+@pytest.mark.parametrize(
+    ("task", "head", "wanted"),
+    [
+        # A tool that points up, where the flange would be in the table; turned over it is as `good`.
+        ("arm: left, move: {xyz: [0.5, 0.5, 0.2], rpy: [0, 0, 0]}", "", "turn the tool over"),
+        # The other arm's target.
+        (f"arm: left, move: {{xyz: [0.5, -0.6, 0.2], {DOWN}}}", "", "(arm: any)"),
+        # Decimetres.
+        (f"arm: left, move: {{xyz: [5, 5, 2], {DOWN}}}", "", "a plain number is m"),
+        (f"arm: left, move: {{xyz: [0.95, 0.5, 0.2], {DOWN}, free: yaw}}", "", "; move the target"),
+        # Nobody does it, and each has its reason.
+        (
+            f"arm: any, pick: {{xyz: [0.5, 0, 0.2], {DOWN}}}, place: {{xyz: [2.5, 0, 0.2], {DOWN}}}",
+            "order: optimise\n",
+            "; right arm: place: the target is ",
+        ),
+    ],
+)
+def test_the_remedy_is_one_that_helps(job, task, head, wanted):
+    """One fault each, and what is told to do removes it."""
+    [fault] = job_faults(job(f"  - {{id: one, {task}}}\n", head))
+    assert wanted in fault.sentence
+    assert ("turn the tool over" in fault.sentence) is ("[0, 0, 0]" in task)
+    assert ("(arm: any)" in fault.sentence) is ("-0.6" in task)
+
+
+def test_a_good_job_has_no_faults(job):
+    """Both arms, their own targets; a start that is left open is none."""
+    right = f"  - {{id: other, arm: right, move: {{xyz: [0.5, -0.5, 0.2], {DOWN}}}}}\n"
+    for head in ("", "start: free\n"):
+        assert job_faults(job(GOOD + right, head)) == []
+
+
+def test_a_start_in_a_collision_is_a_fault_only_where_the_motion_begins_there(job):
+    """A box about the right arm's elbow at home."""
+    cell = IIWAS + "  block: {box: [0.2, 0.2, 0.2], xyz: [0.21, -0.5, 0.72]}\n"
+    [fault] = job_faults(job(GOOD, "", cell))
+    assert fault.what == "start_touches"
+    assert job_faults(job(GOOD, "start: free\n", cell)) == []
+    assert job_faults(job(GOOD, "", cell), clear=False) == []
+
+
+def test_a_tool_that_fits_between_the_turns_that_are_tried_is_left_to_the_planner(job):
+    """A blade of 100 mm in a slot of 6 mm, turned by 7.5 deg, half way between two turns; filled up it fits nowhere.
+
+    At the nearest turns that are tried its ends are 50 mm * sin 7.5 deg = 6.5 mm off, 4.5 mm of them in the walls.
+    """
+    blade = "[{box: [100 mm, 2 mm, 60 mm], xyz: [0, 0, 120 mm]}]"
+    walls = "".join(
+        f"  {name}: {{box: [0.4, 0.1, 0.1], xyz: [{0.5 - y * np.sin(np.radians(7.5))}, "
+        f"{0.5 + y * np.cos(np.radians(7.5))}, 0.05], rpy: [0, 0, 7.5 deg]}}\n"
+        for name, y in (("one", 0.053), ("other", -0.053))
+    )
+    cell = IIWAS.replace("[{box: [80 mm, 80 mm, 100 mm], xyz: [0, 0, 50 mm]}]", blade)
+    task = f"  - {{id: cut, arm: left, move: {{xyz: [0.5, 0.5, 0.05], {DOWN}, free: yaw}}}}\n"
+    assert job_faults(job(task, "", cell + walls)) == []
+    block = "  filled: {box: [0.4, 0.4, 0.1], xyz: [0.5, 0.5, 0.05]}\n"
+    [fault] = job_faults(job(task, "", cell + block))
+    assert (fault.what, fault.more["into"]) == ("tool_reaches_into", "filled")
+    allowed = cell + block + "allowed_contacts: [[left_tool, filled]]\n"
+    assert job_faults(job(task, "", allowed)) == []
+
+
+@pytest.mark.parametrize(
+    "robot", ["sda10f", "iiwa7", "openarm", "yumi", "nextage", "spherical", "ur5"]
+)
+def test_what_a_posture_within_limits_reaches_is_never_refused(robot, tmp_path, general_robots):
+    """Targets from forward kinematics at random joints, with any platform position and turn of the tool, by number.
+
+    Joints at both ends of their limits are among them; arms with and without closed forms; the tool may be turned.
+    """
+    (tmp_path / "dualarm.toml").write_text("")
+    tool = "{tcp: {xyz: [30 mm, 20 mm, 0.2], rpy: [0.3, 0, 0]}}"
+    cell = f"dualarm: cell/1\nrobot: {robot}\ntools: {{left: {tool}}}\n"
+    file = tmp_path / "tasks.yaml"
+    if robot in general_robots.ROBOTS and robot not in ("yumi", "nextage"):
+        file = general_robots.write_cell(tmp_path, robot)
+    else:
+        (tmp_path / "cell.yaml").write_text(cell)
+        file.write_text(f"dualarm: tasks/1\ncell: cell.yaml\ntasks:\n{GOOD}")
+    made = load_job(file)
+    model = CellModel.from_cell(made.cell)
+    limits = made.cell.robot.limits
+    low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
+    random, start = np.random.default_rng(5), np.array(made.start_joints)
+    task = made.tasks[0]
+    for k in range(60):
+        q = random.uniform(low, high)
+        at_end = random.random(len(q)) < 0.3
+        q = np.where(at_end, random.choice([low, high]), q)
+        if not model.platform.is_chosen:
+            q[model.platform_columns] = start[model.platform_columns]
+        yaw = random.uniform(-np.pi, np.pi) if k % 2 else 0.0
+        pose = model.tool_pose("left", q) * pin.SE3(pin.utils.rotate("z", yaw), np.zeros(3))
+        target = PoseTarget(pose, free_yaw=bool(k % 2))
+        stop = dataclasses.replace(task.stops[0], target=target, approach=0.0, retract=0.0)
+        seen = stop_problems(model, made, start, {"left": (task, stop)})["left"]
+        assert out_of_reach(model, start, seen) is None
+
+
+def test_a_conveyor_brings_a_target_within_reach(job):
+    """Out of reach where it passes, 1.2 m ahead, and 0.5 m ahead at the end; with less of its way it is a fault."""
+    belt = IIWAS + "conveyors: {belt: {velocity: [-0.1, 0, 0]}}\n"
+    task = (
+        "  - {{id: part, arm: left, pick: {{xyz: [1.2, 0.5, 0.2], "
+        + DOWN
+        + ", conveyor: belt, passes: 10 s, "
+        "within: {within}}}, place: {{xyz: [0.5, 0.5, 0.2], " + DOWN + "}}}}\n"
+    )
+    assert job_faults(job(task.format(within="700 mm"), "", belt)) == []
+    [fault] = job_faults(job(task.format(within="200 mm"), "", belt))
+    assert (fault.what, fault.task) == ("stop_impossible", "part")
