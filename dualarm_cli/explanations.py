@@ -207,12 +207,13 @@ EXPLANATIONS: Mapping[str, Explanation] = {
             "Shorten `approach` and `retract`, or move the target by what the message says.",
             "Give the arms other partners: `order: optimise`, or `mode: free`.",
         ),
-        "error[E610]: no posture makes this stage: tasks.yaml:9:5: task 'a': left arm cannot pick: …",
+        "error[E610]: tasks.yaml:9:5: task 'a': left arm cannot pick: the target is 412.0 mm beyond the arm's reach …",
         "how-to/no-plan.md",
     ),
     "E620": Explanation(
         "No collision-free plan was found",
         (
+            "A tool or part is inside an obstacle at its target, or the start collides: `dualarm check` tells both.",
             "Two bodies have to be nearer to each other than the clearance allows: at a target, at the start, or on every motion tried.",
             "Collision shapes are larger than the real bodies, and overlap where the machine does not collide.",
         ),

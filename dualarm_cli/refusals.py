@@ -231,6 +231,8 @@ _CLEARANCE = {
     "{measured:mm} into '{into}', at best",
     "tool_reaches_into": "task '{task}': where {arm} has to {action} it or on the line there, tool '{held}' reaches "
     "{measured:mm} into '{into}', at best",
+    "tool_inside": "task '{task}': {arm} arm cannot {action}: at the target or on its lines {held} is {measured:mm} "
+    "inside '{into}', at best",
     "grip_touches": "task '{task}': {where} {one} and {other} lack {measured:mm} of clearance",
     "not_clear": _NOT_CLEAR,
     "stage_touches": "task '{task}'{beside:*}: {one} and {other} lack {measured:mm} of clearance {when:.2f} s into "
@@ -411,6 +413,7 @@ REMEDIES: Mapping[str, str] = {
     "turn_over": "turn the tool over, whose z axis points up (rpy: [180 deg, 0, 0] points it down)",
     "any_arm": "let the other arm do it (arm: any)",
     "check_unit": "check the units (a plain number is m)",
+    "allow_contact": "list the two in `allowed_contacts` if they may touch",
     "move_work": "move the work or the base of the robot",
     # Paths.
     "allow_slower": "allow it to be slower (slower: allowed)",

@@ -65,19 +65,22 @@ def part_faults(job: Job, holding: Holding) -> list[Refusal]:
 
 
 def reaches_into(task: Task, stop: Stop, arm: str, held: str, depth: float, into: str) -> Refusal:
-    """Return that what an arm has at a stop reaches into something.
+    """Return that a part, or a tool, is inside an obstacle at a stop.
 
     Args:
         task: of the stop.
         stop: where.
-        arm: whose.
-        held: name of the part, or of a tool.
+        arm: that makes it.
+        held: name of the part or tool.
         depth: how deep at best [m].
-        into: what.
+        into: name of the obstacle.
     """
-    what = "part_reaches_into" if held == task.part else "tool_reaches_into"
     more = {"action": stop.action.split("_")[0], "held": held, "into": into}
-    return Refusal(what, stop.place, task.id, arm, depth, more=more)
+    what = "part_reaches_into" if held == task.part else "tool_reaches_into"
+    remedy: tuple[str, ...] = ()
+    if held != task.part and not task.is_change:
+        what, remedy = "tool_inside", ("move_target", "allow_contact")
+    return Refusal(what, stop.place, task.id, arm, depth, remedy=remedy, more=more)
 
 
 def grip_faults(job: Job) -> list[Refusal]:

@@ -30,7 +30,10 @@ def check_command(
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Validate cell, robot, task, study, points or base files, all errors at once, without planning. Of a job also what makes it impossible: its start, targets out of reach, tools and parts in obstacles."""
+    """Validate cell, robot, task, study, points or base files, all errors at once, without planning.
+
+    Of a job also what makes it impossible: a start that collides, targets out of reach, tools and parts in obstacles.
+    """
     from dualarm_cli.files.source.diagnostics import render
 
     results = [_check_one(str(file)) for file in files]

@@ -63,7 +63,7 @@ def checked(folder: Path) -> tuple[int, str]:
 def test_check_and_plan_tell_all_faults_with_their_places_before_any_search(
     job, tmp_path, monkeypatch
 ):
-    """A start with an elbow in a box, a target 10 mm in the table with a tool of 50 mm over its tip, and one far away, by hand.
+    """An elbow in a box at the start, a tool 10 mm in the table, a target far away; numbers by hand.
 
     The shoulder is 0.36 m high; the wrist is 150 + 126 mm over the target, at (4, 0) m before the shoulder:
     sqrt(4² + 0.066²) - 0.82 m. The gripper ends 50 mm above its tip: 60 mm below the table's face are 10 mm in it.
@@ -83,9 +83,9 @@ def test_check_and_plan_tell_all_faults_with_their_places_before_any_search(
     miss = 1e3 * (np.hypot(4.0, 0.15 + 0.276 - 0.36) - 0.82)
     for place, words in (
         ("3:8", "start: in posture 'home' "),
-        ("5:34", "task 'deep': where left has to move it or on the line there, tool 'left_tool'"),
-        ("5:34", "reaches 10.0 mm into 'table'"),
-        ("10:33", f"task 'far': left arm cannot move: the target is {miss:.1f} mm beyond"),
+        ("5:33", "task 'deep': left arm cannot move: at the target or on its lines left_tool"),
+        ("5:33", "is 10.0 mm inside 'table'"),
+        ("10:32", f"task 'far': left arm cannot move: the target is {miss:.1f} mm beyond"),
     ):
         for text in (str(caught.value), said):
             assert any(f"tasks.yaml:{place}: " in row and words in row for row in text.split("\n"))
@@ -153,7 +153,7 @@ def test_a_tool_that_fits_between_the_turns_that_are_tried_is_left_to_the_planne
     assert job_faults(job(task, "", cell + walls)) == []
     block = "  filled: {box: [0.4, 0.4, 0.1], xyz: [0.5, 0.5, 0.05]}\n"
     [fault] = job_faults(job(task, "", cell + block))
-    assert (fault.what, fault.more["into"]) == ("tool_reaches_into", "filled")
+    assert (fault.what, fault.more["into"]) == ("tool_inside", "filled")
     allowed = cell + block + "allowed_contacts: [[left_tool, filled]]\n"
     assert job_faults(job(task, "", allowed)) == []
 
