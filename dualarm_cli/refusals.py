@@ -30,6 +30,10 @@ class Located(Protocol):
     def column(self) -> int:
         """Column, from 1."""
 
+    @property
+    def order(self) -> tuple[str, int, int]:
+        """File, line and column, by which places are sorted."""
+
 
 @dataclass(frozen=True)
 class Refusal:

@@ -173,7 +173,7 @@ class _Faults:
 
 def _impossible(what: str, arm: str, task: Task, stop: Stop, cause: Refusal) -> Refusal:
     """Return the fault of a stop, or of an end of a path or seam, that is out of reach."""
-    remedy = ("check_unit",) if (cause.measured or 0.0) > FAR else ()
+    remedy: tuple[str, ...] = ("check_unit",) if (cause.measured or 0.0) > FAR else ()
     if what != "stop_impossible":
         remedy += ("move_work",)
     elif isinstance(stop.target, PoseTarget) and stop.target.free_yaw:
