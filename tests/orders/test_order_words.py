@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from dualarm_cli.model.place import Place
 from dualarm_cli.orders.messages import why_impossible
 from dualarm_cli.orders.proof.cp_sat import prove
 from dualarm_cli.orders.proof.relaxation import Relaxation
@@ -17,9 +18,11 @@ NAMES = "abcde"
 
 
 def job(count):
-    """Tasks a, b, c .. in lines 1, 2, 3 .. of a file; windows are told as the file has them."""
+    """Tasks a, b, c .. in lines 9, 10, 11 .. of a file; windows are told as the file has them."""
     tasks = [
-        SimpleNamespace(id=NAMES[k], place=f"job.yaml:{k + 1}", not_before=1.0, not_after=2.0)
+        SimpleNamespace(
+            id=NAMES[k], place=Place("job.yaml", 9 + k, 5), not_before=1.0, not_after=2.0
+        )
         for k in range(count)
     ]
     return SimpleNamespace(job=SimpleNamespace(tasks=tasks, buffers={}))
@@ -75,7 +78,7 @@ LATE = np.array([2.5, np.inf, 3.0, np.inf])
 CASES = {
     "two windows, and rules that are no matter": (
         tasks_of(4, not_after=LATE, before=((1, 3),), sequences=((0, 1),)),
-        ["job.yaml:1", "'a' not_after", "'c' not_after"],
+        ["job.yaml:9:5", "'a' not_after", "'c' not_after"],
     ),
     "a ring, and a window that is no matter": (
         tasks_of(4, before=((0, 1), (1, 2), (2, 0), (0, 3)), not_after=np.full(4, 50.0)),
@@ -100,7 +103,7 @@ CASES = {
             not_before=np.array([5.0, 1.0, 0.0]),
             not_after=np.array([np.inf, 7.0, np.inf]),
         ),
-        ["'b' after 'a'", "'a' not_before", "'b' not_after"],
+        ["job.yaml:9:5", "'b' after 'a'", "'a' not_before", "'b' not_after"],
     ),
     "two arms, three deadlines": (
         tasks_of(4, 2, not_after=np.array([3.0, 3.0, 3.0, np.inf]), before=((0, 3),)),
