@@ -170,7 +170,7 @@ def test_the_place_is_that_of_the_first_task_concerned():
     """Not that of the first task of the file."""
     late = np.array([np.inf, np.inf, 1.0, 50.0])
     text = str(why_impossible(job(4), tasks_of(4, not_after=late)))
-    assert text.startswith("job.yaml:3: ")
+    assert text.startswith("job.yaml:11:5: ")
     assert text.endswith("no plan keeps this rule, whatever else is done: 'c' not_after: 2 s")
 
 
