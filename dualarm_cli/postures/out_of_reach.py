@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.closed_arm import ClosedArm
 from dualarm_cli.kinematics.general_arm import GeneralArm
@@ -155,20 +156,15 @@ def _beyond(
     moved = np.full(miss.shape, slack)
     if _turns(stop):
         # Between two turns the point moves along a circle about the tool's axis.
-        away = point - p + _turned(R, stop.R_tool_flange.T, stop.p_tool_flange)
-        axis = np.einsum("...ij,j->...i", R, stop.R_tool_flange[2])
+        away = point - p + product(R, product(stop.R_tool_flange.T, stop.p_tool_flange))
+        axis = product(R, stop.R_tool_flange[2])
         across = away - axis * (away * axis).sum(axis=-1, keepdims=True)
-        moved += np.sqrt((across * across).sum(axis=-1)) * (np.pi / miss.shape[1])
+        moved += norm(across, axis=-1) * (np.pi / miss.shape[1])
     if model.platform.is_rail:
         moved += gap
     else:
-        moved += np.sqrt((point[..., :2] * point[..., :2]).sum(axis=-1)) * gap
+        moved += norm(point[..., :2], axis=-1) * gap
     return True if bool((miss > moved).all()) else None
-
-
-def _turned(R: FloatArray, inner: FloatArray, p: FloatArray) -> FloatArray:
-    """Return a vector p (3,) turned by one rotation (3, 3), then by others (..., 3, 3)."""
-    return np.einsum("...ij,jk,k->...i", R, inner, p)
 
 
 def _miss(arm: SrsArm | GeneralArm, R: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -176,10 +172,9 @@ def _miss(arm: SrsArm | GeneralArm, R: FloatArray, p: FloatArray) -> tuple[Float
     if isinstance(arm, SrsArm | WristArm):
         return arm.wrist_center(R, p), arm.reach_miss(R, p)
     # The last joint's origin, which that joint does not move: no farther from the first than all links together.
-    point = p - _turned(R, arm.R_last_flange.T, arm.p_last_flange)
-    links = np.sqrt((arm.p_parent_joint[1:] ** 2).sum(axis=1)).sum()
+    point = p - product(R, product(arm.R_last_flange.T, arm.p_last_flange))
+    links = norm(arm.p_parent_joint[1:], axis=1).sum()
     slides = list(arm.slides)
     ways = np.maximum(np.abs(arm.lower[slides]), np.abs(arm.upper[slides])).sum()
-    away = point - arm.p_parent_joint[0]
-    distance = np.sqrt((away * away).sum(axis=-1))
+    distance = norm(point - arm.p_parent_joint[0], axis=-1)
     return point, np.maximum(0.0, distance - links - ways)

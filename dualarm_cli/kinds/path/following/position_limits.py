@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.linear_systems import singular_values, solve
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinds.path.following.problem import NoPath, PathProblem, limit_words
 from dualarm_cli.kinds.path.following.velocity import pose_error
 
@@ -18,8 +20,8 @@ FOLLOWED = 1e-9
 """Error of the tools that counts as none [m, rad]."""
 BEYOND = 1e-4
 """Distance beyond a limit that no follower uses [rad]."""
-SINGULAR = 1e-6
-"""Smallest eigenvalue of J Jᵀ with which joints are moved."""
+SINGULAR = 1e-3
+"""Smallest singular value of the tools' Jacobian with which joints are moved."""
 
 
 def ended_by_limit(problem: PathProblem, moves: BoolArray | None = None) -> NoPath | None:
@@ -61,14 +63,12 @@ def _followed(problem: PathProblem, q: FloatArray, k: int, moves: BoolArray) -> 
         if np.abs(error).max() < FOLLOWED and number >= CENTRING:
             return q
         J = state.J[problem.rows][:, moves]
-        gram = np.einsum("ij,kj->ik", J, J)
-        if np.linalg.eigvalsh(gram)[0] < SINGULAR:
+        if J.shape[1] < len(J) or singular_values(J)[-1] < SINGULAR:
             return None
         pull = np.zeros(J.shape[1])
         if number < CENTRING and J.shape[1] > len(J):
             pull = SHARE * (middle - q)[moves]
-        left = np.linalg.solve(gram, error - np.einsum("ij,j->i", J, pull))
         step = np.zeros(len(q))
-        step[moves] = pull + np.einsum("ij,i->j", J, left)
+        step[moves] = pull + product(J.T, solve(product(J, J.T), error - product(J, pull)))
         q = q + step
     return None
