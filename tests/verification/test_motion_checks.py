@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
@@ -373,3 +374,17 @@ def test_a_group_whose_time_runs_backwards_or_starts_late_is_named() -> None:
         assert (np.diff(motion.trajectory.time) > 0).all()
         found = check_time(motion)
         assert (found.verdict, found.detail) == ("failed", words)
+
+
+def test_a_motion_within_the_margin_of_a_limit_fails(quick_plan, tasks_folder):
+    """A margin that ends 10 mrad below the highest knot of the plan; without it the plan passes."""
+    path = tasks_folder / "01_first_pick" / "tasks.yaml"
+    schedule, job = quick_plan("01_first_pick"), load_job(path)
+    joint = "left_b"
+    highest = float(schedule.joint(joint).position.max())
+    room = float(job.cell.robot.limits.upper[job.cell.robot.joints.index(joint)]) - highest
+    margin = {f"robot:/limits/{joint}/position_margin": room + 0.01}
+    [failed] = verify(schedule, load_job(path, overrides=margin)).failures
+    assert (failed.name, failed.detail) == ("position", joint)
+    assert failed.measured == pytest.approx(0.01, abs=1e-3)  # between knots it is a little more
+    assert verify(schedule, job).passed
