@@ -32,6 +32,7 @@ from dualarm_cli.report.printable import printable
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify as judged
 from dualarm_cli.verification.budget_checks import judge_budget
+from dualarm_cli.verification.robot_checks import check_robot
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -258,7 +259,7 @@ def verify(
         job = schedule.job
     found = _schedule(schedule)
     result = judged(found, job, clearance=clearance and job is not None, both=both)
-    files = _file_checks(Path(schedule), found) if isinstance(schedule, str | Path) else ()
+    files = _file_checks(Path(schedule), found, job) if isinstance(schedule, str | Path) else ()
     return replace(result, checks=(*result.checks, *_budget_checks(found, job, result), *files))
 
 
@@ -361,8 +362,9 @@ def _budget_checks(schedule: Schedule, job: Job | None, result: Verification) ->
         yield Check(name, verdict, line.measured, line.allowed, unit, str(line))
 
 
-def _file_checks(path: Path, schedule: Schedule) -> Iterable[Check]:
-    """Yields checks of what only the file says: its length and the files it was written with."""
+def _file_checks(path: Path, schedule: Schedule, job: Job | None) -> Iterable[Check]:
+    """Yields checks of what only the file says: its robot, its length and the files it was written with."""
+    yield check_robot(schedule, job)
     stated = schedule.extra.get("duration")
     if isinstance(stated, int | float):
         off = abs(float(stated) - schedule.duration)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -107,7 +108,9 @@ def export_command(
     from dualarm_cli.files.tasks.tasks import load_job
     from dualarm_cli.formats import FORMATS, ExportRequest, export, lost
     from dualarm_cli.formats.request import columns_named
+    from dualarm_cli.model.schedule import ScheduleRobot
     from dualarm_cli.verification import verify
+    from dualarm_cli.verification.robot_checks import check_robot
 
     if not 0.0 < rate <= MAX_RATE:
         raise UsageError(f"--rate {rate:g}: must be above 0 and at most {MAX_RATE:g} Hz")
@@ -123,12 +126,16 @@ def export_command(
             f"--platform-with {platform.value}: the robot has no such arm: {', '.join(arms)}"
         )
     job = None
-    if FORMATS[to.value].needs_job:
+    if FORMATS[to.value].needs_job or tasks is not None:
         job = load_job(tasks if tasks is not None else tasks_of(schedule, home))
     judged = verify(schedule, job)
     unusable = [check for check in judged.failures if check.name in ("finite", "time")]
+    if not unusable and (robot := check_robot(schedule, job)).verdict == "failed":
+        unusable = [robot]
     if unusable:
         raise UsageError(f"{plan}: cannot be exported: {unusable[0].detail}")
+    if job is not None:
+        schedule = replace(schedule, robot=ScheduleRobot.of_job(job))
     request = ExportRequest(
         schedule, job, rate, interpolation.value, platform.value, chosen, uniform
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -37,11 +38,17 @@ def report_command(
     """Write the page of a plan: report.html, in which the cell moves. The plan is verified anew."""
     from dualarm_cli.exporting.schedule_reader import read_schedule
     from dualarm_cli.interface import Plan, load
+    from dualarm_cli.model.schedule import ScheduleRobot
+    from dualarm_cli.verification.robot_checks import check_robot
 
     schedule = read_schedule(plan)
     folder = plan if plan.is_dir() else plan.parent
     file = tasks if tasks is not None else tasks_of(schedule, folder)
-    judged = Plan.judged(load(file), schedule)
+    job = load(file)
+    if (robot := check_robot(schedule, job)).verdict == "failed":
+        raise UsageError(f"{plan}: is of another robot than {file}: {robot.detail}")
+    # What the file leaves out, the job has.
+    judged = Plan.judged(job, replace(schedule, robot=ScheduleRobot.of_job(job)))
     page = judged.write_page(folder)
     if not quiet:
         print_message(f"written: {page}")

@@ -83,6 +83,13 @@ def verify_command(
     delay: Annotated[
         str, typer.Option("--delay", metavar="DURATION", help="Allowed delay of driven joints.")
     ] = DELAY,
+    as_planned: Annotated[
+        bool,
+        typer.Option(
+            "--unlogged-as-planned",
+            help="Take joints that are not in the log as driven as planned; without it such a log fails.",
+        ),
+    ] = False,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -97,11 +104,16 @@ def verify_command(
         planned = read_schedule(plan)
         file = tasks or tasks_of(planned, plan if plan.is_dir() else plan.parent)
         proven = clearance is not False
-        _show_driven(
-            judged_log(schedule, planned, file, interpolation.value, allowed, clearance=proven),
-            json_output,
-            quiet,
+        tracking = judged_log(
+            schedule,
+            planned,
+            file,
+            interpolation.value,
+            allowed,
+            clearance=proven,
+            as_planned=as_planned,
         )
+        _show_driven(tracking, json_output, quiet)
         return
     refuse_logged(schedule)
     from dualarm_cli.errors import UsageError

@@ -209,11 +209,20 @@ class _Reader(JsonReader):
         platform = self.names(part, "platform", "robot.platform", ())
         if not set(platform) <= set(joints):
             self.fail("robot.platform", "must name joints of robot.joints")
+        known = {name: self.arm(arm, f"robot.arms.{name}", joints) for name, arm in arms.items()}
+        named = [*platform, *(joint for arm in known.values() for joint in arm.joints)]
+        whole = "platform" in part and all(arm.joints for arm in known.values())
+        for joint in joints:
+            if (count := named.count(joint)) > 1 or (whole and not count):
+                what = "named twice" if count else "of none"
+                self.fail(
+                    "robot.arms", f"joint '{joint}' is {what}; arms and platform must name it once"
+                )
         return ScheduleRobot(
             name=self.text(part, "name", "robot.name", "unnamed"),
             urdf=self.urdf(self.text(part, "urdf", "robot.urdf"), folder),
             base=self.pose(part.get("base"), "robot.base"),
-            arms={name: self.arm(arm, f"robot.arms.{name}", joints) for name, arm in arms.items()},
+            arms=known,
             limits=self.limits(part.get("limits") or {}, joints),
             platform=tuple(platform),
             tool_speed=self.number(part, "tool_speed", "robot.tool_speed", None),

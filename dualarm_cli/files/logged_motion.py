@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-import yaml
 
 from dualarm_cli.errors import Diagnostic, InputError
-from dualarm_cli.files.source.text_source import quote, suggest
+from dualarm_cli.files.source.text_source import TextSource, quote, read_text, suggest
+from dualarm_cli.files.source.yaml_source import MAX_NUMBER_LENGTH, parse_yaml
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.logged_motion import LoggedMotion
 
-MOST_BYTES = 500_000_000
-"""Largest file that is read [bytes]."""
+MOST_BYTES, MOST_SAMPLES = 100_000_000, 500_000
+"""Largest file that is read [bytes], and most samples: eight minutes at 1 kHz."""
+BATCH = 10_000
+"""Rows of a table that are kept as text at a time."""
+LEAST_STEP = 0.5e-9
+"""Samples that are nearer to each other are refused [s]: messages count whole nanoseconds."""
+LARGEST = 1e9
+"""Largest number, in s, rad, m and their rates: beyond any robot, and far from where doubles overflow."""
 RATES = ("position", "velocity", "acceleration")
 SUFFIXES = (".csv", ".json", ".yaml", ".yml")
 
@@ -40,15 +46,8 @@ def read_logged_motion(path: Path, joints: Sequence[str]) -> LoggedMotion:
     reader = _Reader(str(path), joints)
     if path.suffix.lower() not in SUFFIXES:
         reader.fail(0, f"is neither .csv nor a JointTrajectory in {', '.join(SUFFIXES[1:])}")
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            reader.fail(0, f"is larger than {MOST_BYTES // 1_000_000} MB")
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        reader.fail(0, f"cannot be read: {error.strerror}")
-    except UnicodeDecodeError:
-        reader.fail(0, "is not text in UTF-8")
-    return reader.table(text) if path.suffix.lower() == ".csv" else reader.message(text)
+    source = read_text(path, str(path), MOST_BYTES)
+    return reader.table(source) if path.suffix.lower() == ".csv" else reader.message(source)
 
 
 class _Reader:
@@ -61,15 +60,15 @@ class _Reader:
         """Raises InputError; line 0 stands for the whole file."""
         raise InputError([Diagnostic(self._file, line, 0, "E110", what)])
 
-    def table(self, text: str) -> LoggedMotion:
+    def table(self, source: TextSource) -> LoggedMotion:
         """Returns the motion in a CSV."""
-        lines = [(n, row) for n, row in enumerate(csv.reader(io.StringIO(text)), start=1)]
-        lines = [(n, row) for n, row in lines if row and not row[0].lstrip().startswith("#")]
-        if not lines:
+        rows = self._rows_of(source)
+        first, header = next(rows, (0, []))
+        if not header:
             self.fail(0, "is empty; the first line names columns: time and <joint>_position")
-        header = [name.strip() for name in lines[0][1]]
+        header = [name.strip() for name in header]
         if "time" not in header:
-            self.fail(lines[0][0], f"has no column 'time'; it has {', '.join(header[:6])}")
+            self.fail(first, f"has no column 'time'; it has {', '.join(map(quote, header[:6]))}")
         found: dict[str, list[int | None]] = {}
         for joint in self._joints:
             names = ((f"{joint}_position", joint), (f"{joint}_velocity",))
@@ -81,50 +80,79 @@ class _Reader:
                 found[joint] = columns
         if not found:
             known = ", ".join(f"{joint}_position" for joint in self._joints[:3])
-            self.fail(lines[0][0], f"has no column of a joint of the robot, such as {known}")
-        values = self._numbers(lines[1:], len(header))
-        numbers = [line for line, _ in lines[1:]]
-        time = values[:, header.index("time")]
-        rates: list[FloatArray | None] = []
-        for k in range(len(RATES)):
-            some = [columns[k] for columns in found.values()]
-            complete = [column for column in some if column is not None]
-            rates.append(values[:, complete] if len(complete) == len(some) else None)
-        for k, what in enumerate(np.isfinite(values[:, [header.index("time"), *_of(found)]])):
-            if not what.all():
-                self.fail(numbers[k], "has a number that is not finite")
-        self._check_time(time, lambda k: (numbers[k], ""))
-        assert rates[0] is not None
-        return LoggedMotion(tuple(found), time, rates[0], rates[1], rates[2])
+            self.fail(first, f"has no column of a joint of the robot, such as {known}")
+        # By kind: columns of all joints, or none where one joint has none of that kind.
+        kinds = list(zip(*found.values(), strict=True))
+        own = [[c for c in kind if c is not None] if None not in kind else [] for kind in kinds]
+        used = [header.index("time"), *own[0], *own[1], *own[2]]
+        twice = next((name for name in (header[c] for c in used) if header.count(name) > 1), None)
+        if twice is not None:
+            self.fail(first, f"has two columns {quote(twice)}; rename one")
+        lines, values = self._numbers(rows, len(header), used)
+        self._check_time(values[:, 0], lambda k: (lines[k], ""))
+        ends = np.cumsum([1, *map(len, own)])
+        position, velocity, acceleration = (
+            values[:, start:end] if end > start else None for start, end in pairwise(ends)
+        )
+        assert position is not None
+        return LoggedMotion(tuple(found), values[:, 0], position, velocity, acceleration)
 
-    def _numbers(self, lines: Sequence[tuple[int, list[str]]], width: int) -> FloatArray:
-        """Returns the rows below the header; text in a column is NaN."""
-        rows = np.full((len(lines), width), np.nan)
-        for k, (line, row) in enumerate(lines):
+    def _rows_of(self, source: TextSource) -> Iterator[tuple[int, list[str]]]:
+        """Yield the rows of a CSV that are no remarks and not empty, each with its line."""
+        table = csv.reader(source.text.splitlines(keepends=True), strict=True)
+        while True:
+            line = table.line_num + 1
+            try:
+                row = next(table)
+            except StopIteration:
+                return
+            except csv.Error as error:
+                self.fail(line, f"is no CSV: {error}; is a quotation mark open?")
+            if row and not row[0].lstrip().startswith("#"):
+                yield line, row
+
+    def _numbers(
+        self, rows: Iterator[tuple[int, list[str]]], width: int, used: Sequence[int]
+    ) -> tuple[list[int], FloatArray]:
+        """Return the lines (k,) and the values of the used columns (k, n) of the rows below the header."""
+        lines: list[int] = []
+        parts: list[FloatArray] = [np.empty((0, len(used)))]
+        batch: list[list[float]] = []
+        for line, row in rows:
             if len(row) != width:
                 self.fail(line, f"has {len(row)} columns, the header {width}")
-            try:
-                rows[k] = [float(value) for value in row]
-            except ValueError:
-                rows[k] = [_number(value) for value in row]
-        return rows
+            if len(lines) == MOST_SAMPLES:
+                self.fail(
+                    line, f"is the end of {MOST_SAMPLES:,} samples; at most that many are read"
+                )
+            lines.append(line)
+            batch.append([_number(row[column]) for column in used])
+            if not all(abs(value) <= LARGEST for value in batch[-1]):
+                self.fail(line, f"has something else than a finite number up to {LARGEST:g}")
+            if len(batch) == BATCH:
+                parts.append(np.array(batch))
+                batch = []
+        return lines, np.concatenate([*parts, np.array(batch).reshape(-1, len(used))])
 
-    def message(self, text: str) -> LoggedMotion:
+    def message(self, source: TextSource) -> LoggedMotion:
         """Returns the motion in a JointTrajectory."""
-        document = self._document(text)
+        document = self._document(source)
         if isinstance(document, dict) and isinstance(document.get("trajectory"), dict):
             document = document["trajectory"]
         if not isinstance(document, dict) or not {"joint_names", "points"} <= set(document):
             self.fail(0, "is no JointTrajectory: joint_names and points are missing")
         names, points = document["joint_names"], document["points"]
-        if not isinstance(names, list) or not names or len(set(map(str, names))) != len(names):
+        named = isinstance(names, list) and all(isinstance(name, str) for name in names)
+        if not named or not names or len(set(names)) != len(names):
             self.fail(0, "joint_names: must name every joint once")
         for name in names:
             if name not in self._joints:
-                hint = suggest(str(name), self._joints, "the robot's joints")
+                hint = suggest(name, self._joints, "the robot's joints")
                 self.fail(0, f"joint_names: the robot has no joint {quote(name)}{hint}")
         if not isinstance(points, list) or not all(isinstance(point, dict) for point in points):
             self.fail(0, "points: must be a list of points")
+        if len(points) > MOST_SAMPLES:
+            self.fail(0, f"points: are {len(points):,}; at most {MOST_SAMPLES:,} are read")
         time = np.array([self._time(point, k) for k, point in enumerate(points)])
         self._check_time(time, lambda k: (0, f"points[{k}].time_from_start: "))
         position = self._rows(points, "positions", len(names))
@@ -135,29 +163,32 @@ class _Reader:
             tuple(names), time, position, velocity, self._rows(points, "accelerations", len(names))
         )
 
-    def _document(self, text: str) -> Any:
+    def _document(self, source: TextSource) -> Any:
         """Returns what a file of YAML or JSON says; JSON is read by its own reader, which is faster."""
-        if text.lstrip().startswith("{"):
+        if source.text.lstrip().startswith("{"):
             try:
-                return json.loads(text)
+                return json.loads(source.text, parse_int=_whole)
             except (json.JSONDecodeError, RecursionError):
                 pass  # it may be YAML in braces
-        try:
-            return yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-        except yaml.MarkedYAMLError as error:
-            line = error.problem_mark.line + 1 if error.problem_mark else 0
-            self.fail(line, f"is neither YAML nor JSON: {error.problem}")
-        except (yaml.YAMLError, ValueError, RecursionError):
-            self.fail(0, "is neither YAML nor JSON")
+            except ValueError as error:
+                self.fail(0, f"is no JointTrajectory: {error}")
+        document = parse_yaml(source)
+        if document.diagnostics:
+            raise InputError(document.diagnostics)
+        return document.data
 
     def _time(self, point: dict[str, Any], number: int) -> float:
         stamp = point.get("time_from_start")
         parts = stamp if isinstance(stamp, dict) else {}
         seconds, nanoseconds = parts.get("sec"), parts.get("nanosec")
-        if type(seconds) is not int or type(nanoseconds) is not int or abs(seconds) > 2**31:
+        whole = type(seconds) is int and type(nanoseconds) is int
+        if not whole or not -LARGEST <= seconds <= LARGEST or not 0 <= nanoseconds < 1_000_000_000:
             where = f"points[{number}].time_from_start"
-            self.fail(0, f"{where}: must be {{sec: …, nanosec: …}}, not {quote(stamp)}")
-        return seconds + nanoseconds * 1e-9
+            self.fail(
+                0,
+                f"{where}: must be {{sec: up to {LARGEST:g}, nanosec: 0 to 999999999}}, not {_shown(stamp)}",
+            )
+        return float(seconds + nanoseconds * 1e-9)
 
     def _rows(self, points: Sequence[dict[str, Any]], key: str, count: int) -> FloatArray | None:
         """Returns one kind of values of all points, None where none has any."""
@@ -168,29 +199,39 @@ class _Reader:
             good = isinstance(row, list) and all(type(value) in (int, float) for value in row)
             if not good or len(row) != count:
                 self.fail(0, f"points[{k}].{key}: must be {count} numbers")
-        found = np.array(rows, dtype=np.float64)
-        if not np.isfinite(found).all():
-            k = int(np.argmin(np.isfinite(found).all(axis=1)))
-            self.fail(0, f"points[{k}].{key}: has a number that is not finite")
-        return found
+            if not all(abs(value) <= LARGEST for value in row):
+                self.fail(0, f"points[{k}].{key}: must be finite numbers up to {LARGEST:g}")
+        return np.array(rows, dtype=np.float64)
 
-    def _check_time(self, time: FloatArray, where: Any) -> None:
-        """Fails where there are fewer than two instants, or one is not after the one before."""
+    def _check_time(self, time: FloatArray, where: Callable[[int], tuple[int, str]]) -> None:
+        """Fails where there are fewer than two instants, or one is not a nanosecond after the one before."""
         if len(time) < 2:
             self.fail(0, f"has {len(time)} samples; at least two are needed")
-        back = np.flatnonzero(np.diff(time) <= 0.0)
+        back = np.flatnonzero(np.diff(time) < LEAST_STEP)
         if len(back):
-            line, prefix = where(int(back[0]) + 1)
             k = int(back[0])
-            self.fail(line, f"{prefix}time {time[k + 1]:g} s is not after {time[k]:g} s")
+            line, prefix = where(k + 1)
+            self.fail(
+                line,
+                f"{prefix}time {time[k + 1]:.9g} s is not after {time[k]:.9g} s, by 1 ns or more",
+            )
 
 
-def _of(found: dict[str, list[int | None]]) -> list[int]:
-    """Returns all columns of joints."""
-    return [column for columns in found.values() for column in columns if column is not None]
+def _shown(stamp: Any) -> str:
+    """Return a time stamp as messages show it."""
+    parts = stamp if isinstance(stamp, dict) else {}
+    pair = ", ".join(f"{key}: {quote(parts[key])}" for key in ("sec", "nanosec") if key in parts)
+    return f"{{{pair}}}" if pair else quote(stamp)
+
+
+def _whole(text: str) -> int:
+    if len(text) > MAX_NUMBER_LENGTH:
+        raise ValueError(f"number of {len(text)} characters; at most {MAX_NUMBER_LENGTH} are read")
+    return int(text)
 
 
 def _number(text: str) -> float:
+    """Return the number in a cell; NaN where something else stands in it."""
     try:
         return float(text)
     except ValueError:

@@ -52,8 +52,17 @@ class ExportRequest:
         return sampled(self.schedule, self.rate, joints, knots=not self.uniform)
 
     def groups(self) -> dict[str, tuple[str, ...]]:
-        """Returns the joints of each controller by the group's name: both arms, each arm, and a platform of its own."""
+        """Returns the joints of each controller by the group's name: both arms, each arm, and a platform of its own.
+
+        Raises:
+            UsageError: the schedule does not say which joints an arm has.
+        """
         robot = self.schedule.robot
+        for name, arm in robot.arms.items():
+            if not arm.joints:
+                raise UsageError(
+                    f"robot.arms.{name}.joints: is missing in the schedule; a controller's joints are exported"
+                )
         found: dict[str, tuple[str, ...]] = {}
         if len(robot.arms) > 1:
             found[BOTH] = tuple(joint for arm in robot.arms.values() for joint in arm.joints)

@@ -50,6 +50,8 @@ BETWEEN = (0.0, 0.25, 0.5, 0.75)
 """Where errors are measured between two samples, as shares of the step."""
 PER_QUINTIC = 8
 """Cubics that stand for one quintic piece where the clearance is proven."""
+NOT_LOGGED = "joints that it depends on are not in the file"
+"""Why tools or clearance are not checked."""
 SHORTEST = 1e-7
 """Pieces that are shorter are left out where the clearance is proven [s]."""
 
@@ -122,16 +124,19 @@ def judge_driven(
     allowed: TrackingLimits,
     *,
     clearance: bool = True,
+    as_planned: bool = False,
 ) -> DrivenJudgement:
     """Returns the judgement of what was driven.
 
     Args:
         schedule: the plan, with finite numbers and rising times.
         job: cell and tasks of the plan.
-        logged: what was driven; joints that are not in it count as driven as planned.
+        logged: what was driven.
         kind: how the robot moved between the samples.
         allowed: what it may be off.
         clearance: whether the clearance of all bodies is proven.
+        as_planned: whether joints that were not logged count as driven as planned; otherwise tools and clearance that
+            depend on them are not checked, and the motion fails.
 
     Raises:
         ValueError: the interpolation needs derivatives that were not logged.
@@ -146,16 +151,18 @@ def judge_driven(
     known = [delay for delay in late.values() if delay is not None]
     common = _common(known)
     driven = _driven(schedule, logged.joints, motion, common)
-    events = _events(schedule, driven, common)
+    missing = [joint for joint in schedule.trajectory.joints if joint not in logged.joints]
+    unknown = [] if as_planned else missing
+    events = _events(schedule, driven, common, unknown)
     checks = [
-        _check_joints(schedule, logged),
+        _check_joints(missing, as_planned),
         _check_span(schedule, logged),
         *_check_tracking(joints, allowed),
         *_check_limits(schedule, motion, logged.joints, allowed),
-        _check_events(events, allowed),
+        _check_events(events, allowed, unknown),
     ]
-    if not clearance:
-        why = "not requested; leave out --no-clearance"
+    if unknown or not clearance:
+        why = NOT_LOGGED if unknown else "not requested; leave out --no-clearance"
         checks.append(not_checked(COLLISIONS, why))
         return DrivenJudgement(Verification(tuple(checks)), common, joints, events)
     found, stages = check_clearance(
@@ -360,11 +367,15 @@ def _driven(
     return Trajectory(plan.joints, time, *rates)
 
 
-def _events(schedule: Schedule, driven: Trajectory, delay: float) -> tuple[EventTracking, ...]:
+def _events(
+    schedule: Schedule, driven: Trajectory, delay: float, unknown: Sequence[str]
+) -> tuple[EventTracking, ...]:
+    """Return where tools were at the events of those arms whose joints are all known."""
     model = ToolModel(schedule)
+    known = [arm for arm in schedule.robot.arms if not set(unknown).intersection(model.joints(arm))]
     found = []
     for event in schedule.events:
-        if event.arm not in schedule.robot.arms:
+        if event.arm not in known:
             continue
         late, at = (
             model.pose(event.arm, driven.at(np.array([event.time - shift]))[0][0])
@@ -381,20 +392,23 @@ def _events(schedule: Schedule, driven: Trajectory, delay: float) -> tuple[Event
     return tuple(found)
 
 
-def _check_joints(schedule: Schedule, logged: LoggedMotion) -> Check:
-    missing = [joint for joint in schedule.trajectory.joints if joint not in logged.joints]
-    if missing:
-        why = f"not in the file, taken as driven as planned: {', '.join(missing)}"
-        return not_checked("joints", why)
-    return judge("joints", 0.0, 0.0, "", "every joint of the robot")
+def _check_joints(missing: Sequence[str], as_planned: bool) -> Check:
+    if not missing:
+        return judge("joints", 0.0, 0.0, "", "every joint of the robot")
+    names = f"not in the file: {', '.join(missing)}"
+    if as_planned:
+        return not_checked("joints", f"{names}; taken as driven as planned")
+    advice = "--unlogged-as-planned takes them as driven as planned"
+    return judge("joints", float(len(missing)), 0.0, "", f"{names}; {advice}")
 
 
 def _check_span(schedule: Schedule, logged: LoggedMotion) -> Check:
-    """Checks that the log begins and ends with the plan, to a delay and two of its steps."""
+    """Checks that the log begins and ends with the plan, to two of its steps."""
     begin, end = float(logged.time[0]), float(logged.time[-1])
     missing = max(begin, schedule.duration - end, 0.0)
     where = f"{begin:.3f} to {end:.3f} s of {schedule.duration:.3f} s"
-    slack = 2.0 * float(np.diff(logged.time).max())
+    step = 2.0 * float(np.diff(logged.time).max())
+    slack = min(step, tol.DRIVEN_SPAN * schedule.duration)
     return judge("time_span", missing, slack, "s", where)
 
 
@@ -448,10 +462,14 @@ def _check_limits(
     return checks
 
 
-def _check_events(events: Sequence[EventTracking], allowed: TrackingLimits) -> Check:
+def _check_events(
+    events: Sequence[EventTracking], allowed: TrackingLimits, unknown: Sequence[str]
+) -> Check:
     if not events:
-        return not_checked("tool_at_events", "the plan lists no events")
+        return not_checked("tool_at_events", NOT_LOGGED if unknown else "the plan lists no events")
     worst = max(events, key=lambda one: one.distance)
     event = worst.event
     where = f"{event.task} ({event.action}) of the {event.arm} arm at {event.time:.3f} s"
+    if unknown:
+        where += f"; only of the {' and '.join(sorted({e.event.arm for e in events}))} arm"
     return judge("tool_at_events", worst.distance, allowed.distance, "m", where)

@@ -63,6 +63,10 @@ CONTACT_SLACK = 5e-4
 """How far a carried part may reach into what it lies on, on the lines at both ends of its way [m]."""
 TOOL_SPEED_SLACK = 1e-4
 """Share by which a measured tool speed may exceed its cap."""
+SAME_STATED = 1e-9
+"""How far a limit (as a share) or a pose [m, or cosine] that a file states may be from the job's."""
+DRIVEN_SPAN = 0.02
+"""Share of the plan that a log may lack at its begin or end, whatever its steps are."""
 DRIVEN_RATE_SLACK = 0.05
 """Share by which velocities and accelerations of a motion as it was driven may exceed their limits: they are
 those of an interpolation."""

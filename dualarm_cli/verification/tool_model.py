@@ -144,7 +144,7 @@ class ToolModel:
             for arm, part in robot.arms.items()
         }
         self._tcp = {arm: part.tcp for arm, part in robot.arms.items()}
-        self._base = robot.base
+        self._base, self._joints = robot.base, joints
         self._chains = {
             arm: tool_chain(model, self._frames[arm], robot.base, part.tcp, joints)
             for arm, part in robot.arms.items()
@@ -156,6 +156,10 @@ class ToolModel:
         pin.forwardKinematics(self._model, self._data, q)
         flange = pin.updateFramePlacement(self._model, self._data, self._frames[arm])
         return self._base * flange * self._tcp[arm]
+
+    def joints(self, arm: str) -> tuple[str, ...]:
+        """Return the joints that move an arm's flange, base first."""
+        return tuple(self._joints[column] for column in self._chains[arm].columns)
 
     def poses(self, arm: str, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns rotations (m, 3, 3) and positions (m, 3) [m] for many joint vectors (m, n)."""

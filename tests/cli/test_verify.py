@@ -123,7 +123,7 @@ def test_what_was_edited_by_hand_is_found(copied, first_pick, capsys, change, na
 
 
 def test_stated_limits_are_not_believed_where_the_tasks_know_better(copied, first_pick, capsys):
-    """Limits of 1 µrad/s break the schedule's own word; with the tasks the robot's count."""
+    """Limits of 1 µrad/s break the schedule's own word; with the tasks the robot's count, which differ."""
 
     def tighten(document):
         for row in document["robot"]["limits"].values():
@@ -132,7 +132,81 @@ def test_stated_limits_are_not_believed_where_the_tasks_know_better(copied, firs
     edit(copied, tighten)
     code, document = judged(capsys, copied)
     assert (code, set(failures(document))) == (1, {"velocity"})
-    assert judged(capsys, copied, "--tasks", first_pick)[0] == 0
+    code, document = judged(capsys, copied, "--tasks", first_pick)
+    assert (code, set(failures(document))) == (1, {"robot"})
+
+
+def drop_joint(robot):
+    robot["arms"]["right"]["joints"].pop(1)
+
+
+def swap_arms(robot):
+    robot["arms"] = dict(zip(("right", "left"), robot["arms"].values(), strict=True))
+
+
+def swap_joints(robot):
+    left, right = robot["arms"].values()
+    left["joints"], right["joints"] = right["joints"], left["joints"]
+
+
+def reverse_joints(robot):
+    robot["arms"]["left"]["joints"].reverse()
+
+
+def move_flange(robot):
+    robot["arms"]["left"]["flange"] = "left_link_u"
+
+
+def move_tool(robot):
+    robot["arms"]["left"]["tcp"]["xyz"][2] += 1e-6
+
+
+def move_base(robot):
+    robot["base"]["xyz"][0] += 1e-6
+
+
+def raise_limit(robot):
+    robot["limits"]["left_s"]["velocity"] *= 2.0
+
+
+def name_platform_in_arm(robot):
+    robot["arms"]["left"]["joints"].insert(0, robot["platform"].pop())
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "alone"),
+    [
+        (drop_joint, "joint 'right_l' is of none", True),
+        (swap_arms, "left arm: its flange is right_tool0; the job's is left_tool0", False),
+        (swap_joints, "left arm: its joint right_s is none of", True),
+        (reverse_joints, "left arm: its joints have another order", True),
+        (move_flange, "left arm: its ", True),
+        (move_tool, "left arm: its tool centre point is not the job's", False),
+        (move_base, "base: its pose is not the job's", False),
+        (raise_limit, "velocity limit of left_s: 5.93412; the job's is 2.96706", False),
+        (name_platform_in_arm, "left arm: its joint torso_b1 is none of the job's", False),
+    ],
+)
+def test_a_robot_that_is_not_the_job_s_is_refused_by_name(
+    copied, first_pick, tmp_path, capsys, change, words, alone
+):
+    """By `verify`, `report` and `export`; without the job where the URDF tells already."""
+    edit(copied, lambda document: change(document["robot"]) or document.pop("files"))
+    out = ["--out", str(tmp_path / "new")]
+    tasks = ["--tasks", str(first_pick)]
+    for command in (
+        ["verify", *tasks, "--no-clearance"],
+        ["report", *tasks],
+        ["export", "--to", "ros2", *out, *tasks],
+    ):
+        assert run([command[0], str(copied), *command[1:]]) == (
+            2 if "drop" in change.__name__ or command[0] != "verify" else 1
+        )
+        shown = capsys.readouterr()
+        assert words in " ".join((shown.out + shown.err).replace("│", " ").split())
+    if alone:
+        assert run(["export", str(copied), "--to", "ros2", *out]) == 2
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize("name", ["schedule.csv", "report.json"])

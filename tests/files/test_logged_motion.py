@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 
 import numpy as np
 import pytest
 import yaml
 
 from dualarm_cli.errors import InputError
+from dualarm_cli.files import logged_motion
 from dualarm_cli.files.logged_motion import read_logged_motion
 
 JOINTS = ("a", "b")
@@ -65,6 +67,10 @@ def test_velocities_count_where_all_joints_have_them(tmp_path):
     assert read_logged_motion(file, ("a",)).velocity is not None
 
 
+BOMB = "\n".join([f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(9)])
+"""Lists in lists by aliases, nine deep: 387 million entries."""
+
+
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
@@ -74,16 +80,27 @@ def test_velocities_count_where_all_joints_have_them(tmp_path):
         ("x.csv", "time,c\n0,1\n1,1\n", "no column of a joint"),
         ("x.csv", "time,a\n0,1\n", "at least two"),
         ("x.csv", "time,a\n0,1\n1\n", ":3: .*has 1 columns, the header 2"),
-        ("x.csv", "time,a\n0,1\n1,nan\n", ":3: .*not finite"),
-        ("x.csv", "time,a\n0,1\n1,fast\n", ":3: .*not finite"),
+        ("x.csv", "time,a\n0,1\n1,nan\n", ":3: .*else than a finite number"),
+        ("x.csv", "time,a\n0,1\n1,fast\n", ":3: .*else than a finite number"),
+        ("x.csv", "time,a\n0,1\n1,2e9\n", ":3: .*else than a finite number up to 1e"),
+        ("x.csv", f"time,a\n0,1\n1,{'9' * 400}\n", ":3: .*else than a finite number"),
+        ("x.csv", f"time,a,b\n0,1,1\n\n1,1,{'9' * 131073}\n", ":4: .*is no CSV: field larger"),
+        ("x.csv", 'time,a\n0,1\n"1,1\n2,1\n', ":3: .*is no CSV: unexpected end of data"),
+        ("x.csv", "time,a\n0,1\n5e-324,1\n1e-323,1\n", ":3: .*time 4.94.*e-324 s is not after 0 s"),
+        ("x.csv", "time,a,a\n0,1,1\n1,1,1\n", ":1: .*has two columns 'a'"),
         ("x.csv", "time,a\n0,1\n1,1\n1,1\n", ":4: .*time 1 s is not after 1 s"),
         ("x.json", "[1]", "is no JointTrajectory"),
-        ("x.json", "{", "neither YAML nor JSON"),
-        ("x.yaml", "a: [", "neither YAML nor JSON"),
+        ("x.json", "{", "E101 not YAML"),
+        ("x.yaml", "a: [", "E101 not YAML"),
         ("x.yaml", "joint_names: [a]\npoints: 3", "must be a list of points"),
         ("x.yaml", "joint_names: [q]\npoints: []", "no joint 'q'"),
         ("x.yaml", "joint_names: [a, a]\npoints: []", "every joint once"),
         ("x.yaml", "joint_names: [a]\npoints: []", "at least two"),
+        ("x.yaml", BOMB, "E105 anchor"),
+        ("x.yaml", "!!python/object:a {}", "E105 tag"),
+        ("x.yaml", f"joint_names: [{'9' * 5000}]", "E104 number of 5000 characters"),
+        ("x.json", f'{{"joint_names": [{"9" * 5000}]}}', "number of 5000 characters"),
+        ("x.json", f'{{"joint_names": {"[" * 100000}', "E100 nesting deeper"),
     ],
 )
 def test_what_cannot_be_read_says_where_and_why(tmp_path, name, text, message):
@@ -100,7 +117,12 @@ def test_what_cannot_be_read_says_where_and_why(tmp_path, name, text, message):
         ({"positions": [1.0]}, r"points\[1\].positions: must be 2 numbers"),
         ({"positions": [1.0, "x"]}, r"points\[1\].positions: must be 2 numbers"),
         ({"positions": [1.0, True]}, r"points\[1\].positions: must be 2 numbers"),
-        ({"positions": [1.0, float("inf")]}, r"points\[1\].positions: .*not finite"),
+        ({"positions": [1.0, float("inf")]}, r"points\[1\].positions: must be finite"),
+        ({"positions": [1.0, 10**39]}, r"points\[1\].positions: must be finite numbers up to 1e"),
+        (
+            {"time_from_start": {"sec": 1, "nanosec": 10**9}},
+            r"nanosec: 0 to 999999999}, not {sec: 1,",
+        ),
         ({"velocities": []}, r"points\[1\].velocities: must be 2 numbers"),
         ({"time_from_start": 3.0}, r"points\[1\].time_from_start: must be"),
         ({"time_from_start": {"sec": 0, "nanosec": 0}}, r"points\[1\].*is not after"),
@@ -112,6 +134,30 @@ def test_a_bad_point_is_named(tmp_path, change, message):
     file = tmp_path / "log.json"
     file.write_text(json.dumps(GOOD | {"points": points}))
     with pytest.raises(InputError, match=message):
+        read_logged_motion(file, JOINTS)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "json", "yaml"])
+def test_what_never_ends_is_not_waited_for(tmp_path, suffix):
+    """A pipe that nobody writes to, and a device that a link leads to."""
+    os.mkfifo(tmp_path / f"pipe.{suffix}")
+    (tmp_path / f"zero.{suffix}").symlink_to("/dev/zero")
+    for name in ("pipe", "zero"):
+        with pytest.raises(InputError, match="is not a regular file"):
+            read_logged_motion(tmp_path / f"{name}.{suffix}", JOINTS)
+
+
+def test_more_samples_than_are_read_are_refused(tmp_path, monkeypatch):
+    """Counted while they are read, in batches; as many as are allowed are whole."""
+    monkeypatch.setattr(logged_motion, "MOST_SAMPLES", 25)
+    monkeypatch.setattr(logged_motion, "BATCH", 10)
+    file = tmp_path / "log.csv"
+    for count in (25, 26):
+        file.write_text("time,b,a\n" + "".join(f"{k},{2 * k},{3 * k}\n" for k in range(count)))
+        if count == 25:
+            motion = read_logged_motion(file, JOINTS)
+            np.testing.assert_array_equal(motion.position, np.outer(np.arange(25), [3, 2]))
+    with pytest.raises(InputError, match=r":27: .*25 samples; at most"):
         read_logged_motion(file, JOINTS)
 
 

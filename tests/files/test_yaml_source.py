@@ -79,7 +79,7 @@ def test_keys_are_always_text() -> None:
         (
             # Nodes 1 to 3: mapping, key, list; node 1,000,001 is item 999,998, at 5 + 2 * 999,997.
             "a: [" + "1," * 1_000_000 + "]",
-            "f:1:1999999: E100 more than 1000000 keys and values; split the file",
+            "f:1:1999999: E100 more than 1000000 keys and values; split the file, or put numbers into a CSV",
         ),
     ],
 )

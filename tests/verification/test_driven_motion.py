@@ -160,14 +160,43 @@ def test_the_tools_of_a_turned_joint_are_off_as_far_as_the_lever_says(schedule, 
 
 
 def test_joints_that_were_not_logged_count_as_planned(schedule, job):
-    """A log of one controller: it is said which joints are missing, and the rest is judged."""
+    """Where that is asked for: it is said which joints are missing, and the rest is judged."""
     own = schedule.robot.arms["right"].joints
-    found = judge_driven(schedule, job, logged(schedule, joints=own), "cubic", ALLOWED)
+    log = logged(schedule, joints=own)
+    found = judge_driven(schedule, job, log, "cubic", ALLOWED, as_planned=True)
     assert found.verification.passed
     [check] = [check for check in found.verification.checks if check.name == "joints"]
     assert check.verdict == "not checked"
     assert "left_s" in check.detail
     assert "right_s" not in check.detail
+
+
+def test_what_was_not_logged_is_not_checked_and_does_not_pass(schedule, job):
+    """One joint, two samples: no figure of the plan is shown for one of the motion. One arm: its tool is judged."""
+    one = logged(schedule, joints=["left_s"])
+    found = judge_driven(schedule, job, one, "linear", ALLOWED)
+    assert not found.verification.passed
+    told = verdicts(found)
+    assert told["joints"] == "failed"
+    assert told["tool_at_events"] == told["collisions"] == "not checked"
+    assert found.events == found.verification.clearances == ()
+    robot = schedule.robot
+    own = (*robot.platform, *robot.arms["left"].joints)
+    found = judge_driven(schedule, job, logged(schedule, joints=own), "linear", ALLOWED)
+    assert not found.verification.passed
+    assert verdicts(found)["tool_at_events"] == "passed"
+    assert {row.event.arm for row in found.events} == {"left"}
+    [check] = [check for check in found.verification.checks if check.name == "tool_at_events"]
+    assert "only of the left arm" in check.detail
+
+
+def test_a_log_of_few_samples_is_not_excused_by_its_steps(schedule, job):
+    """Two samples, the second one amid the plan: twice the step would be more than what is missing."""
+    log = logged(schedule)
+    ends = [0, int(0.4 * len(log.time))]
+    short = LoggedMotion(log.joints, log.time[ends], log.position[ends])
+    found = judge_driven(schedule, job, short, "linear", ALLOWED, clearance=False)
+    assert verdicts(found)["time_span"] == "failed"
 
 
 def test_a_log_that_ends_early_fails(schedule, job):

@@ -47,6 +47,7 @@ def judged_log(
     allowed: TrackingLimits,
     *,
     clearance: bool,
+    as_planned: bool,
 ) -> DrivenJudgement:
     """Returns the judgement of a motion.
 
@@ -57,6 +58,7 @@ def judged_log(
         between: the interpolation.
         allowed: what the motion may be off.
         clearance: whether it is proven.
+        as_planned: whether joints that were not logged count as driven as planned.
 
     Raises:
         InputError: a file cannot be read.
@@ -66,14 +68,19 @@ def judged_log(
     from dualarm_cli.files.tasks.tasks import load_job
     from dualarm_cli.verification import verify
     from dualarm_cli.verification.driven_motion import judge_driven
+    from dualarm_cli.verification.robot_checks import check_robot
 
     job = load_job(tasks)
     unusable = [c for c in verify(schedule, job).failures if c.name in ("finite", "time")]
+    if not unusable and (robot := check_robot(schedule, job)).verdict == "failed":
+        unusable = [robot]
     if unusable:
         raise UsageError(f"--plan: is no plan to compare with: {unusable[0].detail}")
     logged = read_logged_motion(path, schedule.trajectory.joints)
     try:
-        return judge_driven(schedule, job, logged, between, allowed, clearance=clearance)
+        return judge_driven(
+            schedule, job, logged, between, allowed, clearance=clearance, as_planned=as_planned
+        )
     except ValueError as error:
         raise UsageError(
             f"{path}: {error}, which the file does not have; name --interpolation linear"

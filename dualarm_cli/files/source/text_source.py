@@ -143,17 +143,18 @@ def read_bytes(path: Path, name: str, limit: int = MAX_FILE_BYTES) -> bytes:
     return data
 
 
-def read_text(path: Path, name: str) -> TextSource:
+def read_text(path: Path, name: str, limit: int = MAX_FILE_BYTES) -> TextSource:
     """Returns the text of an input file.
 
     Args:
         path: file to read.
         name: what the user calls it.
+        limit: most bytes it may have.
 
     Raises:
         InputError: it cannot be read, is not UTF-8, or contains control characters.
     """
-    data = read_bytes(path, name)
+    data = read_bytes(path, name, limit)
     if data.startswith(_UTF16_MARKS):
         raise _file_error(name, "is UTF-16 or UTF-32; save it as UTF-8", "E101")
     try:

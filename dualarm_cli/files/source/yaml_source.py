@@ -235,7 +235,9 @@ class _Builder:
         self._count += 1
         if self._count > MAX_NODES:
             raise self._fatal(
-                event, "E100", f"more than {MAX_NODES} keys and values; split the file"
+                event,
+                "E100",
+                f"more than {MAX_NODES} keys and values; split the file, or put numbers into a CSV",
             )
         if event.anchor is not None:
             message = (
