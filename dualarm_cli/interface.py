@@ -18,7 +18,7 @@ from dualarm_cli.exporting.files import REPORT, write_schedule_set
 from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
 from dualarm_cli.exporting.whole_files import replace_all
 from dualarm_cli.formats import export
-from dualarm_cli.formats.request import COLUMNS, ExportRequest, columns_named
+from dualarm_cli.formats.request import COLUMNS, ExportRequest, check_rate, columns_named
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
@@ -110,11 +110,12 @@ class Plan:
             force: whether files of an earlier plan are replaced.
 
         Raises:
-            UsageError: a column that there is not.
+            UsageError: a column that there is not, or a rate that is not allowed.
             OutputError: files are there already, or cannot be written.
             PageNotBuiltError: this installation has no code of the page; everything else is written.
         """
         folder = Path(folder)
+        check_rate(rate)
         request = ExportRequest(self.schedule, self.job, rate, columns=columns_named(columns))
         if not page:
             self._write_set(folder, request, force)

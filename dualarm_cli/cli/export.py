@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 REPORT = "export.json"
 """What was exported and what was lost, beside the files."""
-RATE, MAX_RATE = 100.0, 10_000.0
-"""Samples per second: by default, and at most [1/s]."""
+RATE = 100.0
+"""Samples per second by default [1/s]."""
 
 
 class Format(StrEnum):
@@ -107,13 +107,12 @@ def export_command(
     from dualarm_cli.exporting.whole_files import replace_all
     from dualarm_cli.files.tasks.tasks import load_job
     from dualarm_cli.formats import FORMATS, ExportRequest, export, lost
-    from dualarm_cli.formats.request import columns_named
+    from dualarm_cli.formats.request import MOST_SAMPLES, check_rate, columns_named
     from dualarm_cli.model.schedule import ScheduleRobot
     from dualarm_cli.verification import verify
     from dualarm_cli.verification.robot_checks import check_robot
 
-    if not 0.0 < rate <= MAX_RATE:
-        raise UsageError(f"--rate {rate:g}: must be above 0 and at most {MAX_RATE:g} Hz")
+    check_rate(rate, "--rate")
     chosen = columns_named(columns.split(","), "--columns")
     if to is not Format.csv and columns != COLUMNS:
         raise UsageError(f"--columns goes with --to csv; leave it out with --to {to.value}")
@@ -134,6 +133,11 @@ def export_command(
         unusable = [robot]
     if unusable:
         raise UsageError(f"{plan}: cannot be exported: {unusable[0].detail}")
+    if FORMATS[to.value].motion and schedule.duration * rate > MOST_SAMPLES:
+        raise UsageError(
+            f"--rate {rate:g}: {schedule.duration:,.0f} s would have {schedule.duration * rate:,.0f} samples; "
+            f"at most {MOST_SAMPLES:,} are written: ask for at most {MOST_SAMPLES / schedule.duration:.3g} Hz"
+        )
     if job is not None:
         schedule = replace(schedule, robot=ScheduleRobot.of_job(job))
     request = ExportRequest(

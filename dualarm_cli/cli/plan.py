@@ -56,8 +56,6 @@ Draw = Callable[["Schedule", "Job", str], bytes]
 """Draws a figure of one of FIGURE_KINDS."""
 MAX_ROWS = 1_000_000
 """Most rows of the CSV file: about a gigabyte for fifteen joints."""
-MAX_RATE = 10_000.0
-"""Highest sampling rate of the CSV file [Hz]."""
 PRELOADED = ("dualarm_cli.interface", "dualarm_cli.page.page", "ruckig", "highspy")
 """What nearly every plan needs, besides what kinds of work add to it."""
 STOP_LASTS = 30.0
@@ -119,10 +117,10 @@ def plan_command(
 
     Exit code 1 if the verifier fails the plan, or if it misses the task file's budget; its files are written.
     """
-    from dualarm_cli.formats.request import columns_named
+    from dualarm_cli.formats.request import check_rate, columns_named
 
-    if rate is not None and not 0.0 < rate <= MAX_RATE:
-        raise UsageError(f"--rate {rate:g}: must be above 0 and at most {MAX_RATE:g} Hz")
+    if rate is not None:
+        check_rate(rate, "--rate")
     chosen = columns_named(columns.split(","), "--columns")
     limit = read_time_limit(time_limit)
     if out == "":

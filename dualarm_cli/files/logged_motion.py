@@ -181,14 +181,16 @@ class _Reader:
         stamp = point.get("time_from_start")
         parts = stamp if isinstance(stamp, dict) else {}
         seconds, nanoseconds = parts.get("sec"), parts.get("nanosec")
-        whole = type(seconds) is int and type(nanoseconds) is int
-        if not whole or not -LARGEST <= seconds <= LARGEST or not 0 <= nanoseconds < 1_000_000_000:
-            where = f"points[{number}].time_from_start"
-            self.fail(
-                0,
-                f"{where}: must be {{sec: up to {LARGEST:g}, nanosec: 0 to 999999999}}, not {_shown(stamp)}",
-            )
-        return float(seconds + nanoseconds * 1e-9)
+        if (
+            type(seconds) is int
+            and type(nanoseconds) is int
+            and abs(seconds) <= LARGEST
+            and 0 <= nanoseconds < 1_000_000_000
+        ):
+            return seconds + nanoseconds * 1e-9
+        where = f"points[{number}].time_from_start"
+        allowed = f"{{sec: up to {LARGEST:g}, nanosec: 0 to 999999999}}"
+        self.fail(0, f"{where}: must be {allowed}, not {_shown(stamp)}")
 
     def _rows(self, points: Sequence[dict[str, Any]], key: str, count: int) -> FloatArray | None:
         """Returns one kind of values of all points, None where none has any."""

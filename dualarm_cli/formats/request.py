@@ -18,6 +18,10 @@ PLATFORM_CONTROLLERS: tuple[PlatformController, ...] = ("own", "both", "left", "
 Column = Literal["position", "velocity", "acceleration"]
 """What a table of samples tells of each joint."""
 COLUMNS: tuple[Column, ...] = ("position", "velocity", "acceleration")
+LEAST_RATE, MAX_RATE = 0.001, 10_000.0
+"""Sampling rates that are allowed [Hz]."""
+MOST_SAMPLES = 250_000
+"""Most samples of an export: a gigabyte of memory for fifteen joints."""
 BOTH = "both_arms"
 """Name of the group of all arms."""
 PLATFORM = "platform"
@@ -73,6 +77,18 @@ class ExportRequest:
                 holder = next(iter(robot.arms))
             found[holder] = (*robot.platform, *found.get(holder, ()))
         return found
+
+
+def check_rate(rate: float, option: str = "rate") -> None:
+    """Refuse a sampling rate [Hz] at which samples would mean nothing.
+
+    Raises:
+        UsageError: with what is allowed.
+    """
+    if not LEAST_RATE <= rate <= MAX_RATE:
+        raise UsageError(
+            f"{option} {rate:g}: must be at least {LEAST_RATE:g} and at most {MAX_RATE:g} Hz"
+        )
 
 
 def columns_named(names: Sequence[str], option: str = "columns") -> tuple[Column, ...]:

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import html
+import socket
 import threading
+from collections import deque
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
 
 from dualarm_cli.page.page import POLICY
 
 HOST = "127.0.0.1"
 """The server is reached from this machine only."""
+MOST_OPEN, PATIENCE = 50, 10.0
+"""Connections at once, and how long one may say nothing [s]."""
 _RELOAD = """<script>
 (() => {
   const shown = "VERSION", key = "dualarm.time";
@@ -50,6 +56,34 @@ pre {{ white-space: pre-wrap; padding: 1rem; border: 1px solid; border-left: 6px
 """
 
 
+class _Server(ThreadingHTTPServer):
+    """A server that is not kept from answering by connections that say nothing."""
+
+    daemon_threads = True
+
+    def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
+        """Start to listen."""
+        self._open: deque[socket.socket] = deque()
+        super().__init__(address, handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer a connection; the oldest of more than MOST_OPEN is closed."""
+        self._open.append(request)
+        while len(self._open) > MOST_OPEN:
+            with suppress(OSError):
+                self._open.popleft().shutdown(socket.SHUT_RDWR)
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        """Close a connection that is answered."""
+        with suppress(ValueError):
+            self._open.remove(request)
+        super().shutdown_request(request)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing of connections that broke off: the terminal belongs to the plan."""
+
+
 class LivePage:
     """What is shown at the moment, and the server that shows it."""
 
@@ -63,8 +97,7 @@ class LivePage:
             OSError: the port is taken.
         """
         self._content, self._version = b"", 0
-        self._server = ThreadingHTTPServer((HOST, port), self._handler())
-        self._server.daemon_threads = True
+        self._server = _Server((HOST, port), self._handler())
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
     @property
@@ -97,6 +130,8 @@ class LivePage:
 
         class Handler(BaseHTTPRequestHandler):
             """Answers with the page and with its version."""
+
+            timeout = PATIENCE
 
             def do_GET(self) -> None:
                 # A page of elsewhere that has its own name lead here gets nothing.

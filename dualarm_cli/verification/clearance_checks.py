@@ -24,7 +24,12 @@ from dualarm_cli.model.job import AT_STANDS, GIVES, LYING, TAKES, Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import COLLISIONS, SHAPES, Check, StageClearance
 from dualarm_cli.verification import tolerances as tol
-from dualarm_cli.verification.clearance_proof import PRECISION, ClearanceProof, Windows
+from dualarm_cli.verification.clearance_proof import (
+    PRECISION,
+    ClearanceProof,
+    UnprovenError,
+    Windows,
+)
 from dualarm_cli.verification.kind_checks import Touch
 from dualarm_cli.verification.line_spans import LineSpan, line_spans
 from dualarm_cli.verification.motion_checks import judge, not_checked
@@ -93,13 +98,22 @@ def check_clearance(
         [k for k, pair in enumerate(pairs) if (pair.required < 0.0) is contact]
         for contact in (False, True)
     )
-    proven = [
-        _proven(
-            model, solids, [pairs[k] for k in some], [windows[k] for k in some], schedule, precision
-        )
-        # What may lie on something is allowed so little that the proof must not use it up.
-        for some, precision in ((kept, PRECISION), (lying, 0.1 * tol.CONTACT_SLACK))
-    ]
+    try:
+        proven = [
+            _proven(
+                model,
+                solids,
+                [pairs[k] for k in some],
+                [windows[k] for k in some],
+                schedule,
+                precision,
+            )
+            # What may lie on something is allowed so little that the proof must not use it up.
+            for some, precision in ((kept, PRECISION), (lying, 0.1 * tol.CONTACT_SLACK))
+        ]
+    except UnprovenError:
+        where = "cannot be proven: the motion goes too far between its knots, beyond the limits of its joints"
+        return judge(COLLISIONS, np.nan, tol.CLEARANCE_SLACK, "m", where), ()
     stages = [*proven[0], *(stage for stage in proven[1] if stage.margin < -tol.CLEARANCE_SLACK)]
     stages.sort(key=lambda stage: stage.stage)
     if not stages:

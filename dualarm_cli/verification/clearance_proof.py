@@ -31,9 +31,16 @@ NUMERICAL = 1e-6
 """What distances by coal may be off [m]; it is taken off every certified one."""
 SHORTEST = 1e-9
 """Intervals are not halved below this [s]: the bound then is what it is."""
+MOST_HALVED, HALVED_EACH = 200_000, 20
+"""Intervals that are halved at most: in all, and for each knot and pair. Jobs need up to 0.2 each; motions far beyond
+limits need as many as they are long."""
 
 Windows = Sequence[tuple[float, float]] | None
 """When a pair counts [s]; None for always."""
+
+
+class UnprovenError(ValueError):
+    """A motion that goes too far between its knots for a proof."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +100,9 @@ class ClearanceProof:
         Args:
             edges: instants that part the motion [s], rising, shape (s + 1,).
             precision: how far a certified margin may be below the least one met [m].
+
+        Raises:
+            UnprovenError: more intervals would have to be halved than any job needs.
         """
         found = [Certified(np.inf, np.inf, -1, 0.0) for _ in edges[:-1]]
         if not len(self._required):
@@ -110,10 +120,14 @@ class ClearanceProof:
         _lower(met, met_pair, met_time, where, at_high, pair, end)
         # All pairs have their first intervals in common, and speeds in them.
         rate = product(self._fastest(times[:-1], times[1:]), self._levers.T)[low, pair]
+        room = MOST_HALVED + HALVED_EACH * len(self._trajectory.time) * len(self._required)
         while len(pair):
             bound = 0.5 * (at_low + at_high - rate * (end - begin))
             bound = np.where(rate == 0.0, np.minimum(at_low, at_high), bound)
             settled = (bound >= met[where] - precision) | (end - begin < SHORTEST)
+            room -= int(np.count_nonzero(~settled))
+            if room < 0:
+                raise UnprovenError
             np.minimum.at(proven, where[settled], bound[settled])
             left = ~settled
             begin, end, pair, where = begin[left], end[left], pair[left], where[left]

@@ -71,13 +71,27 @@ def test_a_missing_library_names_its_extra(planned, tmp_path, capsys, monkeypatc
     assert not out.exists()
 
 
-@pytest.mark.parametrize("rate", ["0", "-5", "nan", "inf", "1e9"])
+@pytest.mark.parametrize("rate", ["0", "-5", "nan", "inf", "1e9", "5e-324"])
 def test_a_rate_that_makes_no_sense_is_refused(planned, tmp_path, capsys, rate):
     """With what is allowed."""
     out = tmp_path / "out"
     command = ["export", str(planned), "--to", "npz", "--rate", rate, "--out", str(out)]
     assert run(command) == 2
-    assert "must be above 0 and at most" in capsys.readouterr().err
+    assert "must be at least 0.001 and at most 10000 Hz" in capsys.readouterr().err
+
+
+def test_more_samples_than_memory_has_room_for_are_refused(planned, tmp_path, capsys):
+    """A file of a few kilobytes may describe days."""
+    plan = shutil.copytree(planned, tmp_path / "long")
+    document = json.loads((plan / "schedule.json").read_text())
+    for group in document["motion"].values():
+        group["time"][-1] = 35_000.0
+    (plan / "schedule.json").write_text(json.dumps(document))
+    for name in (name for name, form in FORMATS.items() if form.motion and not form.needs_job):
+        out = tmp_path / "out"
+        assert run(["export", str(plan), "--to", name, "--out", str(out)]) == 2
+        assert "3,500,000 samples; at most 250,000" in capsys.readouterr().err
+        assert not out.exists()
 
 
 def test_a_plan_that_fails_its_verification_is_said_to_fail(planned, tmp_path, capsys):

@@ -6,8 +6,10 @@ import http.client
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -17,7 +19,7 @@ from pathlib import Path
 import pytest
 
 from dualarm_cli.cli.run import run
-from dualarm_cli.page.live import HOST, LivePage
+from dualarm_cli.page.live import HOST, MOST_OPEN, LivePage
 from dualarm_cli.page.page import page_html
 
 PATIENCE = 60.0
@@ -52,6 +54,28 @@ def test_what_is_wrong_is_shown_as_text(live: LivePage) -> None:
     live.tell("No plan", "tasks.yaml:3:5: <script>alert(1)</script>", "hint")
     shown = fetched(live.address)
     assert "tasks.yaml:3:5: &lt;script&gt;alert(1)&lt;/script&gt;" in shown
+
+
+def test_idle_connections_are_closed_and_keep_nobody_waiting(
+    live: LivePage, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Three hundred that say nothing: the oldest are closed, few threads wait, the page comes, nothing is printed."""
+    live.show(b"<body>shown</body>")
+    port = int(live.address.rstrip("/").rpartition(":")[2])
+    before = threading.active_count()
+    idle = [socket.create_connection((HOST, port), timeout=10) for _ in range(300)]
+    try:
+        assert "shown" in fetched(live.address)
+        assert idle[0].recv(1) == b""
+        until = time.monotonic() + 10.0
+        while threading.active_count() > before + MOST_OPEN and time.monotonic() < until:
+            time.sleep(0.01)
+        assert threading.active_count() <= before + MOST_OPEN
+    finally:
+        for connection in idle:
+            connection.close()
+    assert "shown" in fetched(live.address)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_only_this_machine_by_its_own_name_is_answered(live: LivePage) -> None:
