@@ -182,15 +182,15 @@ class _Reader:
         parts = stamp if isinstance(stamp, dict) else {}
         seconds, nanoseconds = parts.get("sec"), parts.get("nanosec")
         if (
-            type(seconds) is int
-            and type(nanoseconds) is int
-            and abs(seconds) <= LARGEST
-            and 0 <= nanoseconds < 1_000_000_000
+            type(seconds) is not int
+            or type(nanoseconds) is not int
+            or abs(seconds) > LARGEST
+            or not 0 <= nanoseconds < 1_000_000_000
         ):
-            return seconds + nanoseconds * 1e-9
-        where = f"points[{number}].time_from_start"
-        allowed = f"{{sec: up to {LARGEST:g}, nanosec: 0 to 999999999}}"
-        self.fail(0, f"{where}: must be {allowed}, not {_shown(stamp)}")
+            where = f"points[{number}].time_from_start"
+            allowed = f"{{sec: up to {LARGEST:g}, nanosec: 0 to 999999999}}"
+            self.fail(0, f"{where}: must be {allowed}, not {_shown(stamp)}")
+        return seconds + nanoseconds * 1e-9
 
     def _rows(self, points: Sequence[dict[str, Any]], key: str, count: int) -> FloatArray | None:
         """Returns one kind of values of all points, None where none has any."""
