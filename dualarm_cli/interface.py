@@ -358,7 +358,7 @@ def _budget_checks(schedule: Schedule, job: Job | None, result: Verification) ->
     for line in judge_budget(replace(schedule, verification=result), job):
         proven = line.measured is not None
         verdict: Any = "passed" if line.kept else "failed" if proven else "not checked"
-        unit = "s" if line.name == "cycle_time" else "m"
+        unit = "m" if line.name == "clearance" else "s"
         name = f"budget_{line.name}"
         yield Check(name, verdict, line.measured, line.allowed, unit, str(line))
 

@@ -241,6 +241,8 @@ _CLEARANCE = {
     "not_clear": _NOT_CLEAR,
     "stage_touches": "task '{task}'{beside:*}: {one} and {other} lack {measured:mm} of clearance {when:.2f} s into "
     "stage {stage}",
+    "stage_lacks_skew": "stage {stage}: the arms come too near to each other when one is up to {allowed:g} s late "
+    "(`timing: skew`)",
     "return_touches": "return: {one} and {other} lack {measured:mm} of clearance {when:.2f} s into stage {stage}",
     "beside": ", {there}: task '{task}'",
     "stands_in_the_way": "; the {arm} arm stands in posture '{posture}' before stage {stage}, its first: a `move` "
@@ -389,6 +391,7 @@ HEADS: Mapping[str, str] = {
     "tool_reaches_into": _MISFIT,
     "grip_touches": "no posture avoids that tools and part are too close to each other in a hand-over",
     "stage_touches": _NOT_CLEAR,
+    "stage_lacks_skew": _NOT_CLEAR,
     "return_touches": _NOT_CLEAR,
 }
 """Message once before all refusals of one error, by what is wrong."""
@@ -406,6 +409,7 @@ HELPS: Mapping[str, str] = {
     "grip_touches": "what helps: another `grip`, a longer `approach` or `retract`, or a clearance of its own "
     "(`clearances`) for the two",
     "stage_touches": _CLEAR_HELPS,
+    "stage_lacks_skew": "what helps: a smaller skew, mode: free, or targets and an order that keep the arms apart",
     "return_touches": _CLEAR_HELPS,
 }
 """Message once after them."""

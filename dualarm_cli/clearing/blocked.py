@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dualarm_cli.clearing.repairs import Cleared, Clearing
@@ -150,6 +152,8 @@ def why_blocked(clearing: Clearing, found: Cleared | None) -> list[Refusal]:
         for stop in stops[:1]:
             whose = stop.stop.place, stop.task.id, stop.arm
             refused = Refusal("stage_touches", *whose, refused.measured, more=more)
+        if cell.skew > 0.0 and margin >= 0.0:
+            refused = replace(refused, what="stage_lacks_skew", allowed=cell.skew)
         refusals.append(refused)
     return refusals
 

@@ -188,8 +188,11 @@ class Clearing:
     def touching(self, plans: Sequence[StagePlan], motion: Motion) -> list[int]:
         """Returns the stages of a motion that collide; how long arms wait in them must always be the same."""
         keys = [_stage_key(k, plan, plans[k - 1] if k else None) for k, plan in enumerate(plans)]
+        if self.holding.cell.skew > 0.0:
+            # An arm that is late is in the stage before for some time.
+            keys = list(zip(keys, [(), *keys[:-1]], strict=True))
         news = [k for k, key in enumerate(keys) if key not in self.seen]
-        stages = [stage_samples(motion, k, k, self.holding) for k in news]
+        stages = [self._sampled(motion, k) for k in news]
         for k, clear in zip(news, which_are_clear(self.holding.cell, stages), strict=True):
             self.seen[keys[k]] = bool(clear)
         return [k for k, key in enumerate(keys) if not self.seen[key]]
@@ -212,7 +215,8 @@ class Clearing:
         """
         found, blocked = list(plans), []
         for k in touching:
-            repaired = self._repaired(plans[k], k)
+            before = self._sampled(motion, k).before
+            repaired = self._repaired(plans[k], k, before)
             if repaired is None:
                 blocked.append(k)
                 if give_up:
@@ -239,13 +243,20 @@ class Clearing:
             and not _lines_apart(self._context(plans[k], k))
         ]
 
-    def _repaired(self, plan: StagePlan, k: int) -> StagePlan | None:
+    def _sampled(self, motion: Motion, k: int) -> StageSamples:
+        """Returns one stage of a whole motion, with the one before where an arm may be late."""
+        samples = stage_samples(motion, k, k, self.holding)
+        if k and self.holding.cell.skew > 0.0:
+            samples = replace(samples, before=stage_samples(motion, k - 1, k - 1, self.holding))
+        return samples
+
+    def _repaired(self, plan: StagePlan, k: int, before: StageSamples | None) -> StagePlan | None:
         """Returns a stage that is collision-free, None where nothing that was tried does."""
-        tried, first = plan, self._context(plan, k)
+        tried, first = plan, self._context(plan, k, before)
         if not all(_repairable(first, a) for a in range(len(first.cell.arms))):
             return None
         for _ in range(REPAIRS):
-            context = first if tried is plan else self._context(tried, k)
+            context = first if tried is plan else self._context(tried, k, before)
             found = self._next(context)
             if found is tried and (tried is plan or self._within_cap(tried)):
                 return tried
@@ -264,9 +275,9 @@ class Clearing:
         )
         return fastest <= self.job.tool_speed
 
-    def _context(self, plan: StagePlan, k: int) -> StageContext:
+    def _context(self, plan: StagePlan, k: int, before: StageSamples | None = None) -> StageContext:
         motion = self.alone(plan)
-        samples = stage_samples(motion, 0, k, self.holding)
+        samples = replace(stage_samples(motion, 0, k, self.holding), before=before)
         ways = arm_ways(self.model, motion, 0, samples)
         joints = self.job.cell.robot.platform
         platform = motion.trajectory.select(joints) if joints else None

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.collision.clearance import CellClearance
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
@@ -33,6 +33,8 @@ NEAR = 0.008
 where instants have been left out between the two."""
 COARSE = 8
 """Every so many instants are looked at first."""
+SHIFT = 4
+"""Greatest number of instants between two delays of an arm that are looked at."""
 BETWEEN = 8
 """Instants that are looked at there."""
 
@@ -50,6 +52,26 @@ class StageSamples:
     """What each arm holds, shape (t, arms)."""
     step: float = STEP
     """Time between the instants [s]."""
+    before: StageSamples | None = None
+    """The stage before it, where an arm that is late still is; None: it still stands at its start."""
+
+    def delayed(self, columns: Sequence[int], a: int, rows: int) -> StageSamples:
+        """Return the stage with one arm some instants late, until that is done as well.
+
+        Args:
+            columns: of the arm's joints.
+            a: the arm's number.
+            rows: how many instants.
+        """
+        led = () if self.before is None else (self.before,)
+        rows_now = np.minimum(np.arange(len(self.position) + rows), len(self.position) - 1)
+        skipped = sum(len(one.position) for one in led) - rows
+        rows_late = np.maximum(np.arange(len(rows_now)) + skipped, 0)
+        position, held = self.position[rows_now], self.held[rows_now]
+        own = np.concatenate([one.position for one in (*led, self)])[:, columns]
+        position[:, columns] = own[rows_late]
+        held[:, a] = np.concatenate([one.held[:, a] for one in (*led, self)])[rows_late]
+        return StageSamples(position, held, self.step)
 
 
 @dataclass(frozen=True)
@@ -174,7 +196,7 @@ def combined(
         own = np.minimum(np.arange(length), len(way.q) - 1)
         position[:, model.arms[name].columns] = way.q[own]
         held[:, a] = way.held[own]
-    return StageSamples(position, held, samples.step)
+    return StageSamples(position, held, samples.step, samples.before)
 
 
 def _late(way: ArmWay, delay: int) -> ArmWay:
@@ -201,9 +223,8 @@ def is_clear(cell: CellClearance, samples: StageSamples) -> bool:
 
 def which_are_clear(cell: CellClearance, stages: Sequence[StageSamples]) -> BoolArray:
     """Returns in which of s stages everything is clear of everything, shape (s,)."""
-    kept = np.ones(len(stages), dtype=np.bool_)
-    kinds = [_cross(cell), *(_own(cell, a) for a in range(len(cell.arms)))]
-    for margins in kinds:
+    kept = _which_are_apart(cell, stages)
+    for margins in [_own(cell, a) for a in range(len(cell.arms))]:
         left = np.flatnonzero(kept).tolist()
         kept[left] = _kept([stages[k] for k in left], margins)
     return kept
@@ -211,16 +232,26 @@ def which_are_clear(cell: CellClearance, stages: Sequence[StageSamples]) -> Bool
 
 def apart(cell: CellClearance, samples: StageSamples) -> bool:
     """Returns whether the arms are clear of each other."""
-    return bool(_kept([samples], _cross(cell))[0])
+    return bool(_which_are_apart(cell, [samples])[0])
+
+
+def _which_are_apart(cell: CellClearance, stages: Sequence[StageSamples]) -> BoolArray:
+    """Returns in which of s stages the arms are clear of each other, also with one as late as it may be."""
+    kept = _kept(stages, cell.cross_margins)
+    for k in np.flatnonzero(kept & (cell.skew > 0.0)).tolist():
+        rows = int(np.ceil(cell.skew / stages[k].step))
+        shifts = distinct(np.ceil(np.linspace(0.0, rows, -(-rows // SHIFT) + 1))[1:])
+        kept[k] = all(
+            _kept([stages[k].delayed(columns, a, int(shift))], cell.cross_margins)[0]
+            for shift in shifts[::-1]
+            for a, columns in enumerate(cell.columns)
+        )
+    return kept
 
 
 def alone_clear(cell: CellClearance, samples: StageSamples, a: int) -> bool:
     """Returns whether one arm is clear of itself and of all that is not the other arm."""
     return bool(_kept([samples], _own(cell, a))[0])
-
-
-def _cross(cell: CellClearance) -> Margins:
-    return cell.cross_margins
 
 
 def _own(cell: CellClearance, a: int) -> Margins:

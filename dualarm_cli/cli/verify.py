@@ -119,7 +119,7 @@ def verify_command(
     from dualarm_cli.errors import UsageError
     from dualarm_cli.interface import load, verify
     from dualarm_cli.model.verification import exceptions
-    from dualarm_cli.report.report import verification_document
+    from dualarm_cli.report.report import skew_sentence, verification_document
 
     if clearance and tasks is None:
         raise UsageError(
@@ -139,6 +139,8 @@ def verify_command(
         console.print(_table(judged))
         if judged.clearances:
             console.print(_clearances(judged))
+        if job is not None and (skew := skew_sentence(judged, job)):
+            console.print(f"skew: {printable(skew)}", soft_wrap=True, markup=False)
         result = f"passed{exceptions(judged.caveats)}" if judged.passed else "FAILED"
         console.print(f"verification: {result}", soft_wrap=True)
     if not judged.passed:

@@ -36,14 +36,17 @@ class CellClearance:
     """Names of all that is ever held, see `Held.name`; the first one is nothing, tools come before parts in them."""
     crossing: bool = True
     """Whether arms have to be clear of one another; else each is looked at by itself."""
+    skew: float = 0.0
+    """Delay of either arm with which motions have to be clear as well [s]."""
 
     @classmethod
-    def of(cls, cell: Cell, carried: Sequence[tuple[str, str]]) -> CellClearance:
+    def of(cls, cell: Cell, carried: Sequence[tuple[str, str]], skew: float = 0.0) -> CellClearance:
         """Prepares a cell.
 
         Args:
             cell: of the data model.
             carried: arm and name of everything that an arm ever holds.
+            skew: delay of either arm with which motions have to be clear as well [s].
         """
         arms = cell.robot.arms
         return cls(
@@ -51,6 +54,7 @@ class CellClearance:
             tuple(arm.name for arm in arms),
             tuple(tuple(cell.robot.columns(arm.joints)) for arm in arms),
             ("", *dict.fromkeys(part for _, part in carried)),
+            skew=skew,
         )
 
     def held(self, part: str, on_line: bool = False) -> int:

@@ -18,6 +18,10 @@ class Budget:
     """Where the cycle time is written."""
     clearance_place: Place = NOWHERE
     """Where the clearance is written."""
+    skew: float | None = None
+    """Delay of either arm with which the plan keeps its clearance [s]; None for none."""
+    skew_place: Place = NOWHERE
+    """Where the skew is written."""
 
 
 @dataclass(frozen=True)
@@ -25,9 +29,9 @@ class Kept:
     """One line of a budget, compared with what was measured."""
 
     name: str
-    """cycle_time or clearance."""
+    """cycle_time, clearance or skew."""
     allowed: float
-    """Most of a cycle time [s], least of a clearance [m]."""
+    """Most of a cycle time [s], least of a clearance [m] or skew [s]."""
     measured: float | None
     """What the plan has; None where it was not proven."""
     kept: bool
@@ -45,5 +49,6 @@ class Kept:
         if self.name == "cycle_time":
             measured = "not known" if self.measured is None else f"{self.measured:.3f} s"
             return f"cycle time {measured}, at most {self.allowed:g} s: {verdict}"
-        measured = "not proven" if self.measured is None else f"{self.measured * 1e3:.1f} mm"
-        return f"clearance {measured}, at least {self.allowed * 1e3:g} mm: {verdict}"
+        unit = "mm" if self.name == "clearance" else "ms"
+        measured = "not proven" if self.measured is None else f"{self.measured * 1e3:.1f} {unit}"
+        return f"{self.name} {measured}, at least {self.allowed * 1e3:g} {unit}: {verdict}"

@@ -319,6 +319,8 @@ class Job:
     """Places for parts between tasks, by name."""
     budget: Budget | None = None
     """What its plans must keep besides, or None."""
+    skew: float = 0.0
+    """Delay of either arm against everything else with which every plan keeps its clearance [s]."""
     begin: FloatArray | None = field(default=None, compare=False)
     """All joints where the motion starts [rad or m], shape (n,), where that is no posture of the robot; of a part of a
     job, whose start is then only a name."""

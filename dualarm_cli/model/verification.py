@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Literal
 
@@ -51,6 +52,30 @@ class StageClearance:
 
 
 @dataclass(frozen=True)
+class ArmDelay:
+    """The delays of one arm against everything else with which the motion keeps its clearance."""
+
+    arm: str
+    """The late arm."""
+    clear: float
+    """No delay up to it lacks clearance [s], proven; the longest one that was looked at where none does."""
+    lacking: float | None
+    """A delay that lacks clearance [s]; None where none was found."""
+    bodies: tuple[str, str] | None
+    """The two bodies that come too near then."""
+    time: float | None
+    """When, by the plan's time [s]."""
+
+    def __str__(self) -> str:
+        """Returns the delays in a phrase, rounded to the safe side."""
+        clear = f"{self.arm} arm clear up to {math.floor(self.clear * 1e4) / 10.0:g} ms late"
+        if self.lacking is None or self.bodies is None:
+            return clear
+        lacking = math.ceil(self.lacking * 1e4) / 10.0
+        return f"{clear} (not {lacking:g} ms: {' and '.join(self.bodies)} at {self.time:.3f} s)"
+
+
+@dataclass(frozen=True)
 class Verification:
     """The judgement of a whole schedule."""
 
@@ -58,6 +83,8 @@ class Verification:
     """Every check, in a fixed order."""
     clearances: tuple[StageClearance, ...] = ()
     """Of every stage, where they were checked."""
+    delays: tuple[ArmDelay, ...] = ()
+    """Of each of two arms, where clearances were checked."""
 
     @property
     def passed(self) -> bool:

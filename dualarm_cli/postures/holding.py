@@ -59,7 +59,7 @@ class Holding:
             crossing: whether arms have to be clear of one another; else each is looked at by itself.
         """
         cell = cell or CellClearance.of(job.cell, job.carried())
-        cell = replace(cell, crossing=crossing)
+        cell = replace(cell, crossing=crossing, skew=job.skew if crossing else 0.0)
         holds = {arm: job.held_at_start(arm) for arm in cell.arms}
         rows = []
         for work in job.stages():

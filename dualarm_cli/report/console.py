@@ -126,6 +126,8 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     lines += motion_lines(report)
     lines.append(bound_line(report))
     lines += [report["bodies"]["text"], f"collisions: {report['collisions']}"]
+    if report["skew"] is not None:
+        lines.append(f"skew: {report['skew']}")
     lines += [f"budget: {line['text']}" for line in report["budget"]]
     if report["without_jerk_limit"]:
         lines.append(

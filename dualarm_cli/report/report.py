@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -53,6 +54,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "bodies": bodies(job),
         "collisions": _collisions(schedule),
         "smallest_clearance": smallest_clearance(schedule),
+        "skew": skew_sentence(schedule.verification, job),
         "clearance_cost": schedule.clearance_cost,
         "blending": blending_rows(schedule, job),
         **_motion_rows(schedule, job),
@@ -177,6 +179,25 @@ def _collisions(schedule: Schedule) -> str:
     )
 
 
+def skew_sentence(verification: Verification | None, job: Job) -> str | None:
+    """Return a sentence on how late each arm may be; None where that was not proven.
+
+    Args:
+        verification: of a plan.
+        job: what it was planned for.
+    """
+    if verification is None or not verification.delays:
+        return None
+    delays = verification.delays
+    if all(one.lacking is None and one.clear == delays[0].clear for one in delays):
+        delays = (replace(delays[0], arm="either"),)
+    text = ", ".join(map(str, delays))
+    together = dict.fromkeys(task.id for task in job.tasks if task.seam or task.handover)
+    if together:
+        text += f"; both arms work together in {', '.join(together)}, which needs them in step"
+    return text
+
+
 def verification_document(verification: Verification | None) -> dict[str, Any] | None:
     """Returns a verification as a JSON-ready document, or None."""
     if verification is None:
@@ -186,6 +207,7 @@ def verification_document(verification: Verification | None) -> dict[str, Any] |
         "caveats": list(verification.caveats),
         "checks": [field_values(check) for check in verification.checks],
         "clearances": [field_values(stage) for stage in verification.clearances],
+        "delays": [field_values(delay) for delay in verification.delays],
     }
 
 

@@ -249,6 +249,10 @@ REPORT: dict[str, tuple[str, str]] = {
     "smallest_clearance.required": ("m", "What is required of the pair."),
     "smallest_clearance.bodies": ("", "The two bodies."),
     "smallest_clearance.time": ("s", "When."),
+    "skew": (
+        "",
+        "How late each arm may be against the other, in a sentence; none where that was not proven.",
+    ),
     "clearance_cost": SCHEDULE["clearance_cost"],
     "motion_gain": SCHEDULE["motion_gain"],
     "motion_allowed": (
@@ -279,9 +283,12 @@ REPORT: dict[str, tuple[str, str]] = {
         "m",
         "How far the tool gets from the line where it need not be straight, or from the target of a move.",
     ),
-    "budget[].name": ("", "cycle_time or clearance: what the task file's `budget` asks for."),
-    "budget[].allowed": ("s or m", "Most time, or least clearance."),
-    "budget[].measured": ("s or m", "What the plan has; none where no clearance is proven."),
+    "budget[].name": ("", "cycle_time, clearance or skew: what the task file's `budget` asks for."),
+    "budget[].allowed": ("s or m", "Longest cycle time, or least clearance or skew."),
+    "budget[].measured": (
+        "s or m",
+        "What the plan has; none where no clearance or skew is proven.",
+    ),
     "budget[].kept": ("", "Whether the plan meets it."),
     "budget[].file": ("", "Task file, as the command names it."),
     "budget[].line": ("", "Its line."),
@@ -391,6 +398,14 @@ REPORT: dict[str, tuple[str, str]] = {
     "verification.clearances[].required": ("m", "What is required of the pair."),
     "verification.clearances[].bodies": ("", "The two bodies."),
     "verification.clearances[].time": ("s", "When."),
+    "verification.delays[].arm": ("", "The arm that is late."),
+    "verification.delays[].clear": ("s", "No delay up to it lacks clearance, proven."),
+    "verification.delays[].lacking": (
+        "s",
+        "A delay that lacks clearance; none where none was found.",
+    ),
+    "verification.delays[].bodies": ("", "The two bodies that come too near then, or none."),
+    "verification.delays[].time": ("s", "When, by the plan's time; or none."),
     **_SETTINGS,
     "notes": ("", "Choices and assumptions that a reader should know."),
 }

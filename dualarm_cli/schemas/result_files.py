@@ -41,7 +41,8 @@ _MAY_BE_NONE = (
     r"smallest_clearance|verification|robot\.tool_speed|robot\.limits\.<joint>\.(lower|upper|jerk)|"
     r"stages\[\]\.platform_angle|.*settings\.(follower|seam_solver|time_limit)|.*\.(measured|allowed)|"
     r"waits\[\]\.(task|for|for\.task)|sensitivity\[\]\.(joint|value)|(paths|seams)\[\]\.(clearance|master)|"
-    r"paths\[\]\.(least_)?(elbow_distance|manipulability_together)"
+    r"paths\[\]\.(least_)?(elbow_distance|manipulability_together)|skew|"
+    r"verification\.delays\[\]\.(lacking|bodies|time)"
 )
 """Pattern of the members that may be none."""
 _VERSIONS = {"schedule": "dualarm.schedule/2", "report": "dualarm.report/1"}

@@ -19,6 +19,7 @@ from dualarm_cli.verification.clearance_checks import (
     check_clearance,
     check_shapes,
 )
+from dualarm_cli.verification.delay_checks import arm_delays, check_skew
 from dualarm_cli.verification.kind_checks import Evidence, Subject
 from dualarm_cli.verification.line_spans import LineSpan, line_spans
 from dualarm_cli.verification.motion_checks import (
@@ -150,11 +151,18 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool, both: Both) ->
     if not clearance:
         rest = not_checked(COLLISIONS, NOT_ASKED)
         return Verification((*numbers, *_checks(evidence, stops, allowed), rest))
-    (collisions, clearances), checks = both(
-        lambda: check_clearance(schedule, done, spans), lambda: _checks(evidence, stops, allowed)
+    (collisions, clearances), (checks, delays) = both(
+        lambda: check_clearance(schedule, done, spans),
+        lambda: (
+            _checks(evidence, stops, allowed),
+            () if done is None else arm_delays(schedule, done, spans),
+        ),
     )
-    shapes = check_shapes(done) if done is not None else []
-    return Verification((*numbers, *checks, collisions, *shapes), clearances)
+    if done is not None:
+        checks += [collisions, *check_shapes(done), *check_skew(done, delays)]
+    else:
+        checks.append(collisions)
+    return Verification((*numbers, *checks), clearances, delays)
 
 
 def _checks(evidence: Evidence, stops: Schedule, allowed: Permissions) -> list[Check]:

@@ -19,7 +19,7 @@ def judge_budget(schedule: Schedule, job: Job) -> tuple[Kept, ...]:
     """Returns the lines of a job's budget, compared with a schedule; nothing where it has none.
 
     Args:
-        schedule: with its verification; without clearances in it a clearance counts as missed.
+        schedule: with its verification; without clearances in it clearance and skew count as missed.
         job: what it was planned for.
     """
     budget, lines = job.budget, list[Kept]()
@@ -37,6 +37,11 @@ def judge_budget(schedule: Schedule, job: Job) -> tuple[Kept, ...]:
         lines.append(
             Kept("clearance", budget.clearance, least, kept, place.file, place.line, place.column)
         )
+    if budget.skew is not None:
+        found = schedule.verification.delays if schedule.verification is not None else ()
+        clear, place = min((one.clear for one in found), default=None), budget.skew_place
+        kept = clear is not None and clear >= budget.skew
+        lines.append(Kept("skew", budget.skew, clear, kept, place.file, place.line, place.column))
     return tuple(lines)
 
 

@@ -92,7 +92,7 @@ class ClearanceProof:
         order = [trajectory.joints.index(name) for name in model.names[1:]]
         self._order = np.array(order, dtype=np.int64)
         self._levers = levers(model, solids, pairs)
-        self._speeds = _interval_speeds(trajectory)[:, self._order]
+        self._speeds = interval_speeds(trajectory)[:, self._order]
 
     def certify(self, edges: FloatArray, precision: float = PRECISION) -> list[Certified]:
         """Returns the proven least margin between each edge and the next; infinite where no pair counts.
@@ -203,7 +203,7 @@ class ClearanceProof:
         knots = self._trajectory.time
         first = np.clip(np.searchsorted(knots, begin, side="right") - 1, 0, len(self._speeds) - 1)
         last = np.clip(np.searchsorted(knots, end, side="left") - 1, first, len(self._speeds) - 1)
-        return _range_maximum(self._speeds, first, last)
+        return range_maximum(self._speeds, first, last)
 
 
 def _lower(
@@ -228,7 +228,7 @@ def _lower(
     met[k], met_pair[k], met_time[k] = value[firsts], pair[firsts], time[firsts]
 
 
-def _interval_speeds(trajectory: Trajectory) -> FloatArray:
+def interval_speeds(trajectory: Trajectory) -> FloatArray:
     """Returns the greatest speed of each joint between knots [rad/s], shape (max(1, k - 1), n)."""
     v, a = np.abs(trajectory.velocity), trajectory.acceleration
     if len(v) == 1:
@@ -244,7 +244,7 @@ def _interval_speeds(trajectory: Trajectory) -> FloatArray:
     return np.where(turns, np.maximum(fastest, vertex), fastest)
 
 
-def _range_maximum(values: FloatArray, first: IntArray, last: IntArray) -> FloatArray:
+def range_maximum(values: FloatArray, first: IntArray, last: IntArray) -> FloatArray:
     """Returns the maximum of the rows from first to last (included), shape (n, columns): doubling tables."""
     result = np.empty((len(first), values.shape[1]))
     level = np.frexp(last - first + 1)[1] - 1
@@ -270,7 +270,7 @@ def levers(model: pin.Model, solids: Sequence[Solid], pairs: Sequence[Pair]) -> 
         solids: of the cell.
         pairs: of solids.
     """
-    reach = [_reaches(model, solid) for solid in solids]
+    reach = [reaches(model, solid) for solid in solids]
     table = np.zeros((len(pairs), model.nv))
     for row, pair in enumerate(pairs):
         one, other = reach[pair.first], reach[pair.second]
@@ -279,7 +279,7 @@ def levers(model: pin.Model, solids: Sequence[Solid], pairs: Sequence[Pair]) -> 
     return table
 
 
-def _reaches(model: pin.Model, solid: Solid) -> dict[int, float]:
+def reaches(model: pin.Model, solid: Solid) -> dict[int, float]:
     """Returns for every joint that carries a solid how far its points may be from the joint's origin [m]."""
     found: dict[int, float] = {}
     joint, reach = solid.joint, solid.extent

@@ -73,7 +73,7 @@ def tool_chain(
         joint = model.parents[joint]
     before, constants, slides = base, [], []
     for joint in reversed(path):
-        axis, slide = _axis(model, joint)
+        axis, slide = joint_axis(model, joint)
         # Turned so that the joint's own axis is z.
         turn = pin.SE3(
             pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).toRotationMatrix(),
@@ -90,7 +90,7 @@ def tool_chain(
     )
 
 
-def _axis(model: pin.Model, joint: int) -> tuple[FloatArray, bool]:
+def joint_axis(model: pin.Model, joint: int) -> tuple[FloatArray, bool]:
     """Returns a joint's axis in its own frame and whether it slides along it."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))

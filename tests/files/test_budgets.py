@@ -69,3 +69,20 @@ def test_what_is_no_budget_is_refused_at_its_place(
         load_job("tasks.yaml")
     assert f"tasks.yaml:{place}" in str(error.value)
     assert words in str(error.value)
+
+
+def test_a_skew_is_asked_for_in_a_budget_and_of_the_planner(project: Path) -> None:
+    """With its unit; twenty without one is no delay of an arm but a slip of the unit."""
+    write(project, "{skew: 20 ms}")
+    job = load_job("tasks.yaml")
+    assert job.budget is not None
+    assert (job.budget.skew, job.skew) == (0.02, 0.0)
+    assert str(job.budget.skew_place) == "tasks.yaml:3:16"
+    text = TASKS.replace("budget: BUDGET", "timing: {skew: 0.3}")
+    (project / "tasks.yaml").write_text(text)
+    assert load_job("tasks.yaml").skew == 0.3
+    for wrong, words in (("20", "at most 10"), ("0 s", "must be positive"), ("5 mm", "unit 'mm'")):
+        (project / "tasks.yaml").write_text(text.replace("0.3", wrong))
+        with pytest.raises(InputError) as raised:
+            load_job("tasks.yaml")
+        assert words in str(raised.value)

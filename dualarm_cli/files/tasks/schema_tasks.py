@@ -30,6 +30,9 @@ from dualarm_cli.model.budget import Budget
 from dualarm_cli.model.place import Place
 
 _LongestTime = Annotated[float, Quantity(quantities.TIME, SMALLEST_POSITIVE)]
+LONGEST_SKEW = 10.0
+"""Greatest delay of one arm that a task file may ask for [s]."""
+Skew = Annotated[float, Quantity(quantities.TIME, SMALLEST_POSITIVE, LONGEST_SKEW)]
 
 
 class BudgetSection(Section):
@@ -40,12 +43,23 @@ class BudgetSection(Section):
         default=None,
         description="Least distance of any two bodies that must keep apart [m].",
     )
+    skew: Skew | None = Field(
+        default=None, description="Least delay of one arm that the clearance must survive [s]."
+    )
 
     @model_validator(mode="after")
     def _something(self) -> BudgetSection:
-        if self.cycle_time is None and self.clearance is None:
-            raise refuse("an empty budget; give cycle_time, clearance or both, or remove it")
+        if self.cycle_time is None and self.clearance is None and self.skew is None:
+            raise refuse("an empty budget; give cycle_time, clearance or skew, or remove it")
         return self
+
+
+class TimingSection(Section):
+    """How exactly both arms start together."""
+
+    skew: Skew = Field(
+        description="Delay of either arm against the rest of the cell, up to which plans keep their clearance [s]."
+    )
 
 
 def read_budget(document: Document, section: BudgetSection | None) -> Budget | None:
@@ -54,9 +68,16 @@ def read_budget(document: Document, section: BudgetSection | None) -> Budget | N
         return None
     places = {
         name: Place(document.source.name, *document.place(("budget", name)))
-        for name in ("cycle_time", "clearance")
+        for name in ("cycle_time", "clearance", "skew")
     }
-    return Budget(section.cycle_time, section.clearance, places["cycle_time"], places["clearance"])
+    return Budget(
+        section.cycle_time,
+        section.clearance,
+        places["cycle_time"],
+        places["clearance"],
+        section.skew,
+        places["skew"],
+    )
 
 
 _POSITION = quantity_schema([quantities.ANGLE, quantities.LENGTH], -50.0, 50.0)
@@ -308,6 +329,9 @@ class TasksFile(Section):
     )
     budget: BudgetSection | None = Field(
         default=None, description="Limits that every plan of these tasks must meet."
+    )
+    timing: TimingSection | None = Field(
+        default=None, description="How exactly both arms start together; default: exactly."
     )
     sequences: list[Annotated[list[Name], Field(min_length=2)]] = Field(
         default_factory=list,

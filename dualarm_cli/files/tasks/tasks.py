@@ -129,6 +129,7 @@ def load_job(
         tuple(tuple(names) for names in model.sequences),
         budget=read_budget(document, model.budget),
         start_place=Place(document.source.name, *document.place(("start",))),
+        skew=0.0 if model.timing is None else model.timing.skew,
     )
     for kind in kinds:
         job = kind.job(document, model, job)

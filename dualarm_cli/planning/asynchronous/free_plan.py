@@ -94,7 +94,7 @@ class FreePlanner:
             back = _reversed(turn)
         cell = None
         if self.clear:
-            cell = CellClearance.of(job.cell, job.carried())
+            cell = CellClearance.of(job.cell, job.carried(), job.skew)
         if len(ways) > 1:
             self.tell("inserting waits between the arms")
         found = self._together(model, work, [way.clock for way in ways], (turn, back), cell)
@@ -315,8 +315,10 @@ def _is_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
         )
         held[:, a] = own.held(time, cell, job)
     position = motion.trajectory.at(time)[0]
-    stretches = [
-        StageSamples(position[k : k + CHUNK + 1], held[k : k + CHUNK + 1], step)
-        for k in range(0, max(1, count - 1), CHUNK)
-    ]
+    stretches: list[StageSamples] = []
+    for k in range(0, max(1, count - 1), CHUNK):
+        some, before = slice(k, k + CHUNK + 1), stretches[-1] if k else None
+        if before is not None:
+            before = StageSamples(before.position[:-1], before.held[:-1], step)
+        stretches.append(StageSamples(position[some], held[some], step, before))
     return bool(which_are_clear(cell, stretches).all())

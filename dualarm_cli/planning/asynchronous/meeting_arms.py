@@ -324,6 +324,11 @@ class ArmCoordination:
         look = near.ravel() & inside
         touch = self._margins(joints, held, i[look], j[look]) < 0.0
         blocked[i[look][touch], c[look][touch]] = True
+        # Where either arm may be late, it may still be where it was some steps before.
+        touching = blocked.copy()
+        for late in range(1, int(np.ceil(self.cell.skew / steps[0].step)) + 1):
+            blocked[late:, :-late] |= touching[:-late, late:]
+            blocked[:, late:] |= touching[:, :-late]
         for _ in range(spread):
             blocked = _grown(blocked)
         return blocked

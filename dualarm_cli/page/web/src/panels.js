@@ -52,6 +52,7 @@ export function overview(plan, go) {
   const nearest = report.smallest_clearance;
   if (nearest) figures.push(figure(millimetres(nearest.clearance), `least clearance (${millimetres(nearest.required)} required)`));
   const collisions = report.collisions ? [sentence(`Collisions: ${report.collisions}`, nearest?.time, go)] : [];
+  if (report.skew) collisions.push(paragraph(`Skew: ${report.skew}`));
   const cost = report.clearance_cost;
   if (cost > SHOWN) {
     collisions.push(paragraph(`Clearance costs ${seconds(cost)} compared with the plan without collision checking.`));

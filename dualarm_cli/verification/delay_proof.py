@@ -1,0 +1,356 @@
+"""Proof of how late one arm may be: the least delay of one arm with which two arms lack clearance.
+
+Where both stand on the same base or platform, the solids of each arm depend on its own clock alone. Squares of the
+plane of both clocks are halved in both directions until the boxes about all that two solids pass, or the distance at
+the centre less how far both can move, prove them clear, or until a centre lacks clearance; small delays come first.
+Our own; the bound is that of `clearance_proof`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.collision.solids import Pair, Solid
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
+from dualarm_cli.geometry.rotations import skew
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.records import dataclass
+from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.clearance_proof import (
+    NUMERICAL,
+    interval_speeds,
+    range_maximum,
+    reaches,
+)
+from dualarm_cli.verification.tool_model import joint_axis
+
+Spans = Sequence[tuple[float, float]]
+"""From when to when [s]."""
+ALWAYS = ((-np.inf, np.inf),)
+"""Spans of what is there all the time."""
+
+
+@dataclass(frozen=True)
+class DelaySearch:
+    """Settings of the search for the least delay that lacks clearance."""
+
+    grid: float = 0.02
+    """Shortest stretch about which boxes are made [s]; longer in motions of more than `most` of them."""
+    most: int = 20_000
+    """Greatest number of such stretches."""
+    levels: int = 5
+    """Number of halvings from the first squares to those of one stretch."""
+    boxes: int = 3
+    """Number of halvings before distances are measured as well."""
+    shortest: float = 5e-5
+    """Side below which squares are not halved [s]."""
+    precision: float = 5e-4
+    """Difference of a delay proven clear and one that lacks clearance at which the search ends [s]."""
+    share: float = 0.01
+    """The same as a share of the delay; the greater one counts."""
+    distances: int = 300_000
+    """Greatest number of distances that are measured; squares that are left then count as not clear."""
+
+
+@dataclass(frozen=True)
+class ArmPair:
+    """A solid of each arm."""
+
+    pair: Pair
+    """Their numbers, that of the first arm first, and the required distance."""
+    there: tuple[Spans, Spans] = (ALWAYS, ALWAYS)
+    """When each one exists, by its own arm's clock [s]."""
+    excused: Spans = ()
+    """When they touch by design, by either clock [s]."""
+
+    @property
+    def counts_always(self) -> bool:
+        """Whether it counts whatever the clocks say."""
+        return self.there == (ALWAYS, ALWAYS) and not self.excused
+
+    def counts_at(self, clocks: Sequence[float]) -> bool:
+        """Return whether it counts at an instant of each clock [s]."""
+        return all(
+            any(start <= clock <= end for start, end in there)
+            and not any(start <= clock <= end for start, end in self.excused)
+            for clock, there in zip(clocks, self.there, strict=True)
+        )
+
+
+@dataclass(frozen=True)
+class DelayBracket:
+    """The least delay that lacks clearance, from below and from above."""
+
+    proven: float
+    """Every delay up to it is clear [s]."""
+    broken: float = np.inf
+    """A delay that lacks clearance [s]; infinite where none was found."""
+    pair: int = -1
+    """Number of the pair that lacks it; -1 for none."""
+    time: float = 0.0
+    """When, by the clock of the arm that is not late [s]."""
+
+
+@dataclass(frozen=True)
+class _Squares:
+    """Squares of one size in the plane of both clocks, each with a pair; n of them."""
+
+    first: IntArray
+    """Numbers along the first arm's clock, shape (n,)."""
+    second: IntArray
+    """Numbers along the second arm's clock, shape (n,)."""
+    pair: IntArray
+    """Numbers of the pairs, shape (n,)."""
+    side: float
+    """Length of a side [s]."""
+    late: int
+    """The arm that is late, 0 or 1."""
+
+    @property
+    def delay(self) -> IntArray:
+        """Delay at the centres, in sides."""
+        return self.first - self.second if self.late else self.second - self.first
+
+    @property
+    def low(self) -> FloatArray:
+        """Least delay in each square [s]."""
+        return np.maximum(self.delay - 1, 0) * self.side
+
+    def select(self, which: BoolArray) -> _Squares:
+        """Select some squares."""
+        return replace(
+            self, first=self.first[which], second=self.second[which], pair=self.pair[which]
+        )
+
+    def halved(self) -> _Squares:
+        """Halve the squares in both directions."""
+        first = (2 * self.first[:, None] + np.array([0, 0, 1, 1])).ravel()
+        second = (2 * self.second[:, None] + np.array([0, 1, 0, 1])).ravel()
+        return _Squares(first, second, np.repeat(self.pair, 4), 0.5 * self.side, self.late)
+
+
+class DelayProof:
+    """Distances of two arms from each other, one of them as late as may be, along one motion."""
+
+    def __init__(
+        self,
+        model: pin.Model,
+        trajectory: Trajectory,
+        solids: Sequence[Solid],
+        pairs: Sequence[ArmPair],
+        longest: float,
+        search: DelaySearch | None = None,
+    ) -> None:
+        """Bounds all that solids pass in stretches of time by boxes.
+
+        Args:
+            model: of the robot's URDF; both arms hang on the same joint.
+            trajectory: finite, with rising times; its joints are the model's, in any order.
+            solids: of the cell.
+            pairs: which of them must keep apart, at least one.
+            longest: the longest delay that counts [s].
+            search: how finely to look.
+        """
+        self._model, self._trajectory, self._longest = model, trajectory, longest
+        self._search, self._measured = search or DelaySearch(), 0
+        self._order = [trajectory.joints.index(name) for name in model.names[1:]]
+        self._speeds = interval_speeds(trajectory)[:, self._order]
+        self._axes = [joint_axis(model, joint) for joint in range(1, model.njoints)]
+        one, other = (list(model.supports[solids[k].joint]) for k in _numbers(pairs[0].pair))
+        self._mount = max(set(one) & set(other))
+        numbers = distinct(np.array([_numbers(one.pair) for one in pairs]).ravel())
+        self._solids = [solids[k] for k in numbers.tolist()]
+        self._levers = np.array([self._levers_of(solid) for solid in self._solids])
+        bodies = np.searchsorted(numbers, np.array([_numbers(one.pair) for one in pairs]))
+        # Where only one of the arms moves a delay changes nothing.
+        moves = np.asarray(self._levers.any(axis=1))
+        self._rows = np.flatnonzero(moves[bodies].all(axis=1))
+        self._pairs = [pairs[k] for k in self._rows.tolist()]
+        self._bodies = bodies[self._rows].T
+        self._required = np.array([one.pair.required for one in self._pairs])
+        levels, whole = self._search.levels, trajectory.duration + longest
+        grid = max(self._search.grid, (whole + longest) / self._search.most)
+        self._side = grid * 2**levels
+        self._before = int(np.ceil(longest / self._side))
+        self._after = int(np.ceil(whole / self._side))
+        self._boxes = [self._finest_boxes(grid)]
+        for _ in range(levels):
+            low, high = self._boxes[0]
+            low = np.minimum(low[:, ::2], low[:, 1::2])
+            self._boxes.insert(0, (low, np.maximum(high[:, ::2], high[:, 1::2])))
+
+    def bracket(self, late: int, asked: Sequence[float] = ()) -> DelayBracket:
+        """Find the least delay that lacks clearance.
+
+        Args:
+            late: the arm that is late, 0 or 1 as in the pairs.
+            asked: delays that are not to stay between the ends of the bracket [s].
+        """
+        search, level, found = self._search, 0, DelayBracket(self._longest)
+        offsets = np.arange(int(np.ceil(self._longest / self._side)) + 1)
+        axes = np.arange(self._after), offsets, np.arange(len(self._pairs))
+        number, offset, pair = (grid.ravel() for grid in np.meshgrid(*axes, indexing="ij"))
+        squares = _Squares(
+            number - (1 - late) * offset, number - late * offset, pair, self._side, late
+        )
+        while True:
+            squares = squares.select(squares.low < min(found.proven, found.broken))
+            squares = squares.select((squares.delay >= 0) & self._counts(squares))
+            if level < len(self._boxes):
+                squares = squares.select(self._near(squares, level))
+            if level >= search.boxes:
+                margin, moved = self._margins(squares)
+                found = self._lowered(found, squares, margin)
+                left = margin - moved < NUMERICAL - tol.CLEARANCE_SLACK
+                squares = squares.select(left & (squares.low < found.broken))
+            if not len(squares.pair):
+                return found
+            low = float(squares.low.min())
+            near = low > found.broken - max(search.precision, search.share * found.broken)
+            near &= not any(low < one <= found.broken for one in asked)
+            tiny = squares.side < 2.0 * search.shortest
+            if near or tiny or self._measured > search.distances:
+                return replace(found, proven=min(found.proven, low))
+            squares, level = squares.halved(), level + 1
+
+    def _counts(self, squares: _Squares) -> BoolArray:
+        """Return whether both solids may exist, and not touch by design, somewhere in each square."""
+        counts = np.ones(len(squares.pair), dtype=np.bool_)
+        for number, one in enumerate(self._pairs):
+            if one.counts_always:
+                continue
+            rows = np.flatnonzero(squares.pair == number)
+            for clock, there in zip((squares.first, squares.second), one.there, strict=True):
+                begin, end = clock[rows] * squares.side, (clock[rows] + 1) * squares.side
+                exists = np.zeros(len(rows), dtype=np.bool_)
+                for start, stop in there:
+                    exists |= (begin <= stop) & (end >= start)
+                for start, stop in one.excused:
+                    exists &= (begin < start) | (end > stop)
+                counts[rows] &= exists
+        return counts
+
+    def _near(self, squares: _Squares, level: int) -> BoolArray:
+        """Return in which squares of a level the boxes of a pair are nearer than required."""
+        (low, high), shift = self._boxes[level], self._before << level
+        one, i = self._bodies[0, squares.pair], squares.first + shift
+        other, j = self._bodies[1, squares.pair], squares.second + shift
+        gap = np.maximum(low[one, i] - high[other, j], low[other, j] - high[one, i])
+        apart = np.sqrt((np.maximum(gap, 0.0) ** 2).sum(axis=1))
+        found: BoolArray = apart < np.maximum(self._required[squares.pair], 0.0) + NUMERICAL
+        return found
+
+    def _margins(self, squares: _Squares) -> tuple[FloatArray, FloatArray]:
+        """Measure the margins at the squares' centres by coal, and bound their change within them [m]."""
+        side, pair, places = squares.side, squares.pair, list[FloatArray]()
+        moved = np.zeros(len(pair))
+        for clock, bodies in zip((squares.first, squares.second), self._bodies, strict=True):
+            numbers = distinct(clock)
+            rows, body = np.searchsorted(numbers, clock), bodies[pair]
+            fastest = self._fastest(numbers, side)
+            moved += 0.5 * side * (fastest[rows] * self._levers[body]).sum(axis=1)
+            R, p = self._frames(numbers, side)
+            joint = np.array([solid.joint for solid in self._solids])[body]
+            turned = np.array([solid.pose.rotation for solid in self._solids])[body]
+            offset = np.array([solid.pose.translation for solid in self._solids])[body]
+            places.append(np.einsum("nij,njk->nik", R[joint, rows], turned))
+            places.append(p[joint, rows] + np.einsum("nij,nj->ni", R[joint, rows], offset))
+        self._measured += len(pair)
+        forms = [solid.geometry for solid in self._solids]
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        T1, T2, distance = coal.Transform3s(), coal.Transform3s(), np.empty(len(pair))
+        for row, (one, other, R1, p1, R2, p2) in enumerate(
+            zip(*self._bodies[:, pair].tolist(), *places, strict=True)
+        ):
+            T1.setRotation(R1)
+            T1.setTranslation(p1)
+            T2.setRotation(R2)
+            T2.setTranslation(p2)
+            result.clear()
+            distance[row] = coal.distance(forms[one], T1, forms[other], T2, request, result)
+        return distance - self._required[pair], moved
+
+    def _lowered(self, found: DelayBracket, squares: _Squares, margin: FloatArray) -> DelayBracket:
+        """Lower the delay that lacks clearance to the least one at the centres of squares."""
+        delay = squares.delay * squares.side
+        lacks = (margin < -tol.CLEARANCE_SLACK) & (delay >= 0.0) & (delay < found.broken)
+        rows = np.flatnonzero(lacks)
+        for row in rows[np.argsort(delay[rows], kind="stable")].tolist():
+            clocks = [
+                (clock[row] + 0.5) * squares.side for clock in (squares.first, squares.second)
+            ]
+            number = int(squares.pair[row])
+            if self._pairs[number].counts_at(clocks):
+                return replace(
+                    found,
+                    broken=float(delay[row]),
+                    pair=int(self._rows[number]),
+                    time=float(max(clocks)),
+                )
+        return found
+
+    def _finest_boxes(self, grid: float) -> tuple[FloatArray, FloatArray]:
+        """Return the corners of boxes about all that solids pass in short stretches [m], (solids, stretches, 3)."""
+        numbers = np.arange(
+            -self._before << self._search.levels, self._after << self._search.levels
+        )
+        R, p = self._frames(numbers, grid)
+        moved = 0.5 * grid * np.einsum("nk,sk->sn", self._fastest(numbers, grid), self._levers)
+        centre, half = np.empty((2, len(self._solids), len(numbers), 3))
+        for k, solid in enumerate(self._solids):
+            solid.geometry.computeLocalAABB()
+            low, high = solid.geometry.aabb_local.min_, solid.geometry.aabb_local.max_
+            turned = np.einsum("nij,jk->nik", R[solid.joint], solid.pose.rotation)
+            middle = solid.pose.act(0.5 * (low + high))
+            centre[k] = p[solid.joint] + np.einsum("nij,j->ni", R[solid.joint], middle)
+            half[k] = np.einsum("nij,j->ni", np.abs(turned), 0.5 * (high - low))
+        half += moved[:, :, None]
+        return centre - half, centre + half
+
+    def _levers_of(self, solid: Solid) -> FloatArray:
+        """Return how far each joint moves a solid on its arm [m/rad], shape (joints,); 0 for those that stand."""
+        found = np.zeros(self._model.nv)
+        for joint, reach in reaches(self._model, solid).items():
+            if joint not in self._model.supports[self._mount]:
+                found[self._model.idx_vs[joint]] = reach
+        return np.where(self._speeds.max(axis=0) > 0.0, found, 0.0)
+
+    def _frames(self, numbers: IntArray, side: float) -> tuple[FloatArray, FloatArray]:
+        """Compute the frames of the arms' joints as their mount sees them, (joints, t, 3, 3) and (joints, t, 3) [m]."""
+        time = (numbers.astype(np.float64) + 0.5) * side
+        q, model = self._trajectory.at(time)[0][:, self._order], self._model
+        R, p = np.zeros((model.njoints, len(q), 3, 3)), np.zeros((model.njoints, len(q), 3))
+        R[self._mount] = np.eye(3)
+        for joint, (axis, slides) in enumerate(self._axes, 1):
+            if joint == self._mount or self._mount not in model.supports[joint]:
+                continue
+            parent, place = model.parents[joint], model.jointPlacements[joint]
+            own = q[:, model.idx_qs[joint]]
+            p[joint] = p[parent] + np.einsum("nij,j->ni", R[parent], place.translation)
+            R[joint] = np.einsum("nij,jk->nik", R[parent], place.rotation)
+            if slides:
+                p[joint] += own[:, None] * np.einsum("nij,j->ni", R[joint], axis)
+            else:
+                K = skew(axis)
+                turned = np.sin(own)[:, None, None] * K
+                turned += (1.0 - np.cos(own))[:, None, None] * np.einsum("ij,jk->ik", K, K)
+                R[joint] += np.einsum("nij,njk->nik", R[joint], turned)
+        return R, p
+
+    def _fastest(self, numbers: IntArray, side: float) -> FloatArray:
+        """Return the greatest speed of each joint in stretches [rad/s], shape (n, joints); none outside the motion."""
+        begin, end = (number.astype(np.float64) * side for number in (numbers, numbers + 1))
+        knots = self._trajectory.time
+        first = np.clip(np.searchsorted(knots, begin, side="right") - 1, 0, len(self._speeds) - 1)
+        last = np.clip(np.searchsorted(knots, end, side="left") - 1, first, len(self._speeds) - 1)
+        moves = (end > knots[0]) & (begin < knots[-1])
+        return np.where(moves[:, None], range_maximum(self._speeds, first, last), 0.0)
+
+
+def _numbers(pair: Pair) -> tuple[int, int]:
+    return pair.first, pair.second
