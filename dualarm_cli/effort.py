@@ -174,7 +174,8 @@ class TrialEffort:
 
     def of_stages(self, stages: int) -> TrialEffort:
         """Returns the effort for so many stages: polishing more of them takes longer, and fewer orders are."""
-        polished = round(self.polished * min(1.0, FULL_STAGES / max(1, stages)) ** 2)
+        share = min(1.0, FULL_STAGES / max(1, stages))
+        polished = round(self.polished * share * share)
         return replace(self, polished=max(self.planned, polished))
 
 
@@ -205,7 +206,7 @@ class BoundEffort:
         """Returns the effort for so many stops: with more of them everything takes longer, and less is done of it."""
         share = min(1.0, FULL_STOPS / max(1, stops))
         labels, count, rounds = self.near
-        near = round(share * labels), round(share * count), max(2, round(share**2 * rounds))
+        near = round(share * labels), round(share * count), max(2, round(share * share * rounds))
         return replace(
             self, proof=replace(self.proof, labels=round(share * self.proof.labels)), near=near
         )

@@ -6,13 +6,15 @@ for matrices of this size are as accurate as LAPACK.
 
 from __future__ import annotations
 
-from ctypes import c_int64
+from ctypes import c_int64, c_void_p
+from functools import cache
+from typing import Any
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.native import library, numbers, pointer
+from dualarm_cli.native import library, numbers
 
 ZERO = 1e-14
 """Singular values up to this share of the largest count as zero where a system is solved."""
@@ -29,8 +31,10 @@ def solve(A: FloatArray, right: FloatArray) -> FloatArray:
         SingularMatrixError: a matrix is singular to the last digit.
     """
     columns = right[:, None] if right.ndim == 1 else right
-    x, determinants = _eliminated(A, np.broadcast_to(columns, (*A.shape[:-2], *columns.shape[-2:])))
-    if (determinants == 0.0).any():
+    if columns.ndim != A.ndim:
+        columns = np.broadcast_to(columns, (*A.shape[:-2], *columns.shape[-2:]))
+    x, determinants = _eliminated(A, columns)
+    if not determinants.all():
         raise SingularMatrixError("a matrix is singular")
     return x[..., 0] if right.ndim == 1 else x
 
@@ -49,12 +53,24 @@ def determinant(A: FloatArray) -> FloatArray:
     return _eliminated(A, np.empty((*A.shape[:-1], 0)))[1]
 
 
+@cache
+def _compiled(name: str, sizes: int) -> Any:
+    """Look up a compiled function of some sizes, followed by addresses."""
+    found = getattr(library(), f"dualarm_{name}")
+    found.argtypes, found.restype = [c_int64] * sizes, None
+    return found
+
+
+def _places(*arrays: FloatArray) -> list[c_void_p]:
+    """Return the addresses of arrays."""
+    return [c_void_p(array.ctypes.data) for array in arrays]
+
+
 def _eliminated(A: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Compute solutions (..., n, m) and determinants (...) of systems."""
     used, x = np.array(A, dtype=np.float64, order="C"), np.array(right, np.float64, order="C")
     determinants = np.empty(A.shape[:-2])
-    sizes = (c_int64(size) for size in (determinants.size, *x.shape[-2:]))
-    library().dualarm_solve(*sizes, pointer(used), pointer(x), pointer(determinants))
+    _compiled("solve", 3)(determinants.size, *x.shape[-2:], *_places(used, x, determinants))
     return x, determinants
 
 
@@ -86,8 +102,7 @@ def _orthogonal(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     turned = np.array(rows, dtype=np.float64, order="C")
     n, m = turned.shape[-2:]
     V = np.array(np.broadcast_to(np.eye(n), (*turned.shape[:-2], n, n)), order="C")
-    sizes = (c_int64(size) for size in (V.size // max(1, n * n), n, m))
-    library().dualarm_orthogonalise(*sizes, pointer(turned), pointer(V))
+    _compiled("orthogonalise", 3)(V.size // max(1, n * n), n, m, *_places(turned, V))
     return turned, V
 
 
@@ -100,7 +115,6 @@ def zeros_of(coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
         coefficients: of t^0 to t^(n-1), shape (b, n).
     """
     real, imaginary = np.empty(coefficients.shape), np.empty(coefficients.shape)
-    sizes = (c_int64(size) for size in coefficients.shape)
     given = numbers(coefficients)
-    library().dualarm_zeros(*sizes, pointer(given), pointer(real), pointer(imaginary))
+    _compiled("zeros", 2)(*coefficients.shape, *_places(given, real, imaginary))
     return real, imaginary

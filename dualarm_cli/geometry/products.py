@@ -15,8 +15,14 @@ from numpy.typing import ArrayLike
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.native import library
 
-SMALL = 256
-"""Multiplications up to which a single product is numpy's `einsum`: it begins sooner than a compiled function."""
+SMALL = 4096
+"""Multiplications up to which numpy's `einsum` is quicker, because it begins sooner than a compiled function."""
+_SUBSCRIPTS = {
+    (1, 1): "i,i->",
+    (1, 2): "i,...ij->...j",
+    (2, 1): "...ij,j->...i",
+    (2, 2): "...ij,...jk->...ik",
+}
 
 
 def product(first: ArrayLike, *others: ArrayLike) -> Any:
@@ -29,55 +35,59 @@ def product(first: ArrayLike, *others: ArrayLike) -> Any:
     result = np.asarray(first, dtype=np.float64)
     for factor in others:
         other = np.asarray(factor, dtype=np.float64)
-        if result.ndim <= 2 and other.ndim <= 2 and result.size * other.shape[-1] <= SMALL:
-            result = np.einsum(_SUBSCRIPTS[result.ndim, other.ndim], result, other)
+        dimensions = min(result.ndim, 2), min(other.ndim, 2)
+        work = other.size * (result.shape[-2] if result.ndim > 1 else 1)
+        if max(work, result.size * (other.shape[-1] if other.ndim > 1 else 1)) <= SMALL:
+            result = np.einsum(_SUBSCRIPTS[dimensions], result, other)
         else:
-            result = _stacked(result, other)
+            result = _compiled_product(result, other)
     return result
-
-
-_SUBSCRIPTS = {(1, 1): "i,i->", (1, 2): "i,ij->j", (2, 1): "ij,j->i", (2, 2): "ij,jk->ik"}
 
 
 @cache
 def _products() -> Any:
     """Look up the compiled product."""
     found = library().dualarm_products
-    found.argtypes, found.restype = [*[c_int64] * 4, *[c_void_p] * 5], None
+    found.argtypes = [
+        *[c_int64] * 4,
+        *(c_void_p, c_int64, c_int64, c_int64),
+        *(c_void_p, c_int64, c_int64, c_int64),
+        c_void_p,
+    ]
+    found.restype = None
     return found
 
 
-def _stacked(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Multiply two stacks of matrices."""
+def _compiled_product(a: FloatArray, b: FloatArray) -> Any:
+    """Multiply two stacks of matrices in compiled code."""
     one = a[None] if a.ndim == 1 else a
     other = b[:, None] if b.ndim == 1 else b
-    stack = one.shape[:-2]
-    if stack != other.shape[:-2]:
-        stack = np.broadcast_shapes(stack, other.shape[:-2])
     (n, k), m = one.shape[-2:], other.shape[-1]
     if other.shape[-2] != k:
         raise ValueError(f"shapes {a.shape} and {b.shape} have no product")
+    stack = one.shape[:-2] or other.shape[:-2]
+    if one.ndim > 2 and other.ndim > 2:
+        stack = np.broadcast_shapes(one.shape[:-2], other.shape[:-2])
     out = np.empty((*stack, n, m))
     count = out.size // max(1, n * m)
-    one, other = _flat(one, stack, count), _flat(other, stack, count)
-    strides = np.array([one.strides, other.strides])
-    where = strides.ctypes.data
-    _products()(
-        *(count, n, k, m, one.ctypes.data, where),
-        *(other.ctypes.data, where + 3 * strides.itemsize, out.ctypes.data),
-    )
-    if b.ndim == 1:
-        out = out[..., 0]
-    return out[..., 0, :] if a.ndim == 1 and b.ndim > 1 else out[..., 0] if a.ndim == 1 else out
+    one, other = _flat(one, stack), _flat(other, stack)
+    _products()(*(count, n, k, m), *_place(one), *_place(other), out.ctypes.data)
+    if a.ndim == 1:
+        out = out[..., 0, :]
+    return out[..., 0] if b.ndim == 1 else out
 
 
-def _flat(factor: FloatArray, stack: tuple[int, ...], count: int) -> FloatArray:
-    """View a factor as one stack of `count` matrices, copied where strides alone cannot say it."""
-    if factor.ndim == 3 and len(factor) == count:
+def _flat(factor: FloatArray, stack: tuple[int, ...]) -> FloatArray:
+    """View a factor as a matrix or as one stack of matrices, copied where strides alone cannot say it."""
+    if factor.ndim == 2 or (factor.ndim == 3 and factor.shape[:-2] == stack):
         return factor
-    if factor.size == factor.shape[-2] * factor.shape[-1]:
-        return np.broadcast_to(factor.reshape(factor.shape[-2:]), (count, *factor.shape[-2:]))
-    return np.broadcast_to(factor, (*stack, *factor.shape[-2:])).reshape(-1, *factor.shape[-2:])
+    every = np.broadcast_to(factor, (*stack, *factor.shape[-2:]))
+    return every.reshape(-1, *factor.shape[-2:])
+
+
+def _place(factor: FloatArray) -> tuple[int, ...]:
+    """Return the address of a factor and the strides of its stack, rows and columns in bytes."""
+    return factor.ctypes.data, *(0,) * (3 - factor.ndim), *factor.strides
 
 
 def norm(x: ArrayLike, axis: int | tuple[int, ...] | None = None, keepdims: bool = False) -> Any:

@@ -43,10 +43,10 @@ static void multiply_spread(int64_t n, int64_t k, int64_t m, Matrices a, Matrice
 }
 
 /* Products of `count` pairs of matrices (n, k) and (k, m). Strides are bytes, as numpy has them. */
-void dualarm_products(int64_t count, int64_t n, int64_t k, int64_t m, const double *a, const int64_t *a_strides,
-                      const double *b, const int64_t *b_strides, double *out) {
-    Matrices one = {a, a_strides[0] / 8, a_strides[1] / 8, a_strides[2] / 8};
-    Matrices other = {b, b_strides[0] / 8, b_strides[1] / 8, b_strides[2] / 8};
+void dualarm_products(int64_t count, int64_t n, int64_t k, int64_t m, const double *a, int64_t a_stack, int64_t a_row,
+                      int64_t a_column, const double *b, int64_t b_stack, int64_t b_row, int64_t b_column, double *out) {
+    Matrices one = {a, a_stack / 8, a_row / 8, a_column / 8};
+    Matrices other = {b, b_stack / 8, b_row / 8, b_column / 8};
     double packed[PACKED];
     int again = 1;
     for (int64_t s = 0; s < count; s++, one.at += one.stack, other.at += other.stack, out += n * m) {

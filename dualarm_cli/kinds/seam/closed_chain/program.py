@@ -10,6 +10,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.elementary import cos, power, sin
 from dualarm_cli.geometry.products import product
+from dualarm_cli.geometry.quadratic_programs import plain_piqp
 from dualarm_cli.kinds.seam.closed_chain.chain import KEPT
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
 from dualarm_cli.kinds.seam.closed_chain.problem import SeamProblem
@@ -107,8 +108,9 @@ class SeamProgram:
             radius: how far joints may move [rad].
             pace: what a second of time weighs; 0 to make the motion smooth at the same time.
         """
-        import piqp
         from scipy.sparse import block_diag, csr_matrix, diags, hstack, identity, vstack
+
+        piqp = plain_piqp()
 
         S = self._spread
         y = position[:, self.decided].ravel()

@@ -1,0 +1,13 @@
+"""The solver of quadratic programs, as it is on every processor."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+
+@cache
+def plain_piqp() -> Any:
+    """Load piqp for any processor; `import piqp` alone takes the variant for the machine's instructions."""
+    return import_module("piqp.piqp_python")
