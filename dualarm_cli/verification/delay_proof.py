@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from dualarm_cli.collision.solids import Pair, Solid
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
+from dualarm_cli.geometry.elementary import cos, sin
 from dualarm_cli.geometry.rotations import skew
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
@@ -241,7 +242,7 @@ class DelayProof:
         one, i = self._bodies[0, squares.pair], squares.first + shift
         other, j = self._bodies[1, squares.pair], squares.second + shift
         gap = np.maximum(low[one, i] - high[other, j], low[other, j] - high[one, i])
-        apart = np.sqrt((np.maximum(gap, 0.0) ** 2).sum(axis=1))
+        apart = np.sqrt(np.square(np.maximum(gap, 0.0)).sum(axis=1))
         found: BoolArray = apart < np.maximum(self._required[squares.pair], 0.0) + NUMERICAL
         return found
 
@@ -337,8 +338,8 @@ class DelayProof:
                 p[joint] += own[:, None] * np.einsum("nij,j->ni", R[joint], axis)
             else:
                 K = skew(axis)
-                turned = np.sin(own)[:, None, None] * K
-                turned += (1.0 - np.cos(own))[:, None, None] * np.einsum("ij,jk->ik", K, K)
+                turned = sin(own)[:, None, None] * K
+                turned += (1.0 - cos(own))[:, None, None] * np.einsum("ij,jk->ik", K, K)
                 R[joint] += np.einsum("nij,njk->nik", R[joint], turned)
         return R, p
 
