@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import os
 import re
+from importlib.util import find_spec
 from pathlib import Path
 
 from dualarm_cli.errors import Diagnostic, InputError, MissingDependencyError
+from dualarm_cli.files.robots.packages import ros_folders
 from dualarm_cli.files.robots.urdf_tree import parse_xml
+from dualarm_cli.files.source.projects import MARKERS
 from dualarm_cli.files.source.text_source import TextSource, read_text
+from dualarm_cli.records import dataclass
+from dualarm_cli.robot_import.confined import ConfinedError, expanded
 
 
+@dataclass(frozen=True)
 class ExpandedText(TextSource):
     """The text that xacro makes of a file: its lines are none of that file, so elements tell the place."""
+
+    note: str = ""
+    """What is to be known of how it was made."""
 
     def diagnostic(self, line: int, column: int, code: str, message: str) -> Diagnostic:
         """Returns a diagnostic that names the file and shows the element that is meant."""
@@ -29,19 +39,42 @@ def read_expanded(path: Path) -> TextSource:
         path: the file.
 
     Raises:
-        InputError: it cannot be read, is not XML, or xacro cannot expand it.
+        InputError: it cannot be read, is not XML, or xacro cannot expand it with the rights that it has.
         MissingDependencyError: it is a xacro file, and xacro is not installed.
     """
     source = read_text(path, str(path))
     if not any(child.tag.startswith("xacro:") for child in parse_xml(source).children):
         return source
+    if find_spec("xacro") is None:
+        raise MissingDependencyError("xacro", "xacro")
+    file = Path(os.path.realpath(path))
+    folders = _readable(file)
     try:
-        import xacro
-    except ImportError:
-        raise MissingDependencyError("xacro", "xacro") from None
-    try:
-        text = xacro.process_file(str(path)).toxml()
-    except Exception as error:  # whatever its macros raise
-        message = f"xacro cannot expand it: {error}"
+        text, confined = expanded(file, folders)
+    except ConfinedError as error:
+        advice = ""
+        if "ermission denied" in str(error):
+            advice = f"; it may read {folders[0]} and the packages of ROS_PACKAGE_PATH and AMENT_PREFIX_PATH"
+        message = f"xacro cannot expand it: {error}{advice}"
         raise InputError([Diagnostic(str(path), 0, 0, "E400", message)]) from None
-    return ExpandedText(str(path), text, source.sha256)
+    how = f"confined to reading {folders[0]}"
+    if not confined:
+        how = "able to read all your files, as this kernel has no Landlock: trust its author"
+    return ExpandedText(str(path), text, source.sha256, f"{path} is a program: xacro ran it {how}")
+
+
+def program_notes(source: TextSource) -> tuple[str, ...]:
+    """Return what is to be known of a text that a program has written; empty for a plain one."""
+    return (source.note,) if isinstance(source, ExpandedText) else ()
+
+
+def _readable(file: Path) -> list[Path]:
+    """Return the folders that a xacro file may read: that of its package or project, and those of ROS."""
+    marks = ("package.xml", *MARKERS)
+    own = next((f for f in file.parents if any((f / mark).exists() for mark in marks)), file.parent)
+    ros = ros_folders(os.environ)
+    # Installed packages may be links to their sources, beside the folder `install` of the workspace.
+    spaces = [
+        Path(str(folder).partition("/install/")[0]) for folder in ros if "/install/" in str(folder)
+    ]
+    return [own, *ros, *spaces]

@@ -20,7 +20,7 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.contacts import contact_reasons, find_contacts
 from dualarm_cli.robot_import.convex_parts import convex_parts
 from dualarm_cli.robot_import.description import described
-from dualarm_cli.robot_import.expanded_text import read_expanded
+from dualarm_cli.robot_import.expanded_text import program_notes, read_expanded
 from dualarm_cli.robot_import.group_states import find_postures
 from dualarm_cli.robot_import.joint_limits import (
     ASSUMED,
@@ -113,7 +113,14 @@ def import_robot(request: ImportRequest) -> Imported:
     text = replace(text, postures=postures.values, comments=postures.comments)
     content = robot_text(text)
     loaded = _loaded(urdf, files, content)
-    reasons = [*structure.reasons, *description.reasons, *meshes.notes, *limits.reasons]
+    reasons = [
+        *program_notes(urdf.source),
+        *srdf.notes,
+        *structure.reasons,
+        *description.reasons,
+        *meshes.notes,
+        *limits.reasons,
+    ]
     if assumed:
         names = ", ".join(sorted(assumed))
         reasons.append(f"velocity limits assumed, {ASSUMED}, as the URDF has none: {names}")

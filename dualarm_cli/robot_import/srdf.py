@@ -11,7 +11,7 @@ from dualarm_cli.files.robots.urdf import Urdf
 from dualarm_cli.files.robots.urdf_tree import Element, UrdfFindings, parse_xml
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.records import dataclass
-from dualarm_cli.robot_import.expanded_text import read_expanded
+from dualarm_cli.robot_import.expanded_text import program_notes, read_expanded
 from dualarm_cli.robot_import.names import GRIPPER, NO_ARM, side_of, tells, words
 from dualarm_cli.robot_import.structure import SIDES, NamedTip
 
@@ -31,6 +31,8 @@ class Srdf:
     """Of named postures whose groups state two positions of one joint: which."""
     contacts: Mapping[frozenset[str], str] = field(default_factory=dict)
     """Pairs of links whose collisions are left out, with the reason that it gives."""
+    notes: tuple[str, ...] = ()
+    """What is to be known of how it was read."""
 
 
 def read_srdf(path: Path, urdf: Urdf) -> Srdf:
@@ -54,7 +56,7 @@ def read_srdf(path: Path, urdf: Urdf) -> Srdf:
     states, conflicts = _states(root, urdf, findings)
     contacts = _contacts(root, urdf, findings)
     findings.raise_if_any()
-    return Srdf(tips, states, conflicts, contacts)
+    return Srdf(tips, states, conflicts, contacts, program_notes(source))
 
 
 def named_tips(srdf: Srdf, asked: Mapping[str, str]) -> dict[str, NamedTip]:

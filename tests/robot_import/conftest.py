@@ -33,6 +33,11 @@ def _row(prefix: str, y: float, mimic: str = "", shape: str = SHAPE) -> str:
     return text
 
 
+def _root(content: str) -> str:
+    space = ' xmlns:xacro="http://www.ros.org/wiki/xacro"' if "xacro:" in content else ""
+    return f'<robot name="odd"{space}>'
+
+
 @pytest.fixture
 def row() -> Callable[..., str]:
     """Makes six joints and links in a row, by prefix of their names and y."""
@@ -45,7 +50,7 @@ def write_rows(tmp_path: Path) -> Callable[..., Path]:
 
     def write(*rows: str, more: str = "") -> Path:
         path = tmp_path / "robot.urdf"
-        path.write_text(f'<robot name="odd"><link name="base"/>{"".join(rows)}{more}</robot>')
+        path.write_text(f'{_root("".join(rows))}<link name="base"/>{"".join(rows)}{more}</robot>')
         return path
 
     return write
@@ -63,9 +68,7 @@ def import_with(tmp_path: Path) -> Callable[..., Imported]:
         ):
             if text:
                 files[key] = tmp_path / name
-                files[key].write_text(
-                    f'<robot name="odd">{text}</robot>' if key == "srdf" else text
-                )
+                files[key].write_text(f"{_root(text)}{text}</robot>" if key == "srdf" else text)
         return import_robot(ImportRequest(urdf, **files, **more))  # type: ignore[arg-type]
 
     return imported

@@ -12,7 +12,8 @@ from dualarm_cli.files.source.overrides import Overrides
 from dualarm_cli.files.source.text_source import TextSource, quote, read_text
 from dualarm_cli.records import dataclass
 
-_MARKERS = ("dualarm.toml", ".git")
+MARKERS = ("dualarm.toml", ".git")
+"""What is in the folder of a project."""
 
 
 class BadReferenceError(ValueError):
@@ -48,7 +49,7 @@ class Project:
             message = f"{quote(str(path))} is not the name of a file"
             raise InputError([Diagnostic(quote(str(path)), 0, 0, "E500", message)]) from None
         for folder in resolved.parents:
-            if any((folder / marker).exists() for marker in _MARKERS):
+            if any((folder / marker).exists() for marker in MARKERS):
                 return cls(folder)
         return cls(resolved.parent.parent)
 

@@ -1,0 +1,177 @@
+"""Xacro in a process of its own that may read a few folders, and nothing else: a xacro file is a program.
+
+The process has a limit of processor time, of memory and of what it writes, no variables of the environment but those of
+ROS, no way to other programs, processes or networks (seccomp), and can neither write files nor read any outside the
+given folders (Landlock, Linux 5.13 and later).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+SECONDS, BYTES, OUTPUT = 30, 4_000_000_000, 20_000_000
+"""Processor time [s], address space [bytes] and length of the result [bytes] that xacro may need."""
+KEPT = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH", "ROS_DISTRO", "ROS_VERSION", "LD_LIBRARY_PATH")
+"""Environment variables that the process gets: where packages and libraries are."""
+_START = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
+    "from dualarm_cli.robot_import.confined import main; main(sys.argv[2], sys.argv[3:])"
+)
+_DENIED = {
+    "execve": 59, "execveat": 322, "fork": 57, "vfork": 58, "clone": 56, "clone3": 435, "ptrace": 101, "kill": 62,
+    "tkill": 200, "tgkill": 234, "process_vm_writev": 311, "pidfd_send_signal": 424, "socket": 41, "socketpair": 53,
+    "io_uring_setup": 425, "bpf": 321, "mount": 165, "unshare": 272, "setns": 308, "keyctl": 250, "prlimit64": 302,
+}  # fmt: skip
+"""Numbers of the system calls that are refused, on x86-64."""
+_LANDLOCK = {"create": 444, "add": 445, "restrict": 446}
+_READ = 0b1100
+"""Landlock's rights to read files and to list folders."""
+
+
+class ConfinedError(Exception):
+    """Xacro came to no result; the text says why."""
+
+
+def expanded(file: Path, folders: Sequence[Path]) -> tuple[str, bool]:
+    """Expand a xacro file in a process of its own.
+
+    Args:
+        file: the file.
+        folders: folders that it may read, besides those of Python.
+
+    Returns:
+        The expanded text, and whether it could read those folders only: not every kernel can say so.
+
+    Raises:
+        ConfinedError: xacro, or a limit, ended it.
+    """
+    path = [entry for entry in sys.path if entry and Path(entry).exists()]
+    command = [sys.executable, "-I", "-c", _START, json.dumps(path), str(file), *map(str, folders)]
+    environment = {name: os.environ[name] for name in KEPT if name in os.environ}
+    with tempfile.TemporaryFile() as result:
+        try:
+            ended = subprocess.run(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=result,
+                stderr=subprocess.DEVNULL,
+                env=environment,
+                cwd=file.parent,
+                start_new_session=True,
+                timeout=4 * SECONDS,
+                check=False,
+            ).returncode
+        except subprocess.TimeoutExpired:
+            raise ConfinedError(f"it takes longer than {4 * SECONDS} s") from None
+        result.seek(0)
+        data = result.read(OUTPUT)
+    try:
+        answer = json.loads(data)
+        text, error = answer.get("text"), answer.get("error")
+    except (ValueError, AttributeError, RecursionError):
+        text = error = None
+    if not isinstance(text, str):
+        limits = f"limits are {SECONDS} s, {BYTES / 1e9:g} GB and {OUTPUT / 1e6:g} MB of text"
+        raise ConfinedError(str(error) if error else f"its process ended with {ended}; {limits}")
+    return text, landlock_version() > 0
+
+
+def main(file: str, folders: Sequence[str]) -> None:
+    """Expand a file in this process, which has no rights any more afterwards, and print the result as JSON."""
+    import xml.dom.expatbuilder  # noqa: F401  what is needed later may not be found then
+
+    import xacro
+    import yaml  # noqa: F401
+
+    for what, most in (
+        (resource.RLIMIT_CPU, SECONDS),
+        (resource.RLIMIT_AS, BYTES),
+        (resource.RLIMIT_FSIZE, OUTPUT),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        resource.setrlimit(what, (most, most))
+    _confine([*sys.path, sys.prefix, sys.base_prefix, *folders])
+    try:
+        answer = {"text": xacro.process_file(file).toxml()}
+    except Exception as error:  # whatever its macros raise
+        answer = {"error": str(error) or type(error).__name__}
+    sys.stdout.write(json.dumps(answer))
+
+
+def landlock_version() -> int:
+    """Return the version of Landlock in this kernel; -1 where there is none."""
+    return int(_libc().syscall(_LANDLOCK["create"], None, ctypes.c_size_t(0), 1))
+
+
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
+
+
+def _confine(folders: Sequence[str]) -> None:
+    """Take this process's rights to write, to read outside of folders, and to reach processes and networks.
+
+    Raises:
+        OSError: the kernel refuses what it has.
+    """
+    libc = _libc()
+    _must(libc.prctl(38, 1, 0, 0, 0))  # PR_SET_NO_NEW_PRIVS
+    version = landlock_version()
+    if version > 0:
+        # Every right that this version knows is taken: 13 of the first one, then moving and cutting files.
+        rights = (1 << min(12 + version, 15)) - 1
+        ruleset = _must(
+            libc.syscall(
+                _LANDLOCK["create"], ctypes.byref(ctypes.c_uint64(rights)), ctypes.c_size_t(8), 0
+            )
+        )
+        for folder in dict.fromkeys(folders):
+            if not Path(folder).is_dir():
+                continue
+            handle = os.open(folder, os.O_PATH | os.O_CLOEXEC)
+            rule = _READ.to_bytes(8, "little") + handle.to_bytes(4, "little")
+            _must(libc.syscall(_LANDLOCK["add"], ruleset, 1, rule, 0))
+            os.close(handle)
+        _must(libc.syscall(_LANDLOCK["restrict"], ruleset, 0))
+    filters = _filters()
+    program = ctypes.create_string_buffer(filters, len(filters))
+    _must(
+        libc.prctl(
+            22, 2, ctypes.byref(_Program(len(filters) // 8, ctypes.addressof(program))), 0, 0
+        )
+    )
+
+
+class _Program(ctypes.Structure):
+    """A program of classic BPF: its length in instructions, and where it is."""
+
+    _fields_ = (("length", ctypes.c_ushort), ("instructions", ctypes.c_void_p))
+
+
+def _filters() -> bytes:
+    """Return a program of seccomp that refuses _DENIED, and what is called as on another architecture."""
+
+    def step(code: int, value: int, then: int = 0, otherwise: int = 0) -> bytes:
+        row = (code | then << 16 | otherwise << 24, value)
+        return b"".join(part.to_bytes(4, "little") for part in row)
+
+    load, equal, above, end = 0x20, 0x15, 0x35, 0x06
+    refuse, allow, kill = 0x00050001, 0x7FFF0000, 0x80000000
+    count = len(_DENIED)
+    steps = [step(load, 4), step(equal, 0xC000003E, 1), step(end, kill), step(load, 0)]
+    steps.append(step(above, 0x40000000, count + 1))
+    steps += [step(equal, number, count - k) for k, number in enumerate(_DENIED.values())]
+    return b"".join([*steps, step(end, allow), step(end, refuse)])
+
+
+def _must(result: int) -> int:
+    if result < 0:
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+    return result

@@ -1,0 +1,160 @@
+"""Xacro files are programs: they run without rights beyond their folder, and it is said that they are programs."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from dualarm_cli.cli.run import run
+from dualarm_cli.errors import InputError
+from dualarm_cli.robot_import import confined, expanded_text
+from dualarm_cli.robot_import.confined import ConfinedError, expanded, landlock_version
+from dualarm_cli.robot_import.expanded_text import program_notes, read_expanded
+
+ROOT = '<robot name="odd" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+LANDLOCK = pytest.mark.skipif(landlock_version() < 1, reason="this kernel has no Landlock")
+
+
+def program(code: str) -> str:
+    """Returns a xacro file that runs Python code, past what xacro keeps expressions from; it ends with an error."""
+    text = "'" + "".join(f"\\x{ord(c):02x}" for c in code) + "'"
+    hidden = r"'\x5f\x5fbuiltins\x5f\x5f'"
+    builtins = "G[0].gi_frame.f_back.f_back.f_back.f_back.f_back.f_builtins"
+    call = f"{builtins}['exec']({text}, dict([({hidden}, {builtins})]))"
+    body = f"(lambda G: [G.append(({call} for _ in [1])), [x for x in G[0]]])([])"
+    return f'{ROOT}<xacro:property name="p" value="${{ {body} }}"/><link name="a${{p}}"/></robot>'
+
+
+def told(tmp_path: Path, attempts: dict[str, str]) -> dict[str, str]:
+    """Returns what came of attempts in a xacro file: the name of the error, or `done`."""
+    lines = ["found = []"]
+    for name, code in attempts.items():
+        lines += [
+            "try:",
+            f"    {code}",
+            f"    found.append({name!r} + ' done')",
+            "except BaseException as error:",
+        ]
+        lines.append(f"    found.append({name!r} + ' ' + type(error).__name__)")
+    lines.append("raise Exception('TOLD:' + ','.join(found) + ':')")
+    path = tmp_path / "home" / "robot.urdf.xacro"
+    path.parent.mkdir()
+    path.write_text(program("\n".join(lines)))
+    with pytest.raises(ConfinedError) as refused:
+        expanded(path, [path.parent])
+    return dict(
+        part.split(" ", 1) for part in str(refused.value).split("TOLD:")[1].split(":")[0].split(",")
+    )
+
+
+def test_a_xacro_file_reaches_no_program_no_process_and_no_network(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Code that breaks out of xacro's expressions finds nothing to do, and no secret in its environment."""
+    monkeypatch.setenv("TOKEN", "secret")
+    attempts = {
+        "fork": "__import__('os').fork()",
+        "exec": "__import__('os').execv('/bin/sh', ['sh'])",
+        "spawn": "__import__('os').posix_spawn('/bin/sh', ['sh'], {})",
+        "socket": "__import__('socket').socket()",
+        "kill": "__import__('os').kill(__import__('os').getppid(), 0)",
+        "memory": "len(bytes(10**10))",
+    }
+    found = told(tmp_path, attempts | {"token": "__import__('os').environ['TOKEN']"})
+    assert found.pop("token") == "KeyError"
+    assert found.pop("memory") == "MemoryError"
+    assert set(found.values()) == {"PermissionError"}
+
+
+@LANDLOCK
+def test_a_xacro_file_reads_its_folder_and_writes_nothing(tmp_path: Path) -> None:
+    """Beside it, above it and elsewhere; the processes' own files are others."""
+    secret = tmp_path / "secret"
+    secret.write_text("mine")
+    home = tmp_path / "home"
+    attempts = {
+        "own": f"open('{home}/robot.urdf.xacro').read()",
+        "above": f"open('{secret}').read()",
+        "system": "open('/etc/passwd').read()",
+        "process": "open('/proc/self/environ').read()",
+        "list": f"__import__('os').listdir('{tmp_path}')",
+        "write": f"open('{home}/new', 'w')",
+        "append": f"open('{secret}', 'a')",
+        "cut": f"__import__('os').truncate('{secret}', 0)",
+        "remove": f"__import__('os').remove('{home}/robot.urdf.xacro')",
+        "link": f"__import__('os').symlink('{secret}', '{home}/link')",
+        "move": f"__import__('os').rename('{home}/robot.urdf.xacro', '{home}/x')",
+    }
+    found = told(tmp_path, attempts)
+    assert found.pop("own") == "done"
+    assert set(found.values()) == {"PermissionError"}
+    assert secret.read_text() == "mine"
+    assert [path.name for path in home.iterdir()] == ["robot.urdf.xacro"]
+
+
+@LANDLOCK
+def test_what_a_package_includes_is_read_and_what_is_outside_is_named(tmp_path: Path) -> None:
+    """From `urdf` in a package to its other folders; the advice says what may be read."""
+    package = tmp_path / "arm"
+    for folder in ("urdf", "parts"):
+        (package / folder).mkdir(parents=True)
+    (package / "package.xml").write_text("<package/>")
+    for path in (package / "parts" / "link.xacro", tmp_path / "outside.xacro"):
+        path.write_text(f'{ROOT}<link name="included"/></robot>')
+    file = package / "urdf" / "arm.urdf.xacro"
+    file.write_text(f'{ROOT}<xacro:include filename="../parts/link.xacro"/></robot>')
+    source = read_expanded(file)
+    assert '<link name="included"/>' in source.text
+    assert program_notes(source) == (
+        f"{file} is a program: xacro ran it confined to reading {package}",
+    )
+    file.write_text(f'{ROOT}<xacro:include filename="../../outside.xacro"/></robot>')
+    with pytest.raises(
+        InputError, match=f"Permission denied.*it may read {package} and the packages"
+    ):
+        read_expanded(file)
+
+
+def test_without_landlock_it_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "arm.urdf.xacro"
+    file.write_text(f'{ROOT}<xacro:property name="a" value="1"/></robot>')
+    monkeypatch.setattr(confined, "landlock_version", lambda: -1)
+    [note] = program_notes(read_expanded(file))
+    assert "is a program: xacro ran it able to read all your files" in note
+
+
+def test_a_program_that_ends_its_process_or_does_not_end_is_no_crash(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "arm.urdf.xacro"
+    file.write_text(program("__import__('os')._exit(7)"))
+    with pytest.raises(
+        InputError, match="E400 xacro cannot expand it: its process ended with 7; limits"
+    ):
+        read_expanded(file)
+    monkeypatch.setattr(confined, "SECONDS", 0.5)
+    file.write_text(program("while True: pass"))
+    with pytest.raises(InputError, match=r"it takes longer than 2\.0 s"):
+        expanded_text.read_expanded(file)
+
+
+def test_the_command_says_that_the_file_is_a_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By `robot import`; and no file at all is expanded by a module of xacro in the folder."""
+    monkeypatch.chdir(tmp_path)
+    Path("xacro.py").write_text("raise SystemExit(9)")
+    axes = ("0 0 1", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
+    rows = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/><origin xyz="0 0 0.2"/>'
+        f'<axis xyz="{axis}"/><limit lower="-2" upper="2" velocity="2" effort="1"/></joint><link name="l{k + 1}"/>'
+        for k, axis in enumerate(axes)
+    )
+    Path("arm.xacro").write_text(
+        f'{ROOT}<xacro:property name="a" value="1"/><link name="l0"/>{rows}</robot>'
+    )
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
+    assert run(["robot", "import", "arm.xacro", "--left-tip", "l6", "--right-tip", "none"]) == 0
+    assert "arm.xacro is a program: xacro ran it" in capsys.readouterr().err
