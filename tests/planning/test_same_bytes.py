@@ -1,0 +1,35 @@
+"""A plan is the same to the last byte on three classes of processors."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def same_bytes():
+    """The benchmark that plays three processors."""
+    spec = importlib.util.spec_from_file_location(
+        "same_bytes", ROOT / "benchmarks" / "same_bytes.py"
+    )
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_this_machine_can_tell(same_bytes):
+    """It has AVX-512 and FMA, so that leaving them out changes what raw functions return."""
+    assert same_bytes.blind() == ""
+
+
+@pytest.mark.parametrize("job", ["01_first_pick", "03_bottin_planar", "13_hand_over"])
+def test_a_plan_is_the_same_on_every_processor(job, same_bytes):
+    """With and without AVX-512, and without FMA."""
+    tasks = ROOT / "tasks" / job / "tasks.yaml"
+    assert same_bytes.same_everywhere(tasks, ["--effort", "quick"]) == []
