@@ -92,6 +92,7 @@ def score_command(
     of these in the order 4, 2, 3, 1. The other cases are planned all the same.
     """
     from dualarm_cli.cli.parts.score_files import refuse_report, refuse_same_file, write_reports
+    from dualarm_cli.evaluation.machine import other_machine
     from dualarm_cli.evaluation.request import Request
     from dualarm_cli.scoring import junit as junit_format
     from dualarm_cli.scoring import markdown as markdown_format
@@ -136,6 +137,7 @@ def score_command(
         None if former is None else former.cases,
         math.inf if update_baseline else allowed,
         subset=subset or update_baseline,
+        elsewhere="" if former is None else other_machine(former.made_on),
     )
     # Where the baseline is written anew, or is not there yet, nothing is compared with it.
     compared = baseline if former is not None and not update_baseline else None

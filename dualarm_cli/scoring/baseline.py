@@ -49,6 +49,8 @@ class Baseline:
     """Of `Request.settings`."""
     cases: Mapping[str, Recorded]
     """By name."""
+    made_on: str = ""
+    """Class of the processor and C library it was made with, as `evaluation.machine` names them; empty for unknown."""
 
 
 def read_baseline(path: Path) -> Baseline:
@@ -83,7 +85,11 @@ def read_baseline(path: Path) -> Baseline:
         _refuse(name, "is damaged: 'cases' and 'settings' must be there")
     if not cases:
         _refuse(name, "has no cases to compare with")
-    return Baseline(settings, {case: _recorded(name, case, entry) for case, entry in cases.items()})
+    made_on = document.get("made_on", "")
+    if not isinstance(made_on, str):
+        _refuse(name, f"is damaged: made_on is {quote(made_on)}, not a text")
+    recorded = {case: _recorded(name, case, entry) for case, entry in cases.items()}
+    return Baseline(settings, recorded, made_on)
 
 
 def _recorded(file: str, case: str, entry: Any) -> Recorded:
@@ -124,11 +130,14 @@ def _refuse(file: str, message: str, line: int = 0, column: int = 0) -> NoReturn
     raise InputError([Diagnostic(file, line, column, "E110", message + advice)])
 
 
-def baseline_bytes(settings: Mapping[str, Any], cases: Mapping[str, Recorded]) -> bytes:
+def baseline_bytes(
+    settings: Mapping[str, Any], cases: Mapping[str, Recorded], made_on: str = ""
+) -> bytes:
     """Returns a baseline as it is written: the same bytes for the same content, one line for each small table."""
     document = {
         "format": FORMAT,
         "settings": dict(settings),
+        **({"made_on": made_on} if made_on else {}),
         "cases": {
             case: {entry.name: getattr(recorded, entry.name) for entry in fields(Recorded)}
             for case, recorded in cases.items()

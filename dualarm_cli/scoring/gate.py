@@ -79,6 +79,14 @@ def why_slower(before: Recorded, now: Evaluation) -> str:
     return f"cycle time {before.cycle_time:.3f} s -> {time:.3f} s{share}: {'; '.join(parts)}"
 
 
+def _slower_here(before: Recorded, time: float, elsewhere: str) -> str:
+    """Write a sentence on a case that is longer than on another machine."""
+    return (
+        f"cycle time {before.cycle_time:.3f} s -> {time:.3f} s, and no file has changed: {elsewhere}. "
+        "Score on a machine like that one, or make the baseline anew here with --update-baseline"
+    )
+
+
 def _grown(before: Mapping[str, float], now: Mapping[str, float]) -> list[str]:
     """Returns what takes more of the time than it did, most first."""
     growth = {name: now.get(name, 0.0) - before.get(name, 0.0) for name in {*before, *now}}
@@ -152,6 +160,7 @@ def judge_all(
     max_regression: float,
     *,
     subset: bool = False,
+    elsewhere: str = "",
 ) -> list[Verdict]:
     """Returns a verdict on every case that was planned or is in the baseline, by name.
 
@@ -160,6 +169,7 @@ def judge_all(
         baseline: what they came to then; None where there is none.
         max_regression: by what share a cycle time may be longer than it was.
         subset: whether cases of the baseline that were not planned are left out, instead of missing.
+        elsewhere: on what other machine the baseline was made, in words; empty for one like this.
     """
     recorded = baseline or {}
     known = set(evaluations) | (set() if subset else set(recorded))
@@ -175,6 +185,7 @@ def judge_all(
             recorded.get(case),
             max_regression,
             compared=baseline is not None,
+            elsewhere=elsewhere,
             renamed=fresh.get(_files(recorded[case].inputs), "") if case in recorded else "",
         )
         for case in sorted(known)
@@ -194,6 +205,7 @@ def judge(
     *,
     compared: bool,
     renamed: str = "",
+    elsewhere: str = "",
 ) -> Verdict:
     """Returns the verdict on one case.
 
@@ -204,6 +216,7 @@ def judge(
         max_regression: by what share its cycle time may be longer than it was.
         compared: whether there is a baseline at all.
         renamed: a case that is new and has the very files of this one; empty for none.
+        elsewhere: on what other machine the baseline was made, in words; empty for one like this.
     """
     if evaluation is None:
         text = (
@@ -229,8 +242,14 @@ def judge(
     if before is not None:
         slower = time - before.cycle_time
         if slower > max(FLOOR, max_regression * before.cycle_time):
-            states.append("regressed")
-            reasons.insert(0, Finding(why_slower(before, evaluation), case))
+            same_files = elsewhere and _files(before.inputs) == _files(evaluation.inputs)
+            states.append("other_machine" if same_files else "regressed")
+            text = (
+                _slower_here(before, time, elsewhere)
+                if same_files
+                else why_slower(before, evaluation)
+            )
+            reasons.insert(0, Finding(text, case))
         elif -slower > max(FLOOR, NOTICEABLE * before.cycle_time):
             states.append("improved")
     elif compared:

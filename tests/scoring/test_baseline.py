@@ -8,6 +8,7 @@ import random
 import pytest
 
 from dualarm_cli.errors import InputError
+from dualarm_cli.evaluation.machine import machine, other_machine
 from dualarm_cli.scoring.baseline import baseline_bytes, read_baseline
 
 SETTINGS = {"effort": "quick", "platform": None, "redundancy": None, "seed": 0, "timing": "ruckig"}
@@ -49,6 +50,19 @@ def test_bytes_do_not_depend_on_the_order_of_anything(recorded):
         }
         assert baseline_bytes({key: SETTINGS[key] for key in keys}, shuffled) == first
     assert json.loads(first)["format"] == "dualarm.scores/1"
+
+
+def test_the_machine_is_recorded_and_compared(recorded, tmp_path):
+    """Baselines that do not name one are compared as before; one that names something else is damaged."""
+    path = tmp_path / "scores.json"
+    path.write_bytes(baseline_bytes(SETTINGS, {"a": recorded()}, machine()))
+    assert read_baseline(path).made_on == machine()
+    assert other_machine(machine()) == other_machine("") == ""
+    assert other_machine("x86-64-v0") == f"the baseline was made on x86-64-v0, this is {machine()}"
+    path.write_bytes(baseline_bytes(SETTINGS, {"a": recorded()}))
+    assert read_baseline(path).made_on == ""
+    damaged = baseline_bytes(SETTINGS, {"a": recorded()}, "x").decode().replace('"x"', "7")
+    assert "made_on is 7, not a text" in refused(path, damaged)
 
 
 def refused(path, text):

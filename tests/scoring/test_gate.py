@@ -43,6 +43,21 @@ def test_cycle_times_are_held_against_a_share_and_a_millisecond(
     assert verdict.failed is (state == "regressed")
 
 
+def test_a_longer_cycle_on_another_machine_is_no_regression(evaluation, recorded):
+    """Unless a file has changed; and whatever the machine, budgets count."""
+    other = {"compared": True, "elsewhere": "the baseline was made on A, this is B"}
+    longer = evaluation(cycle_time=10.5)
+    verdict = judge(CASE, longer, recorded(), 0.02, **other)
+    assert (verdict.state, verdict.failed) == ("other_machine", False)
+    assert "10.000 s -> 10.500 s, and no file has changed: the baseline was made on A" in str(
+        verdict.reasons[0]
+    )
+    changed = evaluation(cycle_time=10.5, inputs={"cell.yaml": "cc", "tasks.yaml": "bb"})
+    assert judge(CASE, changed, recorded(), 0.02, **other).state == "regressed"
+    assert judge(CASE, longer, recorded(), 0.02, compared=True).state == "regressed"
+    assert judge(CASE, evaluation(), recorded(), 0.02, **other).state == "pass"
+
+
 def test_cases_are_new_missing_or_left_out(evaluation, recorded):
     """A case that the baseline lacks passes as new; one that only the baseline has fails, unless it is left out."""
     found = {"a": evaluation("a"), "b": evaluation("b")}
@@ -121,10 +136,10 @@ def test_the_most_severe_case_decides_the_exit_code(states):
     assert SEVERITY == (4, 2, 3, 1, 0)
 
 
-def test_only_three_states_are_good():
+def test_only_four_states_are_good():
     """A new state has to be decided here."""
     good = {state for state in STATES if EXIT_CODES[state] == 0}
-    assert good == {"pass", "improved", "new"}
+    assert good == {"pass", "improved", "new", "other_machine"}
     assert set(STATUSES) - {"planned"} <= set(STATES)
     ranks = [SEVERITY.index(EXIT_CODES[state]) for state in STATES]
     assert ranks == sorted(ranks)

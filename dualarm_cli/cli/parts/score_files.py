@@ -142,6 +142,7 @@ def write_baseline(
     Raises:
         OutputError: it cannot be written.
     """
+    from dualarm_cli.evaluation.machine import machine
     from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.scoring.baseline import Recorded, baseline_bytes
 
@@ -150,5 +151,5 @@ def write_baseline(
         if verdict.evaluation is None or not verdict.evaluation.has_plan:
             return False
         cases[verdict.case] = Recorded.of(verdict.evaluation)
-    write_file(path, baseline_bytes(settings, cases), force=True)
+    write_file(path, baseline_bytes(settings, cases, machine()), force=True)
     return True
