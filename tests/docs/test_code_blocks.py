@@ -4,7 +4,7 @@ A comment above a block says how it is checked; several are separated by semicol
 
 - `<!-- file: NAME -->`: the block is written to NAME. Later blocks of the page may use it.
 - `<!-- in: NAME -->`: the block is a fragment. Its keys replace those of the file NAME; a list replaces `tasks`.
-- `<!-- exit: N -->`: the commands end with exit code N.
+- `<!-- exit: N -->`: the commands, or `dualarm check` of a file, end with exit code N.
 - `<!-- slow -->`: the commands, and the output below them, are checked with `-m slow` only.
 
 Blocks of a page run in order in one folder that holds `tasks/`. In an output (`text`) `…` stands for anything, and
@@ -201,7 +201,8 @@ def check_yaml(block: Block, folder: Path) -> None:
     content = parse_yaml(read_text(path, path.name)).data
     kind = content["dualarm"].partition("/")[0]
     assert [e.message for e in Draft202012Validator(schema_of(kind)).iter_errors(content)] == []
-    run_shell(Block("sh", f"dualarm check {path.relative_to(folder)}", {}), folder)
+    ends = {name: value for name, value in block.notes.items() if name == "exit"}
+    run_shell(Block("sh", f"dualarm check {path.relative_to(folder)}", ends), folder)
 
 
 def check_output(block: Block, printed: str) -> None:
