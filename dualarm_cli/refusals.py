@@ -235,8 +235,8 @@ _CLEARANCE = {
     "{measured:mm} into '{into}', at best",
     "tool_reaches_into": "task '{task}': where {arm} has to {action} it or on the line there, tool '{held}' reaches "
     "{measured:mm} into '{into}', at best",
-    "tool_inside": "task '{task}': {arm} arm cannot {action}: at the target or on its lines {held} is {measured:mm} "
-    "inside '{into}', at best",
+    "tool_too_near": "task '{task}': {arm} arm cannot {action}: at the target or on its lines {held} and {into} lack "
+    "{measured:mm} of clearance, at best",
     "grip_touches": "task '{task}': {where} {one} and {other} lack {measured:mm} of clearance",
     "not_clear": _NOT_CLEAR,
     "stage_touches": "task '{task}'{beside:*}: {one} and {other} lack {measured:mm} of clearance {when:.2f} s into "

@@ -81,7 +81,7 @@ def reaches_into(task: Task, stop: Stop, arm: str, held: str, depth: float, into
     what = "part_reaches_into" if held == task.part else "tool_reaches_into"
     remedy: tuple[str, ...] = ()
     if held != task.part and not task.is_change:
-        what, remedy = "tool_inside", ("move_target", "allow_contact")
+        what, remedy = "tool_too_near", ("move_target", "allow_contact")
     return Refusal(what, stop.place, task.id, arm, depth, remedy=remedy, more=more)
 
 

@@ -102,7 +102,13 @@ STEPS = 9
 
 
 def part_reaches(
-    cell: Cell, part: str, shapes: Sequence[Shape], T_world_tool: pin.SE3, line: float
+    cell: Cell,
+    part: str,
+    shapes: Sequence[Shape],
+    T_world_tool: pin.SE3,
+    line: float,
+    *,
+    clear: bool = False,
 ) -> tuple[float, str]:
     """Returns how far a part reaches into an obstacle at most [m], and which one; none where it is at most OVERLAP.
 
@@ -114,7 +120,9 @@ def part_reaches(
         shapes: its solids in the frame of the arm's own tool centre point.
         T_world_tool: that at the target.
         line: length of the line, which runs against the tool's z axis [m].
+        clear: whether it has to keep the cell's clearance, of which it then is how much is missing.
     """
+    special = {frozenset(pair): least for *pair, least in cell.clearances}
     allowed = {frozenset(pair) for pair in cell.allowed_contacts}
     things = [
         shape_solid(thing.name, WORLD, pin.SE3.Identity(), thing.shape)
@@ -133,6 +141,8 @@ def part_reaches(
             for thing, there in zip(things, places, strict=True):
                 # Whether they touch is quicker to compute than how far apart they are.
                 result.clear()
+                least = special.get(frozenset((part, thing.body)), cell.clearance) if clear else 0.0
+                asked.security_margin = least
                 if not coal.collide(solid.geometry, here, thing.geometry, there, asked, result):
                     continue
                 distance = coal.distance(
@@ -143,6 +153,6 @@ def part_reaches(
                     coal.DistanceRequest(),
                     coal.DistanceResult(),
                 )
-                if -distance > deepest:
-                    deepest, into = -float(distance), thing.body
+                if least - distance > deepest:
+                    deepest, into = least - float(distance), thing.body
     return deepest, into

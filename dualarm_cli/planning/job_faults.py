@@ -21,7 +21,7 @@ from dualarm_cli.kinds.planning import kind_of, with_needs
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
 from dualarm_cli.orders.model.tool_changes import with_changes
-from dualarm_cli.postures.holding import Holding, inside_obstacle
+from dualarm_cli.postures.holding import Holding, too_near_obstacle
 from dualarm_cli.postures.out_of_reach import ROUNDING, out_of_reach
 from dualarm_cli.postures.stage_problems import Clock, stage_problems
 from dualarm_cli.records import dataclass
@@ -144,7 +144,7 @@ class _Faults:
             return _impossible("stop_impossible", arm, task, stop, cause)
         if not self.clear or stop.moves:
             return None
-        found = inside_obstacle(self.job.cell, arm, task, stop)
+        found = too_near_obstacle(self.job.cell, arm, task, stop)
         return None if found is None else reaches_into(task, stop, arm, *found)
 
     def _unreached(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pinocchio as pin
@@ -12,6 +13,7 @@ from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.collision.lying import part_reaches
 from dualarm_cli.collision.solids import WORLD, shape_solid, tool_body
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.job import LYING, TAKES, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.shape import Shape
@@ -124,8 +126,12 @@ def _fitting(
     return (yaws[fits], None) if any(fits) else (yaws, min(reaches))
 
 
-def inside_obstacle(cell: Cell, arm: str, task: Task, stop: Stop) -> tuple[str, float, str] | None:
-    """Return a tool or part that reaches into an obstacle at every turn of the tool that a stop allows.
+def too_near_obstacle(
+    cell: Cell, arm: str, task: Task, stop: Stop
+) -> tuple[str, float, str] | None:
+    """Return a tool or part that is too near to an obstacle at every turn of the tool that a stop allows.
+
+    Tools keep the clearance, but for those at their stands; parts may lie on things.
 
     Args:
         cell: with obstacles.
@@ -134,7 +140,7 @@ def inside_obstacle(cell: Cell, arm: str, task: Task, stop: Stop) -> tuple[str, 
         stop: where.
 
     Returns:
-        Its name, how deep it reaches in at best [m], and the obstacle; None where nothing is proven to.
+        Its name, what it lacks of clearance or is inside by at best [m], and the obstacle; None where it is not proven.
     """
     if not isinstance(stop.target, PoseTarget) or not cell.obstacles:
         return None
@@ -157,7 +163,8 @@ def inside_obstacle(cell: Cell, arm: str, task: Task, stop: Stop) -> tuple[str, 
         best: tuple[float, str] | None = None
         for yaw in yaws.tolist():
             T = stop.target.pose * pin.SE3(pin.utils.rotate("z", yaw), np.zeros(3))
-            depth, into = part_reaches(cell, body, shapes, T, length)
+            is_tool = name != task.part and not (task.is_change and name == task.tool)
+            depth, into = part_reaches(cell, body, shapes, T, length, clear=is_tool)
             if not into or depth <= turned:
                 best = None
                 break
@@ -168,10 +175,12 @@ def inside_obstacle(cell: Cell, arm: str, task: Task, stop: Stop) -> tuple[str, 
 
 
 def _radius(shapes: Sequence[Shape]) -> float:
-    """Return the greatest distance of points of shapes from the z axis of their frame [m]; half-spaces have none."""
+    """Return a distance from the z axis of their frame that no point of some shapes exceeds [m]."""
     solids = [shape_solid("", WORLD, pin.SE3.Identity(), shape) for shape in shapes]
-    centers = [solid.pose.act(np.asarray(solid.geometry.aabb_center).ravel()) for solid in solids]
-    return max(
-        float(np.sqrt(x * x + y * y)) + solid.geometry.aabb_radius
-        for solid, (x, y, _) in zip(solids, centers, strict=True)
-    )
+    boxes = [(solid.pose, solid.geometry.aabb_local) for solid in solids]
+    corners = [
+        pose.act(np.array(corner))[:2]
+        for pose, box in boxes
+        for corner in product(*zip(np.ravel(box.min_), np.ravel(box.max_), strict=True))
+    ]
+    return float(norm(np.array(corners), axis=1).max())

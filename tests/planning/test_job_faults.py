@@ -83,8 +83,8 @@ def test_check_and_plan_tell_all_faults_with_their_places_before_any_search(
     miss = 1e3 * (np.hypot(4.0, 0.15 + 0.276 - 0.36) - 0.82)
     for place, words in (
         ("3:8", "start: in posture 'home' "),
-        ("5:33", "task 'deep': left arm cannot move: at the target or on its lines left_tool"),
-        ("5:33", "is 10.0 mm inside 'table'"),
+        ("5:33", "task 'deep': left arm cannot move: at the target or on its lines left_tool and"),
+        ("5:33", "left_tool and table lack 10.0 mm of clearance"),
         ("10:32", f"task 'far': left arm cannot move: the target is {miss:.1f} mm beyond"),
     ):
         for text in (str(caught.value), said):
@@ -153,7 +153,7 @@ def test_a_tool_that_fits_between_the_turns_that_are_tried_is_left_to_the_planne
     assert job_faults(job(task, "", cell + walls)) == []
     block = "  filled: {box: [0.4, 0.4, 0.1], xyz: [0.5, 0.5, 0.05]}\n"
     [fault] = job_faults(job(task, "", cell + block))
-    assert (fault.what, fault.more["into"]) == ("tool_inside", "filled")
+    assert (fault.what, fault.more["into"]) == ("tool_too_near", "filled")
     allowed = cell + block + "allowed_contacts: [[left_tool, filled]]\n"
     assert job_faults(job(task, "", allowed)) == []
 
