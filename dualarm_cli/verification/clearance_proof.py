@@ -31,9 +31,9 @@ NUMERICAL = 1e-6
 """What distances by coal may be off [m]; it is taken off every certified one."""
 SHORTEST = 1e-9
 """Intervals are not halved below this [s]: the bound then is what it is."""
-MOST_HALVED, HALVED_EACH = 200_000, 20
-"""Intervals that are halved at most: in all, and for each knot and pair. Jobs need up to 0.2 each; motions far beyond
-limits need as many as they are long."""
+MOST_HALVED, HALVED_EACH = 2_000_000, 20
+"""Intervals that are halved at most: in all, and for each knot and pair. Jobs need up to 0.2 each, and a fast seam of
+3 s on a body that it may touch 240,000; motions far beyond limits need as many as they are long."""
 
 Windows = Sequence[tuple[float, float]] | None
 """When a pair counts [s]; None for always."""

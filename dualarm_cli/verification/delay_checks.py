@@ -10,7 +10,6 @@ import pinocchio as pin
 
 from dualarm_cli.collision.solids import (
     Pair,
-    Solid,
     bodies_without_shape,
     cell_solids,
     pairs_that_must_keep_apart,
@@ -57,13 +56,19 @@ def arm_delays(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> tuple
             pair, one, other = Pair(pair.second, pair.first, pair.required), other, one
         if one.joint not in joints[0] or other.joint not in joints[1]:
             continue
-        there = _there(schedule, job, one), _there(schedule, job, other)
-        excused = [
-            span
-            for gripped in (False, True)
-            for span in _touching(touches, one, other, gripped=gripped)
+        there = [
+            _to_the_ends(schedule, _carried(schedule, job, solid)) if solid.carrier else ALWAYS
+            for solid in (one, other)
         ]
-        pairs.append(ArmPair(pair, there, excused))
+        excused = _to_the_ends(
+            schedule,
+            [
+                span
+                for gripped in (False, True)
+                for span in _touching(touches, one, other, gripped=gripped)
+            ],
+        )
+        pairs.append(ArmPair(pair, (there[0], there[1]), excused))
     if not pairs:
         return ()
     asked = [figure for figure in (job.skew, job.budget and job.budget.skew) if figure]
@@ -96,12 +101,10 @@ def check_skew(job: Job, delays: Sequence[ArmDelay]) -> list[Check]:
     return [Check(SKEW, verdict, worst.clear, job.skew, "s", str(worst))]
 
 
-def _there(schedule: Schedule, job: Job, solid: Solid) -> Spans:
-    """Return when a solid exists, by the clock of its carrier [s]; what is there at an end of the motion stays."""
-    if not solid.carrier:
-        return ALWAYS
+def _to_the_ends(schedule: Schedule, spans: Spans) -> Spans:
+    """Return spans of which those that reach an end of the motion go on beyond it: both arms stay there."""
     first, last = schedule.trajectory.time[0], schedule.trajectory.time[-1]
     return [
         (-np.inf if begin <= first else begin, np.inf if end >= last else end)
-        for begin, end in _carried(schedule, job, solid)
+        for begin, end in spans
     ]

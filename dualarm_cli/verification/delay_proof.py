@@ -210,7 +210,7 @@ class DelayProof:
                 left = margin - moved < NUMERICAL - tol.CLEARANCE_SLACK
                 squares = squares.select(left & (squares.low < found.broken))
             if not len(squares.pair):
-                return found
+                return replace(found, proven=min(found.proven, found.broken))
             low = float(squares.low.min())
             near = low > found.broken - max(search.precision, search.share * found.broken)
             near &= not any(low < one <= found.broken for one in asked)

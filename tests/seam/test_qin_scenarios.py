@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.cli.run import run
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -105,6 +107,69 @@ def test_the_rotation_is_that_of_figure_24(tasks_folder):
     assert np.hypot(*moved[:2]) < 0.003
     on_the_way = trajectory.at(np.linspace(0.05, 4.95, 99))[1]
     assert (np.abs(on_the_way).max(axis=1) > 1e-3).all()
+
+
+def test_the_translation_has_a_quarter_in_8_s_and_the_rest_in_3_s(tasks_folder):
+    """Table 4: the part is at the quarter of its circle of 100 mm at 13 s and back at 16 s, never turned."""
+    found = planned(tasks_folder / "papers" / "qin_translation")
+    rows = found.schedule.trajectory.at(np.array([5.0, 13.0, 16.0, *np.linspace(13.0, 16.0, 301)]))
+    poses = _poses(found, "left", rows[0])
+    places = np.array([pose.translation for pose in poses])
+    docking, quarter = (-1.5, 0.5, 1.081), (-1.5, 0.4, 0.981)
+    np.testing.assert_allclose(places[:3], [docking, quarter, docking], atol=1e-6)
+    way = np.linalg.norm(np.diff(places[3:], axis=0), axis=1).sum()
+    assert way == pytest.approx(0.75 * 2.0 * np.pi * 0.1, rel=1e-3)
+    assert max(np.abs(pose.rotation - poses[0].rotation).max() for pose in poses) < 1e-6
+
+
+BASE = {
+    "x": ("-2.787771237015342", "-2.786771237015342"),
+    "y": ("0.2736306197661341", "0.2746306197661341"),
+    "z": ("-0.04619662918795875", "-0.04519662918795875"),
+    "yaw": ("-0.14311725158125643", "-0.14211725158125643"),
+}
+"""Numbers of the right robot's base, and what they are with an error of 1 mm or 1 mrad."""
+
+
+def _seam_distance(found: Scenario, folder: Path, tasks_folder: Path, **changed: str) -> float:
+    """Returns how far the plan's tool is from its seams in a copy of the job with files of other content [m]."""
+    copy = folder / "copy"
+    shutil.copytree(tasks_folder / "papers" / "qin_translation", copy, dirs_exist_ok=True)
+    (folder / "dualarm.toml").touch()
+    for name, text in changed.items():
+        (copy / f"{name}.yaml").write_text(text)
+    checks = verify(found.schedule, load_job(copy / "tasks.yaml")).checks
+    [measured] = [check.measured for check in checks if check.name == "seam_distance"]
+    assert measured is not None
+    return measured
+
+
+def test_what_a_wrong_base_or_tool_does_to_the_distance_at_the_seam(tasks_folder, tmp_path):
+    """A millimetre of either is a millimetre there; a turned base moves the tool by its angle times the distance."""
+    folder = tasks_folder / "papers" / "qin_translation"
+    found = planned(folder)
+    base, cell = ((folder / name).read_text() for name in ("base.yaml", "cell.yaml"))
+    assert _seam_distance(found, tmp_path, tasks_folder) < 1e-6
+    off = {
+        name: _seam_distance(found, tmp_path, tasks_folder, base=base.replace(*numbers))
+        for name, numbers in BASE.items()
+    }
+    for name in "xyz":
+        assert off[name] == pytest.approx(1e-3, abs=2e-6)
+    q = found.schedule.trajectory.at(np.linspace(5.0, 16.0, 200))[0]
+    tool = np.array([pose.translation for pose in _poses(found, "right", q)])
+    far = np.hypot(*(tool[:, :2] - [float(BASE["x"][0]), float(BASE["y"][0])]).T).max()
+    # The seam is 5 mm before the tool.
+    assert 1e-3 * (far - 0.1) < off["yaw"] < 1e-3 * (far + 0.005)
+    assert off["yaw"] == pytest.approx(1.3e-3, abs=0.05e-3)
+    longer = cell.replace("[0, 0, 347 mm]", "[0, 0, 348 mm]")
+    tool_off = _seam_distance(found, tmp_path, tasks_folder, base=base, cell=longer)
+    assert tool_off == pytest.approx(1e-3, abs=2e-6)
+    fitted = tmp_path / "fitted.yaml"
+    points = tasks_folder / "papers" / "qin_calibration" / "points.yaml"
+    assert run(["calibrate", str(points), "--out", str(fitted), "--quiet"]) == 0
+    refitted = _seam_distance(found, tmp_path, tasks_folder, base=fitted.read_text(), cell=cell)
+    assert refitted == pytest.approx(12.1e-3, abs=0.1e-3)
 
 
 def test_the_half_track_s_frames_are_those_of_the_saddle(tasks_folder):
