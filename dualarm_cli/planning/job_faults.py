@@ -176,11 +176,11 @@ def _impossible(what: str, arm: str, task: Task, stop: Stop, cause: Refusal) -> 
     remedy: tuple[str, ...] = ("check_unit",) if (cause.measured or 0.0) > FAR else ()
     if what != "stop_impossible":
         remedy += ("move_work",)
-    elif isinstance(stop.target, PoseTarget) and stop.target.free_yaw:
+    elif task.is_change or (isinstance(stop.target, PoseTarget) and stop.target.free_yaw):
         remedy += ("move_target",)
     else:
         remedy += ("move_target_or_free_yaw",)
-    more = {"action": stop.action, "cause": cause}
+    more = {"action": stop.action.split("_")[0], "cause": cause}
     return Refusal(what, stop.place, task.id, arm, cause.measured, remedy=remedy, more=more)
 
 
