@@ -106,7 +106,7 @@ def _told_together(what: str, rows: list[Refusal], placed: Refusal | None) -> st
     """Return the message for refusals of one kind, each in a line."""
     text = "\n".join(one.sentence if one is placed else str(one) for one in rows)
     if what in HEADS:
-        text = f"{HEADS[what]}:\n" + indent(text, "  ")
+        text = f"{rows[0].filled(HEADS[what])}:\n" + indent(text, "  ")
     return f"{text}\n{rows[0].filled(HELPS[what])}" if what in HELPS else text
 
 
@@ -147,7 +147,7 @@ _CLEAR_HELPS = (
     "pair{standing:*}"
 )
 _MISFIT = "no posture avoids a collision of the part or tool"
-_NOT_CLEAR = "no collision-free plan was found: other postures, platform angles, delays and detours were tried"
+_NOT_CLEAR = "no collision-free plan was found"
 
 _ORDERS = {
     "waits_forever": "in the given order {names:and} {tasks:waits|wait} forever for tasks that come "
@@ -244,6 +244,12 @@ _CLEARANCE = {
     "stage_lacks_skew": "stage {stage}: the arms come too near to each other when one is up to {allowed:g} s late "
     "(`timing: skew`)",
     "return_touches": "return: {one} and {other} lack {measured:mm} of clearance {when:.2f} s into stage {stage}",
+    "tried": " (tried: {ways:*, })",
+    "other_postures": "other postures",
+    "other_angles": "other platform angles",
+    "other_places": "other platform positions",
+    "delays": "delays",
+    "detours": "detours",
     "beside": ", {there}: task '{task}'",
     "stands_in_the_way": "; the {arm} arm stands in posture '{posture}' before stage {stage}, its first: a `move` "
     "before its other tasks takes it out of the way{start:*}",
@@ -390,9 +396,9 @@ HEADS: Mapping[str, str] = {
     "part_reaches_into": _MISFIT,
     "tool_reaches_into": _MISFIT,
     "grip_touches": "no posture avoids that tools and part are too close to each other in a hand-over",
-    "stage_touches": _NOT_CLEAR,
-    "stage_lacks_skew": _NOT_CLEAR,
-    "return_touches": _NOT_CLEAR,
+    "stage_touches": _NOT_CLEAR + "{tried:*}",
+    "stage_lacks_skew": _NOT_CLEAR + "{tried:*}",
+    "return_touches": _NOT_CLEAR + "{tried:*}",
 }
 """Message once before all refusals of one error, by what is wrong."""
 

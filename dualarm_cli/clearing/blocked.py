@@ -10,7 +10,7 @@ from dualarm_cli.clearing.repairs import Cleared, Clearing
 from dualarm_cli.clearing.stage_samples import stage_samples
 from dualarm_cli.collision.lying import too_near
 from dualarm_cli.errors import BlockedError
-from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.job import ANY, Job, JointTarget, PoseTarget, Stop, Task
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan
@@ -129,7 +129,7 @@ def why_blocked(clearing: Clearing, found: Cleared | None) -> list[Refusal]:
     if found is None:
         return [Refusal("not_clear")]
     refusals, cell = [], clearing.holding.cell
-    standing = _standing(clearing.job, found)
+    standing, tried = _standing(clearing.job, found), _tried(clearing)
     for k in found.blocked:
         samples = stage_samples(found.motion, k, k, clearing.holding)
         margins = cell.margins(samples.position, samples.held)
@@ -147,6 +147,7 @@ def why_blocked(clearing: Clearing, found: Cleared | None) -> list[Refusal]:
                 for stop in stops[1:]
             ],
             "standing": standing,
+            "tried": tried,
         }
         refused = Refusal("return_touches", measured=max(0.0, -margin), more=more)
         for stop in stops[:1]:
@@ -156,6 +157,18 @@ def why_blocked(clearing: Clearing, found: Cleared | None) -> list[Refusal]:
             refused = replace(refused, what="stage_lacks_skew", allowed=cell.skew)
         refusals.append(refused)
     return refusals
+
+
+def _tried(clearing: Clearing) -> list[Refusal]:
+    """Return what was tried against collisions, where that is anything: only what was done, and could be."""
+    targets = [stop.target for task in clearing.job.tasks for stop in task.stops]
+    given = all(isinstance(one, JointTarget) and len(one.configurations) == 1 for one in targets)
+    ways = [] if given else [Refusal("other_postures")]
+    platform = clearing.model.platform
+    if platform.is_chosen:
+        ways.append(Refusal("other_places" if platform.is_rail else "other_angles"))
+    ways += [Refusal(way) for way in ("delays", "detours") if way in clearing.tried]
+    return [Refusal("tried", more={"ways": ways})] if ways else []
 
 
 def _standing(job: Job, found: Cleared) -> list[Refusal]:

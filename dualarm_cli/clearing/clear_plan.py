@@ -84,8 +84,8 @@ ROOM_COSTS = 0.01
 """Share of the cycle time; where blending gains less, a plan without room for it may be quicker."""
 ALIKE = 0.03
 """Share of the cycle time with stops; a plan that takes longer by more is hardly shorter when both are blended."""
-ROUNDS = 3
-"""So many times a method decides anew without the stages that would not do."""
+ROUNDS, MOST_ROUNDS = 3, 12
+"""So many times a method decides anew without the stages that would not do; at most, where none of its plans will."""
 
 
 def quickest_clear(
@@ -218,7 +218,9 @@ def _quickest_with_stops(
     failure: InfeasibleError | None = None
     decided = unchecked
     before: list[StagePlan] | None = None
-    for _ in range(ROUNDS):
+    for round_ in range(MOST_ROUNDS):
+        if round_ >= ROUNDS and found is not None and not found.cleared.blocked:
+            break
         progress("choosing postures again, avoiding collisions")
         good = found is not None and not found.cleared.blocked and not _is_unlucky(found)
         try:

@@ -176,6 +176,8 @@ class Clearing:
     """What is timed already: repaired stages keep their lines."""
     seen: dict[tuple[Hashable, ...], bool] = field(default_factory=dict)
     """Which stages are collision-free, as far as known, by their number and all that their motion depends on."""
+    tried: set[str] = field(default_factory=set)
+    """Repairs that were tried: `delays`, `detours`."""
 
     def timed(self, plans: list[StagePlan]) -> Motion:
         """Returns the motion of all stages."""
@@ -305,6 +307,7 @@ class Clearing:
             def clear(stage: StageSamples, a: int = a) -> bool:
                 return alone_clear(cell, stage, a)
 
+            self.tried.add("detours")
             return quickest_curve(context, name, clear, with_other=False)
         if apart(cell, samples):
             return context.plan
@@ -314,6 +317,7 @@ class Clearing:
 
     def _made_apart(self, context: StageContext) -> StagePlan | None:
         """Returns the shortest stage found in which the arms are clear of each other."""
+        self.tried.add("delays")
         delayed = _least_delay(context)
         if delayed is not None and sum(delayed.waits.values()) <= SHORT_DELAY * self.holding.pace:
             return delayed
@@ -323,6 +327,7 @@ class Clearing:
             return is_clear(context.cell, stage)
 
         free = [name for name in context.cell.arms if name not in context.plan.detours]
+        self.tried.update(["detours"] if free else [])
         curves = (quickest_curve(context, name, clear, with_other=True) for name in free)
         tries += [one for one in curves if one is not None]
         tries = [one for one in tries if self._within_cap(one)]

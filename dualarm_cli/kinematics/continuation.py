@@ -24,6 +24,23 @@ SKELETON = 17
 """Samples of a line that are found one after the other; more are filled in between all at once."""
 
 
+@dataclass(frozen=True)
+class Crossing:
+    """Settings for lines straight through singularities."""
+
+    miss: float = 1e-6
+    """Largest error of a posture [m and rad]: a fiftieth of the tolerance that plans keep on lines."""
+    damping: float = 1e-3
+    """Damping of steps [m and rad]: joints that a singularity leaves free go on as they were."""
+    false_positions: int = 8
+    """Steps of false position to a singularity between two samples."""
+    left: float = 1e-6
+    """Share of the determinant's change between the samples below which the singularity is found."""
+
+
+CROSSING = Crossing()
+
+
 def spare_directions(arm: GeneralArm, q: FloatArray) -> FloatArray:
     """Returns orthonormal directions of self-motion, shape (b, s, n) with s spare joints.
 
@@ -48,6 +65,8 @@ class Course:
     """At its samples [rad], the first one given, shape (s, b, n)."""
     ok: BoolArray
     """Whether all of it can be followed, shape (b,)."""
+    singular: BoolArray
+    """Whether a singularity is all that is in the way, shape (b,)."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +101,7 @@ def follow_lines(
     not arrive, where its result is far from that in relation to the step, where the determinant of the system changes
     its sign or nearly vanishes (a singularity), or where a limit is passed. Of an arm with closed forms all postures of
     all samples are known at once, and the one next to the extrapolated sample is taken in place of Newton's method.
+    Where nothing but a singularity ends a line, it is tried straight through that (`_Line.crossed`).
 
     Args:
         arm: kinematics and limits.
@@ -96,10 +116,12 @@ def follow_lines(
     ahead[:, :1] = drift[:, None]
     line = _Line(arm, start, lines, W, ahead)
     if isinstance(arm, ClosedArm):
-        return line.by_branches(arm, samples)
-    if samples <= skeleton:
-        return line.followed(samples)
-    return line.filled(line.followed(skeleton), samples)
+        course = line.by_branches(arm, samples)
+    else:
+        course = line.followed(min(samples, skeleton))
+        if samples > skeleton:
+            course = line.filled(course, samples)
+    return line.crossed(course) if course.singular.any() else course
 
 
 @dataclass(frozen=True)
@@ -117,21 +139,25 @@ class _Line:
         q = np.empty((samples, *self.start.shape))
         q[0] = self.start
         ok, sign = self._starts()
+        singular, every = np.zeros_like(ok), np.arange(len(ok))
         for k, share in enumerate(np.linspace(0.0, 1.0, samples)[1:], start=1):
             guess = 2.0 * q[k - 1] - q[k - 2] if k > 1 else q[0]
-            found, good = self._met(guess, np.full(len(guess), share), np.arange(len(guess)), sign)
+            found, good, det = self._met(guess, np.full(len(guess), share), every)
             step = np.abs(found - q[k - 1]).max(axis=1)
             ok &= good & (step <= LARGEST_STEP)
             if k > 1:
                 ok &= np.abs(found - guess).max(axis=1) <= BEND * step + BEND_SLACK
+            same = _same_side(det, sign)
+            singular |= ok & ~same
+            ok &= same
             q[k] = np.where(ok[:, None], found, q[k - 1])
-        return Course(q, ok)
+        return Course(q, ok, singular)
 
     def by_branches(self, arm: ClosedArm, samples: int) -> Course:
         """Returns the joints of an arm with closed forms: of every sample's postures those nearest to what is due."""
         shares = np.linspace(0.0, 1.0, samples)
         p = self.lines.p + shares[:, None, None] * self.lines.shift
-        found = arm.solve(self.lines.R, p)
+        found = arm.solve(self.lines.R, p, self.start)
         q = np.empty((samples, *self.start.shape))
         q[0] = self.start
         ok, sign = self._starts()
@@ -149,8 +175,9 @@ class _Line:
             q[k] = np.where(ok[:, None], here, q[k - 1])
         _, _, J = arm.linearised(q[1:].reshape(-1, arm.axes))
         det = determinant(J).reshape(samples - 1, -1)
-        ok &= ((np.sign(det) == sign) & (np.abs(det) > LEAST_PIVOT)).all(axis=0)
-        return Course(q, ok & arm.within_limits(q).all(axis=0))
+        same = _same_side(det, sign).all(axis=0)
+        ok &= arm.within_limits(q).all(axis=0)
+        return Course(q, ok & same, ok & ~same)
 
     def filled(self, course: Course, samples: int) -> Course:
         """Returns the joints at more samples, all at once from between those of a course."""
@@ -162,13 +189,72 @@ class _Line:
         _, sign = self._starts()
         row = np.tile(np.arange(b), samples)
         share = np.repeat(shares, b)
-        found, good = self._met(guess.reshape(-1, self.arm.axes), share, row, sign)
+        found, good, det = self._met(guess.reshape(-1, self.arm.axes), share, row)
+        good &= _same_side(det, sign[row])
         q = found.reshape(samples, b, -1)
         q[0] = self.start
         # Samples lie between those of the course: what has gone elsewhere is farther away than these from each other.
         width = np.abs(np.diff(course.q, axis=0)).max(axis=2)[at]
         near = np.abs(q - guess).max(axis=2) <= BEND * width + BEND_SLACK
-        return Course(q, course.ok & (good.reshape(samples, b) & near).all(axis=0))
+        ok = course.ok & (good.reshape(samples, b) & near).all(axis=0)
+        return Course(q, ok, course.singular)
+
+    def crossed(self, course: Course) -> Course:
+        """Return a course whose singular lines go straight through singularities, where that is possible.
+
+        A path passes a singularity smoothly where the line meets it exactly: the determinant changes its sign and no
+        joint jumps. Damped steps find the samples on both sides. A line that passes beside a singularity would have to
+        turn a joint at once: at the zero of the determinant it is missed, and dropped.
+        """
+        rows, samples = np.flatnonzero(course.singular), len(course.q)
+        finer = -(-(SKELETON - 1) // (samples - 1))
+        shares = np.linspace(0.0, 1.0, finer * (samples - 1) + 1)
+        q, det = (
+            np.empty((len(shares), len(rows), self.arm.axes)),
+            np.zeros((len(shares), len(rows))),
+        )
+        q[0], ok = self.start[rows], np.ones(len(rows), dtype=np.bool_)
+        for k, share in enumerate(shares.tolist()):
+            before = q[max(k - 1, 0)]
+            guess = 2.0 * before - q[k - 2] if k > 1 else before
+            found, good, det[k] = self._met(guess, np.full(len(rows), share), rows, CROSSING)
+            step = np.abs(found - before).max(axis=1)
+            ok &= good & (step <= LARGEST_STEP)
+            if k > 1:
+                ok &= np.abs(found - guess).max(axis=1) <= BEND * step + BEND_SLACK
+            q[k] = np.where(ok[:, None], found, before)
+        for k in range(len(shares) - 1):
+            crossing = np.flatnonzero(ok & (det[k] * det[k + 1] < 0.0))
+            if len(crossing):
+                part = slice(k, k + 2), crossing
+                ok[crossing] = self._passes(q[part], det[part], shares[k : k + 2], rows[crossing])
+        path, good = np.array(course.q), np.array(course.ok)
+        path[:, rows], good[rows] = q[::finer], ok
+        return Course(path, good, course.singular)
+
+    def _passes(
+        self, q: FloatArray, det: FloatArray, shares: FloatArray, row: IntArray
+    ) -> BoolArray:
+        """Return whether lines meet the singularities between two samples, found by false position, shape (l,).
+
+        Args:
+            q: joints at both samples [rad], shape (2, l, n).
+            det: determinants there, of opposite signs, shape (2, l).
+            shares: of both samples, shape (2,).
+            row: the lines, shape (l,).
+        """
+        share, change, every = (
+            np.tile(shares[:, None], len(row)),
+            np.ptp(det, axis=0),
+            np.arange(len(row)),
+        )
+        for _ in range(CROSSING.false_positions):
+            part = det[0] / (det[0] - det[1])
+            here = share[0] + part * (share[1] - share[0])
+            found, good, d = self._met(q[0] + part[:, None] * (q[1] - q[0]), here, row, CROSSING)
+            end = (det[0] * d <= 0.0).astype(np.int64)
+            q[end, every], det[end, every], share[end, every] = found, d, here
+        return good & (np.abs(d) <= CROSSING.left * change)
 
     def _starts(self) -> tuple[BoolArray, FloatArray]:
         """Returns which lines begin within limits, and the signs of their determinants."""
@@ -176,15 +262,19 @@ class _Line:
         return self.arm.within_limits(self.start), np.sign(_determinant(J, self.W))
 
     def _met(
-        self, guess: FloatArray, share: FloatArray, row: IntArray, sign: FloatArray
-    ) -> tuple[FloatArray, BoolArray]:
-        """Returns joints of lines (rows) at shares, and which are found on the same side of all singularities."""
+        self, guess: FloatArray, share: FloatArray, row: IntArray, through: Crossing | None = None
+    ) -> tuple[FloatArray, BoolArray, FloatArray]:
+        """Returns joints of lines (rows) at shares, which are found within limits, and the determinants there."""
         W = self.W[row]
         wanted = share[:, None] * self.ahead[row] + np.einsum("bsn,bn->bs", W, self.start[row])
         p = self.lines.p[row] + share[:, None] * self.lines.shift[row]
-        q, met, det = newton(self.arm, guess, self.lines.R[row], p, W, wanted)
-        same = (np.sign(det) == sign[row]) & (np.abs(det) > LEAST_PIVOT)
-        return q, met & same & self.arm.within_limits(q)
+        q, met, det = newton(self.arm, guess, self.lines.R[row], p, W, wanted, through)
+        return q, met & self.arm.within_limits(q), det
+
+
+def _same_side(det: FloatArray, sign: FloatArray) -> BoolArray:
+    """Return which determinants have a sign and are clear of 0."""
+    return np.asarray((np.sign(det) == sign) & (np.abs(det) > LEAST_PIVOT))
 
 
 def follow_poses(
@@ -254,8 +344,12 @@ def newton(
     p: FloatArray,
     W: FloatArray,
     wanted: FloatArray,
+    through: Crossing | None = None,
 ) -> tuple[FloatArray, BoolArray, FloatArray]:
-    """Returns postures at poses and on planes W q = wanted, whether they are met, and the systems' determinants."""
+    """Returns postures at poses and on planes W q = wanted, whether they are met, and the systems' determinants.
+
+    Where lines may go through singularities, steps are damped and a miss is allowed.
+    """
     q, det = guess, np.zeros(len(guess))
     met = np.zeros(len(guess), dtype=np.bool_)
     for k in range(NEWTON_STEPS):
@@ -263,15 +357,23 @@ def newton(
         e = pose_error(R_now, p_now, R, p)
         off = wanted - np.einsum("bsn,bn->bs", W, q)
         met = (np.abs(e).max(axis=1) <= 0.1 * RESIDUAL) & (np.abs(off) <= 1e-9).all(axis=1)
+        A, left = np.concatenate([J, W], axis=1), np.concatenate([e, off], axis=1)
         if met.all() or k == NEWTON_STEPS - 1:
             det = _determinant(J, W)
             break
-        A = np.concatenate([J, W], axis=1)
-        A[:, range(arm.axes), range(arm.axes)] += 1e-14
-        step = solve(A, np.concatenate([e, off], axis=1)[..., None])[..., 0]
+        diagonal = range(arm.axes)
+        if through is None:
+            A[:, diagonal, diagonal] += 1e-14
+            step = solve(A, left[..., None])[..., 0]
+        else:
+            gram = np.einsum("bij,bkj->bik", A, A)
+            gram[:, diagonal, diagonal] += through.damping**2
+            step = np.einsum("bij,bi->bj", A, solve(gram, left[..., None])[..., 0])
         # A step so long leads nowhere near; what is cut does not arrive and is dropped.
         longest = np.abs(step).max(axis=1, keepdims=True)
         q = q + step * np.minimum(1.0, 1.0 / np.maximum(longest, 1e-300))
+    if through is not None:
+        met = np.abs(left).max(axis=1) <= through.miss
     return q, met, det
 
 

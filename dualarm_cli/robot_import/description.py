@@ -17,6 +17,8 @@ from dualarm_cli.robot_import.names import count_of
 NOISE, COARSE, UNITS = 1e-9, 1e-4, 5
 """A written angle within NOISE of a multiple of a quarter turn is that one [rad]; so is one within UNITS of its last
 decimal, at most COARSE: 1.5708, 3.14159, and 1.570795, which is half of 3.14159."""
+ROUNDED = 1e-3
+"""Coarsest last decimal of an angle that is a multiple of a quarter turn where it rounds to it [rad]: 1.571, 3.142."""
 _KEPT = ("origin", "parent", "child", "axis", "limit", "safety_controller", "mimic")
 
 
@@ -100,8 +102,9 @@ def _exact(rpy: str) -> tuple[str, int]:
         value = float(word)
         quarter = round(value / (0.5 * math.pi)) * 0.5 * math.pi
         exponent = Decimal(word).normalize().as_tuple().exponent
-        last = 10.0**exponent if isinstance(exponent, int) and 10.0**exponent <= COARSE else 0.0
-        near = quarter != 0.0 and abs(value - quarter) < max(NOISE, min(UNITS * last, COARSE))
+        last = 10.0**exponent if isinstance(exponent, int) and 10.0**exponent <= ROUNDED else 0.0
+        slack = min(UNITS * last, COARSE) if last <= COARSE else 0.5 * last
+        near = quarter != 0.0 and abs(value - quarter) < max(NOISE, slack)
         found.append(repr(quarter) if near else word)
         count += near and abs(value - quarter) > 1e-12
     return " ".join(found), count

@@ -16,8 +16,10 @@ from dualarm_cli.kinematics.continuation import (
 )
 from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
 from dualarm_cli.kinematics.numeric_inverse import solve_poses
+from dualarm_cli.kinematics.parallel_arm import ParallelArm
 from dualarm_cli.kinematics.self_motion import CURVE_STEP, branches, self_motions
 from dualarm_cli.kinematics.srs.srs_limits import wrap
+from dualarm_cli.kinematics.wrist_arm import WristArm
 
 
 def arm_of(general_robots, name, side="left"):
@@ -86,24 +88,71 @@ def test_the_drift_is_the_way_along_the_self_motion(general_robots):
         assert spare_directions(arm, q[[k]])[0, 0] == pytest.approx(direction, abs=1e-9)
 
 
-def test_a_line_through_a_straight_wrist_is_dropped(general_robots):
-    """Joint 5 passes zero, where axes 4 and 6 are one; up to just before the line can be followed.
+def in_plane(q2, q3, pitch=0.0, aside=0.0):
+    """The arm `spherical` in its plane with a tool that is level but for its pitch; joint 4 turned aside."""
+    return np.array([0.0, q2, q3, aside, pitch - (q2 + q3), 0.0])
 
-    The forearm pitches from +0.4 to -0.2 rad while the tool stays level.
-    """
+
+def two_forms(general_robots):
+    """The arm `spherical` by Newton's method and with closed forms."""
     arm = arm_of(general_robots, "spherical")
+    return {"newton": arm, "closed": WristArm.of(arm)}
 
-    def level(q2, q3):
-        return np.array([0.0, q2, q3, 0.0, -(q2 + q3), 0.0])
 
-    start, before, after = level(-0.6, 1.0), level(-0.7, 0.9), level(-0.8, 0.6)
+def line_between(arm, start, end):
+    """The flange's line from one posture to where another one is."""
     R, p = arm.forward(start)
-    for end, passes in ((before, True), (after, False)):
-        shift = arm.forward(end)[1] - p
-        course = follow_lines(
-            arm, start[None], FlangeLines(R[None], p[None], shift[None]), np.zeros(1), 33
-        )
-        assert course.ok[0] == passes
+    return FlangeLines(R[None], p[None], (arm.forward(end)[1] - p)[None])
+
+
+THROUGH = {
+    "wrist": (in_plane(-0.6, 1.0), in_plane(-0.8, 0.6)),
+    "shoulder": (in_plane(-1.0, -0.9, -1.0), in_plane(-1.35, -0.9, -1.0)),
+}
+"""Both ends of lines in the arm's plane: on one joint 5 passes 0, on the other the wrist passes above joint 1."""
+
+
+@pytest.mark.parametrize("samples", [3, 7, 33, 65])
+@pytest.mark.parametrize("form", ["newton", "closed"])
+@pytest.mark.parametrize("where", ["wrist", "shoulder"])
+def test_a_line_straight_through_a_singularity_is_followed(general_robots, where, form, samples):
+    """All of it is in the arm's plane, so that joints 1, 4 and 6 stay 0: there is no reason to stop."""
+    arm = two_forms(general_robots)[form]
+    start, end = THROUGH[where]
+    line = line_between(arm, start, end)
+    course = follow_lines(arm, start[None], line, np.zeros(1), samples)
+    assert course.ok[0]
+    path = course.q[:, 0]
+    assert np.abs(path[:, [0, 3, 5]]).max() < 1e-6
+    R, p = arm.forward(path)
+    wanted = line.p + np.linspace(0.0, 1.0, samples)[:, None] * line.shift
+    assert np.abs(pose_error(R, p, line.R, wanted)).max() < 1e-6
+    beyond = np.cos(path[:, 1]) + np.cos(path[:, 1] + path[:, 2])
+    crossed = path[:, 4] if where == "wrist" else beyond
+    assert crossed[0] * crossed[-1] < 0.0
+
+
+@pytest.mark.parametrize("form", ["newton", "closed"])
+@pytest.mark.parametrize("aside", [1e-2, 1e-3, 1e-4, 1e-5])
+def test_a_line_beside_a_singularity_is_dropped(general_robots, form, aside):
+    """The tool passes axis 4 at an angle of 0.39 times that of joint 4: this has to turn by half a turn within that."""
+    arm = two_forms(general_robots)[form]
+    start, end = in_plane(-0.6, 1.0, 0.0, aside), in_plane(-0.8, 0.6)
+    for samples in (3, 7, 33):
+        course = follow_lines(arm, start[None], line_between(arm, start, end), np.zeros(1), samples)
+        assert not course.ok[0]
+
+
+def test_a_ur_turns_its_level_tool_through_its_singularity(wrist_arms):
+    """With axis 5 upright joint 5 only undoes joint 1: it passes 0, where axes 4 and 6 are one, and nothing else."""
+    arm = ParallelArm.of(wrist_arms.dh_arm(wrist_arms.UR5).arm)
+    start = np.array([0.3, -1.2, 1.9, -0.7, -0.1, 0.4])
+    end = start + np.array([0.2, 0.0, 0.0, 0.0, 0.2, 0.0])
+    assert np.abs(arm.forward(end)[0] - arm.forward(start)[0]).max() < 1e-9
+    course = follow_lines(arm, start[None], line_between(arm, start, end), np.zeros(1), 33)
+    assert course.ok[0]
+    assert course.q[-1, 0] == pytest.approx(end, abs=1e-6)
+    assert course.q[0, 0, 4] * course.q[-1, 0, 4] < 0.0
 
 
 def test_a_line_that_leaves_limits_or_reach_is_dropped(general_robots):

@@ -115,7 +115,10 @@ def test_an_arm_that_stands_where_it_started_is_told_with_a_way_out(
         margins=lambda *_: np.array([-1.0, 0.0]), nearest=lambda *_: ("l", "r", -1.0)
     )
     clearing = SimpleNamespace(
-        job=dataclasses.replace(job, start=start), holding=SimpleNamespace(cell=cell)
+        job=dataclasses.replace(job, start=start),
+        holding=SimpleNamespace(cell=cell),
+        model=SimpleNamespace(platform=SimpleNamespace(is_chosen=False)),
+        tried={"delays"},
     )
     samples = SimpleNamespace(position=np.zeros((2, 14)), held=np.zeros((2, 2)))
     monkeypatch.setattr(clear_words, "stage_samples", lambda *_: samples)
@@ -130,3 +133,5 @@ def test_an_arm_that_stands_where_it_started_is_told_with_a_way_out(
     assert ("in stage 1 it starts there" in said_of(1)) == (start == "free")
     assert "stands in posture" not in said_of(2, 3)
     assert "left arm stands" not in said_of(0)
+    # Nobody bent a transfer, and there is no platform to turn.
+    assert said_of(0).splitlines()[0].endswith("was found (tried: other postures, delays):")

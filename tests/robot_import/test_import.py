@@ -100,12 +100,13 @@ def test_every_assumed_number_says_so(tmp_path: Path) -> None:
     assert f"default: {rule}" in text
 
 
-def _rounded(rpy: re.Match[str]) -> str:
-    return f'rpy="{" ".join(f"{float(word):.4f}" for word in rpy[1].split())}"'
+@pytest.mark.parametrize("decimals", [4, 3])
+def test_rounded_angles_are_made_exact(decimals: int, tmp_path: Path) -> None:
+    """With 1.5708 or 1.571 for a quarter turn the arms of an SDA10F are not spherical-revolute-spherical."""
 
+    def _rounded(rpy: re.Match[str]) -> str:
+        return f'rpy="{" ".join(f"{float(word):.{decimals}f}" for word in rpy[1].split())}"'
 
-def test_rounded_angles_are_made_exact(tmp_path: Path) -> None:
-    """With 1.5708 for a quarter turn the arms of an SDA10F are not spherical-revolute-spherical."""
     path = urdf_of("sda10f", tmp_path)
     text = path.read_text()
     angles = re.findall(r'rpy="([^"]*)"', text)

@@ -13,8 +13,8 @@ from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.plans.clearance import LIKE, Barred
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
-from dualarm_cli.stages.search.beam import _varied, step_waits
-from dualarm_cli.stages.search.plan_clearance import TURNS, plan_clearance
+from dualarm_cli.stages.search.beam import _varied
+from dualarm_cli.stages.search.plan_clearance import TURNS, plan_clearance, step_waits
 from dualarm_cli.stages.search.search import search_near
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem

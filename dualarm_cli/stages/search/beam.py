@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.collision.clearance import SLACK
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.records import dataclass
-from dualarm_cli.stages.plans.clearance import SAMPLES, SequenceClearance
+from dualarm_cli.stages.plans.clearance import SequenceClearance
 from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.source import given_postures
-from dualarm_cli.stages.search.plan_clearance import TURNS, move_waits
+from dualarm_cli.stages.search.plan_clearance import step_waits
 from dualarm_cli.stages.search.potentials import (
     ArmLayers,
     Layer,
@@ -146,45 +148,6 @@ def _arm(problem: SequenceProblem, a: int, arm: ArmLayers, chosen: IntArray) -> 
     return rows
 
 
-def step_waits(
-    test: SequenceClearance,
-    stage: int,
-    start: FloatArray,
-    arrival: FloatArray,
-    target: FloatArray,
-    end: FloatArray,
-) -> FloatArray:
-    """Returns about what n steps into a stage cost for clearance [s], infinite for none, shape (n,).
-
-    Each arm by itself is free at its stops, which are nodes. What is looked at is each arm on its straight move, and
-    both arms together there and at their stops; as in `plan_clearance`.
-
-    Args:
-        test: what is collision-free.
-        stage: its number.
-        start: all joints before it [rad], shape (n, columns).
-        arrival: after the transfer, shape (n, columns).
-        target: at the targets, shape (n, columns).
-        end: after the retracts, shape (n, columns).
-    """
-    n, before, after = len(start), test.before[stage], test.after[stage]
-    way = test.along(start, arrival)
-    held = np.repeat([before, test.at_targets[stage], after], [len(way) + n, n, n], axis=0)
-    cross = test.cell.cross_margins(np.concatenate([way, arrival, target, end]), held)
-    lacks = np.zeros(len(way))
-    for a in range(len(before)):
-        own = test.cell.own_margins(a, way, np.full(len(way), before[a]))
-        lacks = np.maximum(lacks, -own)
-    apart = np.all((cross[: len(way)] >= 0.0).reshape(n, SAMPLES), axis=1)
-    stops = (cross[len(way) :] >= SLACK).reshape(3, n)
-    waits = move_waits(test.pace, lacks.reshape(n, SAMPLES).max(axis=1), apart)
-    waits = np.maximum(waits, test.known_costs(stage, start, arrival))
-    must = test.handing[stage] and stage not in test.settled
-    turns = np.inf if must else test.pace * TURNS
-    waits += np.where(stops[:2].all(axis=0), 0.0, turns)
-    return waits if stage in test.settled else np.where(stops[2], waits, np.inf)
-
-
 WAYS = 4
 """How many times more candidates than wanted states are looked at: several lead to the same pair of nodes."""
 MORE, LIKE = 8, 2
@@ -193,6 +156,45 @@ else all the best ones touch the same thing."""
 EVERY = 16
 """Nodes of each arm that are paired at each platform angle, from the best state and all with one another, where
 something has to touch in all the best steps."""
+
+
+@dataclass(frozen=True)
+class KindsOfPostures:
+    """Settings of a beam in which postures of all kinds count, and not the best ones alone."""
+
+    states: int = 64
+    """Least number of states that are kept: the pairs of eight branches of two arms."""
+    pairs: int = 4096
+    """Pairs of nodes whose clearance is tested in a stage."""
+    options: int = 1_000_000
+    """Pairs of nodes that are sorted in a stage."""
+    border: float = 0.3
+    """Offset of the quadrants' borders from the multiples of a quarter turn, where many joints are [rad]."""
+
+
+@dataclass(frozen=True)
+class _Beam:
+    """Nodes of both arms, and how widely they are searched."""
+
+    problem: SequenceProblem
+    """The sequence."""
+    arms: tuple[ArmLayers, ...]
+    """Layers with potentials."""
+    angles: FloatArray
+    """The grid's platform angles at each stage [rad], shape (n, f)."""
+    width: int
+    """States that are kept."""
+    per_angle: int
+    """Nodes of each arm that are paired at each platform angle."""
+    kinds: KindsOfPostures | None = None
+    """How nodes and states of all kinds of postures are kept; None where the best ones are."""
+
+    def nodes_per_angle(self, rows: int, arms: int) -> int:
+        """Return the number of nodes of each working arm to pair at each of some states' angles."""
+        if self.kinds is None:
+            return self.per_angle
+        most = self.kinds.options // rows
+        return max(self.per_angle, math.isqrt(most) if arms == 2 else most)
 
 
 @dataclass(frozen=True)
@@ -230,6 +232,7 @@ def beam_search(
     From every kept state and at every platform angle the arms' best nodes are paired; a pair costs what the slower arm
     needs, plus the larger of what the arms still need at least. The best `width` different states are kept. Where
     something has to be collision-free, a pair counts about what that costs as well, as far as it is among the best.
+    If the best states all collide, a second beam pairs one node of every kind of posture and keeps states of all kinds.
 
     Args:
         problem: the sequence.
@@ -240,25 +243,64 @@ def beam_search(
             the first plan is the best one on the nodes.
         plans: how many plans at most.
     """
+    beam = _Beam(problem, arms, angles, width, per_angle)
+    found = _searched(beam, plans)
+    if problem.clearance is None or (found and found[0].is_possible):
+        return found
+    kinds = KindsOfPostures()
+    varied = _searched(replace(beam, width=max(width, kinds.states), kinds=kinds), plans)
+    return varied if varied and varied[0].is_possible else found
+
+
+def _searched(beam: _Beam, plans: int) -> list[NodePath]:
+    """Search stage by stage for the best plans, see `beam_search`."""
+    problem, arms, angles = beam.problem, beam.arms, beam.angles
     states = _first(problem, arms)
     steps: list[BeamStep] = []
     for k in range(problem.stages):
-        found = _extend(problem, arms, angles[k], states, k, width, per_angle)
-        if found is None:
+        extended = _extend(beam, states, k)
+        if extended is None:
             return []
-        step, states = found
+        step, states = extended
         steps.append(step)
     total = states.spent + closing_times(problem, arms, angles, steps)
+    total += np.minimum(_return_costs(beam, states, steps), IMPOSSIBLE).astype(np.float32)
     if plans == 1:
         best = int(np.argmin(total))
         return [path_to(problem, arms, angles, steps, best, float(total[best]))]
-    found_plans: dict[bytes, NodePath] = {}
+    found: dict[bytes, NodePath] = {}
     for state in np.argsort(total, kind="stable").tolist():
         path = path_to(problem, arms, angles, steps, state, float(total[state]))
-        found_plans.setdefault(kind_of(path.decisions), path)
-        if len(found_plans) == plans:
+        found.setdefault(kind_of(path.decisions), path)
+        if len(found) == plans:
             break
-    return list(found_plans.values())
+    return list(found.values())
+
+
+def _return_costs(beam: _Beam, states: _States, steps: list[BeamStep]) -> FloatArray:
+    """Compute what returns like barred ones cost from the final states [s], shape (b,)."""
+    problem, test, b = beam.problem, beam.problem.clearance, len(states.spent)
+    n = problem.stages
+    if test is None or not problem.returns or all(bar.stage != n for bar in test.barred):
+        return np.zeros(b)
+    state = np.arange(b)
+    for step in steps[:0:-1]:
+        state = step.parent[state]
+    home = problem.platform_start if problem.turns else np.zeros(1)
+    angle = np.repeat(home, b)
+    if problem.free_start:
+        angle = beam.angles[0, steps[0].angle_index[state]]
+    begins: list[FloatArray | None] = []
+    ends: list[FloatArray | None] = []
+    for a, (arm, work) in enumerate(zip(beam.arms, problem.arms, strict=True)):
+        layer = arm.layers[0] if problem.free_start else None
+        first = np.tile(work.start, (b, 1))
+        if layer is not None:
+            first = arm.table.joints(rows_of(layer.approach, steps[0].node[a, state]))
+        begins.append(first[:, : work.joints])
+        ends.append(arm.table.joints(states.joints[a])[:, : work.joints])
+    last = beam.angles[-1, steps[-1].angle_index]
+    return test.known_costs(n, test.positions(last, ends), test.positions(angle, begins))
 
 
 def _first(problem: SequenceProblem, arms: tuple[ArmLayers, ...]) -> _States:
@@ -272,24 +314,18 @@ def _first(problem: SequenceProblem, arms: tuple[ArmLayers, ...]) -> _States:
     )
 
 
-def _extend(
-    problem: SequenceProblem,
-    arms: tuple[ArmLayers, ...],
-    angles: FloatArray,
-    states: _States,
-    k: int,
-    width: int,
-    per_angle: int,
-) -> tuple[BeamStep, _States] | None:
-    """Returns the best states after stage k, None where no pair of nodes fits together.
+def _extend(beam: _Beam, states: _States, k: int) -> tuple[BeamStep, _States] | None:
+    """Extend states by stage k; None where no pair of nodes fits together.
 
     Where something has to be collision-free, the best steps count as long as that takes, about.
     """
+    problem, arms, angles = beam.problem, beam.arms, beam.angles[k]
     f = len(angles)
     working = [a for a, arm in enumerate(arms) if arm.layers[k] is not None]
     b = len(states.spent)
     # By arm: cost (b, f, w), what is left after (b, f, w), node (b, f, w).
-    options = [_options(problem, arms[a], states, a, k, f, per_angle) for a in working]
+    most = beam.nodes_per_angle(b * f, len(working))
+    options = [_options(beam, states, a, k, most) for a in working]
     cost, left, nodes = options[0]
     chosen = [nodes[..., None]]
     if len(options) == 2:
@@ -310,8 +346,8 @@ def _extend(
     possible = np.nonzero(np.isfinite(key))[0]
     if not len(possible):
         return None
-    count = WAYS * len(arms) * width
-    if per_angle == EVERY:
+    count = WAYS * len(arms) * beam.width if beam.kinds is None else beam.kinds.pairs
+    if beam.per_angle == EVERY:
         count = key.size
     looked_at = count if problem.clearance is None else MORE * count
     some = possible[np.argsort(key[possible], kind="stable")[:looked_at]]
@@ -322,34 +358,52 @@ def _extend(
         node[a] = rows.ravel()[some]
     lasts = spent.ravel()[some]
     if problem.clearance is not None:
-        rows = _varied(_kinds(arms, node, angle, k), LIKE, count)
+        kinds = _kinds(beam, states, BeamStep(parent, node, angle), k)
+        rows = _varied(kinds, LIKE, count)
         step = BeamStep(parent[rows], node[:, rows], angle[rows])
         waits = _waits(problem, problem.clearance, arms, states, step, angles, k)
-        if per_angle < EVERY and len(working) > 1 and not np.isfinite(waits).any():
-            return _extend(problem, arms, angles, states.best(), k, width, EVERY)
+        if beam.kinds is not None and not np.isfinite(waits).any():
+            return None
+        if beam.per_angle < EVERY and len(working) > 1 and not np.isfinite(waits).any():
+            return _extend(replace(beam, per_angle=EVERY), states.best(), k)
         worth = key[some[rows]] + waits
         # Impossible ones come last; if there are no others, what is wrong with them is found out when they are timed.
         waits = np.minimum(waits, IMPOSSIBLE)
         order = np.argsort(worth, kind="stable")
+        if beam.kinds is not None:
+            order = order[: np.isfinite(waits).sum()]
+            order = order[_varied(kinds[rows[order]], 1, len(order))]
         lasts = (lasts[rows] + waits.astype(np.float32))[order]
         rows = rows[order]
         parent, angle, node = parent[rows], angle[rows], node[:, rows]
     same = np.where(node >= 0, node, states.node[:, parent] + 1_000_000)
     _, first = np.unique(same, axis=1, return_index=True)
-    kept = np.sort(first)[:width]
+    kept = np.sort(first)[: beam.width]
     step = BeamStep(parent[kept], node[:, kept], angle[kept])
     return step, _moved(problem, arms, states, step, lasts[kept], k)
 
 
-def _kinds(arms: tuple[ArmLayers, ...], node: IntArray, angle: IntArray, k: int) -> IntArray:
-    """Returns numbers of what pairs of nodes have in common: platform angle, branches and yaws, shape (b,)."""
-    columns = [angle.astype(np.float64)]
-    for arm, own in zip(arms, node, strict=True):
+def _kinds(beam: _Beam, states: _States, step: BeamStep, k: int) -> IntArray:
+    """Number what steps into stage k have in common, shape (b,): platform angle, branches and yaws.
+
+    In a varied beam it is the platform angle and the quadrants of all joints after the stage.
+    """
+    columns = [step.angle_index.astype(np.float64)]
+    for a, (arm, own) in enumerate(zip(beam.arms, step.node, strict=True)):
         layer = arm.layers[k]
-        if layer is not None:
+        if beam.kinds is not None:
+            rows = states.joints[a][:, step.parent] if layer is None else layer.retract[:, own]
+            columns += list(_quadrants(arm, rows, beam.kinds.border))
+        elif layer is not None:
             columns += [layer.decisions.branch[own], layer.decisions.yaw[own]]
     kinds: IntArray = np.unique(np.round(columns, 5), axis=1, return_inverse=True)[1]
     return kinds
+
+
+def _quadrants(arm: ArmLayers, joints: Coordinates, border: float) -> IntArray:
+    """Compute the quadrant of each joint, shape (c, n): postures that whole turns tell apart are one kind."""
+    turned = arm.table.joints(joints).T + border
+    return np.mod(np.floor(turned / (0.5 * np.pi)), 4).astype(np.int64)
 
 
 def _varied(kinds: IntArray, most: int, count: int) -> IntArray:
@@ -397,15 +451,13 @@ def _waits(
 
 
 def _options(
-    problem: SequenceProblem,
-    arm: ArmLayers,
-    states: _States,
-    a: int,
-    k: int,
-    f: int,
-    per_angle: int,
+    beam: _Beam, states: _States, a: int, k: int, most: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], IntArray]:
-    """Returns one arm's best nodes from every state at every platform angle: cost, what is left, node: (b, f, w)."""
+    """Select an arm's best nodes from each state at each platform angle: cost, rest, node: (b, f, w).
+
+    In a varied beam only the best node of each kind of posture counts.
+    """
+    problem, arm, f = beam.problem, beam.arms[a], beam.angles.shape[1]
     layer, potential = arm.layers[k], arm.potential[k]
     assert layer is not None
     assert potential is not None
@@ -416,17 +468,33 @@ def _options(
         without = free_columns(problem, a, layer, arm.layers[came] if came >= 0 else None)
         cost = arm.table.times(states.joints[a], layer.approach, without)
     cost = cost + layer.work
+    if beam.kinds is not None:
+        best_ones = _best_of_kinds(arm, layer, cost + potential, beam.kinds.border)
+        cost = np.where(best_ones, cost, np.float32(np.inf))
     at = _by_angle(layer.angle_index, f)
     padded = np.concatenate([cost, np.full((len(cost), 1), np.inf, dtype=np.float32)], axis=1)
     cost = padded[:, at]
     left = np.append(potential, np.float32(np.inf))[at]
     total = cost + left
-    w = min(per_angle, total.shape[2])
+    w = min(most, total.shape[2])
     best = np.argsort(total, axis=2, kind="stable")[..., :w]
     cost = np.take_along_axis(cost, best, axis=2)
     nodes = np.take_along_axis(np.broadcast_to(at, total.shape), best, axis=2)
     left = np.take_along_axis(np.broadcast_to(left, total.shape), best, axis=2)
     return cost, left, nodes
+
+
+def _best_of_kinds(
+    arm: ArmLayers, layer: Layer, total: NDArray[np.float32], border: float
+) -> BoolArray:
+    """Find the best node of each kind of posture at each platform angle, shape (b, n), by totals (b, n)."""
+    rows = np.vstack([_quadrants(arm, layer.retract, border), layer.angle_index])
+    kinds = np.unique(rows, axis=1, return_inverse=True)[1]
+    best = np.zeros(total.shape, dtype=np.bool_)
+    for kind in range(int(kinds.max(initial=-1)) + 1):
+        own = np.flatnonzero(kinds == kind)
+        best[np.arange(len(total)), own[np.argmin(total[:, own], axis=1)]] = True
+    return best
 
 
 def _by_angle(angle_index: IntArray, f: int) -> IntArray:
