@@ -367,7 +367,7 @@ def newton(
             step = solve(A, left[..., None])[..., 0]
         else:
             gram = np.einsum("bij,bkj->bik", A, A)
-            gram[:, diagonal, diagonal] += through.damping**2
+            gram[:, diagonal, diagonal] += through.damping * through.damping
             step = np.einsum("bij,bi->bj", A, solve(gram, left[..., None])[..., 0])
         # A step so long leads nowhere near; what is cut does not arrive and is dropped.
         longest = np.abs(step).max(axis=1, keepdims=True)
