@@ -51,6 +51,10 @@ class StageClearance:
     """When [s]."""
 
 
+LONGEST_DELAY = 0.5
+"""Longest delay of an arm that is looked at where no job asks for more [s]."""
+
+
 @dataclass(frozen=True)
 class ArmDelay:
     """The delays of one arm against everything else with which the motion keeps its clearance."""
@@ -70,7 +74,7 @@ class ArmDelay:
         """Returns the delays in a phrase, rounded to the safe side."""
         clear = f"{self.arm} arm clear up to {math.floor(self.clear * 1e4) / 10.0:g} ms late"
         if self.lacking is None or self.bodies is None:
-            return clear
+            return clear if self.clear >= LONGEST_DELAY else f"{clear} (more is not proven)"
         lacking = math.ceil(self.lacking * 1e4) / 10.0
         return f"{clear} (not {lacking:g} ms: {' and '.join(self.bodies)} at {self.time:.3f} s)"
 

@@ -17,14 +17,12 @@ from dualarm_cli.collision.solids import (
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
-from dualarm_cli.model.verification import ArmDelay, Check, Verdict
+from dualarm_cli.model.verification import LONGEST_DELAY, ArmDelay, Check, Verdict
 from dualarm_cli.verification.clearance_checks import _carried, _touching
 from dualarm_cli.verification.delay_proof import ALWAYS, ArmPair, DelayProof, Spans
 from dualarm_cli.verification.line_spans import LineSpan
 from dualarm_cli.verification.motion_checks import not_checked
 
-LONGEST = 0.5
-"""Longest delay that is looked at where no job asks for more [s]."""
 SKEW = "skew"
 """Name of the check; it is there only where the job asks for it."""
 
@@ -72,7 +70,7 @@ def arm_delays(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> tuple
     if not pairs:
         return ()
     asked = [figure for figure in (job.skew, job.budget and job.budget.skew) if figure]
-    proof = DelayProof(model, schedule.trajectory, solids, pairs, max([LONGEST, *asked]))
+    proof = DelayProof(model, schedule.trajectory, solids, pairs, max([LONGEST_DELAY, *asked]))
     found = []
     for late, arm in enumerate(robot.arms):
         least, bodies = proof.bracket(late, asked), None

@@ -14,6 +14,7 @@ from dualarm_cli.collision.solids import cell_solids
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.budget import Budget
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.verification import ArmDelay
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.report import skew_sentence
 from dualarm_cli.verification import verify
@@ -151,3 +152,13 @@ def test_arms_without_shapes_have_no_figure(schedule, job):
     assert check.verdict == "not checked"
     assert skew_sentence(found, shapeless) is None
     assert verify(schedule, job).delays == ()
+
+
+def test_a_figure_that_was_not_proven_to_the_end_says_so():
+    """In words, rounded to the safe side; a figure with a counterexample names it."""
+    assert str(ArmDelay("left", 0.0123456, None, None, None)).endswith(
+        "up to 12.3 ms late (more is not proven)"
+    )
+    assert str(ArmDelay("left", 0.5, None, None, None)) == "left arm clear up to 500 ms late"
+    found = ArmDelay("right", 0.02899, 0.02901, ("a", "b"), 1.5)
+    assert str(found) == "right arm clear up to 28.9 ms late (not 29.1 ms: a and b at 1.500 s)"
