@@ -49,6 +49,11 @@ def report_command(
         raise UsageError(f"{plan}: is of another robot than {file}: {robot.detail}")
     # What the file leaves out, the job has.
     judged = Plan.judged(job, replace(schedule, robot=ScheduleRobot.of_job(job)))
+    assert judged.schedule.verification is not None
+    failures = judged.schedule.verification.failures
+    unusable = [check for check in failures if check.name in ("finite", "time", "arms", "segments")]
+    if unusable:
+        raise UsageError(f"{plan}: cannot be shown: {unusable[0].name}: {unusable[0].detail}")
     page = judged.write_page(folder)
     if not quiet:
         print_message(f"written: {page}")
@@ -56,10 +61,9 @@ def report_command(
         import webbrowser
 
         webbrowser.open(page.absolute().as_uri())
-    assert judged.schedule.verification is not None
     if not judged.verified:
-        failed = [check.name for check in judged.schedule.verification.failures]
-        print_message(f"verification: FAILED: {', '.join(failed)}; `dualarm verify` tells more")
+        failed = ", ".join(check.name for check in failures)
+        print_message(f"verification: FAILED: {failed}; `dualarm verify` tells more")
         raise typer.Exit(1)
 
 

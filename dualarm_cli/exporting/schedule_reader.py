@@ -196,7 +196,8 @@ class _Reader(JsonReader):
         quat = self.array(value.get("quat_xyzw"), f"{path}.quat_xyzw", (4,))
         if not (np.isfinite(xyz).all() and np.isfinite(quat).all()):
             self.fail(path, "must be finite")
-        norm = float(products.norm(quat))
+        with np.errstate(over="ignore"):
+            norm = float(products.norm(quat))
         if abs(norm - 1.0) > UNIT_TOLERANCE:
             self.fail(f"{path}.quat_xyzw", f"must be of unit length, not {norm:g}")
         return pin.SE3(pin.Quaternion(quat / norm).toRotationMatrix(), xyz)

@@ -75,6 +75,7 @@ DEFECTS = [
     (["robot", "base", "xyz"], [None, 0, 0], "robot.base.xyz: must be numbers"),
     (["robot", "base", "xyz"], [0, 0, float("nan")], "robot.base: must be finite"),
     (["robot", "base", "quat_xyzw"], [0, 0, 0, 0], "robot.base.quat_xyzw: must be of unit length"),
+    (["robot", "base", "quat_xyzw"], [0, 0, 0, 1e308], "robot.base.quat_xyzw: must be of unit"),
     (["robot", "base", "quat_xyzw"], [0, 0, 0, 1.00001], "robot.base.quat_xyzw: must be of unit"),
     (["robot", "base", "quat_xyzw"], [0, 0, 0, HUGE], "robot.base.quat_xyzw: must be numbers"),
     (["robot", "platform"], ["waist"], "robot.platform: must name joints of robot.joints"),

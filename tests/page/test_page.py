@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -105,3 +107,31 @@ def test_a_page_of_a_plan_that_fails_is_written_and_told(
     assert run(["report", "p"]) == 1
     assert "verification: FAILED" in capsys.readouterr().err
     assert Path("p/report.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda s: s["segments"][0].update(arm=""), "cannot be shown: arms: segment of"),
+        (lambda s: s["segments"][1].update(start=1e6, end=1e6), "cannot be shown: segments: "),
+        (
+            lambda s: s["motion"]["left"]["acceleration"][2].__setitem__(0, float("nan")),
+            "cannot be shown: finite: ",
+        ),
+    ],
+)
+def test_a_plan_that_holds_together_in_no_way_gets_no_page(
+    project: Path,
+    built: Path,
+    capsys: pytest.CaptureFixture[str],
+    change: Callable[[dict[str, Any]], None],
+    words: str,
+) -> None:
+    """Exit 2 with what is wrong, and no page; figures of it would mean nothing."""
+    assert planned("--no-page") == 0
+    schedule = json.loads(Path("p/schedule.json").read_text())
+    change(schedule)
+    Path("p/schedule.json").write_text(json.dumps(schedule))
+    assert run(["report", "p"]) == 2
+    assert words in capsys.readouterr().err
+    assert not Path("p/report.html").exists()
