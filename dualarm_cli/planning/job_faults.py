@@ -56,8 +56,10 @@ def job_faults(job: Job, *, clear: bool = True) -> list[Refusal]:
     if clear:
         found += start_faults(job, Holding.of(replace(job, tasks=(), pairing=None)))
         found += grip_faults(job)
-    # A stand is visited more than once, and its fault is the same each time.
-    unique = {(one.place, one.arm, one.what, one.measured): one for one in reversed(found)}
+    unique: dict[object, Refusal] = {}
+    for one in found:
+        # A stand is visited more than once, and its fault is the same each time.
+        unique.setdefault((one.place, one.arm, one.what, one.measured), one)
     return sorted(unique.values(), key=lambda one: one.place.order if one.place else ("", 0, 0))
 
 
