@@ -118,3 +118,16 @@ def zeros_of(coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
     given = numbers(coefficients)
     _compiled("zeros", 2)(*coefficients.shape, *_places(given, real, imaginary))
     return real, imaginary
+
+
+def solve_banded(rows: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve one banded system that needs no pivots, such as of splines or positive definite.
+
+    Args:
+        rows: row i has columns i - k to i + k, shape (n, 2k + 1); what lies outside is not read.
+        right: right sides, shape (n, m).
+    """
+    used, x = np.array(rows, np.float64, order="C"), np.array(right, np.float64, order="C")
+    k = rows.shape[1] // 2
+    _compiled("solve_banded", 4)(len(rows), k, k, x.shape[1], *_places(used, x))
+    return x

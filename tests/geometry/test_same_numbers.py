@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 
 from dualarm_cli.geometry import elementary
 from dualarm_cli.geometry.linear_systems import (
@@ -16,9 +17,11 @@ from dualarm_cli.geometry.linear_systems import (
     null_space,
     singular_values,
     solve,
+    solve_banded,
     zeros_of,
 )
 from dualarm_cli.geometry.products import SMALL, norm, product
+from dualarm_cli.geometry.splines import quintic_spline
 from dualarm_cli.native import LIBRARY
 
 SHAPES = [
@@ -192,3 +195,25 @@ def test_zeros_of_polynomials(scale):
     real, imaginary = zeros_of(np.poly(pairs).real[:0:-1][None])
     found = (real + 1j * imaginary)[0]
     assert np.abs(found[:, None] - pairs).min(axis=0).max() < 1e-12
+
+
+@pytest.mark.parametrize("n", [6, 7, 30])
+def test_a_quintic_spline_is_that_of_scipy(n):
+    """Whose polynomials beside the ends are one, with rates at the ends, and with free ends."""
+    random = np.random.default_rng(n)
+    x, y = np.cumsum(random.uniform(0.5, 1.5, n)), random.normal(size=(n, 3))
+    rates = [[(order, random.normal(size=3)) for order in (1, 2)] for _ in range(2)]
+    free = [(2, np.zeros(3)), (4, np.zeros(3))]
+    at = np.linspace(x[0], x[-1], 200)
+    for ends in ((), rates, (free, free)):
+        expected = make_interp_spline(x, y, k=5, bc_type=tuple(ends) or None)
+        np.testing.assert_allclose(quintic_spline(x, y, *ends)(at), expected(at), atol=1e-12)
+
+
+def test_a_banded_system():
+    """As the same system in full."""
+    random = np.random.default_rng(4)
+    full = 8.0 * np.eye(9) + np.tril(np.triu(random.normal(size=(9, 9)), -2), 2)
+    rows = np.array([np.pad(full, ((0, 0), (2, 2)))[i, i : i + 5] for i in range(9)])
+    right = random.normal(size=(9, 2))
+    np.testing.assert_allclose(full @ solve_banded(rows, right), right, atol=1e-13)

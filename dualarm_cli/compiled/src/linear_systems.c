@@ -122,3 +122,26 @@ static void zeros(int64_t n, const double *c, double *re, double *im) {
 void dualarm_zeros(int64_t count, int64_t n, const double *coefficients, double *re, double *im) {
     for (int64_t s = 0; s < count; s++) zeros(n, coefficients + s * n, re + s * n, im + s * n);
 }
+
+/* Solves one banded system in place, without pivots: row r of `a` has columns r - low to r + high. */
+void dualarm_solve_banded(int64_t n, int64_t low, int64_t high, int64_t m, double *a, double *x) {
+    const int64_t width = low + high + 1;
+    for (int64_t c = 0; c < n; c++) {
+        const double *pivot = a + c * width + low;
+        const int64_t right = high < n - 1 - c ? high : n - 1 - c;
+        for (int64_t r = c + 1; r < n && r <= c + low; r++) {
+            double *row = a + r * width + low - (r - c);
+            double share = row[0] / pivot[0];
+            for (int64_t j = 1; j <= right; j++) row[j] -= share * pivot[j];
+            for (int64_t j = 0; j < m; j++) x[r * m + j] -= share * x[c * m + j];
+        }
+    }
+    for (int64_t c = n - 1; c >= 0; c--) {
+        const double *pivot = a + c * width + low;
+        const int64_t right = high < n - 1 - c ? high : n - 1 - c;
+        for (int64_t j = 0; j < m; j++) {
+            for (int64_t k = 1; k <= right; k++) x[c * m + j] -= pivot[k] * x[(c + k) * m + j];
+            x[c * m + j] /= pivot[0];
+        }
+    }
+}

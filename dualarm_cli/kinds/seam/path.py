@@ -9,7 +9,9 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.geometry.elementary import cube, power
+from dualarm_cli.geometry.linear_systems import solve_banded
 from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.geometry.splines import quintic_spline
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations, close
 from dualarm_cli.kinds.seam.closed_chain.problem import SeamMotion, SeamProblem
@@ -59,10 +61,10 @@ class SeamPath:
     def of(cls, problem: SeamProblem, motion: SeamMotion) -> SeamPath | None:
         """Returns the joints anywhere along a seam by those at the nodes; None where the chain opens in between."""
         even = np.linspace(0.0, 1.0, PER_NODE * (len(problem.shares) - 1) + 1)
-        position = _spline(problem.shares, motion.position)(even)
+        position = quintic_spline(problem.shares, motion.position)(even)
         best, highest = None, 0.0
         for width in EVENED_OUT:
-            near = _spline(even, _evened_out(position, width))
+            near = quintic_spline(even, _evened_out(position, width))
             found = cls._closed(problem, motion, even, near)
             if found is None:
                 continue
@@ -88,7 +90,7 @@ class SeamPath:
             return None
         for _ in range(HALVINGS):
             middle = (share[1:] + share[:-1]) / 2.0
-            between = _spline(share, position)(middle)
+            between = quintic_spline(share, position)(middle)
             left = all_equations(problem.chain, between, middle, _poses(problem, middle)).exact
             opens = left.size > BETWEEN
             if not opens.any():
@@ -107,7 +109,7 @@ class SeamPath:
 
     @cached_property
     def _joints(self) -> Any:
-        return _spline(self.share, self.position)
+        return quintic_spline(self.share, self.position)
 
     def at(self, share: FloatArray) -> FloatArray:
         """Returns all joints at shares (k,) of the seam [rad], shape (k, n)."""
@@ -135,14 +137,6 @@ class SeamPath:
         velocity = product(J, first[..., None]).reshape(len(first), -1, 6)[..., :3]
         found: FloatArray = norm(velocity, axis=2).max(axis=1)
         return found
-
-
-def _spline(share: FloatArray, position: FloatArray) -> Any:
-    """Returns a quintic spline (C4) through joints (k, n) at shares (k,)."""
-    # Slow to import, and needed for seams alone.
-    from scipy.interpolate import make_interp_spline
-
-    return make_interp_spline(share, position, k=5)
 
 
 def _closed(
@@ -184,24 +178,21 @@ def _evened_out(position: FloatArray, width: float) -> FloatArray:
     """
     if width == 0.0:
         return position
-    # Slow to import, and needed for seams alone.
-    from scipy.linalg import solveh_banded
-
     count = len(position)
-    rough = np.zeros((5, count))
+    rough = np.zeros((count, 9))
     difference = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
     for low in range(5):
-        # The upper band of the matrix DᵀD of fourth differences D, row 4 its diagonal.
-        for high in range(low, 5):
-            band = rough[4 - (high - low)]
-            band[high : count - 4 + high] += difference[low] * difference[high]
+        # The bands of the matrix DᵀD of fourth differences D, column 4 its diagonal.
+        for high in range(5):
+            band = rough[:, 4 + high - low]
+            band[low : count - 4 + low] += difference[low] * difference[high]
     weight = power(width * PER_NODE / np.pi, 8)
     uneven = np.zeros((count + 4, position.shape[1]))
     uneven[4:-4] = np.diff(position, 4, axis=0)
     rough *= weight
-    rough[4] += 1.0
+    rough[:, 4] += 1.0
     # The change is solved for, not the joints: it is small, and so is what rounding leaves of it.
-    return np.asarray(position - solveh_banded(rough, weight * np.diff(uneven, 4, axis=0)))
+    return np.asarray(position - solve_banded(rough, weight * np.diff(uneven, 4, axis=0)))
 
 
 def _stands(problem: SeamProblem, motion: SeamMotion) -> BoolArray:

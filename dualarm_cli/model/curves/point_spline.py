@@ -9,6 +9,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
 from dualarm_cli.geometry.linear_systems import solve
 from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.geometry.splines import quintic_spline
 from dualarm_cli.model.curves.contours import NODES
 from dualarm_cli.records import dataclass
 
@@ -161,14 +162,16 @@ def quintic(knots: FloatArray, values: FloatArray, *, closed: bool) -> object:
     Periodic where it is closed. At open ends its first two derivatives are those of the quartic through the last five
     values: left to the quintic itself, uneven values make the ends hook. Of few values the ends are straight.
     """
-    # Slow to import, and needed for splines alone.
-    from scipy.interpolate import make_interp_spline
+    if closed:
+        # Slow to import, and needed for closed splines alone.
+        from scipy.interpolate import make_interp_spline
 
-    if not closed and len(knots) > FEW:
+        return make_interp_spline(knots, values, k=5, bc_type="periodic")
+    if len(knots) > FEW:
         ends = _end_rates(knots[:5], values[:5]), _end_rates(knots[:-6:-1], values[:-6:-1])
-        return make_interp_spline(knots, values, k=5, bc_type=ends)
+        return quintic_spline(knots, values, *ends)
     free = [(2, np.zeros(values.shape[1])), (4, np.zeros(values.shape[1]))]
-    return make_interp_spline(knots, values, k=5, bc_type="periodic" if closed else (free, free))
+    return quintic_spline(knots, values, free, free)
 
 
 def _end_rates(knots: FloatArray, values: FloatArray) -> list[tuple[int, FloatArray]]:

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
+from dualarm_cli.geometry.splines import quintic_spline
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
@@ -66,15 +67,12 @@ class SeamProblem:
 
         A quintic through the seam's frames at the nodes tells where the seam is between them.
         """
-        # Slow to import, and needed for seams alone.
-        from scipy.interpolate import make_interp_spline
-
         count = FEWEST_NODES
         while count < MOST_NODES:
             share = np.linspace(0.0, 1.0, 2 * count - 1)
             R, p = self.chain.work.tool_frames(share)
             frame = np.concatenate([p / TOLD, R.reshape(len(R), 9) / TOLD_TURN], axis=1)
-            between = make_interp_spline(share[::2], frame[::2], k=5)(share[1::2])
+            between = quintic_spline(share[::2], frame[::2])(share[1::2])
             if np.abs(between - frame[1::2]).max() <= 1.0:
                 break
             count = 2 * count - 1
