@@ -33,7 +33,6 @@ from dualarm_cli.evaluation.request import Request
 from dualarm_cli.exporting.whole_files import place_in, write_new
 from dualarm_cli.files.source.text_source import read_bytes
 from dualarm_cli.model.evaluation import REPEATABLE, Evaluation
-from dualarm_cli.page.packed import unpacked_document
 
 FORMAT = "dualarm.cache/1"
 DEFAULT_FOLDER = ".dualarm-cache"
@@ -77,6 +76,9 @@ class Store:
             return None
         if not request.page or found.status == "infeasible":
             return found
+        # It loads numpy, which answers alone do not need.
+        from dualarm_cli.page.packed import unpacked_document
+
         page = self._read("pages", key)
         try:
             unpacked_document(str(page), MOST_BYTES)
