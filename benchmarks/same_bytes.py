@@ -112,7 +112,10 @@ def main() -> int:
                 for cores in given.cores:
                     _use_cores(cores)
                     begun = time.process_time() + sum(os.times()[2:4])
-                    others = same_everywhere(tasks, ["--effort", effort], given.timeout)
+                    try:
+                        others = same_everywhere(tasks, ["--effort", effort], given.timeout)
+                    except subprocess.TimeoutExpired:
+                        others = [f"not planned within {given.timeout:g} s"]
                     used = time.process_time() + sum(os.times()[2:4]) - begun
                     differs += bool(others)
                     verdict = f"differs: {', '.join(others)}" if others else "same"

@@ -199,8 +199,6 @@ FREE = {
 }
 """Folders whose numbers decide nothing about a plan."""
 OWNERS = {
-    "geometry/elementary.py": "the functions themselves",
-    "geometry/products.py": "the products themselves",
     "kinds/seam/closed_chain/program.py": "products of scipy's sparse matrices, which are loops",
     "model/study.py": "powers of ten of figures that are shown",
     "robot_import/description.py": "powers of ten of figures that are shown",
@@ -318,6 +316,8 @@ def test_what_decides_is_the_same_on_every_processor():
         for line, instead in processor_dependent(path.read_text(encoding="utf-8")):
             found.append(f"dualarm_cli/{name}:{line}: use {instead}")
     assert not found, "\n".join(found)
+    needless = [n for n in OWNERS if not processor_dependent((PACKAGE / n).read_text("utf-8"))]
+    assert needless == []
 
 
 @pytest.mark.parametrize(
