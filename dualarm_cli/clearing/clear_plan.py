@@ -80,8 +80,10 @@ RIVALS = 0.08
 UNLUCKY = 0.03
 """Share of the cycle time; where avoiding collisions costs more, the plan of less effort may do better: it starts
 elsewhere."""
-ROOM_COSTS = 0.01
-"""Share of the cycle time; where blending gains less, a plan without room for it may be quicker."""
+LITTLE_GAIN = 0.03
+"""Share of the cycle time; where blending gains less, the plan that is searched for with stops competes."""
+PUT_BACK = 2
+"""So often stages that collide are put back as they were in a plan without collisions."""
 ALIKE = 0.03
 """Share of the cycle time with stops; a plan that takes longer by more is hardly shorter when both are blended."""
 ROUNDS, MOST_ROUNDS = 3, 12
@@ -125,13 +127,57 @@ def quickest_clear(
     found = _quickest_with_stops(problem, roomy, timing, progress, holding)
     progress("blending lines and transfers")
     blended = shortest_blended(problem, found, timing)
-    motion = blended.cleared.motion
-    if (motion.gain or 0.0) > ROOM_COSTS * motion.trajectory.duration:
-        return blended
-    # Room may cost more than it gains.
-    found = _quickest_with_stops(problem, solve, timing, progress, holding)
-    other = shortest_blended(problem, found, timing)
-    return min(blended, other, key=lambda one: one.cleared.motion.trajectory.duration)
+    candidates = [blended]
+    if again := _without_room(problem, blended, solve, timing):
+        candidates.append(shortest_blended(problem, again, timing))
+    best = min(candidates, key=_duration)
+    if (best.cleared.motion.gain or 0.0) > LITTLE_GAIN * _duration(best):
+        return best
+    # Where blending gains little, postures chosen for stops may be quicker.
+    stopping = replace(problem, blend=False)
+    found = _quickest_with_stops(stopping, solve, timing, progress, holding)
+    return min(best, shortest_blended(problem, found, timing), key=_duration)
+
+
+def _duration(found: ClearedPlan) -> float:
+    return found.cleared.motion.trajectory.duration
+
+
+def _without_room(
+    problem: MethodProblem,
+    found: ClearedPlan,
+    solve: Callable[[MethodProblem], Decided],
+    timing: TimingSolver,
+) -> ClearedPlan | None:
+    """Search again for a plan in which joints need not keep away from their limits of position.
+
+    Stages that collide are put back, with their neighbours the next time.
+
+    Args:
+        problem: what the method was asked.
+        found: its plan with room to pass the ends of lines, blended.
+        solve: the method.
+        timing: how motions are timed.
+
+    Returns:
+        A collision-free plan with stops that is shorter by the method's estimate, or None.
+    """
+    roomy = found.stopping or found.cleared
+    asked = replace(problem, roomy=replace(found.decided, stages=roomy.plans))
+    clearing, back = found.clearing(problem, timing), set[int]()
+    for beside in range(PUT_BACK + 1):
+        try:
+            decided = solve(asked)
+            plans, motion = _timed(problem, decided, timing, found.known)[0]
+        except InfeasibleError:
+            return None
+        touching = clearing.touching(plans, motion) if clearing is not None else []
+        if not touching:
+            cleared = Cleared(plans, motion, ())
+            return replace(found, decided=decided, cleared=cleared, rivals=(), stopping=None)
+        back |= {k + d for k in touching for d in range(-beside, beside + 1)}
+        asked = replace(asked, unchecked=tuple(plans), touching=tuple(sorted(back)))
+    return None
 
 
 def _quickest_with_stops(

@@ -33,6 +33,7 @@ from dualarm_cli.stages.search.search import (
     search_in_parts,
     search_near,
 )
+from dualarm_cli.stages.search.second_search import search_again
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.serving import FIXED
 from dualarm_cli.stages.stage_by_stage import (
@@ -182,6 +183,8 @@ def solve_sequence(problem: MethodProblem) -> Decided:
         # Where a part has no plan with narrower limits it gets one without, by itself.
         model, job, roomy = problem.own.model, problem.own.job, numbers.arms
         numbers = _numbers(replace(problem, model=model, job=job))
+    if problem.roomy is not None:
+        return _again(problem, numbers, problem.roomy)
     nearby: list[list[StagePlan]] = []
     # Long orders were chosen by a plan that simpler methods, which take long themselves, do not come near.
     given = problem.start is not None and len(job.stages()) > LONG and spares
@@ -238,7 +241,27 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     # With clearance the plan on the grid counts what that costs, which the grid's bound does not know.
     gap = _grid_gap(found) if problem.holding is None else None
     simpler = (lambda: _simpler(problem)) if general else None
-    return Decided(stages, gap, (*nearby, *alternatives), simpler=simpler)
+    total = found.grid_total if problem.holding is None else None
+    return Decided(stages, gap, (*nearby, *alternatives), simpler=simpler, grid_total=total)
+
+
+def _again(problem: MethodProblem, numbers: SequenceProblem, roomy: Decided) -> Decided:
+    """Returns a plan that is shorter than a known one by estimate, or one with stages that touch as they are there.
+
+    Raises:
+        InfeasibleError: no shorter one is found.
+    """
+    model, job = problem.model, problem.job
+    known = decisions_of(numbers, model, roomy.stages)
+    if problem.unchecked:
+        back = np.array([k for k in problem.touching if 0 <= k < numbers.stages], dtype=np.int64)
+        decisions = decisions_of(numbers, model, list(problem.unchecked)).put(back, known)
+    else:
+        found = search_again(numbers, known, roomy.grid_total, problem.effort, problem.seed)
+        if found is None:
+            raise InfeasibleError(Refusal("no_plan_on_grid"))
+        decisions = found.decisions
+    return Decided(stage_plans(model, job, numbers, decisions, "sequence"), roomy.grid_gap)
 
 
 def _numbers(problem: MethodProblem) -> SequenceProblem:

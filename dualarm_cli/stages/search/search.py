@@ -78,7 +78,7 @@ def search(
         seed: of the random steps of polishing.
         further: gives plans of simpler methods that take their time, told whether there is a plan on the grids.
     """
-    how, asked, problem = _how(problem, effort), problem, replace(problem, ways=None)
+    how, asked, problem = search_effort(problem, effort), problem, replace(problem, ways=None)
     tables = tuple(StopTable.of(work) for work in problem.arms)
     exact = ExactStages(problem, tables)
     made = halves(
@@ -95,20 +95,22 @@ def search(
     if not pool and on_nodes and not possible:
         return FoundSequence(min(on_nodes, key=lambda one: one[0].total)[1], bound, total, True)
     pool += [plan for _, plan in on_nodes]
-    pool = _different(problem, [plan for plan in pool if np.isfinite(plan.total)])
+    pool = best_of_each_kind(problem, [plan for plan in pool if np.isfinite(plan.total)])
     if not pool:
         return None
-    best, tried = _combined(problem, tables, pool, how, seed)
+    best, tried = combination(problem, tables, pool, how, seed)
     for _ in range(how.local_rounds):
         around = plans_on_nodes(problem, tables, how.local, how.plans, best, exact=exact).plans
         before = best.total
         pool = [best, *(plan for _, plan in around)]
-        best, more = _combined(problem, tables, pool, how, seed)
+        best, more = combination(problem, tables, pool, how, seed)
         tried += more
         if best.total > (1.0 - LITTLE) * before:
             break
     rivals = _apart(problem, best, tried)[: how.rivals] if asked.ways is not None else []
-    return FoundSequence(_polished(asked, tables, best, how, seed, rivals=rivals), bound, total)
+    return FoundSequence(
+        polished_thoroughly(asked, tables, best, how, seed, rivals=rivals), bound, total
+    )
 
 
 def _apart(
@@ -127,7 +129,7 @@ def _apart(
     return found[1:]
 
 
-def _polished(
+def polished_thoroughly(
     problem: SequenceProblem,
     tables: tuple[StopTable, ...],
     best: Evaluated,
@@ -151,11 +153,11 @@ def _polished(
     best = polish(at_rest, tables, best, how.rounds, how.random_steps, seed, loose)
     if problem.ways is None:
         return best
-    polished = partial(_polished_in_motion, problem, tables, how, seed, loose)
+    polished = partial(polished_in_motion, problem, tables, how, seed, loose)
     found = halves(partial(polished, range(how.cycles)), [best, *rivals])
     if not rivals:
         return found[0]
-    moving = [_moving(problem, tables, plan) for plan in found]
+    moving = [with_best_ways(problem, tables, plan) for plan in found]
     k = min(range(len(moving)), key=lambda k: _worth(*moving[k]))
     others = [plan.decisions for plan in found[:k] + found[k + 1 :]]
     best = best_combination(moving[k][0], tables, moving[k][1], others)
@@ -163,7 +165,7 @@ def _polished(
     return polished(range(1, how.cycles), [evaluate(at_rest, tables, best.decisions)])[0]
 
 
-def _moving(
+def with_best_ways(
     problem: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated
 ) -> tuple[SequenceProblem, Evaluated]:
     """Returns a sequence with the ways of passing lines' ends that are best for a plan, and the plan with them."""
@@ -171,7 +173,7 @@ def _moving(
     return moving, evaluate(moving, tables, plan.decisions)
 
 
-def _polished_in_motion(
+def polished_in_motion(
     problem: SequenceProblem,
     tables: tuple[StopTable, ...],
     how: SearchEffort,
@@ -186,7 +188,7 @@ def _polished_in_motion(
         best = plan
         for cycle in cycles:
             if cycle:
-                moving, start = _moving(problem, tables, best)
+                moving, start = with_best_ways(problem, tables, best)
             else:
                 moving, start = problem, evaluate(problem, tables, best.decisions)
             best = polish(
@@ -230,7 +232,7 @@ def search_in_parts(
         return None
     tables = tuple(StopTable.of(work) for work in problem.arms)
     plan, near = joined
-    how, decisions = _how(problem, effort), plan.decisions
+    how, decisions = search_effort(problem, effort), plan.decisions
 
     def polished(stretches: Sequence[Stretch]) -> list[Decisions]:
         found = []
@@ -240,7 +242,7 @@ def search_in_parts(
                 still = replace(part, ways=None)
                 best = evaluate(still, own, decisions.take(stretch.stages))
                 if np.isfinite(best.total):
-                    best = _polished(
+                    best = polished_thoroughly(
                         part, own, best, replace(how, random_steps=0), seed, stretch.loose
                     )
                     break
@@ -294,7 +296,7 @@ def search_near(
             there is a plan with them; none where that is not asked for.
     """
     tables = tuple(StopTable.of(work) for work in problem.arms)
-    how, plan = _how(problem, effort), evaluate(problem, tables, near)
+    how, plan = search_effort(problem, effort), evaluate(problem, tables, near)
     loose = _loose(problem, plan, touching)
     if problem.stages <= WHOLE and not local:
         loose[:] = True
@@ -379,8 +381,8 @@ def _near(
         problem = _settled(problem, lacking)
     if not around:
         return None
-    best, _ = _combined(problem, tables, [*around, start], how, seed, loose)
-    best = _polished(replace(problem, ways=asked.ways), tables, best, how, seed, loose)
+    best, _ = combination(problem, tables, [*around, start], how, seed, loose)
+    best = polished_thoroughly(replace(problem, ways=asked.ways), tables, best, how, seed, loose)
     return best.decisions if np.isfinite(_worth(problem, best)) else None
 
 
@@ -399,7 +401,8 @@ def _settled(problem: SequenceProblem, stages: Sequence[int]) -> SequenceProblem
     return replace(problem, clearance=replace(test, settled=test.settled.union(stages)))
 
 
-def _how(problem: SequenceProblem, effort: str) -> SearchEffort:
+def search_effort(problem: SequenceProblem, effort: str) -> SearchEffort:
+    """Select how hard to search a sequence, by its length and the kinds of its arms."""
     how = EFFORTS[effort].search
     if all(has_closed_form(work) for work in problem.arms):
         return how.for_stages(problem.stages)
@@ -432,7 +435,7 @@ def _beside(stages: BoolArray, count: int) -> BoolArray:
     return found
 
 
-def _combined(
+def combination(
     problem: SequenceProblem,
     tables: tuple[StopTable, ...],
     pool: list[Evaluated],
@@ -467,7 +470,7 @@ def _worth(problem: SequenceProblem, plan: Evaluated) -> float:
     return plan.total + plan_clearance(problem, plan).penalty
 
 
-def _different(problem: SequenceProblem, pool: list[Evaluated]) -> list[Evaluated]:
+def best_of_each_kind(problem: SequenceProblem, pool: list[Evaluated]) -> list[Evaluated]:
     """Returns the best plan of every kind: those with the same branches, targets and yaws are polished into one."""
     best: dict[bytes, Evaluated] = {}
     for plan in sorted(pool, key=lambda plan: _worth(problem, plan)):
