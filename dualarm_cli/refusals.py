@@ -141,6 +141,11 @@ _MISFIT_HELPS = (
     "what helps: another target or stand, a part or an obstacle of another size, a shorter line, or "
     "`allowed_contacts` for the two"
 )
+_SAME_ROOM = "parts are in each other's way, whatever the arms do"
+_SAME_ROOM_HELPS = (
+    "what helps: other targets; `touches` for parts that lie on or against each other; `leaves: true` for a part that "
+    "is taken out of the cell; a clearance of its own (`clearances`) for the two; another order"
+)
 _CLEAR_HELPS = (
     "what helps: other targets or tasks in that stage (two arms whose targets are that near need an order in "
     "which they take turns), moving what is in the way, or a clearance of its own (`clearances`) for the "
@@ -237,6 +242,12 @@ _CLEARANCE = {
     "{measured:mm} into '{into}', at best",
     "tool_too_near": "task '{task}': {arm} arm cannot {action}: at the target or on its lines {held} and {into} lack "
     "{measured:mm} of clearance, at best",
+    "same_room": "task '{task}': where it has to {action}, '{body}' {how:*} '{part}' of task '{other}', which {verb} "
+    "there ({there}), in either order",
+    "in_the_way": "task '{task}': where it has to {action}, '{body}' {how:*} '{part}' of task '{other}', which {verb} "
+    "there in the given order ({there})",
+    "room_overlap": "reaches {measured:mm} into",
+    "room_gap": "is {measured:mm} from, and needs {allowed:mm} to,",
     "grip_touches": "task '{task}': {where} {one} and {other} lack {measured:mm} of clearance",
     "not_clear": _NOT_CLEAR,
     "stage_touches": "task '{task}'{beside:*}: {one} and {other} lack {measured:mm} of clearance {when:.2f} s into "
@@ -395,6 +406,8 @@ HEADS: Mapping[str, str] = {
     "is one joint: freeze the others) makes this stage",
     "part_reaches_into": _MISFIT,
     "tool_reaches_into": _MISFIT,
+    "same_room": _SAME_ROOM,
+    "in_the_way": _SAME_ROOM,
     "grip_touches": "no posture avoids that tools and part are too close to each other in a hand-over",
     "stage_touches": _NOT_CLEAR + "{tried:*}",
     "stage_lacks_skew": _NOT_CLEAR + "{tried:*}",
@@ -412,6 +425,8 @@ HELPS: Mapping[str, str] = {
     "(initial), or another order in the file",
     "part_reaches_into": _MISFIT_HELPS,
     "tool_reaches_into": _MISFIT_HELPS,
+    "same_room": _SAME_ROOM_HELPS,
+    "in_the_way": _SAME_ROOM_HELPS,
     "grip_touches": "what helps: another `grip`, a longer `approach` or `retract`, or a clearance of its own "
     "(`clearances`) for the two",
     "stage_touches": _CLEAR_HELPS,

@@ -226,7 +226,7 @@ def which_are_clear(cell: CellClearance, stages: Sequence[StageSamples]) -> Bool
     kept = _which_are_apart(cell, stages)
     for margins in [_own(cell, a) for a in range(len(cell.arms))]:
         left = np.flatnonzero(kept).tolist()
-        kept[left] = _kept([stages[k] for k in left], margins)
+        kept[left] = _kept(cell, [stages[k] for k in left], margins)
     return kept
 
 
@@ -237,12 +237,12 @@ def apart(cell: CellClearance, samples: StageSamples) -> bool:
 
 def _which_are_apart(cell: CellClearance, stages: Sequence[StageSamples]) -> BoolArray:
     """Returns in which of s stages the arms are clear of each other, also with one as late as it may be."""
-    kept = _kept(stages, cell.cross_margins)
+    kept = _kept(cell, stages, cell.cross_margins)
     for k in np.flatnonzero(kept & (cell.skew > 0.0)).tolist():
         rows = int(np.ceil(cell.skew / stages[k].step))
         shifts = distinct(np.ceil(np.linspace(0.0, rows, -(-rows // SHIFT) + 1))[1:])
         kept[k] = all(
-            _kept([stages[k].delayed(columns, a, int(shift))], cell.cross_margins)[0]
+            _kept(cell, [stages[k].delayed(columns, a, int(shift))], cell.cross_margins)[0]
             for shift in shifts[::-1]
             for a, columns in enumerate(cell.columns)
         )
@@ -251,7 +251,7 @@ def _which_are_apart(cell: CellClearance, stages: Sequence[StageSamples]) -> Boo
 
 def alone_clear(cell: CellClearance, samples: StageSamples, a: int) -> bool:
     """Returns whether one arm is clear of itself and of all that is not the other arm."""
-    return bool(_kept([samples], _own(cell, a))[0])
+    return bool(_kept(cell, [samples], _own(cell, a))[0])
 
 
 def _own(cell: CellClearance, a: int) -> Margins:
@@ -261,7 +261,7 @@ def _own(cell: CellClearance, a: int) -> Margins:
     return margins
 
 
-def _kept(stages: Sequence[StageSamples], margins: Margins) -> BoolArray:
+def _kept(cell: CellClearance, stages: Sequence[StageSamples], margins: Margins) -> BoolArray:
     """Returns in which of s stages all margins are kept, shape (s,).
 
     At every COARSE-th instant first, then at all of them about those that have little to spare, or between which what
@@ -287,8 +287,8 @@ def _kept(stages: Sequence[StageSamples], margins: Margins) -> BoolArray:
     margin[rows] = looked_at(rows, position[rows], held[rows])
     first, second = rows[:-1], rows[1:]
     close = np.minimum(margin[first], margin[second]) < NEAR * (second - first)
-    # A part on a line counts only where it reaches into something: how far it is from that says nothing.
-    close |= ((held[first] != held[second]) | (held[first] % 2 == 1)).any(axis=1)
+    # What may touch counts only where it reaches into something: how far it is from that says nothing.
+    close |= (held[first] != held[second]).any(axis=1) | cell.may_only_touch(held[first])
     close &= (stage[first] == stage[second]) & kept[stage[first]]
     steps = (first[close, None] + np.arange(1, COARSE)).ravel()
     rows = steps[steps < np.repeat(second[close], COARSE - 1)]

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import field, replace
 
 import numpy as np
 
 from dualarm_cli.collision.pair_groups import PairGroup
 from dualarm_cli.collision.quick_test import QuickTest
+from dualarm_cli.collision.rooms import PartRoom, rooms_of
+from dualarm_cli.collision.scenes import ArmScene, Scene
 from dualarm_cli.collision.solids import Pair
+from dualarm_cli.compiled.pair_margins import Scenes
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.lying import may_touch
 from dualarm_cli.records import dataclass
 
 SLACK = 0.002
@@ -23,7 +29,7 @@ class CellClearance:
 
     What an arm holds is a number: twice the place of its name in `parts`, and one more on a stop's lines, where a part
     need not be clear of what stands still. In a hand-over twice the number of parts are added: the other arm's tool,
-    and what that holds, may touch the part then.
+    and what that holds, may touch the part then. What lies meanwhile adds `size` times the number of the scene.
     """
 
     test: QuickTest
@@ -38,24 +44,52 @@ class CellClearance:
     """Whether arms have to be clear of one another; else each is looked at by itself."""
     skew: float = 0.0
     """Delay of either arm with which motions have to be clear as well [s]."""
+    rooms: tuple[PartRoom, ...] = ()
+    """Where parts wait or lie at times."""
+    scenes: tuple[Scene, ...] = ({},)
+    """What lies when; nothing in the first one, unless it lies all the time."""
+    listed: dict[tuple[int, int, bool], Scenes] = field(default_factory=dict, compare=False)
+    """Pairs that count in each scene, by arm, what it holds, and whether only those that may touch are asked for."""
 
     @classmethod
-    def of(cls, cell: Cell, carried: Sequence[tuple[str, str]], skew: float = 0.0) -> CellClearance:
+    def of(
+        cls,
+        cell: Cell,
+        carried: Sequence[tuple[str, str]],
+        skew: float = 0.0,
+        rooms: tuple[PartRoom, ...] = (),
+    ) -> CellClearance:
         """Prepares a cell.
 
         Args:
             cell: of the data model.
             carried: arm and name of everything that an arm ever holds.
             skew: delay of either arm with which motions have to be clear as well [s].
+            rooms: where parts wait or lie at times; none of them is taken before scenes say so.
         """
         arms = cell.robot.arms
         return cls(
-            QuickTest(cell, carried),
+            QuickTest(cell, carried, rooms),
             tuple(arm.name for arm in arms),
             tuple(tuple(cell.robot.columns(arm.joints)) for arm in arms),
             ("", *dict.fromkeys(part for _, part in carried)),
             skew=skew,
+            rooms=rooms,
         )
+
+    @classmethod
+    def of_job(cls, job: Job) -> CellClearance:
+        """Prepares a job's cell with all that it carries and all rooms of its parts."""
+        return cls.of(job.cell, job.carried(), rooms_of(job))
+
+    def in_scenes(self, scenes: tuple[Scene, ...]) -> CellClearance:
+        """Returns the same test with what lies when."""
+        return replace(self, scenes=scenes, listed={})
+
+    @property
+    def size(self) -> int:
+        """Number of the numbers of what an arm may hold in one scene."""
+        return 4 * len(self.parts)
 
     def held(self, part: str, on_line: bool = False) -> int:
         """Returns the number of what an arm holds."""
@@ -71,13 +105,27 @@ class CellClearance:
         numbers: IntArray = np.where(handing[..., None], held + 2 * len(self.parts), held | 1)
         return numbers
 
+    def may_only_touch(self, held: IntArray) -> BoolArray:
+        """Returns where what an arm holds counts only where it reaches into something, shape (n,).
+
+        Args:
+            held: what each arm holds, shape (n, arms).
+        """
+        found: BoolArray = (held % 2 == 1).any(axis=1)
+        if self.rooms:
+            for a in range(len(self.arms)):
+                for number in distinct(held[:, a]).tolist():
+                    if self._scenes(a, number, touching=True).of(number // self.size):
+                        found |= held[:, a] == number
+        return found
+
     def part_of(self, number: int) -> str:
         """Returns the part of a number."""
-        return self.parts[(number // 2) % len(self.parts)]
+        return self.parts[(number % self.size // 2) % len(self.parts)]
 
     def is_handed(self, number: int) -> bool:
         """Returns whether the part of a number is being handed over."""
-        return number >= 2 * len(self.parts)
+        return number % self.size >= 2 * len(self.parts)
 
     def own_margins(
         self, a: int, position: FloatArray, held: IntArray, *, ground: bool = False
@@ -90,19 +138,75 @@ class CellClearance:
             held: what it holds, shape (n,).
             ground: whether what it reaches into with a part on a line counts as well; that takes longer.
         """
-        if len(self.parts) == 1:
-            return self.test.margins(self.test.own(self.arms[a]), position)
         found = np.empty(len(position))
-        for number in distinct(held).tolist():
-            rows = np.flatnonzero(held == number)
-            group = self.test.own(self.arms[a], self.part_of(number), bool(number % 2))
-            found[rows] = self.test.margins(group, position[rows])
-            if ground and number % 2:
+        scene, base = held // self.size, held % self.size
+        for number in distinct(base).tolist():
+            rows = np.flatnonzero(base == number)
+            found[rows] = self._margins(a, number, position[rows], scene[rows])
+            if not ground:
+                continue
+            groups = [self._margins(a, number, position[rows], scene[rows], touching=True)]
+            if number % 2:
                 lying = self.test.ground(self.arms[a], self.part_of(number))
-                margin = self.test.margins(lying, position[rows])
+                groups.append(self.test.margins(lying, position[rows]))
+            for margin in groups:
                 # What only touches is as good as far away.
                 found[rows] = np.where(margin < 0.0, np.minimum(found[rows], margin), found[rows])
         return found
+
+    def _margins(
+        self, a: int, number: int, position: FloatArray, scene: IntArray, *, touching: bool = False
+    ) -> FloatArray:
+        """Returns the margins of one arm that holds one thing, in some scenes [m], shape (n,)."""
+        if not self.rooms:
+            if touching:
+                return np.full(len(position), np.inf)
+            return self.test.margins(self._own(a, number), position)
+        scenes = self._scenes(a, number, touching=touching)
+        if not len(scenes.listed):
+            return np.full(len(position), np.inf)
+        group = self._own(a, number, touching=touching)
+        return self.test.margins(group, position, (scenes, scene))
+
+    def _own(self, a: int, number: int, *, touching: bool = False) -> PairGroup:
+        if touching:
+            return self.test.touching(self.arms[a], self.part_of(number))
+        return self.test.own(self.arms[a], self.part_of(number), bool(number % 2))
+
+    def _scenes(self, a: int, number: int, *, touching: bool = False) -> Scenes:
+        """Returns the pairs of one arm that count in each scene while it holds something."""
+        key = a, number % self.size, touching
+        if key not in self.listed:
+            self.listed[key] = self._listed(self.arms[a], number, touching=touching)
+        return self.listed[key]
+
+    def _listed(self, arm: str, number: int, *, touching: bool) -> Scenes:
+        group = self._own(self.arms.index(arm), number, touching=touching)
+        rooms = [self.test.room_of(pair) for pair in group.pairs]
+        room = np.array([-1 if r is None else r for r in rooms], dtype=np.int64)
+        part = np.array([self.test.carried_in(pair) for pair in group.pairs], dtype=np.bool_)
+        part &= room >= 0
+        tool = np.array([self.test.is_on_flange(pair, arm) for pair in group.pairs], dtype=np.bool_)
+        holds = bool(self.test.part_in(arm, self.part_of(number)))
+        lists = []
+        for scene in self.scenes:
+            own = scene.get(arm, ArmScene())
+            there = np.zeros(len(self.rooms) + 1, dtype=np.bool_)
+            there[list(own.holding if holds else own.empty)] = True
+            touched = np.zeros(len(there), dtype=np.bool_)
+            if own.carries is not None:
+                touched[:-1] = [may_touch(own.carries, r.task) for r in self.rooms]
+            there[-1] = not touching
+            counts = there[room] & (~part | (touched[room] == touching))
+            for r, (task, stop) in (*own.left.items(), *own.here.items()):
+                on_line = bool(number % 2) and r in own.here
+                for k in np.flatnonzero(counts & tool & (room == r)).tolist():
+                    counts[k] = not on_line and self.test.is_apart(
+                        group.pairs[k], arm, stop, task.tool
+                    )
+            lists.append(np.flatnonzero(counts))
+        first = np.cumsum([0, *(len(row) for row in lists)])
+        return Scenes(first, np.concatenate(lists))
 
     def cross_margins(self, position: FloatArray, held: IntArray) -> FloatArray:
         """Returns the least margin of one arm from the other [m], shape (n,).
@@ -116,7 +220,7 @@ class CellClearance:
         if len(self.parts) == 1:
             return self.test.margins(self.test.cross(), position)
         found = np.empty(len(position))
-        parts = held // 2
+        parts = held % self.size // 2
         for numbers in np.unique(parts, axis=0):
             rows = np.flatnonzero((parts == numbers).all(axis=1))
             group = self._cross([2 * number for number in numbers.tolist()])
@@ -151,17 +255,27 @@ class CellClearance:
     def _pairs(self, held: IntArray) -> list[Pair]:
         """Returns all pairs that must keep apart while the arms hold things of some numbers, shape (arms,)."""
         parts = [self.part_of(number) for number in held.tolist()]
-        groups = [self._cross(held.tolist())]
-        groups += [
-            self.test.own(arm, part, bool(number % 2))
-            for arm, part, number in zip(self.arms, parts, held.tolist(), strict=True)
+        found = list(self._cross(held.tolist()).pairs)
+        for a, (arm, part, number) in enumerate(zip(self.arms, parts, held.tolist(), strict=True)):
+            found += self.own_pairs(a, number)
+            found += self.own_pairs(a, number, touching=True)
+            found += self.test.ground(arm, part).pairs if number % 2 else ()
+        return found
+
+    def own_pairs(self, a: int, number: int, *, touching: bool = False) -> Sequence[Pair]:
+        """Returns the pairs of one arm, but with the other one, while it holds something.
+
+        Args:
+            a: which arm.
+            number: what it holds.
+            touching: whether only those of parts that may touch are asked for, or all others.
+        """
+        pairs = self._own(a, number, touching=touching).pairs
+        if not self.rooms:
+            return () if touching else pairs
+        return [
+            pairs[k] for k in self._scenes(a, number, touching=touching).of(number // self.size)
         ]
-        groups += [
-            self.test.ground(arm, part)
-            for arm, part, number in zip(self.arms, parts, held.tolist(), strict=True)
-            if number % 2
-        ]
-        return [pair for group in groups for pair in group.pairs]
 
     def margins(self, position: FloatArray, held: IntArray) -> FloatArray:
         """Returns the least margin of everything from everything [m], shape (n,); arguments as of `cross_margins`."""

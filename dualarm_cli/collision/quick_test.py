@@ -12,18 +12,21 @@ import pinocchio as pin
 from dualarm_cli.collision.hulls import Hulls
 from dualarm_cli.collision.pair_groups import PairGroup, pair_group
 from dualarm_cli.collision.reach import Reach
+from dualarm_cli.collision.rooms import PartRoom
 from dualarm_cli.collision.solids import (
     WORLD,
     Pair,
     Solid,
     cell_solids,
     pairs_that_must_keep_apart,
+    pairs_with_lying,
 )
 from dualarm_cli.collision.tree import JointTree
-from dualarm_cli.compiled.pair_margins import pair_margins
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.compiled.pair_margins import Scenes, pair_margins
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.model.cell import Cell, Held
+from dualarm_cli.model.job import PoseTarget, Stop
 
 ENOUGH = 0.01
 """Margins that balls around two solids show to be greater than this are not looked at more closely [m]."""
@@ -35,6 +38,8 @@ OVERLAPS = 1e-3
 """Boxes that no axis shows to overlap by less are looked at by coal [m]."""
 ROUNDED = 1e-9
 """What margins are less by, for rounding [m]."""
+APART = 0.003
+"""Margin of a tool from its own part at the outer end of a line that lets the planner ask for it elsewhere [m]."""
 SURE = 5e-4
 """Margins of boxes that are greater are as good as true ones [m]."""
 DOUBTED = 0.004
@@ -44,12 +49,18 @@ DOUBTED = 0.004
 class QuickTest:
     """Round hulls of all moving solids of a cell, and its pairs by which joints move them."""
 
-    def __init__(self, cell: Cell, carried: Sequence[tuple[str, str]] = ()) -> None:
+    def __init__(
+        self,
+        cell: Cell,
+        carried: Sequence[tuple[str, str]] = (),
+        rooms: Sequence[PartRoom] = (),
+    ) -> None:
         """Prepares a cell.
 
         Args:
             cell: of the data model.
             carried: arm and name of everything that an arm ever holds, see `Held.name`.
+            rooms: where parts wait or lie at times.
         """
         robot = cell.robot
         model = pin.buildModelFromXML(robot.urdf)
@@ -61,12 +72,30 @@ class QuickTest:
             for pair in pairs_that_must_keep_apart(model, self._solids, cell)
             if reach.can_meet(self._solids[pair.first], self._solids[pair.second], pair, ENOUGH)
         ]
+        first = len(self._solids)
+        for room in rooms:
+            self._solids += room.solids(cell)
+        lying = range(first, len(self._solids))
+        room_of = [k for k, room in enumerate(rooms) for _ in room.shapes]
+        self._room_of = dict(zip(lying, room_of, strict=True))
+        self._pairs += [
+            pair
+            for pair in pairs_with_lying(self._solids, lying, cell)
+            if reach.can_meet(self._solids[pair.first], self._solids[pair.second], pair, ENOUGH)
+        ]
         self._steps = self._tree.steps()
         self._hulls = Hulls.of(self._solids, self._tree)
         self._held = {arm.name: cell.all_held(arm.name) for arm in robot.arms}
         members = {arm.name: set(arm.joints) for arm in robot.arms}
         self.arms = tuple(members)
         """Names of the arms."""
+        self._cell, self._flanges = (
+            cell,
+            {
+                arm.name: model.frames[model.getFrameId(arm.flange, pin.FrameType.BODY)]
+                for arm in robot.arms
+            },
+        )
         self._moved_by = [_movers(model, solid, members) for solid in self._solids]
         self._groups: dict[tuple[str, ...], PairGroup] = {}
 
@@ -136,14 +165,101 @@ class QuickTest:
             )
         return self._groups[key]
 
-    def margins(self, group: PairGroup, position: FloatArray) -> FloatArray:
+    def touching(self, arm: str, part: str) -> PairGroup:
+        """Returns the pairs of the part that an arm holds with parts that lie, which may touch but not overlap.
+
+        Args:
+            arm: what holds it.
+            part: name of what it holds.
+        """
+        key = ("touching", arm, part)
+        if key not in self._groups:
+            self._groups[key] = self._grouped(
+                [
+                    replace(pair, required=-OVERLAP)
+                    for pair in self._own_pairs(arm, part, on_line=False)
+                    if pair.second in self._room_of and self.carried_in(pair)
+                ]
+            )
+        return self._groups[key]
+
+    def part_in(self, arm: str, held: str) -> str:
+        """Returns the part of what an arm holds by its name; empty for none."""
+        return self._held[arm][held].part
+
+    def room_of(self, pair: Pair) -> int | None:
+        """Returns the number of the room that a pair's second solid is part of; None for none."""
+        return self._room_of.get(pair.second)
+
+    def carried_in(self, pair: Pair) -> bool:
+        """Returns whether a pair's first solid is a part that an arm carries."""
+        solid = self._solids[pair.first]
+        return bool(solid.carrier) and not solid.bolted
+
+    def is_on_flange(self, pair: Pair, arm: str) -> bool:
+        """Returns whether a pair's first solid is fixed to an arm's flange and no part."""
+        return self._solids[pair.first].joint == self._flanges[
+            arm
+        ].parentJoint and not self.carried_in(pair)
+
+    def drifting(
+        self, room: int, arm: str, part: str, position: FloatArray, shift: FloatArray
+    ) -> tuple[FloatArray, list[Pair]]:
+        """Returns the margins of one arm from a part that moves, pair by pair, shape (q, n) [m]; by coal where near.
+
+        Args:
+            room: number of the part's room.
+            arm: its name.
+            part: name of what it holds.
+            position: all joints of the robot [rad], shape (n, columns).
+            shift: of the room, in the frame of the root link [m], shape (n, 3).
+        """
+        pairs = [p for p in self._own_pairs(arm, part, on_line=False) if self.room_of(p) == room]
+        frames = self._tree.frames(position, {self._solids[pair.first].joint for pair in pairs})
+        found = np.full((len(pairs), len(position)), np.inf)
+        for k, pair in enumerate(pairs):
+            one, other = self._solids[pair.first], self._solids[pair.second]
+            R, p = frames[one.joint]
+            R_joint = np.einsum("ijn,kj->ikn", R, self._tree.R_joint_own[one.joint])
+            middle = np.einsum("ikn,k->in", R_joint, np.asarray(one.pose.act(_middle(one)))) + p
+            there = np.asarray(other.pose.act(_middle(other))) + shift
+            apart = np.sqrt(((middle.T - there) ** 2).sum(axis=1))
+            apart -= one.geometry.aabb_radius + other.geometry.aabb_radius + pair.required
+            found[k] = apart
+            for row in np.flatnonzero(apart < ENOUGH).tolist():
+                place = pin.SE3(R_joint[..., row], p[:, row]) * one.pose
+                moved = pin.SE3(other.pose.rotation, other.pose.translation + shift[row])
+                found[k, row] = _distance(one, other, (place, moved)) - pair.required
+        return found, pairs
+
+    def labels(self, pair: Pair) -> tuple[str, str]:
+        """Returns what a person calls the two bodies of a pair."""
+        return self._solids[pair.first].label, self._solids[pair.second].label
+
+    def is_apart(self, pair: Pair, arm: str, stop: Stop, tool: str) -> bool:
+        """Returns whether a tool is clear of the part that lies at its stop where the line there begins or ends."""
+        line = stop.approach if stop.action == "pick" else stop.retract
+        if not isinstance(stop.target, PoseTarget) or not line:
+            return False
+        T_tcp_end = pin.SE3(np.eye(3), np.array([0.0, 0.0, -line]))
+        T_root_tcp = self._cell.base.actInv(stop.target.pose) * T_tcp_end
+        T_own_tool = self._cell.T_own_tool(arm, tool)
+        T_joint_tcp = self._flanges[arm].placement * self._cell.tools[arm].tcp * T_own_tool
+        solid, part = self._solids[pair.first], self._solids[pair.second]
+        places = T_root_tcp * T_joint_tcp.actInv(solid.pose), part.pose
+        return _distance(solid, part, places) - pair.required >= APART
+
+    def margins(
+        self, group: PairGroup, position: FloatArray, scenes: tuple[Scenes, IntArray] | None = None
+    ) -> FloatArray:
         """Returns a bound below the least of distance less required clearance over a group's pairs [m], shape (n,).
 
         Args:
             group: of this test.
             position: all joints of the robot [rad], shape (n, columns).
+            scenes: which pairs count in which scene, and the scene of each row; None: all pairs.
         """
-        sure, rough = pair_margins(self._steps, group.arrays, position, ENOUGH, len(group.rough))
+        sure, rough = pair_margins(self._steps, group.arrays, position, ENOUGH, scenes)
         if len(rough):
             self._look_closer(group, position, sure, rough)
         return np.minimum(sure, rough.min(axis=0, initial=np.inf)) - ROUNDED
@@ -202,7 +318,7 @@ class QuickTest:
         """Returns whether a pair is something held that may lie on things, and something that stands still."""
         solids = (self._solids[pair.first], self._solids[pair.second])
         lies = any(s.carrier and (held.docking or not s.bolted) for s in solids)
-        return lies and any(s.joint == WORLD for s in solids)
+        return lies and any(s.joint == WORLD and not s.lying for s in solids)
 
     def _look_closer(
         self, group: PairGroup, position: FloatArray, sure: FloatArray, rough: FloatArray
@@ -248,18 +364,28 @@ class QuickTest:
             R, p = frames[solid.joint]
             R_joint = product(R[..., row], self._tree.R_joint_own[solid.joint].T)
             places.append(
-                coal.Transform3s(
+                pin.SE3(
                     product(R_joint, solid.pose.rotation),
                     p[:, row] + product(R_joint, solid.pose.translation),
                 )
             )
-        one, other = self._solids[pair.first].geometry, self._solids[pair.second].geometry
-        result = coal.DistanceResult()
-        coal.distance(one, places[0], other, places[1], coal.DistanceRequest(), result)
-        return float(result.min_distance) - pair.required
+        one, other = self._solids[pair.first], self._solids[pair.second]
+        return _distance(one, other, places) - pair.required
 
     def _grouped(self, pairs: Sequence[Pair]) -> PairGroup:
         return pair_group(self._solids, self._hulls, self._tree, pairs)
+
+
+def _distance(one: Solid, other: Solid, places: Sequence[pin.SE3]) -> float:
+    """Returns how far two solids are apart at two places [m], by coal."""
+    here, there = (coal.Transform3s(place.rotation, place.translation) for place in places)
+    result = coal.DistanceResult()
+    coal.distance(one.geometry, here, other.geometry, there, coal.DistanceRequest(), result)
+    return float(result.min_distance)
+
+
+def _middle(solid: Solid) -> FloatArray:
+    return np.asarray(solid.geometry.aabb_center, dtype=np.float64).ravel()
 
 
 def _movers(model: pin.Model, solid: Solid, members: dict[str, set[str]]) -> set[str]:

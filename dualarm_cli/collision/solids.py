@@ -44,10 +44,14 @@ class Solid:
     """The changed tool that it is, or, of a part, that grips it; empty for none."""
     bolted: bool = False
     """Whether it is a changed tool: it may touch its arm's last links, and parts may lie on things, tools not."""
+    lying: str = ""
+    """Name for messages, of a part that waits or lies; empty for all else."""
 
     @property
     def label(self) -> str:
         """What a person calls it: both arms may carry the same kind of part."""
+        if self.lying:
+            return self.lying
         return f"{self.carrier} {self.body}" if self.carrier and not self.bolted else self.body
 
     def is_held(self, held: Held) -> bool:
@@ -266,6 +270,25 @@ def pairs_that_must_keep_apart(model: pin.Model, solids: Sequence[Solid], cell: 
             if one.joint == other.joint or neighbours or bodies in allowed:
                 continue
             pairs.append(Pair(i, j, special.get(bodies, cell.clearance)))
+    return pairs
+
+
+def pairs_with_lying(solids: Sequence[Solid], lying: Sequence[int], cell: Cell) -> list[Pair]:
+    """List the pairs of what moves and parts that lie, these second, that must keep apart.
+
+    Args:
+        solids: of the cell.
+        lying: numbers of those of parts that wait or lie.
+        cell: with its clearances and allowed contacts.
+    """
+    allowed = {frozenset(pair) for pair in (*cell.robot.allowed_contacts, *cell.allowed_contacts)}
+    special = {frozenset(names): distance for *names, distance in cell.clearances}
+    pairs = []
+    for i, one in enumerate(solids):
+        for j in lying if one.joint != WORLD and not one.lying else ():
+            bodies = frozenset((one.body, solids[j].body))
+            if bodies not in allowed:
+                pairs.append(Pair(i, j, special.get(bodies, cell.clearance)))
     return pairs
 
 

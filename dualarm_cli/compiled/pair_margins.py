@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.native import PointerStruct, library, numbers, pointer, whole
+from dualarm_cli.records import dataclass
 
 _pointer, _int64, _double = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 CAPSULE, PLANE, BOX = range(3)
@@ -74,7 +75,7 @@ class SolidPairs(_Arrays):
                 *("box_joint", "axes", "box_center", "box_half"),
             )
         ),
-        *((name, _int64) for name in ("joints", "capsules", "pairs")),
+        *((name, _int64) for name in ("joints", "capsules", "pairs", "roughs")),
     )
 
     @classmethod
@@ -91,13 +92,33 @@ class SolidPairs(_Arrays):
             joints=len(arrays["joint"]),
             capsules=len(arrays["capsule_joint"]),
             pairs=len(arrays["one"]),
+            roughs=int(arrays["rough"].max(initial=-1)) + 1,
         )
         own.put(**arrays)
         return own
 
 
+@dataclass(frozen=True)
+class Scenes:
+    """Which pairs of a group count in which of s scenes."""
+
+    first: IntArray
+    """Where the pairs of each scene begin in `listed`, and its length, shape (s + 1,)."""
+    listed: IntArray
+    """Numbers of pairs, scene by scene."""
+
+    def of(self, scene: int) -> list[int]:
+        """Return the numbers of the pairs of a scene."""
+        found: list[int] = self.listed[self.first[scene] : self.first[scene + 1]].tolist()
+        return found
+
+
 def pair_margins(
-    joints: JointSteps, pairs: SolidPairs, position: FloatArray, enough: float, rough: int
+    joints: JointSteps,
+    pairs: SolidPairs,
+    position: FloatArray,
+    enough: float,
+    scenes: tuple[Scenes, IntArray] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Returns the least margin of all pairs that are not rough, shape (n,), and those of rough ones, (rough, n) [m].
 
@@ -106,20 +127,27 @@ def pair_margins(
         pairs: of its solids.
         position: all joints [rad, m], shape (n, columns).
         enough: margins that balls around capsules show to be greater are not computed closely [m].
-        rough: number of rough pairs.
+        scenes: which pairs count in which scene, and the scene of each row, shape (n,); None: all pairs. Margins of
+            rough pairs that do not count are infinite.
     """
     given = numbers(position)
     n, columns = given.shape
     assert columns > joints.last  # or columns would be read that there are not
-    least, closer = np.empty(n), np.empty((rough, n))
+    least, closer = np.empty(n), np.empty((pairs.roughs, n))
     frames = np.empty((joints.count, FRAME))
     capsules = np.empty((max(1, pairs.capsules), SEGMENT))
+    own: list[IntArray] = []
+    if scenes is not None:
+        lists, scene = scenes
+        assert not n or 0 <= scene.min() <= scene.max() < len(lists.first) - 1
+        own = [whole(array) for array in (scene, lists.first, lists.listed)]
     library().pair_margins(
         byref(joints),
         byref(pairs),
         pointer(given),
         _int64(columns),
         _int64(n),
+        *([pointer(array) for array in own] or [_pointer()] * 3),
         _double(enough),
         pointer(frames),
         pointer(capsules),

@@ -12,6 +12,7 @@ from dualarm_cli.errors import Diagnostic
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job, PoseTarget, Task
+from dualarm_cli.model.lying import lying_beside
 from dualarm_cli.model.schedule import DURATION
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
@@ -68,6 +69,8 @@ class SectionTools:
     """Receives what is being done."""
     clear: bool
     """Whether anything has to be collision-free."""
+    done: tuple[Task, ...]
+    """The tasks of the sections before."""
 
     def transfer(self, here: FloatArray, there: FloatArray) -> ClearedPlan:
         """Returns the motion of all joints from one configuration (n,) to another [rad or m] that is collision-free."""
@@ -84,7 +87,8 @@ class SectionTools:
         """Returns the problem of some of the tasks, starting where the robot is, anywhere for None."""
         job = self.problem.job
         start = "free" if here is None else HERE
-        job = replace(job, tasks=tasks, start=start, begin=here, returns=False)
+        beside = lying_beside(job, self.done, tasks)
+        job = replace(job, tasks=tasks, start=start, begin=here, returns=False, beside=beside)
         return replace(self.problem, job=job)
 
 

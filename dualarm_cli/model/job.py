@@ -249,6 +249,10 @@ class Task:
     """Where it is written."""
     tool: str = ""
     """The changed tool that it is done with, or that is taken or left; empty for none."""
+    touches: tuple[str, ...] = ()
+    """Tasks whose parts its part may touch, where they wait, are carried or lie."""
+    leaves: bool = False
+    """Whether its part is taken out of the cell once it is placed."""
 
     def held_before(self, action: str) -> str:
         """Returns the name of what its arm holds when it comes to the stop of an action; empty for nothing."""
@@ -321,6 +325,8 @@ class Job:
     """What its plans must keep besides, or None."""
     skew: float = 0.0
     """Delay of either arm against everything else with which every plan keeps its clearance [s]."""
+    beside: tuple[tuple[Task, Stop], ...] = ()
+    """Tasks and stops whose parts lie there all the time; of a part of a job."""
     begin: FloatArray | None = field(default=None, compare=False)
     """All joints where the motion starts [rad or m], shape (n,), where that is no posture of the robot; of a part of a
     job, whose start is then only a name."""

@@ -286,3 +286,19 @@ def _side(trajectory: Trajectory, time: FloatArray, side: str) -> FloatArray:
     return np.stack(
         [q + dt * (v + dt * (a / 2 + dt * j / 6)), v + ahead * (a + ahead * j / 2), a + ahead * j]
     )
+
+
+@dataclass(frozen=True)
+class LoggedMotion:
+    """Samples of some of a robot's joints; time 0 is the start of the plan."""
+
+    joints: tuple[str, ...]
+    """Names of the n joints, in column order."""
+    time: FloatArray
+    """Instants, rising [s], shape (k,) with k > 1."""
+    position: FloatArray
+    """[rad], shape (k, n); m for joints that slide, here and below."""
+    velocity: FloatArray | None = None
+    """[rad/s], shape (k, n); None where not every joint has it."""
+    acceleration: FloatArray | None = None
+    """[rad/s²], shape (k, n); None where not every joint has it."""

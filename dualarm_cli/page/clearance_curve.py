@@ -39,8 +39,16 @@ def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     Returns:
         The curves that have pairs: two, one or none.
     """
-    model, solids, pairs, windows = watched_pairs(schedule, job)
-    kept = [k for k, pair in enumerate(pairs) if pair.required >= 0.0]
+    watched = watched_pairs(schedule, job)
+    model, solids, pairs, windows = watched.model, watched.solids, watched.pairs, watched.windows
+    proven = schedule.verification.clearances if schedule.verification is not None else ()
+    nearest = {name for stage in proven for name in stage.bodies}
+    # Most parts that wait or lie are never the nearest.
+    kept = [
+        k
+        for k, pair in enumerate(pairs)
+        if pair.required >= 0.0 and solids[pair.second].lying in {"", *nearest}
+    ]
     if not kept:
         return []
     times = _instants(schedule)
@@ -57,10 +65,10 @@ def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     found, data = pin.GeometryData(geometry), model.createData()
     # Kept, as pinocchio fills the same ones each time, and each would be wrapped anew otherwise.
     results = list(found.distanceResults)
-    order = [schedule.trajectory.joints.index(name) for name in model.names[1:]]
+    order = [watched.trajectory.joints.index(name) for name in model.names[1:]]
     curves = [(CLEARANCE, ~near), (NEAR_LINKS, near)]
     samples = {name: _Samples() for name, own_pairs in curves if own_pairs.any()}
-    for row, q in enumerate(schedule.trajectory.at(times)[0][:, order]):
+    for row, q in enumerate(watched.trajectory.at(times)[0][:, order]):
         pin.computeDistances(model, data, geometry, found, q)
         distances = np.array([result.min_distance for result in results])
         for name, own_pairs in curves:

@@ -20,7 +20,9 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import kind_of, with_needs
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.lying import lying_beside
 from dualarm_cli.orders.model.tool_changes import with_changes
+from dualarm_cli.planning.room_rules import room_faults
 from dualarm_cli.postures.holding import Holding, too_near_obstacle
 from dualarm_cli.postures.out_of_reach import ROUNDING, out_of_reach
 from dualarm_cli.postures.stage_problems import Clock, stage_problems
@@ -46,7 +48,7 @@ def job_faults(job: Job, *, clear: bool = True) -> list[Refusal]:
         model = CellModel.from_cell(job.cell)
     except UnsupportedError:
         return []
-    found: list[Refusal] = []
+    found = room_faults(job) if clear else []
     try:
         job = with_needs(job) if job.is_decided and job.mode == "paired" else with_changes(job)
     except InfeasibleError as error:
@@ -54,7 +56,9 @@ def job_faults(job: Job, *, clear: bool = True) -> list[Refusal]:
     faults = _Faults(model, job, clear)
     found += [*faults.of_tasks(), *faults.of_sections()]
     if clear:
-        found += start_faults(job, Holding.of(replace(job, tasks=(), pairing=None)))
+        waiting = lying_beside(job, (), ())
+        empty = replace(job, tasks=(), pairing=None, beside=waiting)
+        found += start_faults(job, Holding.of(empty))
         found += grip_faults(job)
     unique: dict[object, Refusal] = {}
     for one in found:

@@ -38,6 +38,7 @@ from dualarm_cli.orders.watch import SeenEnoughError, Watch
 from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.job_faults import job_faults
 from dualarm_cli.planning.redundancy_choice import check_follower
+from dualarm_cli.planning.room_rules import with_room_rules
 from dualarm_cli.planning.section_plans import quickest_of_sections
 from dualarm_cli.postures import REDUNDANCY_SOLVERS
 from dualarm_cli.refusals import Refusal
@@ -174,6 +175,9 @@ def plan_without_bound(
             raise InputError(wrong)
     if faults := job_faults(job, clear=clear):
         raise InfeasibleError(*faults)
+    if clear:
+        job = with_room_rules(job)
+        problem = replace(problem, job=job)
     found = _until_seen_enough(
         watch, lambda: _not_slower_than_filed(job, settings, problem, replaced, watch, clear=clear)
     )
@@ -390,6 +394,7 @@ def _with_paths(
         timing,
         progress,
         clear,
+        (),
         method.solve,
     )
     planned = planner.plan()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -56,19 +56,19 @@ class SectionPlanner(SectionTools):
             job = with_needs(job)
         here = None if job.start == "free" else np.array(job.start_joints)
         sections = job.sections()
-        done: list[Task] = []
+        planner = self
         for section, after in zip(sections, [*sections[1:], ()], strict=True):
             kind = kind_of(section)
             if kind is None or kind.add is None:
-                self._add_stops(record, section, here, done)
+                planner._add_stops(record, section, here)
             else:
-                kind.add(self, record, section, here, after)
-            done += section
+                kind.add(planner, record, section, here, after)
+            planner = replace(planner, done=(*planner.done, *section))
             here = record.end
         first = record.begin
         assert here is not None  # a job has at least one task
         if job.returns and np.abs(first - here).max() > 0.0:
-            found = self.transfer(here, first)
+            found = planner.transfer(here, first)
             record.append(found.cleared.motion)
             record.count(found)
         cost = record.cost if self.clear else None
@@ -81,11 +81,10 @@ class SectionPlanner(SectionTools):
         record: SectionBuilder,
         section: tuple[Task, ...],
         here: FloatArray | None,
-        done: Sequence[Task],
     ) -> None:
         """Appends a section of stops by the job's method; buffers hold what they do after the tasks that are done."""
         problem = self.part(section, here)
-        problem = self._ordered(replace(problem, job=begun(problem.job, done)))
+        problem = self._ordered(replace(problem, job=begun(problem.job, self.done)))
         self.progress("deciding platform angles and postures")
         found = quickest_clear(problem, self.method, self.timing, self.progress, clear=self.clear)
         found = moving_plan(problem, found, self.timing, self.progress)

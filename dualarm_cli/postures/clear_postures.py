@@ -101,8 +101,7 @@ class KeepClear:
         """Returns what one arm is nearest to at all joints (columns,), with the margin [m]; not the other arm."""
         cell = self.holding.cell
         number = int(self._held(place)[cell.arms.index(arm)])
-        group = cell.test.own(arm, cell.part_of(number), bool(number % 2))
-        return cell.test.nearest(position, group.pairs)
+        return cell.test.nearest(position, cell.own_pairs(cell.arms.index(arm), number))
 
     def apart(
         self,

@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.collision.lying import part_reaches
+from dualarm_cli.collision.scenes import stage_scenes
 from dualarm_cli.collision.solids import WORLD, shape_solid, tool_body
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.products import norm
@@ -60,8 +61,12 @@ class Holding:
             cell: its cell with all that it carries, where that is at hand.
             crossing: whether arms have to be clear of one another; else each is looked at by itself.
         """
-        cell = cell or CellClearance.of(job.cell, job.carried())
-        cell = replace(cell, crossing=crossing, skew=job.skew if crossing else 0.0)
+        cell = cell or CellClearance.of_job(job)
+        cell = replace(
+            cell.in_scenes(stage_scenes(job, cell.rooms)),
+            crossing=crossing,
+            skew=job.skew if crossing else 0.0,
+        )
         holds = {arm: job.held_at_start(arm) for arm in cell.arms}
         rows = []
         for work in job.stages():
@@ -82,6 +87,9 @@ class Holding:
             # A transfer alone, on which no part is held.
             rows.append([[cell.held(holds[arm]) for arm in cell.arms]] * 2)
         numbers = np.array(rows, dtype=np.int64).reshape(-1, 2, len(cell.arms))
+        if cell.rooms:
+            # Of a transfer alone nothing lies but what lies all the time.
+            numbers += cell.size * np.arange(1, len(numbers) + 1)[:, None, None] * bool(job.tasks)
         handing = np.zeros(len(numbers), dtype=np.bool_)
         for k, work in enumerate(job.stages()):
             handing[k] = any(stop.action == "give" for _, stop in work.values())

@@ -12,6 +12,7 @@ import pinocchio as pin
 from dualarm_cli.collision.solids import cell_solids, tools_without_shape
 from dualarm_cli.files.robots.frozen_joints import listed
 from dualarm_cli.model.job import TAKES, Job
+from dualarm_cli.model.lying import lying_parts
 
 
 def bodies(job: Job) -> dict[str, Any]:
@@ -39,6 +40,10 @@ def bodies(job: Job) -> dict[str, Any]:
         )
     )
     text = f"bodies: {listed([f'{len(links)} links', *others])}"
+    lying = lying_parts(job, [(task, stop) for task in job.tasks for stop in task.stops])
+    if lying:
+        waiting = sum(part.stop.action == "pick" for part in lying)
+        text += f", parts where they wait ({waiting}) and lie ({len(lying) - waiting})"
     without = [listed(missing)] if missing else []
     without += [f"the parts of {listed(parts)} (no `part`)"] if parts else []
     if without:

@@ -20,18 +20,29 @@ from dualarm_cli.collision.solids import (
 )
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
-from dualarm_cli.model.job import AT_STANDS, GIVES, LYING, TAKES, Job
+from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
+from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import COLLISIONS, SHAPES, Check, StageClearance
+from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.clearance_proof import (
     PRECISION,
+    Certified,
     ClearanceProof,
     UnprovenError,
     Windows,
 )
+from dualarm_cli.verification.holding_spans import (
+    Span,
+    carrying_spans,
+    overlaps,
+    spans_on_lines,
+    without,
+)
 from dualarm_cli.verification.kind_checks import Touch
 from dualarm_cli.verification.line_spans import LineSpan, line_spans
+from dualarm_cli.verification.lying_bodies import LyingBodies, Played
 from dualarm_cli.verification.motion_checks import judge, not_checked
 from dualarm_cli.verification.tool_model import ToolModel
 
@@ -68,8 +79,6 @@ def stages_of(schedule: Schedule, edges: FloatArray) -> list[list[int]]:
 
 NOT_ASKED = "not requested; `dualarm verify PLAN --tasks FILE` proves it"
 NO_JOB = "obstacles, tools and clearances are in the cell file: no task file was given (--tasks)"
-Span = tuple[float, float]
-"""From when to when [s]."""
 
 
 def check_clearance(
@@ -90,31 +99,27 @@ def check_clearance(
     """
     if job is None:
         return not_checked(COLLISIONS, NO_JOB), ()
-    model, solids, pairs, windows = watched_pairs(schedule, job, spans)
-    if not pairs:
+    watched = watched_pairs(schedule, job, spans)
+    if not watched.pairs:
         return not_checked(COLLISIONS, "there are no two bodies with shapes that may touch"), ()
-    # Parts that may lie on something have no clearance to speak of: they count where they reach into it.
-    kept, lying = (
-        [k for k, pair in enumerate(pairs) if (pair.required < 0.0) is contact]
-        for contact in (False, True)
-    )
+    edges = edges_of(schedule)
+    parts = stages_of(schedule, edges)
     try:
-        proven = [
-            _proven(
-                model,
-                solids,
-                [pairs[k] for k in some],
-                [windows[k] for k in some],
-                schedule,
-                precision,
-            )
-            # What may lie on something is allowed so little that the proof must not use it up.
-            for some, precision in ((kept, PRECISION), (lying, 0.1 * tol.CONTACT_SLACK))
+        plain = watched.certified(edges, contact=False, lying=False)
+        # Of many parts that wait or lie few come near: only what may be nearer than all else is looked at.
+        known = np.array([found.met for found in plain])
+        resting = watched.certified(edges, contact=False, lying=True, known=known)
+        touching = [
+            watched.certified(edges, contact=True, lying=False),
+            watched.certified(edges, contact=True, lying=True, known=np.zeros(len(known))),
         ]
     except UnprovenError:
         where = "cannot be proven: the motion goes too far between its knots, beyond the limits of its joints"
         return judge(COLLISIONS, np.nan, tol.CLEARANCE_SLACK, "m", where), ()
-    stages = [*proven[0], *(stage for stage in proven[1] if stage.margin < -tol.CLEARANCE_SLACK)]
+    stages = watched.by_stage(parts, [plain, resting])
+    # Parts that may lie on something have no clearance to speak of: they count where they reach into it.
+    deep = watched.by_stage(parts, touching)
+    stages += [stage for stage in deep if stage.margin < -tol.CLEARANCE_SLACK]
     stages.sort(key=lambda stage: stage.stage)
     if not stages:
         return not_checked(COLLISIONS, "the motion has no length"), ()
@@ -127,10 +132,82 @@ def check_clearance(
     return judge(COLLISIONS, -worst.margin, tol.CLEARANCE_SLACK, "m", where), tuple(stages)
 
 
+@dataclass(frozen=True)
+class WatchedPairs:
+    """The pairs of solids that must keep apart along a motion."""
+
+    model: pin.Model
+    """The robot's, with a joint for every belt that carries parts."""
+    solids: list[Solid]
+    """Of the cell, and of parts that wait or lie."""
+    pairs: list[Pair]
+    """Those that must keep apart; more than once where different distances are required at different times."""
+    windows: list[Windows]
+    """When each of them counts."""
+    trajectory: Trajectory
+    """Of the model's joints."""
+
+    def certified(
+        self, edges: FloatArray, *, contact: bool, lying: bool, known: FloatArray | None = None
+    ) -> list[Certified]:
+        """Prove the least margin of some pairs between each edge and the next; pairs by their numbers here.
+
+        Args:
+            edges: instants [s], see `ClearanceProof.certify`.
+            known: margins that other pairs have there [m], see there.
+            contact: whether the pairs that may touch are asked for, or all others.
+            lying: whether the pairs of parts that wait or lie are asked for, or all others.
+        """
+        some = [
+            k
+            for k, pair in enumerate(self.pairs)
+            if (pair.required < 0.0) is contact and bool(self.solids[pair.second].lying) is lying
+        ]
+        proof = ClearanceProof(
+            self.model,
+            self.solids,
+            [self.pairs[k] for k in some],
+            [self.windows[k] for k in some],
+            self.trajectory,
+        )
+        # What may lie on something is allowed so little that the proof must not use it up.
+        precision = 0.1 * tol.CONTACT_SLACK if contact else PRECISION
+        found = proof.certify(edges, precision, known)
+        return [replace(one, pair=some[one.pair]) if one.pair >= 0 else one for one in found]
+
+    def by_stage(
+        self, stages: Sequence[Sequence[int]], certified: Sequence[Sequence[Certified]]
+    ) -> list[StageClearance]:
+        """List the least margin of every stage in which a pair counts.
+
+        Args:
+            stages: numbers of the stages of every stretch (`stages_of`).
+            certified: what was proven of several groups of pairs, stretch by stretch.
+        """
+        least: dict[int, StageClearance] = {}
+        for group in certified:
+            for found, numbers in zip(group, stages, strict=True):
+                if found.pair < 0:
+                    continue
+                pair = self.pairs[found.pair]
+                for number in numbers:
+                    if number in least and least[number].margin <= found.margin:
+                        continue
+                    least[number] = StageClearance(
+                        stage=number,
+                        clearance=found.margin + pair.required,
+                        margin=found.margin,
+                        required=pair.required,
+                        bodies=(self.solids[pair.first].label, self.solids[pair.second].label),
+                        time=found.time,
+                    )
+        return [least[number] for number in sorted(least)]
+
+
 def watched_pairs(
     schedule: Schedule, job: Job, spans: Sequence[LineSpan] | None = None
-) -> tuple[pin.Model, list[Solid], list[Pair], list[Windows]]:
-    """Returns the robot's model, the solids of the cell, the pairs that must keep apart, and when each pair counts.
+) -> WatchedPairs:
+    """Returns the pairs of the cell's solids that must keep apart, and when each pair counts.
 
     Args:
         schedule: with finite numbers and rising times.
@@ -141,9 +218,16 @@ def watched_pairs(
     schedule = replace(schedule, robot=ScheduleRobot.of_job(job))
     model = pin.buildModelFromXML(job.cell.robot.urdf)
     solids = cell_solids(job.cell, model, job.carried())
+    tools = ToolModel(schedule)
     if spans is None:
-        spans = line_spans(schedule, job, ToolModel(schedule))
-    return model, solids, *_pairs_and_windows(model, solids, schedule, job, spans)
+        spans = line_spans(schedule, job, tools)
+    pairs, windows = _pairs_and_windows(model, solids, schedule, job, spans)
+    resting = LyingBodies.of(Played(schedule, job, spans, tools), model, solids)
+    pairs += [pair for pair, _ in resting.pairs]
+    windows += [during for _, during in resting.pairs]
+    return WatchedPairs(
+        model, [*solids, *resting.solids], pairs, windows, resting.with_belts(schedule.trajectory)
+    )
 
 
 def check_shapes(job: Job) -> list[Check]:
@@ -157,38 +241,6 @@ def check_shapes(job: Job) -> list[Check]:
     """
     missing = bodies_without_shape(job.cell)
     return [not_checked(SHAPES, f"no shapes of {', '.join(missing)}")] if missing else []
-
-
-def _proven(
-    model: pin.Model,
-    solids: Sequence[Solid],
-    pairs: list[Pair],
-    windows: list[Windows],
-    schedule: Schedule,
-    precision: float,
-) -> list[StageClearance]:
-    """Returns the least margin of some pairs in every stage in which they count."""
-    proof = ClearanceProof(model, solids, pairs, windows, schedule.trajectory)
-    edges = edges_of(schedule)
-    least: dict[int, StageClearance] = {}
-    for found, numbers in zip(
-        proof.certify(edges, precision), stages_of(schedule, edges), strict=True
-    ):
-        if found.pair < 0:
-            continue
-        pair = pairs[found.pair]
-        for number in numbers:
-            if number in least and least[number].margin <= found.margin:
-                continue
-            least[number] = StageClearance(
-                stage=number,
-                clearance=found.margin + pair.required,
-                margin=found.margin,
-                required=pair.required,
-                bodies=(solids[pair.first].label, solids[pair.second].label),
-                time=found.time,
-            )
-    return [least[number] for number in sorted(least)]
 
 
 def _millimetres(distance: float) -> str:
@@ -214,13 +266,13 @@ def _pairs_and_windows(
         if not carriers:
             _add_plain(pairs, windows, pair, _touching(touches, one, other), schedule)
             continue
-        held = [_carried(schedule, job, solid) for solid in carriers]
-        during = held[0] if len(held) == 1 else _overlaps(held[0], held[1])
-        during = _without(during, _touching(touches, one, other, gripped=True))
+        held = [carrying_spans(schedule, job, solid) for solid in carriers]
+        during = held[0] if len(held) == 1 else overlaps(held[0], held[1])
+        during = without(during, _touching(touches, one, other, gripped=True))
         if len(carriers) == 1 and WORLD in (one.joint, other.joint):
-            lines = _lines(job, carriers[0], spans)
+            lines = spans_on_lines(job, carriers[0], spans)
             pairs += [pair, Pair(pair.first, pair.second, -tol.CONTACT_SLACK)]
-            windows += [_without(during, lines), _overlaps(during, lines)]
+            windows += [without(during, lines), overlaps(during, lines)]
         else:
             pairs.append(pair)
             windows.append(during)
@@ -241,7 +293,7 @@ def _add_plain(
         return
     time = schedule.trajectory.time
     pairs += [pair, Pair(pair.first, pair.second, -tol.CONTACT_SLACK)]
-    windows += [_without([(float(time[0]), float(time[-1]))], works), works]
+    windows += [without([(float(time[0]), float(time[-1]))], works), works]
 
 
 def _touching(
@@ -251,85 +303,3 @@ def _touching(
     bodies = {(solid.carrier, solid.body) for solid in (one, other)}
     mine = [touch for touch in touches if touch.gripped is gripped and touch.bodies == bodies]
     return sorted({(touch.start, touch.end) for touch in mine})
-
-
-def _carried(schedule: Schedule, job: Job, solid: Solid) -> list[Span]:
-    """Returns when an arm carries a part or has a tool on [s].
-
-    A part from where it takes it to where it gives it, or to the end; a tool from the start where it is on then, and
-    from each time that it is taken, until it is left or to the end.
-    """
-    arm, end = solid.carrier, float(schedule.trajectory.time[-1])
-    tasks = _tasks_of(solid, job)
-    spans = []
-    if solid.bolted:
-        own = [e for e in schedule.events if e.arm == arm and e.task in tasks]
-        begins = [e.time for e in own if e.action in TAKES]
-        if job.cell.start_tool(arm) == solid.tool:
-            begins.append(float(schedule.trajectory.time[0]))
-        left = [(e.time, e.changes_held) for e in own if e.action in GIVES]
-        for begin in begins:
-            spans.append((begin, min((over for at, over in left if at >= begin), default=end)))
-        return spans
-    for event in schedule.events:
-        if event.arm != arm or event.task not in tasks or event.action not in TAKES:
-            continue
-        ends = [
-            e.changes_held
-            for e in schedule.events
-            if (e.arm, e.task) == (arm, event.task) and e.action in GIVES and e.time >= event.time
-        ]
-        spans.append((event.changes_held, min(ends, default=end)))
-    return spans
-
-
-def _tasks_of(solid: Solid, job: Job) -> set[str]:
-    """Returns the tasks that move a part, of the tool that grips it, or that take or leave a tool."""
-    return {
-        task.id
-        for task in job.tasks
-        if (task.arm, task.tool) == (solid.carrier, solid.tool)
-        and (task.is_change if solid.bolted else task.part == solid.body)
-    }
-
-
-def _lines(job: Job, solid: Solid, spans: Sequence[LineSpan]) -> list[Span]:
-    """Returns when a part's carrier is on the lines or dwells at the ends of its way, or at the stand of a tool [s].
-
-    Sorted and apart.
-    """
-    tasks, actions = _tasks_of(solid, job), AT_STANDS if solid.bolted else LYING
-    joined: list[Span] = []
-    for start, end in sorted(
-        (span.start, span.end)
-        for span in spans
-        if span.event.arm == solid.carrier
-        and span.event.task in tasks
-        and span.event.action in actions
-    ):
-        if joined and start <= joined[-1][1]:
-            joined[-1] = (joined[-1][0], max(end, joined[-1][1]))
-        else:
-            joined.append((start, end))
-    return joined
-
-
-def _overlaps(one: Sequence[Span], other: Sequence[Span]) -> list[Span]:
-    """Returns what two lists of spans have in common."""
-    both = [(max(a, c), min(b, d)) for a, b in one for c, d in other]
-    return [(start, end) for start, end in both if start < end]
-
-
-def _without(spans: Sequence[Span], holes: Sequence[Span]) -> list[Span]:
-    """Returns spans without others, which are sorted and apart."""
-    left = []
-    for start, end in spans:
-        here = start
-        for a, b in holes:
-            if a < end and b > here:
-                if a > here:
-                    left.append((here, a))
-                here = max(here, b)
-        if here < end:
-            left.append((here, end))
-    return left

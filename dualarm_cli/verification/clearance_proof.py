@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -34,6 +35,9 @@ SHORTEST = 1e-9
 MOST_HALVED, HALVED_EACH = 2_000_000, 20
 """Intervals that are halved at most: in all, and for each knot and pair. Jobs need up to 0.2 each, and a fast seam of
 3 s on a body that it may touch 240,000; motions far beyond limits need as many as they are long."""
+
+NONSENSE = -1e6
+"""A distance below is none: coal's iteration fails now and then where faces touch [m]."""
 
 Windows = Sequence[tuple[float, float]] | None
 """When a pair counts [s]; None for always."""
@@ -94,12 +98,15 @@ class ClearanceProof:
         self._levers = levers(model, solids, pairs)
         self._speeds = interval_speeds(trajectory)[:, self._order]
 
-    def certify(self, edges: FloatArray, precision: float = PRECISION) -> list[Certified]:
+    def certify(
+        self, edges: FloatArray, precision: float = PRECISION, known: FloatArray | None = None
+    ) -> list[Certified]:
         """Returns the proven least margin between each edge and the next; infinite where no pair counts.
 
         Args:
             edges: instants that part the motion [s], rising, shape (s + 1,).
             precision: how far a certified margin may be below the least one met [m].
+            known: margins that other pairs have there [m], shape (s,): pairs whose balls show more are left out.
 
         Raises:
             UnprovenError: more intervals would have to be halved than any job needs.
@@ -108,18 +115,30 @@ class ClearanceProof:
         if not len(self._required):
             return found
         times = self._instants(edges)
-        margins = self._all_margins(times)
         stretch = np.clip(np.searchsorted(edges, times[:-1], side="right") - 1, 0, len(found) - 1)
         low, high, pair = self._first_intervals(times)
-        at_low, at_high = margins[low, pair], margins[high, pair]
+        # All pairs have their first intervals in common, and speeds in them.
+        rates = product(self._fastest(times[:-1], times[1:]), self._levers.T)
+        if known is None:
+            margins = self._all_margins(times)
+            at_low, at_high = margins[low, pair], margins[high, pair]
+        else:
+            least = self._ball_margins(times)
+            bound = least[low, pair] + least[high, pair]
+            bound -= rates[low, pair] * (times[high] - times[low])
+            near = 0.5 * bound < known[stretch[low]]
+            low, high, pair = low[near], high[near], pair[near]
+            at_low, at_high = (
+                self._margins_at(times[low], pair),
+                self._margins_at(times[high], pair),
+            )
         begin, end, where = times[low], times[high], stretch[low]
         proven = np.full(len(found), np.inf)
         met = np.full(len(found), np.inf)
         met_pair, met_time = np.full(len(found), -1), np.zeros(len(found))
         _lower(met, met_pair, met_time, where, at_low, pair, begin)
         _lower(met, met_pair, met_time, where, at_high, pair, end)
-        # All pairs have their first intervals in common, and speeds in them.
-        rate = product(self._fastest(times[:-1], times[1:]), self._levers.T)[low, pair]
+        rate = rates[low, pair]
         room = MOST_HALVED + HALVED_EACH * len(self._trajectory.time) * len(self._required)
         while len(pair):
             bound = 0.5 * (at_low + at_high - rate * (end - begin))
@@ -180,7 +199,32 @@ class ClearanceProof:
         for row, position in enumerate(q):
             pin.computeDistances(self._model, self._data, self._geometry, self._distances, position)
             found[row] = [result.min_distance for result in self._results]
+            for place in np.flatnonzero(found[row] < NONSENSE).tolist():
+                found[row, place] = self._anew(place)
         return found[:, self._place] - self._required
+
+    def _ball_margins(self, times: FloatArray) -> FloatArray:
+        """Returns the margins of balls around all pairs at some instants [m], shape (t, pairs)."""
+        forms = [shape.geometry for shape in self._geometry.geometryObjects]
+        for form in forms:
+            form.computeLocalAABB()
+        middle = [np.asarray(form.aabb_center).ravel() for form in forms]
+        radius = np.array([form.aabb_radius for form in forms])
+        centers = np.empty((len(times), len(forms), 3))
+        for row, q in enumerate(self._trajectory.at(times)[0][:, self._order]):
+            pin.updateGeometryPlacements(
+                self._model, self._data, self._geometry, self._distances, q
+            )
+            centers[row] = [
+                place.act(p) for place, p in zip(self._distances.oMg, middle, strict=True)
+            ]
+        pairs = self._geometry.collisionPairs
+        first, second = (
+            np.array(some)[self._place]
+            for some in zip(*((p.first, p.second) for p in pairs), strict=True)
+        )
+        apart = np.sqrt(((centers[:, first] - centers[:, second]) ** 2).sum(axis=2))
+        return np.asarray(apart - radius[first] - radius[second] - self._required)
 
     def _margins_at(self, times: FloatArray, pairs: IntArray) -> FloatArray:
         """Returns the margin of one pair at each instant [m], shape (n,)."""
@@ -196,7 +240,21 @@ class ClearanceProof:
                 before = times[row]
             pair = int(self._place[pairs[row]])
             margins[row] = pin.computeDistance(self._geometry, self._distances, pair).min_distance
+            if margins[row] < NONSENSE:
+                margins[row] = self._anew(pair)
         return margins - self._required[pairs]
+
+    def _anew(self, place: int) -> float:
+        """Returns the distance of one pair where both are now, without what coal kept of the instants before [m]."""
+        pair = self._geometry.collisionPairs[place]
+        forms, places = [], []
+        for number in (pair.first, pair.second):
+            pose = self._distances.oMg[number]
+            forms.append(self._geometry.geometryObjects[number].geometry)
+            places.append(coal.Transform3s(pose.rotation, pose.translation))
+        result, request = coal.DistanceResult(), coal.DistanceRequest()
+        coal.distance(forms[0], places[0], forms[1], places[1], request, result)
+        return float(result.min_distance)
 
     def _fastest(self, begin: FloatArray, end: FloatArray) -> FloatArray:
         """Returns the greatest speed of each joint within intervals [rad/s], shape (n, joints)."""

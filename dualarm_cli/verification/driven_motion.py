@@ -19,8 +19,7 @@ from dualarm_cli.geometry.arrays import FloatArray, distinct
 from dualarm_cli.geometry.interpolation import Interpolation, PiecewisePolynomial, interpolated
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.joint_motion import JointMotion
-from dualarm_cli.model.logged_motion import LoggedMotion
+from dualarm_cli.model.joint_motion import JointMotion, LoggedMotion
 from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import COLLISIONS, Check, Verification

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from dualarm_cli.motion.transfers import Known
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
+
+LINES = SimpleNamespace(may_only_touch=lambda held: (held % 2 == 1).any(axis=1))
+"""A test in which what is held may touch on lines only."""
 
 
 def test_stages_that_touch_are_those_of_which_an_instant_touches(tasks_folder):
@@ -73,10 +77,10 @@ def test_a_part_that_reaches_into_something_for_a_moment_on_its_line_is_seen():
         touching = (position[:, 0] > 88.5) & (position[:, 0] < 94.5) & (held[:, 0] == 3)
         return np.where(touching, -0.005, 0.2)
 
-    assert _kept([StageSamples(position, lies)], margins)[0]
+    assert _kept(LINES, [StageSamples(position, lies)], margins)[0]
     on_line = lies.copy()
     on_line[:, 0] = 3
-    assert not _kept([StageSamples(position, on_line)], margins)[0]
+    assert not _kept(LINES, [StageSamples(position, on_line)], margins)[0]
 
 
 def test_an_arm_that_is_late_is_where_it_was_before():

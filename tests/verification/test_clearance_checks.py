@@ -25,7 +25,8 @@ from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.console import summary_lines
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.clearance_checks import _add_plain, _carried, _lines, _touching
+from dualarm_cli.verification.clearance_checks import _add_plain, _touching
+from dualarm_cli.verification.holding_spans import carrying_spans, spans_on_lines
 
 
 @pytest.fixture(scope="module")
@@ -411,7 +412,7 @@ def test_lines_that_follow_on_or_overlap_are_one_span():
 
     spans = [span(4, 5), span(0, 1), span(2, 3), span(2.5, 2.8, action="place"), span(3, 3.5)]
     others = [span(6, 7, arm="right"), span(6, 7, task="b"), span(6, 7, action="give")]
-    assert _lines(job, solid, [*spans, *others]) == [(0, 1), (2, 3.5), (4, 5)]
+    assert spans_on_lines(job, solid, [*spans, *others]) == [(0, 1), (2, 3.5), (4, 5)]
 
 
 def test_what_is_never_put_down_is_carried_to_the_end():
@@ -424,5 +425,5 @@ def test_what_is_never_put_down_is_carried_to_the_end():
     schedule = SimpleNamespace(trajectory=motion, events=(pick,))
     rod = SimpleNamespace(carrier="left", body="rod", tool="claw", bolted=False)
     claw = SimpleNamespace(carrier="left", body="left_claw", tool="claw", bolted=True)
-    assert _carried(schedule, job, rod) == [(1.0, 5.0)]
-    assert _carried(schedule, job, claw) == [(0.0, 5.0)]
+    assert carrying_spans(schedule, job, rod) == [(1.0, 5.0)]
+    assert carrying_spans(schedule, job, claw) == [(0.0, 5.0)]

@@ -26,7 +26,7 @@ typedef struct {
     const double *normal;
     const int64_t *box_joint;
     const double *axes, *box_center, *box_half;
-    int64_t joints, capsules, pairs;
+    int64_t joints, capsules, pairs, roughs;
 } Group;
 
 enum { CAPSULE, PLANE, BOX };
@@ -214,10 +214,12 @@ static double margin_of(const Group *group, int64_t pair, const Frame *frames, c
     return segment_distance(one->middle, one->half, other->middle, other->half) - group->slack[pair];
 }
 
-/* Puts the least margins of all pairs that are not rough into `least` (n), and those of rough ones into `rough`, shape
-   (rough pairs, n), for n postures of so many columns. There is room for all frames and all capsules of the group. */
+/* Puts the least margins of the pairs that are not rough into `least` (n), and those of rough ones into `rough`, shape
+   (rough pairs, n), for n postures of so many columns. In a posture of scene s those pairs count that are listed from
+   first[s] to first[s + 1]; all of them where no scenes are given. There is room for all frames and all capsules. */
 void pair_margins(const Tree *tree, const Group *group, const double *position, int64_t columns, int64_t n,
-                  double enough, Frame *frames, Segment *capsules, double *least, double *rough)
+                  const int64_t *scene, const int64_t *first, const int64_t *listed, double enough, Frame *frames,
+                  Segment *capsules, double *least, double *rough)
 {
     frames[0] = (Frame){{1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0}, {0.0, 0.0, 0.0}};
     for (int64_t row = 0; row < n; row++) {
@@ -233,7 +235,11 @@ void pair_margins(const Tree *tree, const Group *group, const double *position, 
                 capsules[k].middle[i] += frame->p[i];
         }
         least[row] = INFINITY;
-        for (int64_t pair = 0; pair < group->pairs; pair++) {
+        for (int64_t k = 0; k < group->roughs; k++)
+            rough[k * n + row] = INFINITY;
+        const int64_t begin = scene ? first[scene[row]] : 0, end = scene ? first[scene[row] + 1] : group->pairs;
+        for (int64_t k = begin; k < end; k++) {
+            const int64_t pair = scene ? listed[k] : k;
             double margin = margin_of(group, pair, frames, capsules, enough);
             /* Nothing is known to be free of what is not a number. */
             margin = isnan(margin) ? -INFINITY : margin;

@@ -180,10 +180,12 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str
         raise InputError(findings.diagnostics)
     bodies = reader.bodies(robot, model, [body for one in added for body in one.bodies])
     contacts = checked_pairs(
-        document, ("allowed_contacts",), model.allowed_contacts, bodies, findings
+        document, ("allowed_contacts",), model.allowed_contacts, bodies, findings, kinds=parts
     )
     between = [section.between for section in model.clearances]
-    special = checked_pairs(document, ("clearances",), between, bodies, findings, "between")
+    special = checked_pairs(
+        document, ("clearances",), between, bodies, findings, "between", kinds=parts
+    )
     findings.raise_if_any()
     cell = Cell(
         robot,

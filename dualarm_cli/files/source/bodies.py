@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 import pinocchio as pin
 
@@ -25,6 +25,7 @@ def checked_pairs(
     known: list[str],
     findings: Findings,
     member: str = "",
+    kinds: Collection[str] = (),
 ) -> tuple[tuple[str, str], ...]:
     """Returns pairs of bodies, after noting every name that is none, and bodies paired with themselves or twice.
 
@@ -35,6 +36,7 @@ def checked_pairs(
         known: all bodies.
         findings: where errors are noted.
         member: key of an entry under which its two names stand; empty where the entry is the two names.
+        kinds: those of the bodies that there may be several of: parts.
     """
     found: list[tuple[str, str]] = []
     for k, (one, other) in enumerate(pairs):
@@ -43,7 +45,7 @@ def checked_pairs(
             if name not in known:
                 message = f"there is no body {quote(name)}{suggest(name, known, 'bodies')}"
                 findings.add(document, (*place, n), message)
-        if one == other:
+        if one == other and one not in kinds:
             findings.add(document, place, f"{quote(one)} is paired with itself; name two bodies")
         if any({one, other} == set(pair) for pair in found):
             findings.add(document, place, f"{quote(one)} and {quote(other)} are paired twice")

@@ -213,6 +213,15 @@ class TaskSection(TaskHead):
     part: Name | None = Field(
         default=None, description="Kind of part carried from pick to place, as the cell names it."
     )
+    touches: list[Name] = Field(
+        default_factory=list,
+        description="Tasks whose parts this one's part may touch: it lies on them or against them.",
+    )
+    leaves: bool | None = Field(
+        default=None,
+        description="Whether the part is taken out of the cell once it is placed, as by a chute or a person; default: "
+        "that of the defaults.",
+    )
     approach: StraightLine | None = Field(
         default=None, description="Straight approach along the tool's z axis [m]."
     )
@@ -276,6 +285,11 @@ class DefaultsSection(Section):
     )
     part: Name | None = Field(
         default=None, description="Kind of part carried from pick to place, as the cell names it."
+    )
+    leaves: bool = Field(
+        default=False,
+        description="Whether parts are taken out of the cell once they are placed; default: they lie where they are "
+        "placed.",
     )
     signals: SignalsSection | None = Field(
         default=None, description="Names of signals of tasks that name none for what they do."

@@ -282,6 +282,8 @@ class TaskReader:
             not_before=section.not_before or 0.0,
             not_after=math.inf if section.not_after is None else section.not_after,
             place=self.place(loc),
+            touches=tuple(section.touches),
+            leaves=self.defaults.leaves if section.leaves is None else section.leaves,
         )
 
     def part(self, section: TaskSection, loc: Loc) -> str:

@@ -197,6 +197,7 @@ def _check_precedence(
                 findings.add(document, loc, f"there is no task {quote(other)}{hint}")
             else:
                 before.setdefault(task.id, []).append(other)
+        _check_touches(document, index, task, known, findings)
     ring = _find_ring(before)
     if ring:
         text = " after ".join(quote(name) for name in [*ring, ring[0]])
@@ -205,6 +206,23 @@ def _check_precedence(
         if any(name in ring and then in ring for name, then in in_a_row):
             message += " (those of a sequence for the ones before them)"
         findings.add(document, ("tasks", place, "after"), message)
+
+
+def _check_touches(
+    document: Document, index: int, task: TaskSection, known: list[str], findings: Findings
+) -> None:
+    """Notes tasks that a part is to touch and that there are not, and such keys of tasks that carry no part."""
+    for key in ("touches", "leaves"):
+        if getattr(task, key) and (task.pick is None or task.place is None):
+            message = f"only a pick with its place carries a part; remove '{key}'"
+            findings.add(document, ("tasks", index, key), message)
+    for k, other in enumerate(task.touches):
+        loc = ("tasks", index, "touches", k)
+        if other == task.id:
+            findings.add(document, loc, f"the part of {quote(other)} cannot touch itself")
+        elif other not in known:
+            hint = did_you_mean(other, known)
+            findings.add(document, loc, f"there is no task {quote(other)}{hint}")
 
 
 def _find_ring(before: Mapping[str, list[str]]) -> list[str]:

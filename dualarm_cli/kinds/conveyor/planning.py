@@ -8,6 +8,7 @@ from dataclasses import replace
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.kinds.conveyor.belt_parts import touched_on_belt
 from dualarm_cli.kinds.conveyor.meeting import ConveyorMeeting, MissedError, Times, met_times
 from dualarm_cli.kinds.planning import KindPlanning
 from dualarm_cli.model.job import Job, Stop, Task
@@ -126,7 +127,14 @@ def quickest_meeting(
             failure = failure or error
             break
         late = _late(found)
-        if not late and (best is None or _length(found) < _length(best)):
+        touched = (
+            None
+            if late
+            else touched_on_belt(met_at(asked.job, met_times(found.cleared.plans)), found)
+        )
+        if touched is not None:
+            failure = failure or InfeasibleError(touched)
+        elif not late and (best is None or _length(found) < _length(best)):
             best = found
         times = met_times(found.cleared.plans)
         if not late and _off(asked.job, times) <= SAME_PLACE:

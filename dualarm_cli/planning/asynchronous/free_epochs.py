@@ -10,6 +10,7 @@ import numpy as np
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job, Task
+from dualarm_cli.model.lying import lying_beside
 from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.orders.asynchronous.epochs import (
     EpochOrder,
@@ -103,7 +104,8 @@ def plan_epochs(planner: FreePlanner, found: FreeEpochs) -> Motion:
         own = own_rules(
             replace(job, tasks=_later(tasks, record.clock), returns=False, sequences=())
         )
-        own = begun(replace(own, cell=cell), done)
+        beside = lying_beside(job, done, tasks)
+        own = begun(replace(own, cell=cell, beside=beside), done)
         done += tasks
         if here is not None:
             own = replace(own, begin=here, start=HERE)

@@ -16,12 +16,14 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.lying import lying_beside
 from dualarm_cli.model.schedule import Segment
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.motion.transfers import PLATFORM, Drive, transfers_within_tool_speed
 from dualarm_cli.motion.waiting import SAME_TIME
 from dualarm_cli.orders.model.tool_changes import cell_after
+from dualarm_cli.planning.asynchronous.lying import others_parts, with_motion_scenes
 from dualarm_cli.planning.asynchronous.meeting_arms import ArmCoordination
 from dualarm_cli.planning.asynchronous.own_clock import OwnClock, Wait
 from dualarm_cli.postures.stage_plan import StagePlan
@@ -94,7 +96,7 @@ class FreePlanner:
             back = _reversed(turn)
         cell = None
         if self.clear:
-            cell = CellClearance.of(job.cell, job.carried(), job.skew)
+            cell = CellClearance.of_job(job)
         if len(ways) > 1:
             self.tell("inserting waits between the arms")
         found = self._together(model, work, [way.clock for way in ways], (turn, back), cell)
@@ -149,7 +151,8 @@ class FreePlanner:
             clock = OwnClock(name, still, (), (), ())
             return OwnWay(clock, replace(self.problem, blend=False), None)
         free = tuple(replace(task, not_before=0.0, after=()) for task in tasks)
-        alone = replace(job, begin=work, tasks=free, pairing=None, mode="paired")
+        beside = (*job.beside, *others_parts(job, name)) if self.clear else ()
+        alone = replace(job, begin=work, tasks=free, pairing=None, mode="paired", beside=beside)
         problem = replace(self.problem, model=model, job=alone)
         motion, found = self._still(model, work), None
         if tasks:
@@ -206,7 +209,9 @@ class FreePlanner:
         if np.array_equal(here, there):
             return motion
         cell = cell_after(problem.job.cell, problem.job.tasks)
-        alone = replace(problem.job, cell=cell, begin=here, tasks=(), returns=False)
+        placed = lying_beside(problem.job, problem.job.tasks, ())
+        beside = (*problem.job.beside, *placed)
+        alone = replace(problem.job, cell=cell, begin=here, tasks=(), returns=False, beside=beside)
         limits = cell.robot.limits.scaled(alone.speed)
         law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
         back = StagePlan(here, there, there, {}, "return", float(law.duration(there - here)))
@@ -314,6 +319,9 @@ def _is_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
             tuple(event for event in motion.events if event.arm == name),
         )
         held[:, a] = own.held(time, cell, job)
+    if cell.rooms:
+        cell, scene = with_motion_scenes(job, cell, motion, time)
+        held += cell.size * scene[:, None]
     position = motion.trajectory.at(time)[0]
     stretches: list[StageSamples] = []
     for k in range(0, max(1, count - 1), CHUNK):

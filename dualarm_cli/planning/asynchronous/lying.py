@@ -1,0 +1,64 @@
+"""Parts that lie while arms go by their own clocks: when each of them does is known once both motions are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.collision.clearance import CellClearance
+from dualarm_cli.collision.crowding import crowded_stops, is_same_spot
+from dualarm_cli.collision.rooms import rooms_of
+from dualarm_cli.collision.scenes import timed_scenes
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.model.job import Job, StopKey
+from dualarm_cli.model.lying import Visit, lying_parts
+from dualarm_cli.motion.builder import Motion
+from dualarm_cli.motion.waiting import SAME_TIME
+
+
+def others_parts(job: Job, arm: str) -> tuple[Visit, ...]:
+    """List the parts of the other arm that may lie at any time and are not in the way of an arm's own stops.
+
+    Args:
+        job: decided.
+        arm: the one whose motion is planned alone.
+    """
+    visits = [(task, stop) for task in job.tasks for stop in task.stops]
+    keys = {lying.key[1:] for lying in lying_parts(job, visits) if lying.task.arm != arm}
+    keys -= {one.room.key for one in crowded_stops(job) if one.task.arm == arm}
+    own = [stop for task, stop in visits if task.arm == arm]
+    return tuple(
+        (room.task, room.stop)
+        for room in rooms_of(job)
+        if room.key in keys and not any(is_same_spot(stop, room) for stop in own)
+    )
+
+
+def with_motion_scenes(
+    job: Job, cell: CellClearance, motion: Motion, time: FloatArray
+) -> tuple[CellClearance, IntArray]:
+    """Return a test with what lies between the events of a motion, and the scene of each instant, shape (t,).
+
+    Args:
+        job: decided.
+        cell: its test.
+        motion: of all arms.
+        time: instants [s], shape (t,).
+    """
+    stops: dict[StopKey, Visit] = {
+        (t.arm, t.id, s.action): (t, s) for t in job.tasks for s in t.stops
+    }
+    events = {
+        (e.arm, e.task, e.action): e.changes_held
+        for e in sorted(motion.events, key=lambda e: e.changes_held)
+        if (e.arm, e.task, e.action) in stops and e.action in ("pick", "place")
+    }
+    changes = np.array(list(events.values()))
+    begins = dict(events)
+    for part in motion.segments:
+        key = part.arm, part.task, part.action
+        if part.kind == "approach" and key in begins:
+            begins[key] = min(begins[key], part.start)
+    first = np.searchsorted(changes, np.array(list(begins.values())) - SAME_TIME, side="right")
+    coming = dict(zip(begins, first.tolist(), strict=True))
+    scenes = timed_scenes(job, cell.rooms, [stops[key] for key in events], coming)
+    return cell.in_scenes(scenes), np.searchsorted(changes, time + SAME_TIME, side="right")

@@ -1,0 +1,136 @@
+"""Orders of picks and places that the rooms of their parts leave: what is in the way of another task comes later."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from dualarm_cli.collision.crowding import Crowded, crowded_stops, is_same_spot
+from dualarm_cli.collision.rooms import pinned
+from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
+from dualarm_cli.refusals import Refusal
+
+Rules = dict[tuple[str, str], Crowded]
+"""Tasks of which the first must be over before the second begins, and why."""
+
+
+def room_faults(job: Job) -> list[Refusal]:
+    """Return which parts are in each other's way, whatever the arms do.
+
+    Args:
+        job: with its cell.
+    """
+    job, rules, _ = _pinned(job, _rules(job))
+    place = {task.id: k for k, task in reversed(list(enumerate(job.tasks)))}
+    arms: dict[str, set[str]] = {}
+    for task in job.tasks:
+        arms.setdefault(task.id, set()).add(task.arm)
+    found = []
+    for (one, other), crowded in rules.items():
+        later = place[crowded.task.id] > place[crowded.room.task.id]
+        if (other, one) in rules:
+            found += [_refusal("same_room", crowded)] if later else []
+        elif job.order == "given" and place[one] > place[other] and arms[one] & arms[other]:
+            found.append(_refusal("in_the_way", crowded))
+    return found
+
+
+def with_room_rules(job: Job) -> Job:
+    """Return a job whose tasks come after those that their parts would be in the way of, with notes.
+
+    A part that lies where another task's tool or part has to pass is placed after that task; one that waits there is
+    picked before it. Parts that others take away again, and those of buffers, are left to the search.
+
+    Args:
+        job: with its cell, and no `room_faults`.
+    """
+    job, rules, notes = _pinned(job, _rules(job))
+    after = {task.id: set(task.after) for task in job.tasks}
+    news = [(one, other) for one, other in rules if one not in after[other]]
+    tasks = [
+        replace(task, after=(*task.after, *(one for one, other in news if other == task.id)))
+        for task in job.tasks
+    ]
+    notes += [
+        f"order: {other} comes after {one}, as its part would be in the way" for one, other in news
+    ]
+    return replace(job, tasks=tuple(tasks), notes=(*job.notes, *notes))
+
+
+def _rules(job: Job) -> Rules:
+    """Return which tasks have to be over before which others begin, each with why."""
+    rules: Rules = {}
+    for crowded in crowded_stops(job):
+        rule = _rule(job, crowded)
+        if rule is not None:
+            rules.setdefault(rule, crowded)
+    return rules
+
+
+def _pinned(job: Job, rules: Rules) -> tuple[Job, Rules, list[str]]:
+    """Return a job in which parts that are in each other's way in either order keep the yaw of the file, and its rules.
+
+    A part whose yaw is open takes the room of all turns: at the file's yaw there may be room for both.
+    """
+    keys = {
+        key
+        for (one, other), crowded in rules.items()
+        if (other, one) in rules
+        for key in (crowded.room.key, (crowded.task.id, crowded.stop.action))
+    }
+    names: list[str] = []
+
+    def kept(task: Task, stop: Stop) -> Stop:
+        shapes = job.cell.parts.get(task.part, ())
+        if (task.id, stop.action) not in keys or not isinstance(stop.target, PoseTarget):
+            return stop
+        if not stop.target.free_yaw:
+            return stop
+        names.append(f"{task.id} ({stop.action})")
+        return replace(stop, target=pinned(stop.target, shapes))
+
+    tasks = tuple(
+        replace(task, stops=tuple(kept(task, stop) for stop in task.stops)) for task in job.tasks
+    )
+    if not names:
+        return job, rules, []
+    job = replace(job, tasks=tasks)
+    note = "parts: near others these keep the yaw of the file, although it is free"
+    return job, _rules(job), [f"{note}: {', '.join(names)}"]
+
+
+def _rule(job: Job, crowded: Crowded) -> tuple[str, str] | None:
+    """Return the tasks of which the first must be over before the second begins; None where the search has to see."""
+    room = crowded.room
+    others = [
+        stop.action
+        for task in job.tasks
+        for stop in task.stops
+        if (task.id, stop.action) != room.key and is_same_spot(stop, room)
+    ]
+    if room.stop.buffer:
+        return None
+    if room.stop.action == "pick":
+        # Of several parts that come to one place only one is there at a time.
+        return None if others else (room.task.id, crowded.task.id)
+    gone = room.task.leaves or "pick" in others
+    return None if gone else (crowded.task.id, room.task.id)
+
+
+def _refusal(what: str, crowded: Crowded) -> Refusal:
+    task, room = crowded.task, crowded.room
+    apart = crowded.distance
+    how = "room_overlap" if apart < 0.0 else "room_gap"
+    more = {
+        "action": crowded.stop.action,
+        "body": _named(crowded.body),
+        "part": _named(room.task.part),
+        "other": room.task.id,
+        "there": room.stop.place,
+        "verb": "waits" if room.stop.action == "pick" else "lies",
+        "how": [Refusal(how, measured=abs(apart), allowed=crowded.needed)],
+    }
+    return Refusal(what, crowded.stop.place, task.id, task.arm, more=more)
+
+
+def _named(part: str) -> str:
+    return part.partition("@")[0]

@@ -1,0 +1,103 @@
+"""When arms hold parts and tools, and when their carriers are on lines, as spans of time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dualarm_cli.collision.solids import Solid
+from dualarm_cli.model.job import AT_STANDS, GIVES, LYING, TAKES, Job
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.verification.line_spans import LineSpan
+
+Span = tuple[float, float]
+"""From when to when [s]."""
+
+
+def carrying_spans(
+    schedule: Schedule, job: Job, solid: Solid, task: str | None = None
+) -> list[Span]:
+    """Returns when an arm carries a part or has a tool on [s].
+
+    A part from where it takes it to where it gives it, or to the end; a tool from the start where it is on then, and
+    from each time that it is taken, until it is left or to the end.
+
+    Args:
+        schedule: who does what when.
+        job: each task with the arm that did it.
+        solid: of the part or the tool.
+        task: the only one that counts; None for all.
+    """
+    arm, end = solid.carrier, float(schedule.trajectory.time[-1])
+    tasks = tasks_moving(solid, job) if task is None else {task}
+    spans = []
+    if solid.bolted:
+        own = [e for e in schedule.events if e.arm == arm and e.task in tasks]
+        begins = [e.time for e in own if e.action in TAKES]
+        if job.cell.start_tool(arm) == solid.tool:
+            begins.append(float(schedule.trajectory.time[0]))
+        left = [(e.time, e.changes_held) for e in own if e.action in GIVES]
+        for begin in begins:
+            spans.append((begin, min((over for at, over in left if at >= begin), default=end)))
+        return spans
+    for event in schedule.events:
+        if event.arm != arm or event.task not in tasks or event.action not in TAKES:
+            continue
+        ends = [
+            e.changes_held
+            for e in schedule.events
+            if (e.arm, e.task) == (arm, event.task) and e.action in GIVES and e.time >= event.time
+        ]
+        spans.append((event.changes_held, min(ends, default=end)))
+    return spans
+
+
+def tasks_moving(solid: Solid, job: Job) -> set[str]:
+    """Returns the tasks that move a part, of the tool that grips it, or that take or leave a tool."""
+    return {
+        task.id
+        for task in job.tasks
+        if (task.arm, task.tool) == (solid.carrier, solid.tool)
+        and (task.is_change if solid.bolted else task.part == solid.body)
+    }
+
+
+def spans_on_lines(job: Job, solid: Solid, spans: Sequence[LineSpan]) -> list[Span]:
+    """Returns when a part's carrier is on the lines or dwells at the ends of its way, or at the stand of a tool [s].
+
+    Sorted and apart.
+    """
+    tasks, actions = tasks_moving(solid, job), AT_STANDS if solid.bolted else LYING
+    joined: list[Span] = []
+    for start, end in sorted(
+        (span.start, span.end)
+        for span in spans
+        if span.event.arm == solid.carrier
+        and span.event.task in tasks
+        and span.event.action in actions
+    ):
+        if joined and start <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(end, joined[-1][1]))
+        else:
+            joined.append((start, end))
+    return joined
+
+
+def overlaps(one: Sequence[Span], other: Sequence[Span]) -> list[Span]:
+    """Returns what two lists of spans have in common."""
+    both = [(max(a, c), min(b, d)) for a, b in one for c, d in other]
+    return [(start, end) for start, end in both if start < end]
+
+
+def without(spans: Sequence[Span], holes: Sequence[Span]) -> list[Span]:
+    """Returns spans without others, which are sorted and apart."""
+    left = []
+    for start, end in spans:
+        here = start
+        for a, b in holes:
+            if a < end and b > here:
+                if a > here:
+                    left.append((here, a))
+                here = max(here, b)
+        if here < end:
+            left.append((here, end))
+    return left

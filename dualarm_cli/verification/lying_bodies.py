@@ -1,0 +1,239 @@
+"""Parts that wait before their pick or lie after their place, as bodies that nothing may touch.
+
+A part is where the tool is at the event that picks or places it, measured on the motion. The tool that picks or places
+it may touch it on its lines; from there to its neighbouring stops it must only not reach into it. Parts of which one's
+task names the other's in `touches` must not reach into one another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
+from functools import cached_property
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.collision.solids import WORLD, Pair, Solid, pairs_with_lying, shape_solid
+from dualarm_cli.model.cell import Held
+from dualarm_cli.model.job import Job, StopKey
+from dualarm_cli.model.lying import LyingPart, Visit, lying_parts, may_touch
+from dualarm_cli.model.schedule import Event, Schedule
+from dualarm_cli.model.shape import Shape
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.records import dataclass
+from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.clearance_proof import Windows
+from dualarm_cli.verification.holding_spans import Span, carrying_spans, overlaps, without
+from dualarm_cli.verification.line_spans import LineSpan, spans_of
+from dualarm_cli.verification.tool_model import ToolModel
+
+
+@dataclass(frozen=True)
+class LyingBodies:
+    """Solids of parts that wait or lie, and their pairs."""
+
+    solids: list[Solid] = field(default_factory=list)
+    """In the frames of the root link, or of belts' joints."""
+    pairs: list[tuple[Pair, Windows]] = field(default_factory=list)
+    """What must keep apart and when; first the moving solid."""
+    belts: dict[tuple[float, ...], int] = field(default_factory=dict)
+    """Joints of belts by their velocities in the world [m/s]."""
+
+    @classmethod
+    def of(cls, motion: Played, model: pin.Model, solids: Sequence[Solid]) -> LyingBodies:
+        """Find the parts that wait and lie in a schedule.
+
+        Args:
+            motion: the schedule and the job as it was done.
+            model: of the robot; belts that carry parts become joints of it.
+            solids: of the cell, before those that are found here.
+        """
+        found, job = cls(), motion.job
+        for lying in lying_parts(job, motion.visits):
+            there = motion.lies(lying)
+            if not there[0] < there[1]:
+                continue
+            own = found._placed(lying, motion, model)
+            numbers = range(
+                len(solids) + len(found.solids), len(solids) + len(found.solids) + len(own)
+            )
+            found.solids.extend(own)
+            for pair in pairs_with_lying([*solids, *found.solids], numbers, job.cell):
+                for contact, during in motion.asked(lying, solids[pair.first], model):
+                    required = -tol.CONTACT_SLACK if contact else pair.required
+                    if inside := overlaps([there], during):
+                        found.pairs.append((replace(pair, required=required), inside))
+        return found
+
+    def _placed(self, lying: LyingPart, motion: Played, model: pin.Model) -> list[Solid]:
+        """Return a part's solids where its tool is at the event."""
+        event, base = motion.events[lying.key], motion.job.cell.base
+        pose, joint = motion.tool_pose(event), WORLD
+        if event.moves:
+            joint = self._belt(event.velocity, base, model)
+            gone = (event.changes_held - motion.whole[0]) * np.array(event.velocity)
+            pose = pin.SE3(pose.rotation, pose.translation - gone)
+        found = [
+            shape_solid(lying.task.part, joint, base.actInv(pose), shape)
+            for shape in motion.shapes(lying)
+        ]
+        return [replace(solid, lying=lying.label) for solid in found]
+
+    def _belt(self, velocity: tuple[float, ...], base: pin.SE3, model: pin.Model) -> int:
+        """Return the joint of a belt, which is added to the model when it is met first."""
+        if velocity not in self.belts:
+            along = base.rotation.T @ np.array(velocity)
+            joint = pin.JointModelPrismaticUnaligned(along / np.linalg.norm(along))
+            name = f"belt {len(self.belts)}"
+            self.belts[velocity] = model.addJoint(WORLD, joint, pin.SE3.Identity(), name)
+        return self.belts[velocity]
+
+    def with_belts(self, motion: Trajectory) -> Trajectory:
+        """Return a motion with the joints of the belts, which are at zero when it starts."""
+        if not self.belts:
+            return motion
+        speed = np.linalg.norm(np.array(list(self.belts)), axis=1)
+        gone, rows = (motion.time - motion.time[0])[:, None] * speed, np.ones((len(motion.time), 1))
+        return Trajectory(
+            (*motion.joints, *(f"belt {k}" for k in range(len(speed)))),
+            motion.time,
+            np.hstack([motion.position, gone]),
+            np.hstack([motion.velocity, rows * speed]),
+            np.hstack([motion.acceleration, np.zeros_like(gone)]),
+        )
+
+
+@dataclass(frozen=True)
+class Played:
+    """A schedule and the job as it was done, in the terms of parts that lie."""
+
+    schedule: Schedule
+    """With the job's robot."""
+    job: Job
+    """Each task with the arm that did it."""
+    spans: Sequence[LineSpan]
+    """Of the job's stops."""
+    tools: ToolModel
+    """Where the tools are."""
+
+    @cached_property
+    def stops(self) -> Mapping[StopKey, Visit]:
+        """Stops and tasks by arm, task and action."""
+        return {(t.arm, t.id, s.action): (t, s) for t in self.job.tasks for s in t.stops}
+
+    @cached_property
+    def events(self) -> Mapping[StopKey, Event]:
+        """The first event of each stop, in time order."""
+        found: dict[StopKey, Event] = {}
+        for event in sorted(self.schedule.events, key=lambda one: one.changes_held):
+            key = event.arm, event.task, event.action
+            if key in self.stops:
+                # How its target moves is the job's to say.
+                found.setdefault(key, replace(event, velocity=self.stops[key][1].velocity))
+        return found
+
+    @property
+    def visits(self) -> list[Visit]:
+        """The stops in the order in which they were made."""
+        return [self.stops[key] for key in self.events]
+
+    @property
+    def whole(self) -> Span:
+        """From the start to the end of the motion [s]."""
+        time = self.schedule.trajectory.time
+        return float(time[0]), float(time[-1])
+
+    def lies(self, lying: LyingPart) -> Span:
+        """Return from when to when a part lies [s]."""
+        start, end = self.whole
+        if lying.until is not None:
+            end = self.events[lying.until].changes_held
+        if lying.since is not None and lying.since in self.events:
+            start = self.events[lying.since].changes_held
+        elif lying.fed:
+            start = end
+        if lying.fed:
+            start = min(start, *(span.start for span in spans_of(self.spans, *lying.key)))
+        return start, end
+
+    def tool_pose(self, event: Event) -> pin.SE3:
+        """Return an arm's own tool centre point in the world as it picks or lets go."""
+        time = np.array([event.changes_held])
+        return self.tools.pose(event.arm, self.schedule.trajectory.at(time)[0][0])
+
+    def shapes(self, lying: LyingPart) -> tuple[Shape, ...]:
+        """Return a part's solids in the frame of the own tool centre point."""
+        task = lying.task
+        return self.job.cell.held_shapes(task.arm, Held(task.tool, task.part))[1]
+
+    def asked(
+        self, lying: LyingPart, solid: Solid, model: pin.Model
+    ) -> list[tuple[bool, list[Span]]]:
+        """Return when a solid must keep its clearance from a part that lies, and when only not reach into it.
+
+        Args:
+            lying: the part.
+            solid: of the robot, a tool, or a part that is carried.
+            model: of the robot.
+
+        Returns:
+            Whether the two may touch, with the spans [s].
+        """
+        if solid.carrier and not solid.bolted:
+            tasks = [t for t in self.job.tasks if t.arm == solid.carrier and t.tool == solid.tool]
+            return [
+                (
+                    may_touch(task, lying.task),
+                    carrying_spans(self.schedule, self.job, solid, task.id),
+                )
+                for task in tasks
+                if task.part == solid.body
+            ]
+        during = [self.whole]
+        if solid.bolted:
+            during = carrying_spans(self.schedule, self.job, solid)
+        touching = list[Span]()
+        for key in dict.fromkeys((lying.key, lying.until)):
+            if key is None or solid.joint != self._flange(key[0], model).parentJoint:
+                continue
+            lines, between = self._at_stop(key)
+            if self._apart(lying, key, solid, model):
+                touching += overlaps(without([between], [lines]), during)
+            during = without(during, [between])
+        return [(False, during), (True, touching)]
+
+    def _flange(self, arm: str, model: pin.Model) -> pin.Frame:
+        return model.frames[
+            model.getFrameId(self.job.cell.robot.arm(arm).flange, pin.FrameType.BODY)
+        ]
+
+    def _at_stop(self, key: StopKey) -> tuple[Span, Span]:
+        """Return when a tool is on the lines of a stop, and from the stop before it to the one after it [s]."""
+        start, end = self.whole
+        event, own = self.events[key], [e for e in self.schedule.events if e.arm == key[0]]
+        before = [e.changes_held for e in own if e.changes_held < event.time]
+        after = [e.time for e in own if e.time > event.changes_held]
+        [span, *_] = spans_of(self.spans, *key)
+        between = max(before, default=start), min(after, default=end)
+        return (span.start, span.end), between
+
+    def _apart(self, lying: LyingPart, key: StopKey, solid: Solid, model: pin.Model) -> bool:
+        """Return whether a tool is apart from the part of its stop at the outer end of the line; its file says so."""
+        task, stop = self.stops[key]
+        flange, arm = self._flange(key[0], model), key[0]
+        own = self.tool_pose(self.events[key])
+        there = self.tool_pose(self.events[lying.key])
+        along = self.job.cell.T_own_tool(arm, task.tool).rotation[:, 2]
+        line = stop.approach if stop.action == "pick" else stop.retract
+        back = pin.SE3(np.eye(3), line * along)
+        tool = (flange.placement * self.job.cell.tools[arm].tcp).actInv(solid.pose)
+        for shape in self.shapes(lying):
+            part = shape_solid("", WORLD, back * own.actInv(there), shape)
+            places = [coal.Transform3s(p.rotation, p.translation) for p in (tool, part.pose)]
+            result, request = coal.DistanceResult(), coal.DistanceRequest()
+            coal.distance(solid.geometry, places[0], part.geometry, places[1], request, result)
+            if result.min_distance <= 0.0:
+                return False
+        return line > 0.0

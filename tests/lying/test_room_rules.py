@@ -1,0 +1,175 @@
+"""Parts in each other's way: what is refused before any search, and the orders that the shapes leave."""
+
+from __future__ import annotations
+
+import pytest
+
+from dualarm_cli.collision.crowding import crowded_stops
+from dualarm_cli.collision.rooms import rooms_of
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.planner import plan
+from dualarm_cli.planning.room_rules import room_faults, with_room_rules
+from dualarm_cli.verification import verify
+
+from .conftest import PALM
+
+TOWER = 0.31
+"""Height of the tool centre point over the table when a tower stands on it [m]."""
+CUBE, TALL, FLAT = 0.11, 0.21, 0.05
+"""The same of other parts."""
+QUICK = PlanSettings(effort="quick")
+
+
+def refusal(job) -> list:
+    """What is refused before a search."""
+    return room_faults(job)
+
+
+def test_two_towers_are_not_put_into_one_place(job_of, task):
+    """The second one would fill the first one's room: 60 mm to the side is the shortest way out of it."""
+    job = job_of(
+        *(
+            task(
+                name, (0.45, 0.15, TOWER), (0.45, 0.45, TOWER), ", part: tower", free=", free: yaw"
+            )
+            for name in ("one", "two")
+        ),
+        clearance="0 mm",
+    )
+    [found] = refusal(job)
+    assert (found.what, found.task, found.more["other"]) == ("same_room", "two", "one")
+    assert str(found).startswith(f"{job.tasks[1].stops[1].place}: task 'two': ")
+    assert "'tower' reaches 60.0 mm into 'tower' of task 'one', which lies there" in str(found)
+
+
+def test_check_says_so(write_job, task, capsys):
+    """Exit code 2, with the place and both tasks, without planning."""
+    from dualarm_cli.cli.run import run
+
+    path = write_job(
+        *(task(name, (0.45, 0.15, CUBE), (0.45, 0.45, CUBE)) for name in ("one", "two"))
+    )
+    assert run(["check", str(path)]) == 2
+    said = capsys.readouterr().out
+    assert "tasks.yaml:8:" in said
+    assert "'cube' reaches 60.0 mm into 'cube' of task 'one'" in said
+
+
+def test_a_gap_is_measured_from_side_to_side(job_of, task):
+    """Places 72 mm apart leave 12 mm between cubes of 60 mm: enough for 10 mm and the planner's 2 mm, and no more."""
+
+    def job(apart: float, clearance: str = "10 mm", cell: str = ""):
+        return job_of(
+            task("one", (0.45, 0.10, CUBE), (0.45, 0.40, CUBE)),
+            task("two", (0.45, -0.10, CUBE), (0.45, 0.40 + apart, CUBE)),
+            clearance=clearance,
+            cell=cell,
+        )
+
+    assert refusal(job(0.0721)) == []
+    [found] = refusal(job(0.0701))
+    assert "is 10.1 mm from, and needs 12.0 mm to," in str(found)
+    own = "clearances: [{between: [cube, cube], clearance: 5 mm}]"
+    assert refusal(job(0.0701, cell=own)) == []
+    contact = "allowed_contacts: [[cube, cube]]"
+    assert refusal(job(0.03, cell=contact)) == []
+
+
+def test_a_cube_stands_on_the_one_that_its_task_names(job_of, task):
+    """100 mm higher: the lower one comes first, in any order, and the plan passes verification."""
+    upper = task("upper", (0.45, 0.10, CUBE), (0.45, 0.45, CUBE + 0.1), ", touches: [lower]")
+    lower = task("lower", (0.45, -0.10, CUBE), (0.45, 0.45, CUBE))
+    job = job_of(upper, lower, head="order: optimise")
+    ruled = with_room_rules(job)
+    assert [one.after for one in ruled.tasks] == [("lower",), ()]
+    assert list(ruled.notes) == ["order: upper comes after lower, as its part would be in the way"]
+    [found] = refusal(job_of(upper, lower))
+    assert (found.what, found.task) == ("in_the_way", "lower")
+    made = plan(job, QUICK)
+    assert [e.task for e in made.events if e.action == "place"] == ["lower", "upper"]
+    assert verify(made, job, clearance=True).passed
+    # Without the key the two may not touch.
+    plain = job_of(lower, upper.replace(", touches: [lower]", ""))
+    assert refusal(plain)[0].what == "same_room"
+
+
+def test_touching_is_no_leave_to_reach_into_one_another(job_of, task):
+    """10 mm too low the upper cube is 10 mm in the lower one, whatever the key says."""
+    job = job_of(
+        task("lower", (0.45, -0.10, CUBE), (0.45, 0.45, CUBE)),
+        task("upper", (0.45, 0.10, CUBE), (0.45, 0.45, CUBE + 0.09), ", touches: [lower]"),
+    )
+    [found] = refusal(job)
+    assert "'cube' reaches 10.0 mm into 'cube' of task 'lower'" in str(found)
+
+
+def test_the_tall_part_is_picked_before_the_flat_one_beside_it(job_of, task):
+    """The palm is 160 mm wide: beside the tall part it does not get down to the flat one, 80 mm away."""
+    tall = task("tall", (0.45, 0.10, TALL), (0.30, 0.55, TALL), ", part: tall")
+    flat = task("flat", (0.45, 0.18, FLAT), (0.60, 0.55, FLAT), ", part: flat")
+    for tasks in ((tall, flat), (flat, tall)):
+        ruled = with_room_rules(job_of(*tasks, tool=PALM, head="order: optimise"))
+        assert {one.id: one.after for one in ruled.tasks} == {"tall": (), "flat": ("tall",)}
+    assert refusal(job_of(flat, tall, tool=PALM))[0].what == "in_the_way"
+    assert refusal(job_of(tall, flat, tool=PALM)) == []
+
+
+def test_the_flat_part_is_placed_before_the_tall_one_beside_it(job_of, task):
+    """For the same reason the other way round; where both hold there is no order."""
+    tall = task("tall", (0.30, 0.55, TALL), (0.45, 0.10, TALL), ", part: tall")
+    flat = task("flat", (0.60, 0.55, FLAT), (0.45, 0.18, FLAT), ", part: flat")
+    ruled = with_room_rules(job_of(tall, flat, tool=PALM, head="order: optimise"))
+    assert {one.id: one.after for one in ruled.tasks} == {"tall": ("flat",), "flat": ()}
+    near = flat.replace("xyz: [0.6, 0.55", "xyz: [0.38, 0.55")
+    assert refusal(job_of(tall, near, tool=PALM, head="order: optimise"))[0].what == "same_room"
+
+
+def test_parts_that_leave_and_parts_that_are_taken_away_make_room(job_of, task):
+    """Nothing lies where the next one is placed."""
+    one, two = (
+        task(name, (0.45, y, CUBE), (0.45, 0.45, CUBE), ", leaves: true")
+        for name, y in (("one", 0.1), ("two", -0.1))
+    )
+    assert refusal(job_of(one, two)) == []
+    stays = task("one", (0.45, 0.1, CUBE), (0.45, 0.45, CUBE))
+    away = task("away", (0.45, 0.45, CUBE), (0.7, 0.3, CUBE))
+    last = task("two", (0.45, -0.1, CUBE), (0.45, 0.45, CUBE))
+    assert refusal(job_of(stays, away, last)) == []
+
+
+def test_a_part_at_any_yaw_takes_a_round_room(job_of, task):
+    """A square of 60 mm is turned within a circle of 84.85 mm; one with four equal sides stays as it is."""
+    free = job_of(task("one", (0.45, 0.1, CUBE), (0.45, 0.45, CUBE), free=", free: yaw"))
+    [shape] = rooms_of(free)[0].shapes
+    assert shape.kind == "cylinder"
+    assert shape.size == pytest.approx((0.03 * 2**0.5, 0.1))
+    same = job_of(task("one", (0.45, 0.1, CUBE), (0.45, 0.45, CUBE), free=", symmetry: 4"))
+    assert len(rooms_of(same)[0].shapes) == 1
+    other = job_of(task("one", (0.45, 0.1, CUBE), (0.45, 0.45, CUBE), free=", symmetry: 3"))
+    assert len(rooms_of(other)[0].shapes) == 3
+
+
+def test_near_others_a_free_yaw_is_kept_as_the_file_has_it(job_of, task):
+    """75 mm apart there is room for two cubes side by side, but not for two circles of 84.85 mm."""
+    job = job_of(
+        task("one", (0.45, 0.10, CUBE), (0.45, 0.40, CUBE), free=", free: yaw"),
+        task("two", (0.45, -0.10, CUBE), (0.45, 0.475, CUBE), free=", free: yaw"),
+    )
+    ruled = with_room_rules(job)
+    targets = [[stop.target for stop in one.stops] for one in ruled.tasks]
+    assert [[t.free_yaw for t in row] for row in targets] == [[True, False]] * 2
+    assert [row[1].symmetry for row in targets] == [4, 4]
+    assert list(ruled.notes) == [
+        "parts: near others these keep the yaw of the file, although it is free: one (place), two (place)"
+    ]
+
+
+def test_a_part_is_no_obstacle_to_the_task_that_takes_it_away(job_of, task):
+    """Placed by one task and picked there by another one: no rule, and nothing is refused."""
+    job = job_of(
+        task("one", (0.45, 0.10, CUBE), (0.45, 0.40, CUBE)),
+        task("two", (0.45, 0.40, CUBE), (0.30, 0.60, CUBE)),
+    )
+    assert refusal(job) == []
+    assert with_room_rules(job) == job
+    assert {(one.task.id, one.room.key) for one in crowded_stops(job)} == {("one", ("two", "pick"))}

@@ -1,0 +1,202 @@
+"""The verifier on parts that wait and lie, against distances by brute force."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.verification import verify
+from dualarm_cli.verification.clearance_checks import edges_of, watched_pairs
+
+TABLE = 0.48
+"""Height of the table's top [m]."""
+CUBE = 0.11
+"""Height of the tool centre point over the table when a cube stands on it [m]."""
+HIGH = ", approach: 120 mm, retract: 120 mm"
+"""Over the cubes."""
+QUICK = PlanSettings(effort="quick")
+
+
+def placed(shape: tuple[float, float, float], pose: pin.SE3) -> tuple[coal.Box, coal.Transform3s]:
+    return coal.Box(*shape), coal.Transform3s(pose.rotation, pose.translation)
+
+
+def tool_poses(job, schedule, times) -> list[pin.SE3]:
+    """Where the left tool is, by pinocchio."""
+    model = pin.buildModelFromXML(job.cell.robot.urdf)
+    data, arm = model.createData(), job.cell.robot.arm("left")
+    frame = model.getFrameId(arm.flange, pin.FrameType.BODY)
+    order = [schedule.trajectory.joints.index(name) for name in model.names[1:]]
+    found = []
+    for q in schedule.trajectory.at(np.array(times))[0][:, order]:
+        pin.forwardKinematics(model, data, q)
+        flange = pin.updateFramePlacement(model, data, frame)
+        found.append(job.cell.base * flange * job.cell.tools["left"].tcp)
+    return found
+
+
+def nearest_cubes(job, schedule, step: float = 0.002) -> float:
+    """Least distance of the cube of `two` in the tool from that of `one` on the table [m]."""
+    [taken] = [e.time for e in schedule.events if (e.task, e.action) == ("two", "pick")]
+    [put] = [e.time + e.dwell for e in schedule.events if (e.task, e.action) == ("two", "place")]
+    [lies] = [e.time + e.dwell for e in schedule.events if (e.task, e.action) == ("one", "place")]
+    times = np.append(np.arange(max(taken, lies), put, step), put)
+    shape = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.055]))
+    [there] = tool_poses(job, schedule, [lies])
+    other = placed((0.06, 0.06, 0.1), there * shape)
+    return min(
+        coal.distance(
+            *placed((0.06, 0.06, 0.1), pose * shape),
+            *other,
+            coal.DistanceRequest(),
+            coal.DistanceResult(),
+        )
+        for pose in tool_poses(job, schedule, times)
+    )
+
+
+@pytest.fixture(scope="module")
+def beside(job_of, task):
+    """Two cubes side by side, 20 mm apart, and a plan that knows nothing of lying parts."""
+    job = job_of(
+        task("one", (0.45, 0.10, CUBE), (0.45, 0.40, CUBE), HIGH),
+        task("two", (0.60, 0.10, CUBE), (0.45, 0.48, CUBE), HIGH),
+        clearance="5 mm",
+    )
+    blind = replace(
+        job, cell=replace(job.cell, parts={}), tasks=tuple(replace(t, part="") for t in job.tasks)
+    )
+    return job, plan_without_bound(blind, QUICK)
+
+
+def test_the_least_distance_of_a_carried_from_a_lying_part_is_met(beside):
+    """As often as every 2 ms by coal, to the proof's precision of 0.5 mm."""
+    job, schedule = beside
+    brute = nearest_cubes(job, schedule)
+    watched = watched_pairs(schedule, job)
+    pairs = [
+        k
+        for k, pair in enumerate(watched.pairs)
+        if (watched.solids[pair.first].label, watched.solids[pair.second].label)
+        == ("left cube", "cube of one")
+    ]
+    only = replace(
+        watched,
+        pairs=[watched.pairs[k] for k in pairs],
+        windows=[watched.windows[k] for k in pairs],
+    )
+    found = min(
+        only.certified(edges_of(schedule), contact=False, lying=True), key=lambda one: one.margin
+    )
+    assert found.margin + 0.005 == pytest.approx(brute, abs=1e-3)
+    assert found.margin + 0.005 <= brute + 1e-9
+    assert found.met + 0.005 >= brute - 2e-4
+
+
+def test_what_cannot_be_the_nearest_is_left_out_without_changing_the_least(beside):
+    """Balls around bodies only save time."""
+    job, schedule = beside
+    watched, edges = watched_pairs(schedule, job), edges_of(schedule)
+    known = np.full(len(edges) - 1, 0.03)
+    every = watched.certified(edges, contact=False, lying=True)
+    near = watched.certified(edges, contact=False, lying=True, known=known)
+    for one, other in zip(every, near, strict=True):
+        if one.met < 0.03:
+            assert (other.pair, other.margin, other.time) == (one.pair, one.margin, one.time)
+        else:
+            assert other.margin > 0.0295
+
+
+@pytest.fixture(scope="module")
+def through(job_of, task):
+    """A tower between where a cube is picked and placed, and a plan that knows nothing of it."""
+    job = job_of(
+        task("one", (0.45, 0.10, CUBE), (0.45, 0.50, CUBE)),
+        task("two", (0.45, 0.30, 0.31), (0.70, 0.30, 0.31), ", part: tower"),
+    )
+    blind = replace(
+        job,
+        cell=replace(job.cell, parts={}),
+        tasks=tuple(replace(t, part="") for t in job.tasks),
+    )
+    return job, plan_without_bound(blind, QUICK)
+
+
+def test_a_plan_through_a_waiting_part_fails_with_task_part_and_time(through):
+    """The cube is as deep in the tower as brute force finds it, at that time, before the tower is picked."""
+    job, schedule = through
+    verdict = verify(schedule, job, clearance=True)
+    [failed] = [check for check in verdict.checks if check.verdict == "failed"]
+    assert failed.name == "collisions"
+    [taken] = [e.time for e in schedule.events if (e.task, e.action) == ("two", "pick")]
+    worst = min(verdict.clearances, key=lambda one: one.margin)
+    assert worst.bodies[1] == "tower of two"
+    assert worst.time < taken
+    assert f"tower of two at {worst.time:.4f} s" in failed.detail
+    [pose] = tool_poses(job, schedule, [worst.time])
+    own = placed((0.06, 0.06, 0.1), pose * pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.055])))
+    tower = placed((0.06, 0.06, 0.3), pin.SE3(np.eye(3), np.array([0.45, 0.30, TABLE + 0.155])))
+    if worst.bodies[0] == "left cube":
+        deep = coal.distance(*own, *tower, coal.DistanceRequest(), coal.DistanceResult())
+        assert worst.clearance == pytest.approx(deep, abs=1e-3)
+
+
+def test_the_planner_goes_round_it(through):
+    """A plan of its own passes; it is no shorter than one that goes through."""
+    job, blind = through
+    made = plan_without_bound(job, QUICK)
+    assert verify(made, job, clearance=True).passed
+    assert made.duration >= blind.duration - 1e-9
+
+
+def test_a_part_on_a_belt_is_where_the_belt_has_it(job_of):
+    """150 mm/s from its pose at `passes` on: the tool is as far from it as brute force finds."""
+    tasks = [
+        f"{{id: {name}, arm: left, leaves: true, pick: {{xyz: [0.6, 0.35, 0.6], rpy: [180 deg, 0, 0], conveyor: belt, "
+        f"passes: {passes} s, within: 0.4 m}}, place: {{xyz: [0.35, 0.55, 0.6], rpy: [180 deg, 0, 0]}}}}"
+        for name, passes in (("first", 1), ("second", 4))
+    ]
+    job = job_of(*tasks, cell="conveyors: {belt: {velocity: [0, -150 mm/s, 0]}}")
+    schedule = plan_without_bound(job, QUICK)
+    assert verify(schedule, job, clearance=True).passed
+    watched = watched_pairs(schedule, job)
+    pairs = [
+        k
+        for k, pair in enumerate(watched.pairs)
+        if (watched.solids[pair.first].body, watched.solids[pair.second].label)
+        == ("left_tool", "cube of second")
+        and pair.required > 0.0
+    ]
+    only = replace(
+        watched,
+        pairs=[watched.pairs[k] for k in pairs],
+        windows=[watched.windows[k] for k in pairs],
+    )
+    edges = edges_of(schedule)
+    found = min(only.certified(edges, contact=False, lying=True), key=lambda one: one.margin)
+    [first] = [e for e in schedule.events if (e.task, e.action) == ("first", "place")]
+    rod, cube = coal.Capsule(0.02, 0.06), coal.Box(0.06, 0.06, 0.1)
+    least = np.inf
+    # From the second stop before it on the two need only not reach into one another.
+    times = np.arange(0.0, first.time + first.dwell, 0.002)
+    for time, pose in zip(times.tolist(), tool_poses(job, schedule, times), strict=True):
+        own = pose * pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.08]))
+        at = np.array([0.6, 0.35 - 0.15 * (time - 4.0), 0.6 - 0.055])
+        least = min(
+            least,
+            coal.distance(
+                rod,
+                coal.Transform3s(own.rotation, own.translation),
+                cube,
+                coal.Transform3s(np.eye(3), at),
+                coal.DistanceRequest(),
+                coal.DistanceResult(),
+            ),
+        )
+    assert found.met + 0.005 == pytest.approx(least, abs=1e-3)
