@@ -80,7 +80,7 @@ class CellClearance:
     @classmethod
     def of_job(cls, job: Job) -> CellClearance:
         """Prepares a job's cell with all that it carries and all rooms of its parts."""
-        return cls.of(job.cell, job.carried(), rooms_of(job))
+        return cls.of(job.cell, job.carried(), job.skew, rooms_of(job))
 
     def in_scenes(self, scenes: tuple[Scene, ...]) -> CellClearance:
         """Returns the same test with what lies when."""

@@ -138,7 +138,7 @@ def _distance(solid: Solid, place: pin.SE3, other: Solid, needed: float) -> floa
         np.asarray(pose.act(np.asarray(form.aabb_center).ravel()))
         for form, pose in zip(forms, (place, other.pose), strict=True)
     ]
-    apart = float(np.sqrt(((middles[0] - middles[1]) ** 2).sum()))
+    apart = float(np.sqrt(np.square(middles[0] - middles[1]).sum()))
     apart -= forms[0].aabb_radius + forms[1].aabb_radius
     if apart > max(needed, 0.0):
         return apart

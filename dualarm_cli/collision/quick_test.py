@@ -223,7 +223,7 @@ class QuickTest:
             R_joint = np.einsum("ijn,kj->ikn", R, self._tree.R_joint_own[one.joint])
             middle = np.einsum("ikn,k->in", R_joint, np.asarray(one.pose.act(_middle(one)))) + p
             there = np.asarray(other.pose.act(_middle(other))) + shift
-            apart = np.sqrt(((middle.T - there) ** 2).sum(axis=1))
+            apart = np.sqrt(np.square(middle.T - there).sum(axis=1))
             apart -= one.geometry.aabb_radius + other.geometry.aabb_radius + pair.required
             found[k] = apart
             for row in np.flatnonzero(apart < ENOUGH).tolist():

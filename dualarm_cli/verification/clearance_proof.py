@@ -223,7 +223,7 @@ class ClearanceProof:
             np.array(some)[self._place]
             for some in zip(*((p.first, p.second) for p in pairs), strict=True)
         )
-        apart = np.sqrt(((centers[:, first] - centers[:, second]) ** 2).sum(axis=2))
+        apart = np.sqrt(np.square(centers[:, first] - centers[:, second]).sum(axis=2))
         return np.asarray(apart - radius[first] - radius[second] - self._required)
 
     def _margins_at(self, times: FloatArray, pairs: IntArray) -> FloatArray:

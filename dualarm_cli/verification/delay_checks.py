@@ -18,8 +18,9 @@ from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import LONGEST_DELAY, ArmDelay, Check, Verdict
-from dualarm_cli.verification.clearance_checks import _carried, _touching
+from dualarm_cli.verification.clearance_checks import _touching
 from dualarm_cli.verification.delay_proof import ALWAYS, ArmPair, DelayProof, Spans
+from dualarm_cli.verification.holding_spans import carrying_spans
 from dualarm_cli.verification.line_spans import LineSpan
 from dualarm_cli.verification.motion_checks import not_checked
 
@@ -55,7 +56,7 @@ def arm_delays(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> tuple
         if one.joint not in joints[0] or other.joint not in joints[1]:
             continue
         there = [
-            _to_the_ends(schedule, _carried(schedule, job, solid)) if solid.carrier else ALWAYS
+            _to_the_ends(schedule, carrying_spans(schedule, job, solid)) if solid.carrier else ALWAYS
             for solid in (one, other)
         ]
         excused = _to_the_ends(

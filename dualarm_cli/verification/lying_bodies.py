@@ -16,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.solids import WORLD, Pair, Solid, pairs_with_lying, shape_solid
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import Job, StopKey
 from dualarm_cli.model.lying import LyingPart, Visit, lying_parts, may_touch
@@ -84,8 +85,8 @@ class LyingBodies:
     def _belt(self, velocity: tuple[float, ...], base: pin.SE3, model: pin.Model) -> int:
         """Return the joint of a belt, which is added to the model when it is met first."""
         if velocity not in self.belts:
-            along = base.rotation.T @ np.array(velocity)
-            joint = pin.JointModelPrismaticUnaligned(along / np.linalg.norm(along))
+            along = product(base.rotation.T, np.array(velocity))
+            joint = pin.JointModelPrismaticUnaligned(along / norm(along))
             name = f"belt {len(self.belts)}"
             self.belts[velocity] = model.addJoint(WORLD, joint, pin.SE3.Identity(), name)
         return self.belts[velocity]
@@ -94,7 +95,7 @@ class LyingBodies:
         """Return a motion with the joints of the belts, which are at zero when it starts."""
         if not self.belts:
             return motion
-        speed = np.linalg.norm(np.array(list(self.belts)), axis=1)
+        speed = norm(np.array(list(self.belts)), axis=1)
         gone, rows = (motion.time - motion.time[0])[:, None] * speed, np.ones((len(motion.time), 1))
         return Trajectory(
             (*motion.joints, *(f"belt {k}" for k in range(len(speed)))),

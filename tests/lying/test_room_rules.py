@@ -43,13 +43,13 @@ def test_two_towers_are_not_put_into_one_place(job_of, task):
 
 
 def test_check_says_so(write_job, task, capsys):
-    """Exit code 2, with the place and both tasks, without planning."""
+    """Exit code 3, with the place and both tasks, without planning."""
     from dualarm_cli.cli.run import run
 
     path = write_job(
         *(task(name, (0.45, 0.15, CUBE), (0.45, 0.45, CUBE)) for name in ("one", "two"))
     )
-    assert run(["check", str(path)]) == 2
+    assert run(["check", str(path)]) == 3
     said = capsys.readouterr().out
     assert "tasks.yaml:8:" in said
     assert "'cube' reaches 60.0 mm into 'cube' of task 'one'" in said

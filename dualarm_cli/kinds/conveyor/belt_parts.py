@@ -27,7 +27,7 @@ def touched_on_belt(job: Job, found: ClearedPlan) -> Refusal | None:
     motion, holding = found.cleared.motion, found.holding
     if not rooms or holding is None:
         return None
-    cell = CellClearance.of(job.cell, job.carried(), rooms)
+    cell = CellClearance.of(job.cell, job.carried(), rooms=rooms)
     events = {(e.task, e.action): e for e in motion.events}
     stage_of: dict[RoomKey, int] = {
         (stop.task.id, stop.stop.action): k
