@@ -6,6 +6,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 
 from dualarm_cli.clearing.repairs import Clearing
 from dualarm_cli.clearing.stage_samples import (
@@ -98,11 +99,21 @@ def test_an_arm_that_is_late_is_where_it_was_before():
     np.testing.assert_array_equal(far.position[:, 1], [12.0, *[13.0] * 5])
 
 
+def _along_the_shelf(task, way):
+    """The same task with its place elsewhere along the tool's y axis [m]."""
+    *others, place = task.stops
+    pose = place.target.pose
+    there = pin.SE3(pose.rotation, pose.translation + way * pose.rotation[:, 1])
+    target = replace(place.target, pose=there)
+    return replace(task, stops=(*others, replace(place, target=target)))
+
+
 def test_with_a_skew_stages_touch_whose_arms_touch_when_one_is_late(tasks_folder):
     """A greedy plan, its hands to be 0.2 m apart, against many delays up to 0.3 s at instants of the whole motion."""
     timing, skew = TIMING_SOLVERS["ruckig"], 0.3
     job = load_job(tasks_folder / "08_narrow_bin" / "tasks.yaml")
     tasks = tuple(replace(task, part="") for task in job.tasks)
+    tasks = (*tasks[:1], *(_along_the_shelf(task, -0.04) for task in tasks[1:5]), *tasks[5:])
     last = ("tool", "link_b", "link_r")
     apart = tuple((f"left_{one}", f"right_{other}", 0.2) for one in last for other in last)
     cell = replace(job.cell, clearances=apart)
