@@ -56,7 +56,9 @@ def arm_delays(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> tuple
         if one.joint not in joints[0] or other.joint not in joints[1]:
             continue
         there = [
-            _to_the_ends(schedule, carrying_spans(schedule, job, solid)) if solid.carrier else ALWAYS
+            _to_the_ends(schedule, carrying_spans(schedule, job, solid))
+            if solid.carrier
+            else ALWAYS
             for solid in (one, other)
         ]
         excused = _to_the_ends(
