@@ -324,7 +324,7 @@ class Job:
     budget: Budget | None = None
     """What its plans must keep besides, or None."""
     skew: float = 0.0
-    """Delay of either arm against everything else with which every plan keeps its clearance [s]."""
+    """Delay of either arm against the other with which every plan keeps its clearance [s]."""
     beside: tuple[tuple[Task, Stop], ...] = ()
     """Tasks and stops whose parts lie there all the time; of a part of a job."""
     begin: FloatArray | None = field(default=None, compare=False)

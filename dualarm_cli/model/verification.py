@@ -57,7 +57,7 @@ LONGEST_DELAY = 0.5
 
 @dataclass(frozen=True)
 class ArmDelay:
-    """The delays of one arm against everything else with which the motion keeps its clearance."""
+    """The delays of one arm against the other with which the motion keeps its clearance."""
 
     arm: str
     """The late arm."""

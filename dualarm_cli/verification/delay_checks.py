@@ -29,7 +29,7 @@ SKEW = "skew"
 
 
 def arm_delays(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> tuple[ArmDelay, ...]:
-    """Prove how late each of two arms may be against everything else; nothing for one arm, or arms without shapes.
+    """Prove how late each of two arms may be against the other; nothing for one arm, or arms without shapes.
 
     Late are the arm's joints, its tool and what it carries. The other arm and a platform keep to the plan's time, and
     both arms stay where the plan ends. Not counted are what may touch in a hand-over or on a seam, and parts on the

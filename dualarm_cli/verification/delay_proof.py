@@ -17,8 +17,6 @@ import pinocchio as pin
 
 from dualarm_cli.collision.solids import Pair, Solid
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
-from dualarm_cli.geometry.elementary import cos, sin
-from dualarm_cli.geometry.rotations import skew
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
@@ -28,7 +26,7 @@ from dualarm_cli.verification.clearance_proof import (
     range_maximum,
     reaches,
 )
-from dualarm_cli.verification.tool_model import joint_axis
+from dualarm_cli.verification.tool_model import tool_chain
 
 Spans = Sequence[tuple[float, float]]
 """From when to when [s]."""
@@ -157,20 +155,23 @@ class DelayProof:
             longest: the longest delay that counts [s].
             search: how finely to look.
         """
-        self._model, self._trajectory, self._longest = model, trajectory, longest
+        self._trajectory, self._longest = trajectory, longest
         self._search, self._measured = search or DelaySearch(), 0
-        self._order = [trajectory.joints.index(name) for name in model.names[1:]]
-        self._speeds = interval_speeds(trajectory)[:, self._order]
-        self._axes = [joint_axis(model, joint) for joint in range(1, model.njoints)]
-        one, other = (list(model.supports[solids[k].joint]) for k in _numbers(pairs[0].pair))
-        self._mount = max(set(one) & set(other))
-        numbers = distinct(np.array([_numbers(one.pair) for one in pairs]).ravel())
-        self._solids = [solids[k] for k in numbers.tolist()]
-        self._levers = np.array([self._levers_of(solid) for solid in self._solids])
-        bodies = np.searchsorted(numbers, np.array([_numbers(one.pair) for one in pairs]))
-        # Where only one of the arms moves a delay changes nothing.
+        self._speeds = interval_speeds(trajectory)
+        both = np.array([(one.pair.first, one.pair.second) for one in pairs])
+        numbers = distinct(both.ravel())
+        self._solids, bodies = [solids[k] for k in numbers.tolist()], np.searchsorted(numbers, both)
+        self._chains = [
+            tool_chain(model, solid.joint, pin.SE3.Identity(), [solid.pose], trajectory.joints)
+            for solid in self._solids
+        ]
+        one, other = (self._chains[body].columns for body in bodies[0].tolist())
+        self._carrying = sorted(set(one) & set(other))
+        self._levers = np.array([self._levers_of(model, solid) for solid in self._solids])
+        # Where only one of the arms moves a delay changes nothing, but for what is there for a while.
         moves = np.asarray(self._levers.any(axis=1))
-        self._rows = np.flatnonzero(moves[bodies].all(axis=1))
+        always = np.array([one.counts_always for one in pairs])
+        self._rows = np.flatnonzero(moves[bodies].all(axis=1) | ~always)
         self._pairs = [pairs[k] for k in self._rows.tolist()]
         self._bodies = bodies[self._rows].T
         self._required = np.array([one.pair.required for one in self._pairs])
@@ -208,8 +209,9 @@ class DelayProof:
             if level >= search.boxes and room:
                 margin, moved = self._margins(squares)
                 found = self._lowered(found, squares, margin)
-                left = margin - moved < NUMERICAL - tol.CLEARANCE_SLACK
-                squares = squares.select(left & (squares.low < found.broken))
+                # A distance that is no number proves nothing.
+                clear = margin - moved >= NUMERICAL - tol.CLEARANCE_SLACK
+                squares = squares.select(~clear & (squares.low < found.broken))
             if not len(squares.pair):
                 return replace(found, proven=min(found.proven, found.broken))
             low = float(squares.low.min())
@@ -248,19 +250,19 @@ class DelayProof:
 
     def _margins(self, squares: _Squares) -> tuple[FloatArray, FloatArray]:
         """Measure the margins at the squares' centres by coal, and bound their change within them [m]."""
-        side, pair, places = squares.side, squares.pair, list[FloatArray]()
-        moved = np.zeros(len(pair))
+        side, pair, moved = squares.side, squares.pair, np.zeros(len(squares.pair))
+        places: list[FloatArray] = []
         for clock, bodies in zip((squares.first, squares.second), self._bodies, strict=True):
             numbers = distinct(clock)
             rows, body = np.searchsorted(numbers, clock), bodies[pair]
-            fastest = self._fastest(numbers, side)
-            moved += 0.5 * side * (fastest[rows] * self._levers[body]).sum(axis=1)
-            R, p = self._frames(numbers, side)
-            joint = np.array([solid.joint for solid in self._solids])[body]
-            turned = np.array([solid.pose.rotation for solid in self._solids])[body]
-            offset = np.array([solid.pose.translation for solid in self._solids])[body]
-            places.append(np.einsum("nij,njk->nik", R[joint, rows], turned))
-            places.append(p[joint, rows] + np.einsum("nij,nj->ni", R[joint, rows], offset))
+            moved += (
+                0.5 * side * (self._fastest(numbers, side)[rows] * self._levers[body]).sum(axis=1)
+            )
+            R, p = np.empty((len(pair), 3, 3)), np.empty((len(pair), 3))
+            for k in distinct(body).tolist():
+                own = np.flatnonzero(body == k)
+                R[own], p[own] = self._poses(k, clock[own], side)
+            places += [R, p]
         self._measured += len(pair)
         forms = [solid.geometry for solid in self._solids]
         request, result = coal.DistanceRequest(), coal.DistanceResult()
@@ -301,48 +303,33 @@ class DelayProof:
         numbers = np.arange(
             -self._before << self._search.levels, self._after << self._search.levels
         )
-        R, p = self._frames(numbers, grid)
         moved = 0.5 * grid * np.einsum("nk,sk->sn", self._fastest(numbers, grid), self._levers)
         centre, half = np.empty((2, len(self._solids), len(numbers), 3))
         for k, solid in enumerate(self._solids):
             solid.geometry.computeLocalAABB()
             low, high = solid.geometry.aabb_local.min_, solid.geometry.aabb_local.max_
-            turned = np.einsum("nij,jk->nik", R[solid.joint], solid.pose.rotation)
-            middle = solid.pose.act(0.5 * (low + high))
-            centre[k] = p[solid.joint] + np.einsum("nij,j->ni", R[solid.joint], middle)
-            half[k] = np.einsum("nij,j->ni", np.abs(turned), 0.5 * (high - low))
+            R, p = self._poses(k, numbers, grid)
+            centre[k] = p + np.einsum("nij,j->ni", R, 0.5 * (low + high))
+            half[k] = np.einsum("nij,j->ni", np.abs(R), 0.5 * (high - low))
         half += moved[:, :, None]
         return centre - half, centre + half
 
-    def _levers_of(self, solid: Solid) -> FloatArray:
+    def _levers_of(self, model: pin.Model, solid: Solid) -> FloatArray:
         """Return how far each joint moves a solid on its arm [m/rad], shape (joints,); 0 for those that stand."""
-        found = np.zeros(self._model.nv)
-        for joint, reach in reaches(self._model, solid).items():
-            if joint not in self._model.supports[self._mount]:
-                found[self._model.idx_vs[joint]] = reach
+        found = np.zeros(len(self._trajectory.joints))
+        for joint, reach in reaches(model, solid).items():
+            found[self._trajectory.joints.index(model.names[joint])] = reach
+        found[self._carrying] = 0.0
         return np.where(self._speeds.max(axis=0) > 0.0, found, 0.0)
 
-    def _frames(self, numbers: IntArray, side: float) -> tuple[FloatArray, FloatArray]:
-        """Compute the frames of the arms' joints as their mount sees them, (joints, t, 3, 3) and (joints, t, 3) [m]."""
-        time = (numbers.astype(np.float64) + 0.5) * side
-        q, model = self._trajectory.at(time)[0][:, self._order], self._model
-        R, p = np.zeros((model.njoints, len(q), 3, 3)), np.zeros((model.njoints, len(q), 3))
-        R[self._mount] = np.eye(3)
-        for joint, (axis, slides) in enumerate(self._axes, 1):
-            if joint == self._mount or self._mount not in model.supports[joint]:
-                continue
-            parent, place = model.parents[joint], model.jointPlacements[joint]
-            own = q[:, model.idx_qs[joint]]
-            p[joint] = p[parent] + np.einsum("nij,j->ni", R[parent], place.translation)
-            R[joint] = np.einsum("nij,jk->nik", R[parent], place.rotation)
-            if slides:
-                p[joint] += own[:, None] * np.einsum("nij,j->ni", R[joint], axis)
-            else:
-                K = skew(axis)
-                turned = sin(own)[:, None, None] * K
-                turned += (1.0 - cos(own))[:, None, None] * np.einsum("ij,jk->ik", K, K)
-                R[joint] += np.einsum("nij,njk->nik", R[joint], turned)
-        return R, p
+    def _poses(self, body: int, numbers: IntArray, side: float) -> tuple[FloatArray, FloatArray]:
+        """Compute a solid's rotations (n, 3, 3) and positions (n, 3) [m] in the middle of stretches.
+
+        Joints that carry both arms are held at 0: they do not move one arm against the other.
+        """
+        q = self._trajectory.at((numbers.astype(np.float64) + 0.5) * side)[0]
+        q[:, self._carrying] = 0.0
+        return self._chains[body].poses(q)
 
     def _fastest(self, numbers: IntArray, side: float) -> FloatArray:
         """Return the greatest speed of each joint in stretches [rad/s], shape (n, joints); none outside the motion."""
@@ -352,7 +339,3 @@ class DelayProof:
         last = np.clip(np.searchsorted(knots, end, side="left") - 1, first, len(self._speeds) - 1)
         moves = (end > knots[0]) & (begin < knots[-1])
         return np.where(moves[:, None], range_maximum(self._speeds, first, last), 0.0)
-
-
-def _numbers(pair: Pair) -> tuple[int, int]:
-    return pair.first, pair.second

@@ -51,29 +51,31 @@ class ToolChain:
 
 
 def tool_chain(
-    model: pin.Model, frame: int, base: pin.SE3, tcp: pin.SE3, joints: Sequence[str]
+    model: pin.Model,
+    joint: int,
+    base: pin.SE3,
+    after: Sequence[pin.SE3],
+    joints: Sequence[str],
 ) -> ToolChain:
-    """Returns the chain from the world to a tool.
+    """Return the chain from the world to a tool, or another body.
 
     Args:
         model: the robot; every joint has one degree of freedom.
-        frame: index of the flange's frame.
+        joint: the joint that carries it.
         base: pose of the robot's root in the world.
-        tcp: tool centre point in the flange.
+        after: poses from the joint to the tool, each as the one before sees it.
         joints: names of the joints, in the columns' order of the joint vectors to come.
 
     Raises:
         InputError: a joint has no axis, which pinocchio takes without a word.
     """
-    flange = model.frames[frame]
     path = []
-    joint = flange.parentJoint
     while joint > 0:
         path.append(joint)
         joint = model.parents[joint]
     before, constants, slides = base, [], []
     for joint in reversed(path):
-        axis, slide = joint_axis(model, joint)
+        axis, slide = _axis(model, joint)
         # Turned so that the joint's own axis is z.
         turn = pin.SE3(
             pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).toRotationMatrix(),
@@ -82,7 +84,9 @@ def tool_chain(
         constants.append((before * model.jointPlacements[joint] * turn).homogeneous)
         slides.append(slide)
         before = turn.inverse()
-    constants.append((before * flange.placement * tcp).homogeneous)
+    for pose in after:
+        before = before * pose
+    constants.append(before.homogeneous)
     return ToolChain(
         np.array(constants),
         tuple(joints.index(model.names[joint]) for joint in reversed(path)),
@@ -90,7 +94,7 @@ def tool_chain(
     )
 
 
-def joint_axis(model: pin.Model, joint: int) -> tuple[FloatArray, bool]:
+def _axis(model: pin.Model, joint: int) -> tuple[FloatArray, bool]:
     """Returns a joint's axis in its own frame and whether it slides along it."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
@@ -145,10 +149,11 @@ class ToolModel:
         }
         self._tcp = {arm: part.tcp for arm, part in robot.arms.items()}
         self._base, self._joints = robot.base, joints
-        self._chains = {
-            arm: tool_chain(model, self._frames[arm], robot.base, part.tcp, joints)
-            for arm, part in robot.arms.items()
-        }
+        self._chains = {}
+        for arm, part in robot.arms.items():
+            flange = model.frames[self._frames[arm]]
+            after = [flange.placement, part.tcp]
+            self._chains[arm] = tool_chain(model, flange.parentJoint, robot.base, after, joints)
 
     def pose(self, arm: str, position: FloatArray) -> pin.SE3:
         """Returns the tool centre point in the world by pinocchio, for joints (n,) as in the trajectory."""

@@ -129,6 +129,34 @@ def test_an_arm_that_rests_all_the_time_makes_no_delay_matter():
     assert [one.proven for one in found] == [0.5, 0.5]
 
 
+@pytest.mark.parametrize("late", [0, 1])
+def test_what_a_resting_arm_holds_from_some_time_on_comes_or_stays_late(late):
+    """A ball at rest is there from 0.5 s on, by its own clock; the other one passes it until 0.4 s, 0.1 s before.
+
+    Where the passing arm is late it meets the ball after 0.1 s; where the other one is, the ball comes later still.
+    """
+    model, solids = slides()
+    # From x = -1 at 2.5 m/s: both balls overlap from (1 - 2 RADIUS) / 2.5 s to (1 + 2 RADIUS) / 2.5 s = 0.44 s.
+    motion = straight(["one", "other"], [-1.0, 0.0], [2.5, 0.0], 1.0)
+    pair = ArmPair(Pair(0, 1, 0.0), (ALWAYS, ((0.5, np.inf),)))
+    found = DelayProof(model, motion, solids, [pair], 0.2).bracket(late)
+    exact = 0.5 - (1.0 + 2.0 * RADIUS) / 2.5
+    if late == 0:
+        assert found.proven <= exact <= found.broken + 1e-6
+        assert found.broken - found.proven <= 1e-3
+    else:
+        assert found.proven == 0.2
+
+
+def test_a_distance_that_is_no_number_proves_nothing(monkeypatch):
+    model, solids = slides()
+    motion = straight(["one", "other"], [2.0 * RADIUS + 0.05, 0.0], [1.0, 1.0], 0.3)
+    monkeypatch.setattr(coal, "distance", lambda *_: np.nan)
+    search = DelaySearch(distances=5_000)
+    found = DelayProof(model, motion, solids, [ArmPair(Pair(0, 1, 0.0))], 0.5, search).bracket(0)
+    assert found.proven < 0.05
+
+
 def arms(random):
     """Two arms of three turning joints in random directions, with a capsule, a box and a ball each."""
     model, solids = pin.Model(), []

@@ -58,7 +58,7 @@ class TimingSection(Section):
     """How exactly both arms start together."""
 
     skew: Skew = Field(
-        description="Delay of either arm against the rest of the cell, up to which plans keep their clearance [s]."
+        description="Delay of either arm against the other, up to which plans keep their clearance [s]."
     )
 
 
