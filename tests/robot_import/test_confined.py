@@ -27,6 +27,13 @@ def program(code: str) -> str:
     return f'{ROOT}<xacro:property name="p" value="${{ {body} }}"/><link name="a${{p}}"/></robot>'
 
 
+def system_call(number: int, *arguments: str) -> str:
+    """Returns code that makes a system call by its number, and raises OSError where it is refused."""
+    library = "__import__('ctypes').CDLL(None, use_errno=True)"
+    raised = "(_ for _ in ()).throw(OSError(__import__('ctypes').get_errno(), 'refused'))"
+    return f"{library}.syscall({', '.join((str(number), *arguments))}) + 1 or {raised}"
+
+
 def told(tmp_path: Path, attempts: dict[str, str]) -> dict[str, str]:
     """Returns what came of attempts in a xacro file: the name of the error, or `done`."""
     lines = ["found = []"]
@@ -60,6 +67,10 @@ def test_a_xacro_file_reaches_no_program_no_process_and_no_network(
         "spawn": "__import__('os').posix_spawn('/bin/sh', ['sh'], {})",
         "socket": "__import__('socket').socket()",
         "kill": "__import__('os').kill(__import__('os').getppid(), 0)",
+        "signal": system_call(129, "__import__('os').getppid()", "0", "bytes(128)"),
+        "look": system_call(
+            310, "__import__('os').getppid()", "None", "0", "None", "0", "0"
+        ),
         "memory": "len(bytes(10**10))",
     }
     found = told(tmp_path, attempts | {"token": "__import__('os').environ['TOKEN']"})
@@ -86,11 +97,16 @@ def test_a_xacro_file_reads_its_folder_and_writes_nothing(tmp_path: Path) -> Non
         "remove": f"__import__('os').remove('{home}/robot.urdf.xacro')",
         "link": f"__import__('os').symlink('{secret}', '{home}/link')",
         "move": f"__import__('os').rename('{home}/robot.urdf.xacro', '{home}/x')",
+        "rights": f"__import__('os').chmod('{secret}', 0o777)",
+        "time": f"__import__('os').utime('{secret}', (0, 0))",
+        "mark": f"__import__('os').setxattr('{secret}', 'user.mark', b'1')",
     }
+    before = secret.stat()
     found = told(tmp_path, attempts)
     assert found.pop("own") == "done"
     assert set(found.values()) == {"PermissionError"}
     assert secret.read_text() == "mine"
+    assert (secret.stat().st_mode, secret.stat().st_mtime) == (before.st_mode, before.st_mtime)
     assert [path.name for path in home.iterdir()] == ["robot.urdf.xacro"]
 
 
