@@ -68,9 +68,7 @@ def test_a_xacro_file_reaches_no_program_no_process_and_no_network(
         "socket": "__import__('socket').socket()",
         "kill": "__import__('os').kill(__import__('os').getppid(), 0)",
         "signal": system_call(129, "__import__('os').getppid()", "0", "bytes(128)"),
-        "look": system_call(
-            310, "__import__('os').getppid()", "None", "0", "None", "0", "0"
-        ),
+        "look": system_call(310, "__import__('os').getppid()", "None", "0", "None", "0", "0"),
         "memory": "len(bytes(10**10))",
     }
     found = told(tmp_path, attempts | {"token": "__import__('os').environ['TOKEN']"})
