@@ -198,12 +198,10 @@ class CellClearance:
                 touched[:-1] = [may_touch(own.carries, r.task) for r in self.rooms]
             there[-1] = not touching
             counts = there[room] & (~part | (touched[room] == touching))
-            for r, (task, stop) in (*own.left.items(), *own.here.items()):
+            for r, (_, stop) in (*own.left.items(), *own.here.items()):
                 on_line = bool(number % 2) and r in own.here
                 for k in np.flatnonzero(counts & tool & (room == r)).tolist():
-                    counts[k] = not on_line and self.test.is_apart(
-                        group.pairs[k], arm, stop, task.tool
-                    )
+                    counts[k] = not on_line and self.test.is_apart(group.pairs[k], arm, stop)
             lists.append(np.flatnonzero(counts))
         first = np.cumsum([0, *(len(row) for row in lists)])
         return Scenes(first, np.concatenate(lists))

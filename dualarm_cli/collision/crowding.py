@@ -89,19 +89,18 @@ def _yaws(stop: Stop) -> list[float]:
 def _carried(
     job: Job, task: Task, stop: Stop, arm: str, room: PartRoom
 ) -> Iterator[tuple[Solid, float, float]]:
-    """Yield a tool's and a part's solids in the frame of the tool centre point, with line and needed distance [m]."""
+    """Yield solids of tools and part in the own tool centre point's frame, with line and needed distance [m]."""
     cell, part = job.cell, room.task.part
     allowed = {frozenset(pair) for pair in cell.allowed_contacts}
     special = {frozenset(names): least for *names, least in cell.clearances}
     of_tool, of_part = cell.held_shapes(arm, Held(task.tool, task.part))
-    T_tool_own = cell.T_own_tool(arm, task.tool).inverse()
     line = stop.retract if stop.action in TAKES else stop.approach
     both = max(stop.approach, stop.retract)
-    tool = cell.tools[arm]
-    rows = [(f"{arm}_tool", T_tool_own * tool.tcp.inverse(), tool.shapes, both)]
-    rows += [
-        (f"{arm}_{task.tool}", T_tool_own, of_tool, both),
-        (task.part, T_tool_own, of_part, line),
+    own, here = cell.tools[arm], pin.SE3.Identity()
+    rows = [
+        (f"{arm}_tool", own.tcp.inverse(), own.shapes, both),
+        (f"{arm}_{task.tool}", here, of_tool, both),
+        (task.part, here, of_part, line),
     ]
     for body, holder, shapes, length in rows:
         names = frozenset((body, part))

@@ -236,15 +236,14 @@ class QuickTest:
         """Returns what a person calls the two bodies of a pair."""
         return self._solids[pair.first].label, self._solids[pair.second].label
 
-    def is_apart(self, pair: Pair, arm: str, stop: Stop, tool: str) -> bool:
+    def is_apart(self, pair: Pair, arm: str, stop: Stop) -> bool:
         """Returns whether a tool is clear of the part that lies at its stop where the line there begins or ends."""
         line = stop.approach if stop.action == "pick" else stop.retract
         if not isinstance(stop.target, PoseTarget) or not line:
             return False
         T_tcp_end = pin.SE3(np.eye(3), np.array([0.0, 0.0, -line]))
         T_root_tcp = self._cell.base.actInv(stop.target.pose) * T_tcp_end
-        T_own_tool = self._cell.T_own_tool(arm, tool)
-        T_joint_tcp = self._flanges[arm].placement * self._cell.tools[arm].tcp * T_own_tool
+        T_joint_tcp = self._flanges[arm].placement * self._cell.tools[arm].tcp
         solid, part = self._solids[pair.first], self._solids[pair.second]
         places = T_root_tcp * T_joint_tcp.actInv(solid.pose), part.pose
         return _distance(solid, part, places) - pair.required >= APART

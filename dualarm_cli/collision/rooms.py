@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from dualarm_cli.collision.solids import WORLD, Solid, shape_solid
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.records import dataclass
@@ -62,12 +62,19 @@ def rooms_of(job: Job, *, moving: bool = False) -> tuple[PartRoom, ...]:
     """
     found = []
     for task, stop in (*((t, s) for t in job.tasks for s in t.stops), *job.beside):
-        shapes = job.cell.parts.get(task.part, ())
+        shapes = held_part(job.cell, task)
         if not shapes or stop.action not in ("pick", "place") or stop.moves is not moving:
             continue
         if isinstance(stop.target, PoseTarget):
             found.append(PartRoom(task, stop, _over_turns(stop.target, shapes)))
     return tuple(found)
+
+
+def held_part(cell: Cell, task: Task) -> tuple[Shape, ...]:
+    """Return the solids of a task's part in the frame of the own tool centre point of the arm that carries it."""
+    able = (arm.name for arm in cell.robot.arms if task.tool in cell.tool_names(arm.name))
+    arm = next(filter(task.allows, able), "")
+    return cell.held_shapes(arm, Held(task.tool, task.part))[1] if arm else ()
 
 
 def pinned(target: PoseTarget, shapes: Sequence[Shape]) -> PoseTarget:

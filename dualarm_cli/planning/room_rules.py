@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from dualarm_cli.collision.crowding import Crowded, crowded_stops, is_same_spot
-from dualarm_cli.collision.rooms import pinned
+from dualarm_cli.collision.rooms import held_part, pinned
 from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
 from dualarm_cli.refusals import Refusal
 
@@ -80,13 +80,12 @@ def _pinned(job: Job, rules: Rules) -> tuple[Job, Rules, list[str]]:
     names: list[str] = []
 
     def kept(task: Task, stop: Stop) -> Stop:
-        shapes = job.cell.parts.get(task.part, ())
         if (task.id, stop.action) not in keys or not isinstance(stop.target, PoseTarget):
             return stop
         if not stop.target.free_yaw:
             return stop
         names.append(f"{task.id} ({stop.action})")
-        return replace(stop, target=pinned(stop.target, shapes))
+        return replace(stop, target=pinned(stop.target, held_part(job.cell, task)))
 
     tasks = tuple(
         replace(task, stops=tuple(kept(task, stop) for stop in task.stops)) for task in job.tasks

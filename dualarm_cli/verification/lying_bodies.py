@@ -222,13 +222,12 @@ class Played:
 
     def _apart(self, lying: LyingPart, key: StopKey, solid: Solid, model: pin.Model) -> bool:
         """Return whether a tool is apart from the part of its stop at the outer end of the line; its file says so."""
-        task, stop = self.stops[key]
+        stop = self.stops[key][1]
         flange, arm = self._flange(key[0], model), key[0]
         own = self.tool_pose(self.events[key])
         there = self.tool_pose(self.events[lying.key])
-        along = self.job.cell.T_own_tool(arm, task.tool).rotation[:, 2]
         line = stop.approach if stop.action == "pick" else stop.retract
-        back = pin.SE3(np.eye(3), line * along)
+        back = pin.SE3(np.eye(3), np.array([0.0, 0.0, line]))
         tool = (flange.placement * self.job.cell.tools[arm].tcp).actInv(solid.pose)
         for shape in self.shapes(lying):
             part = shape_solid("", WORLD, back * own.actInv(there), shape)

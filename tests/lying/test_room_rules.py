@@ -11,7 +11,7 @@ from dualarm_cli.planning.planner import plan
 from dualarm_cli.planning.room_rules import room_faults, with_room_rules
 from dualarm_cli.verification import verify
 
-from .conftest import PALM
+from .conftest import PALM, TABLE
 
 TOWER = 0.31
 """Height of the tool centre point over the table when a tower stands on it [m]."""
@@ -135,6 +135,26 @@ def test_parts_that_leave_and_parts_that_are_taken_away_make_room(job_of, task):
     away = task("away", (0.45, 0.45, CUBE), (0.7, 0.3, CUBE))
     last = task("two", (0.45, -0.1, CUBE), (0.45, 0.45, CUBE))
     assert refusal(job_of(stays, away, last)) == []
+
+
+LONG = (
+    "tool_changes: {left: {start: long, time: 0.5 s, tools: {long: {tcp: {xyz: [0, 0, 220 mm]}, "
+    "stand: {xyz: [0.2, 0.75, 1.0], rpy: [180 deg, 0, 0]}}}}}"
+)
+"""A tool for the left arm, its centre point 100 mm beyond the arm's own."""
+
+
+def test_a_part_in_a_changed_tool_is_where_that_tool_is(job_of, task):
+    """The tool centre point 0.11 m over the table, the cube's middle 55 mm below it, whatever tool has it."""
+    tasks = (
+        task("one", (0.45, 0.10, CUBE), (0.45, 0.40, CUBE), ", tool: long"),
+        task("two", (0.45, -0.10, CUBE), (0.45, 0.4701, CUBE), arm="right"),
+    )
+    job = job_of(*tasks, cell=LONG, clearance="10 mm")
+    middles = [room.shapes[0].pose.translation for room in rooms_of(job)]
+    assert [middle[2] for middle in middles] == pytest.approx([TABLE + CUBE - 0.055] * 4)
+    [found] = refusal(job)
+    assert "is 10.1 mm from, and needs 12.0 mm to," in str(found)
 
 
 def test_a_part_at_any_yaw_takes_a_round_room(job_of, task):
