@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-
-import coal
 import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.clearance import SLACK
-from dualarm_cli.collision.lying import STEPS
+from dualarm_cli.collision.lying import HeldBody, held_bodies, required, turned_poses, undercut
 from dualarm_cli.collision.quick_test import OVERLAP
 from dualarm_cli.collision.rooms import PartRoom, rooms_of
-from dualarm_cli.collision.solids import WORLD, Solid, shape_solid
-from dualarm_cli.model.cell import Held
-from dualarm_cli.model.job import TAKES, Job, PoseTarget, Stop, Task
+from dualarm_cli.collision.solids import WORLD, shape_solid
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
 from dualarm_cli.model.lying import SAME_SPOT, may_touch
 from dualarm_cli.records import dataclass
-
-YAWS = 24
-"""Turns about the tool's z axis that are tried where any will do: 15 degrees apart."""
 
 
 @dataclass(frozen=True)
@@ -67,83 +61,29 @@ def _crowded(job: Job, task: Task, stop: Stop, room: PartRoom) -> Crowded | None
     """Return what comes too near to a part in its room; None where some arm and turn avoid it."""
     if stop.action == "pick" and is_same_spot(stop, room):
         return None
-    worst: Crowded | None = None
+    found: list[Crowded] = []
     solids = [shape_solid("", WORLD, pin.SE3.Identity(), shape) for shape in room.shapes]
     for arm in filter(task.allows, [arm.name for arm in job.cell.robot.arms]):
-        own = list(_carried(job, task, stop, arm, room))
-        for yaw in _yaws(stop):
-            least = _least(own, stop, yaw, solids)
-            if least is None or least[1] >= least[2]:
+        needs = [
+            (one, needed)
+            for one in held_bodies(job.cell, arm, task, stop)
+            if (needed := _needed(job.cell, one, task, room)) is not None
+        ]
+        for T_world_tool in turned_poses(stop):
+            lacking = [
+                (undercut(one, T_world_tool, [(solid, needed) for solid in solids])[0], one, needed)
+                for one, needed in needs
+            ]
+            lacks, one, needed = max(lacking, key=lambda row: row[0], default=(0.0, None, 0.0))
+            if one is None or lacks <= 0.0:
                 return None
-            if worst is None or least[1] - least[2] > worst.distance - worst.needed:
-                worst = Crowded(task, stop, room, *least)
-    return worst
+            found.append(Crowded(task, stop, room, one.body, needed - lacks, needed))
+    return max(found, key=lambda one: one.distance - one.needed, default=None)
 
 
-def _yaws(stop: Stop) -> list[float]:
-    assert isinstance(stop.target, PoseTarget)  # asked for those only
-    turns = YAWS if stop.target.free_yaw else stop.target.symmetry
-    return [2.0 * np.pi * k / turns for k in range(turns)]
-
-
-def _carried(
-    job: Job, task: Task, stop: Stop, arm: str, room: PartRoom
-) -> Iterator[tuple[Solid, float, float]]:
-    """Yield solids of tools and part in the own tool centre point's frame, with line and needed distance [m]."""
-    cell, part = job.cell, room.task.part
-    allowed = {frozenset(pair) for pair in cell.allowed_contacts}
-    special = {frozenset(names): least for *names, least in cell.clearances}
-    of_tool, of_part = cell.held_shapes(arm, Held(task.tool, task.part))
-    line = stop.retract if stop.action in TAKES else stop.approach
-    both = max(stop.approach, stop.retract)
-    own, here = cell.tools[arm], pin.SE3.Identity()
-    rows = [
-        (f"{arm}_tool", own.tcp.inverse(), own.shapes, both),
-        (f"{arm}_{task.tool}", here, of_tool, both),
-        (task.part, here, of_part, line),
-    ]
-    for body, holder, shapes, length in rows:
-        names = frozenset((body, part))
-        if names in allowed:
-            continue
-        needed = special.get(names, cell.clearance) + SLACK
-        if body == task.part and may_touch(task, room.task):
-            needed = -OVERLAP
-        for shape in shapes:
-            yield shape_solid(body, WORLD, holder, shape), length, needed
-
-
-def _least(
-    own: Sequence[tuple[Solid, float, float]], stop: Stop, yaw: float, room: Sequence[Solid]
-) -> tuple[str, float, float] | None:
-    """Return the body that lacks most on the lines of a stop, its distance and what is needed [m]; None where far."""
-    assert isinstance(stop.target, PoseTarget)  # asked for those only
-    turned = stop.target.pose * pin.SE3(pin.utils.rotate("z", yaw), np.zeros(3))
-    found: tuple[str, float, float] | None = None
-    for solid, line, needed in own:
-        for other in room:
-            for back in np.linspace(0.0, line, STEPS if line > 0.0 else 1):
-                place = turned * pin.SE3(np.eye(3), np.array([0.0, 0.0, -back])) * solid.pose
-                distance = _distance(solid, place, other, needed)
-                if found is None or distance - needed < found[1] - found[2]:
-                    found = solid.body, distance, needed
-    return found
-
-
-def _distance(solid: Solid, place: pin.SE3, other: Solid, needed: float) -> float:
-    """Return how far two solids are apart [m]; where balls show more than is needed, that."""
-    forms = solid.geometry, other.geometry
-    middles = [
-        np.asarray(pose.act(np.asarray(form.aabb_center).ravel()))
-        for form, pose in zip(forms, (place, other.pose), strict=True)
-    ]
-    apart = float(np.sqrt(np.square(middles[0] - middles[1]).sum()))
-    apart -= forms[0].aabb_radius + forms[1].aabb_radius
-    if apart > max(needed, 0.0):
-        return apart
-    here, there = (
-        coal.Transform3s(pose.rotation, pose.translation) for pose in (place, other.pose)
-    )
-    result, request = coal.DistanceResult(), coal.DistanceRequest()
-    coal.distance(forms[0], here, forms[1], there, request, result)
-    return float(result.min_distance)
+def _needed(cell: Cell, one: HeldBody, task: Task, room: PartRoom) -> float | None:
+    """Return the distance that a body must keep from a part in its room [m]; None where they may touch."""
+    least = required(cell, one.body, room.task.part)
+    if least is None:
+        return None
+    return -OVERLAP if one.body == task.part and may_touch(task, room.task) else least + SLACK

@@ -20,6 +20,7 @@ from dualarm_cli.collision.solids import (
     cell_solids,
     pairs_that_must_keep_apart,
     pairs_with_lying,
+    solid_distance,
 )
 from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.compiled.pair_margins import Scenes, pair_margins
@@ -378,9 +379,7 @@ class QuickTest:
 def _distance(one: Solid, other: Solid, places: Sequence[pin.SE3]) -> float:
     """Returns how far two solids are apart at two places [m], by coal."""
     here, there = (coal.Transform3s(place.rotation, place.translation) for place in places)
-    result = coal.DistanceResult()
-    coal.distance(one.geometry, here, other.geometry, there, coal.DistanceRequest(), result)
-    return float(result.min_distance)
+    return solid_distance(one, here, other, there)
 
 
 def _middle(solid: Solid) -> FloatArray:

@@ -227,6 +227,15 @@ def bodies_without_shape(cell: Cell) -> list[str]:
     return [*found, *tools_without_shape(cell)]
 
 
+def solid_distance(
+    one: Solid, here: coal.Transform3s, other: Solid, there: coal.Transform3s
+) -> float:
+    """Measure how far two solids are apart at two places, by coal [m]; negative: how deep they overlap."""
+    result, request = coal.DistanceResult(), coal.DistanceRequest()
+    coal.distance(one.geometry, here, other.geometry, there, request, result)
+    return float(result.min_distance)
+
+
 def geometry_model(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]]) -> pin.GeometryModel:
     """Returns solids as pinocchio's geometry, named by their numbers, with some pairs of them in the order given.
 

@@ -60,7 +60,7 @@ class PoseTarget:
     """A pose of the tool centre point, with the freedoms that the part really has."""
 
     pose: pin.SE3
-    """Tool centre point in the world."""
+    """The arm's own tool centre point in the world, also where a changed tool works."""
     free_yaw: bool = False
     """Whether any turn about the tool's z axis will do."""
     symmetry: int = 1

@@ -7,29 +7,16 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-import pinocchio as pin
 
 from dualarm_cli.collision.clearance import CellClearance
-from dualarm_cli.collision.lying import part_reaches
+from dualarm_cli.collision.lying import YAW_STEPS, held_bodies, reaches, stop_yaws
 from dualarm_cli.collision.scenes import stage_scenes
-from dualarm_cli.collision.solids import WORLD, shape_solid, tool_body
+from dualarm_cli.collision.solids import Solid
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.products import norm
-from dualarm_cli.model.cell import Cell, Held
-from dualarm_cli.model.job import LYING, TAKES, Job, PoseTarget, Stop, Task
-from dualarm_cli.model.shape import Shape
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
 from dualarm_cli.records import dataclass
-
-YAW_STEPS = 24
-"""Turns about the tool's z axis that are tried where any will do: 15 degrees apart."""
-
-
-def stop_yaws(stop: Stop) -> FloatArray:
-    """Returns the turns about the tool's z axis that are tried at a stop [rad], shape (y,)."""
-    if not isinstance(stop.target, PoseTarget):
-        return np.zeros(1)
-    turns = YAW_STEPS if stop.target.free_yaw else stop.target.symmetry
-    return np.arange(turns, dtype=np.float64) * (2.0 * np.pi / turns)
 
 
 @dataclass(frozen=True)
@@ -110,28 +97,14 @@ def _fitting(
 
     Where it fits nowhere: all yaws, and how far it reaches into what at best [m].
     """
-    yaws = stop_yaws(stop)
-    of_tool, of_part = job.cell.held_shapes(arm, Held(task.tool, task.part))
+    yaws, found = stop_yaws(stop), held_bodies(job.cell, arm, task, stop)
     # At its stand a tool is to what stands there as a part is to what it lies on.
-    shapes = of_tool if task.is_change else of_part
-    body = tool_body(arm, task.tool) if task.is_change else task.part
-    if not shapes or not isinstance(stop.target, PoseTarget) or not job.cell.obstacles:
+    resting = [one for one in found if one.rests]
+    if not resting or not isinstance(stop.target, PoseTarget) or not job.cell.obstacles:
         return yaws, None
-    if stop.action not in LYING and not task.is_change:
-        return yaws, None  # a part in the air is collision-free as all else does
-    line = stop.retract if stop.action in TAKES else stop.approach
-    reaches = [
-        part_reaches(
-            job.cell,
-            body,
-            shapes,
-            stop.target.pose * pin.SE3(pin.utils.rotate("z", yaw), np.array([0.0, 0.0, 0.0])),
-            line,
-        )
-        for yaw in yaws
-    ]
-    fits = [not into for _, into in reaches]
-    return (yaws[fits], None) if any(fits) else (yaws, min(reaches))
+    lacking = [*reaches(job.cell, resting[0], stop)]
+    fits = [not into for _, into in lacking]
+    return (yaws[fits], None) if any(fits) else (yaws, min(lacking))
 
 
 def too_near_obstacle(
@@ -152,39 +125,21 @@ def too_near_obstacle(
     """
     if not isinstance(stop.target, PoseTarget) or not cell.obstacles:
         return None
-    T_tcp_flange, lines = cell.tools[arm].tcp.inverse(), (stop.approach, stop.retract)
-    own = tuple(replace(shape, pose=T_tcp_flange * shape.pose) for shape in cell.tools[arm].shapes)
-    of_tool, of_part = cell.held_shapes(arm, Held(task.tool, task.part))
-    line = lines[1] if stop.action in TAKES else lines[0]
-    own_name, tool_name = tool_body(arm, "tool"), tool_body(arm, task.tool)
-    bodies = [
-        (own_name, own_name, own, max(lines)),
-        (task.tool, tool_name, of_tool, line if task.is_change else max(lines)),
-        (task.part, task.part, of_part if stop.action in LYING else (), line),
-    ]
-    yaws = stop_yaws(stop)
-    for name, body, shapes, length in bodies:
-        if not shapes:
-            continue
+    for one in held_bodies(cell, arm, task, stop):
         # Half way to the next turn that is tried, each point is moved by no more than this.
-        turned = np.pi / len(yaws) * _radius(shapes) if stop.target.free_yaw else 0.0
-        best: tuple[float, str] | None = None
-        for yaw in yaws.tolist():
-            T = stop.target.pose * pin.SE3(pin.utils.rotate("z", yaw), np.zeros(3))
-            is_tool = name != task.part and not (task.is_change and name == task.tool)
-            depth, into = part_reaches(cell, body, shapes, T, length, clear=is_tool)
-            if not into or depth <= turned:
-                best = None
+        between = np.pi / YAW_STEPS * _radius(one.solids) if stop.target.free_yaw else 0.0
+        lacking = []
+        for lacks, into in reaches(cell, one, stop):
+            if not into or lacks <= between:
                 break
-            best = (depth, into) if best is None else min(best, (depth, into))
-        if best is not None:
-            return name, *best
+            lacking.append((lacks, into))
+        else:
+            return one.name, *min(lacking)
     return None
 
 
-def _radius(shapes: Sequence[Shape]) -> float:
-    """Return a distance from the z axis of their frame that no point of some shapes exceeds [m]."""
-    solids = [shape_solid("", WORLD, pin.SE3.Identity(), shape) for shape in shapes]
+def _radius(solids: Sequence[Solid]) -> float:
+    """Return a distance from the z axis of their frame that no point of some solids exceeds [m]."""
     boxes = [(solid.pose, solid.geometry.aabb_local) for solid in solids]
     corners = [
         pose.act(np.array(corner))[:2]

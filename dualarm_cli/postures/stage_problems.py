@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from dualarm_cli.collision.lying import stop_yaws
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
@@ -14,7 +15,6 @@ from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, Task
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.postures import StopProblem
 from dualarm_cli.postures.clear_postures import KeepClear
-from dualarm_cli.postures.holding import stop_yaws
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.line_profile import estimate_line_durations
 from dualarm_cli.timing.rest_to_rest import RestToRest

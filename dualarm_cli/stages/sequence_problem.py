@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from dualarm_cli.collision.lying import stop_yaws
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.postures.holding import Holding, stop_yaws
+from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.plans.clearance import Barred, SequenceClearance
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem, StopTarget
 from dualarm_cli.timing.rest_to_rest import RestToRest

@@ -15,7 +15,14 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.collision.solids import WORLD, Pair, Solid, pairs_with_lying, shape_solid
+from dualarm_cli.collision.solids import (
+    WORLD,
+    Pair,
+    Solid,
+    pairs_with_lying,
+    shape_solid,
+    solid_distance,
+)
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import Job, StopKey
@@ -232,8 +239,6 @@ class Played:
         for shape in self.shapes(lying):
             part = shape_solid("", WORLD, back * own.actInv(there), shape)
             places = [coal.Transform3s(p.rotation, p.translation) for p in (tool, part.pose)]
-            result, request = coal.DistanceResult(), coal.DistanceRequest()
-            coal.distance(solid.geometry, places[0], part.geometry, places[1], request, result)
-            if result.min_distance <= 0.0:
+            if solid_distance(solid, places[0], part, places[1]) <= 0.0:
                 return False
         return line > 0.0

@@ -8,10 +8,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.collision.lying import part_reaches
+from dualarm_cli.collision import lying
 from dualarm_cli.collision.quick_test import OVERLAP
+from dualarm_cli.collision.solids import WORLD, shape_solid
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Cell, Obstacle
+from dualarm_cli.model.job import Dwell, PoseTarget, Stop
+from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.model.shape import Shape
 
 DOWN = pin.rpy.rpyToMatrix(np.pi, 0.0, 0.0)
@@ -35,7 +38,10 @@ def cell(tasks_folder) -> Cell:
 def reaches(cell: Cell, height: float, line: float, part: str = "cube") -> tuple[float, str]:
     """What is told of the cube with the tool at a height over the table, pointing down."""
     tool = pin.SE3(DOWN, np.array([0.5, 0.0, height]))
-    return part_reaches(cell, part, CUBE, tool, line)
+    solids = tuple(shape_solid(part, WORLD, pin.SE3.Identity(), shape) for shape in CUBE)
+    stop = Stop("place", PoseTarget(tool), line, 0.0, Dwell(0.0), NOWHERE)
+    [found] = lying.reaches(cell, lying.HeldBody(part, part, solids, line, rests=True), stop)
+    return found
 
 
 def test_a_part_at_its_target_reaches_into_the_table(cell):

@@ -152,12 +152,12 @@ def test_what_is_held_goes_from_tool_to_tool_and_part(kit):
     holding = Holding.of(with_changes(job))
     a = holding.cell.arms.index("left")
     names = [
-        [holding.cell.parts[k // 2] for k in rows[:, a]] for rows in (holding.before, holding.after)
+        [holding.cell.part_of(k) for k in rows[:, a]] for rows in (holding.before, holding.after)
     ]
     at = " at its stand"
     assert names[0] == [f"fingers{at}", "", "suction", "suction with plate", f"suction{at}", ""]
     assert names[1] == ["", f"suction{at}", "suction with plate", "suction", "", f"fingers{at}"]
-    assert not holding.before[:, 1 - a].any()
+    assert not any(holding.cell.part_of(k) for k in holding.before[:, 1 - a])
     # A tool with a part in it counts for more than the tool alone where both are looked at.
     assert holding.cell.held("suction with plate") > holding.cell.held("suction") > 0
 
