@@ -313,6 +313,22 @@ def test_room_for_blending_is_one_candidate_among_others(tasks_folder):
 
 
 @pytest.mark.full_effort
+def test_no_jerk_limit_is_not_slower_than_a_loose_one(tasks_folder):
+    """A plan within jerk limits is within none; lines' ends once took 30 % longer without than estimated."""
+    job = load_job(tasks_folder / "01_first_pick" / "tasks.yaml")
+    robot = job.cell.robot
+
+    def cycle(jerk):
+        limits = dataclasses.replace(robot.limits, jerk=jerk)
+        cell = dataclasses.replace(job.cell, robot=dataclasses.replace(robot, limits=limits))
+        asked = dataclasses.replace(job, cell=cell)
+        return plan_without_bound(asked, PlanSettings(effort="quick")).duration
+
+    loose = cycle(robot.limits.acceleration / 0.01)
+    assert cycle(np.full(len(robot.joints), np.inf)) <= loose
+
+
+@pytest.mark.full_effort
 def test_under_a_cap_on_tool_speed_no_simpler_method_is_faster(packing):
     """A short move at 10 mm/s: the search knows no cap, so that the simplest plan must win; the cap is named."""
     [task] = [task for task in packing.tasks if task.arm == "left"][:1]

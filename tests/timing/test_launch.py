@@ -10,7 +10,14 @@ from scipy.interpolate import CubicSpline
 
 from dualarm_cli.compiled.trajectories import cubic_spline
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.timing.launch import CUTS, PROFILES, launches, reversed_in_time, solve_launch
+from dualarm_cli.timing.launch import (
+    CUTS,
+    PROFILES,
+    Launch,
+    launches,
+    reversed_in_time,
+    solve_launch,
+)
 from dualarm_cli.timing.problem import LineProblem
 
 JOINTS = ("s", "l", "e", "u", "r", "b", "t")
@@ -54,6 +61,22 @@ def test_a_joint_without_a_jerk_limit_accelerates_almost_all_the_way():
     found = launches(straight(0.2, 1e3, 10.0, np.inf))
     least = np.sqrt(2.0 * 0.2 / 10.0)
     assert least <= found.time.min() <= 1.1 * least
+
+
+@pytest.mark.parametrize("knots", [12, 24])
+@pytest.mark.parametrize(("constant", "inner"), [(20.0, 1.0), (40.0, 0.4), (40.0, 1.5)])
+def test_few_knots_cost_no_time_without_a_jerk_limit(constant, inner, knots):
+    """Ramps of acceleration between two knots made it overshoot: 30 % longer than all at full acceleration."""
+    d, acceleration = 0.2, 10.0
+    problem = dataclasses.replace(straight(d, 1e3, acceleration, np.inf), knots=knots)
+    # The whole rise and no more: from rest over one ramp, then at full acceleration.
+    share = (1.0 + constant) / (2.0 * (1.0 + constant + 1.0 / inner))
+    way = Launch(constant, 0.0, inner, share, 0)
+    ramp = 1.0 / (1.0 + constant)
+    # Way of the ramp, then at the speed that it ends with, then what full acceleration adds; a = t = 1.
+    way_in_unit_time = ramp**2 / 6.0 + ramp / 2.0 * (1.0 - ramp) + (1.0 - ramp) ** 2 / 2.0
+    expected = np.sqrt(d / acceleration / way_in_unit_time)
+    assert solve_launch(problem, way).duration == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.parametrize("jerk", ["limited", "unlimited"])

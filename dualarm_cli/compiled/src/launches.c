@@ -141,16 +141,17 @@ int launched_lines(const Path *first, int64_t lines, int64_t each, const double 
     return 0;
 }
 
-/* About `wanted` knots in [0, 1], ends of all phases but very short ones among them, at most 16 more. Knots that are much
-   nearer to each other than others would let the spline swing. Returns how many. */
+/* About `wanted` knots in [0, 1], ends of all phases but very short ones among them, at most 16 more. The first phase has
+   its own however short: without them the spline's acceleration overshoots where it rises from rest, by up to two thirds,
+   and the line takes that much longer. Returns how many. */
 static int64_t launch_knots(const double *length, const State *state, int64_t wanted, double *time, double *way)
 {
-    const double shortest = 0.3; /* length of a phase that gets no knot of its own, in the mean distance of knots */
+    const double shortest = 0.1; /* longest phase without a knot of its own, in mean distances of knots */
     double begin = 0.0;
     int64_t knots = 1;
     time[0] = way[0] = 0.0;
     for (int p = 0; p < PHASES; p++) {
-        if (length[p] * (double)wanted > shortest) {
+        if (p == 0 || length[p] * (double)wanted > shortest) {
             /* The first two knots belong to the boundary. */
             const int64_t least = p ? 1 : 3, even = (int64_t)rint(length[p] * (double)wanted);
             const int64_t parts = even < least ? least : even;
