@@ -8,7 +8,7 @@ library: results are the same on all of these processors.
 from __future__ import annotations
 
 import ctypes
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,19 @@ def library() -> ctypes.CDLL:
         raise DualArmError(
             f"the compiled functions cannot be loaded ({error}); install dualarm again with pip, which builds them"
         ) from error
+
+
+@cache
+def function(name: str, *types: Any) -> Any:
+    """Look up a compiled function without a result, by the types of its arguments.
+
+    Args:
+        name: in C, without `dualarm_` before it.
+        types: of ctypes.
+    """
+    found = getattr(library(), f"dualarm_{name}")
+    found.argtypes, found.restype = types, None
+    return found
 
 
 def pointer(array: np.ndarray) -> ctypes.c_void_p:

@@ -8,56 +8,47 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from ctypes import c_int64, c_void_p
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dualarm_cli.native import library
-
-
-@cache
-def _compiled(name: str, arrays: int) -> Any:
-    """Look up a compiled loop over a function of some arrays."""
-    found = getattr(library(), f"dualarm_{name}")
-    found.argtypes, found.restype = [c_int64, *[c_void_p] * (arrays + 1)], None
-    return found
+from dualarm_cli.native import function
 
 
 def _unary(name: str) -> Callable[[ArrayLike], Any]:
     """Wrap a compiled function of one number for arrays."""
 
-    def function(x: ArrayLike) -> Any:
+    def of_arrays(x: ArrayLike) -> Any:
         values = np.asarray(x, dtype=np.float64, order="C")
         out = np.empty(values.shape)
-        _compiled(name, 1)(values.size, values.ctypes.data, out.ctypes.data)
+        compiled = function(name, c_int64, c_void_p, c_void_p)
+        compiled(values.size, values.ctypes.data, out.ctypes.data)
         return out if out.ndim else out[()]
 
-    return function
+    return of_arrays
 
 
 def _binary(name: str) -> Callable[[ArrayLike, ArrayLike], Any]:
     """Wrap a compiled function of two numbers for arrays, which are broadcast."""
 
-    def function(x: ArrayLike, y: ArrayLike) -> Any:
+    def of_arrays(x: ArrayLike, y: ArrayLike) -> Any:
         one, other = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
         if one.shape != other.shape:
             one, other = np.broadcast_arrays(one, other)
         one, other = np.asarray(one, order="C"), np.asarray(other, order="C")
         out = np.empty(one.shape)
-        _compiled(name, 2)(out.size, one.ctypes.data, other.ctypes.data, out.ctypes.data)
+        compiled = function(name, c_int64, c_void_p, c_void_p, c_void_p)
+        compiled(out.size, one.ctypes.data, other.ctypes.data, out.ctypes.data)
         return out if out.ndim else out[()]
 
-    return function
+    return of_arrays
 
 
 sin = _unary("sin")
 """Sine of angles [rad]."""
 cos = _unary("cos")
 """Cosine of angles [rad]."""
-tan = _unary("tan")
-"""Tangent of angles [rad]."""
 arcsin = _unary("asin")
 """Angles [rad] by their sine, in [-pi/2, pi/2]."""
 arccos = _unary("acos")
@@ -74,8 +65,6 @@ tanh = _unary("tanh")
 """Hyperbolic tangent."""
 cbrt = _unary("cbrt")
 """Cube root, of negative numbers too."""
-hypot = _binary("hypot")
-"""Length of the hypotenuse over two legs."""
 power = _binary("pow")
 """First number to the power of the second."""
 

@@ -6,15 +6,13 @@ for matrices of this size are as accurate as LAPACK.
 
 from __future__ import annotations
 
-from ctypes import c_int64, c_void_p
-from functools import cache
-from typing import Any
+from ctypes import c_int64
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.native import library, numbers
+from dualarm_cli.native import function, numbers, pointer
 
 ZERO = 1e-14
 """Singular values up to this share of the largest count as zero where a system is solved."""
@@ -53,24 +51,13 @@ def determinant(A: FloatArray) -> FloatArray:
     return _eliminated(A, np.empty((*A.shape[:-1], 0)))[1]
 
 
-@cache
-def _compiled(name: str, sizes: int) -> Any:
-    """Look up a compiled function of some sizes, followed by addresses."""
-    found = getattr(library(), f"dualarm_{name}")
-    found.argtypes, found.restype = [c_int64] * sizes, None
-    return found
-
-
-def _places(*arrays: FloatArray) -> list[c_void_p]:
-    """Return the addresses of arrays."""
-    return [c_void_p(array.ctypes.data) for array in arrays]
-
-
 def _eliminated(A: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Compute solutions (..., n, m) and determinants (...) of systems."""
     used, x = np.array(A, dtype=np.float64, order="C"), np.array(right, np.float64, order="C")
     determinants = np.empty(A.shape[:-2])
-    _compiled("solve", 3)(determinants.size, *x.shape[-2:], *_places(used, x, determinants))
+    function("solve", *[c_int64] * 3)(
+        determinants.size, *x.shape[-2:], *map(pointer, (used, x, determinants))
+    )
     return x, determinants
 
 
@@ -102,7 +89,9 @@ def _orthogonal(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     turned = np.array(rows, dtype=np.float64, order="C")
     n, m = turned.shape[-2:]
     V = np.array(np.broadcast_to(np.eye(n), (*turned.shape[:-2], n, n)), order="C")
-    _compiled("orthogonalise", 3)(V.size // max(1, n * n), n, m, *_places(turned, V))
+    function("orthogonalise", *[c_int64] * 3)(
+        V.size // max(1, n * n), n, m, *map(pointer, (turned, V))
+    )
     return turned, V
 
 
@@ -116,7 +105,7 @@ def zeros_of(coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     real, imaginary = np.empty(coefficients.shape), np.empty(coefficients.shape)
     given = numbers(coefficients)
-    _compiled("zeros", 2)(*coefficients.shape, *_places(given, real, imaginary))
+    function("zeros", *[c_int64] * 2)(*coefficients.shape, *map(pointer, (given, real, imaginary)))
     return real, imaginary
 
 
@@ -129,5 +118,5 @@ def solve_banded(rows: FloatArray, right: FloatArray) -> FloatArray:
     """
     used, x = np.array(rows, np.float64, order="C"), np.array(right, np.float64, order="C")
     k = rows.shape[1] // 2
-    _compiled("solve_banded", 4)(len(rows), k, k, x.shape[1], *_places(used, x))
+    function("solve_banded", *[c_int64] * 4)(len(rows), k, k, x.shape[1], *map(pointer, (used, x)))
     return x

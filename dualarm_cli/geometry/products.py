@@ -6,14 +6,13 @@ Those of numpy's `@` and `linalg` come from a library that adds up in another or
 from __future__ import annotations
 
 from ctypes import c_int64, c_void_p
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.native import library
+from dualarm_cli.native import function
 
 SMALL = 4096
 """Multiplications up to which numpy's `einsum` is quicker, because it begins sooner than a compiled function."""
@@ -44,20 +43,6 @@ def product(first: ArrayLike, *others: ArrayLike) -> Any:
     return result
 
 
-@cache
-def _products() -> Any:
-    """Look up the compiled product."""
-    found = library().dualarm_products
-    found.argtypes = [
-        *[c_int64] * 4,
-        *(c_void_p, c_int64, c_int64, c_int64),
-        *(c_void_p, c_int64, c_int64, c_int64),
-        c_void_p,
-    ]
-    found.restype = None
-    return found
-
-
 def _compiled_product(a: FloatArray, b: FloatArray) -> Any:
     """Multiply two stacks of matrices in compiled code."""
     one = a[None] if a.ndim == 1 else a
@@ -71,7 +56,9 @@ def _compiled_product(a: FloatArray, b: FloatArray) -> Any:
     out = np.empty((*stack, n, m))
     count = out.size // max(1, n * m)
     one, other = _flat(one, stack), _flat(other, stack)
-    _products()(*(count, n, k, m), *_place(one), *_place(other), out.ctypes.data)
+    factor = c_void_p, c_int64, c_int64, c_int64
+    compiled = function("products", *[c_int64] * 4, *factor, *factor, c_void_p)
+    compiled(*(count, n, k, m), *_place(one), *_place(other), out.ctypes.data)
     if a.ndim == 1:
         out = out[..., 0, :]
     return out[..., 0] if b.ndim == 1 else out

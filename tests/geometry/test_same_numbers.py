@@ -87,7 +87,6 @@ X = np.linspace(-0.999, 0.999, 4001)
 FUNCTIONS = {
     "sin": (math.sin, 40.0 * X),
     "cos": (math.cos, 40.0 * X),
-    "tan": (math.tan, 1.5 * X),
     "arcsin": (math.asin, X),
     "arccos": (math.acos, X),
     "arctan": (math.atan, 9.0 * X),

@@ -14,7 +14,6 @@
 
 EACH(sin)
 EACH(cos)
-EACH(tan)
 EACH(asin)
 EACH(acos)
 EACH(atan)
@@ -23,5 +22,4 @@ EACH(log)
 EACH(tanh)
 EACH(cbrt)
 EACH_PAIR(atan2)
-EACH_PAIR(hypot)
 EACH_PAIR(pow)
