@@ -16,7 +16,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.collision.solids import WORLD, Pair, Solid, geometry_model
+from dualarm_cli.collision.solids import WORLD, Pair, Solid, geometry_model, solid_distance
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.trajectory import Trajectory
@@ -84,7 +84,8 @@ class ClearanceProof:
         self._model, self._data = model, model.createData()
         # A pair may count twice, with another requirement at another time; pinocchio knows it once.
         places = {(pair.first, pair.second): None for pair in pairs}
-        self._geometry = geometry_model(solids, places)
+        self._geometry, self._solids = geometry_model(solids, places), solids
+        self._numbers = list(places)
         number_of = {place: number for number, place in enumerate(places)}
         self._place = np.array([number_of[pair.first, pair.second] for pair in pairs])
         self._distances = pin.GeometryData(self._geometry)
@@ -218,11 +219,7 @@ class ClearanceProof:
             centers[row] = [
                 place.act(p) for place, p in zip(self._distances.oMg, middle, strict=True)
             ]
-        pairs = self._geometry.collisionPairs
-        first, second = (
-            np.array(some)[self._place]
-            for some in zip(*((p.first, p.second) for p in pairs), strict=True)
-        )
+        first, second = np.array(self._numbers)[self._place].T
         apart = np.sqrt(np.square(centers[:, first] - centers[:, second]).sum(axis=2))
         return np.asarray(apart - radius[first] - radius[second] - self._required)
 
@@ -246,22 +243,14 @@ class ClearanceProof:
 
     def _anew(self, place: int) -> float:
         """Returns the distance of one pair where both are now, without what coal kept of the instants before [m]."""
-        pair = self._geometry.collisionPairs[place]
-        forms, places = [], []
-        for number in (pair.first, pair.second):
-            pose = self._distances.oMg[number]
-            forms.append(self._geometry.geometryObjects[number].geometry)
-            places.append(coal.Transform3s(pose.rotation, pose.translation))
-        result, request = coal.DistanceResult(), coal.DistanceRequest()
-        coal.distance(forms[0], places[0], forms[1], places[1], request, result)
-        return float(result.min_distance)
+        numbers = self._numbers[place]
+        one, other = (self._solids[k] for k in numbers)
+        poses = (self._distances.oMg[k] for k in numbers)
+        here, there = (coal.Transform3s(pose.rotation, pose.translation) for pose in poses)
+        return solid_distance(one, here, other, there)
 
     def _fastest(self, begin: FloatArray, end: FloatArray) -> FloatArray:
-        """Returns the greatest speed of each joint within intervals [rad/s], shape (n, joints)."""
-        knots = self._trajectory.time
-        first = np.clip(np.searchsorted(knots, begin, side="right") - 1, 0, len(self._speeds) - 1)
-        last = np.clip(np.searchsorted(knots, end, side="left") - 1, first, len(self._speeds) - 1)
-        return range_maximum(self._speeds, first, last)
+        return speeds_within(self._trajectory.time, self._speeds, begin, end)
 
 
 def _lower(
@@ -302,7 +291,23 @@ def interval_speeds(trajectory: Trajectory) -> FloatArray:
     return np.where(turns, np.maximum(fastest, vertex), fastest)
 
 
-def range_maximum(values: FloatArray, first: IntArray, last: IntArray) -> FloatArray:
+def speeds_within(
+    knots: FloatArray, speeds: FloatArray, begin: FloatArray, end: FloatArray
+) -> FloatArray:
+    """Find the greatest speed of each joint within intervals [rad/s], shape (n, joints).
+
+    Args:
+        knots: their times [s], shape (k,).
+        speeds: between knots (`interval_speeds`).
+        begin: where the intervals begin [s], shape (n,).
+        end: where they end [s], shape (n,).
+    """
+    first = np.clip(np.searchsorted(knots, begin, side="right") - 1, 0, len(speeds) - 1)
+    last = np.clip(np.searchsorted(knots, end, side="left") - 1, first, len(speeds) - 1)
+    return _range_maximum(speeds, first, last)
+
+
+def _range_maximum(values: FloatArray, first: IntArray, last: IntArray) -> FloatArray:
     """Returns the maximum of the rows from first to last (included), shape (n, columns): doubling tables."""
     result = np.empty((len(first), values.shape[1]))
     level = np.frexp(last - first + 1)[1] - 1

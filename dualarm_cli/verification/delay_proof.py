@@ -23,8 +23,8 @@ from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.clearance_proof import (
     NUMERICAL,
     interval_speeds,
-    range_maximum,
     reaches,
+    speeds_within,
 )
 from dualarm_cli.verification.tool_model import tool_chain
 
@@ -335,7 +335,5 @@ class DelayProof:
         """Return the greatest speed of each joint in stretches [rad/s], shape (n, joints); none outside the motion."""
         begin, end = (number.astype(np.float64) * side for number in (numbers, numbers + 1))
         knots = self._trajectory.time
-        first = np.clip(np.searchsorted(knots, begin, side="right") - 1, 0, len(self._speeds) - 1)
-        last = np.clip(np.searchsorted(knots, end, side="left") - 1, first, len(self._speeds) - 1)
         moves = (end > knots[0]) & (begin < knots[-1])
-        return np.where(moves[:, None], range_maximum(self._speeds, first, last), 0.0)
+        return np.where(moves[:, None], speeds_within(knots, self._speeds, begin, end), 0.0)
