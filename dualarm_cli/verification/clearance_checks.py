@@ -264,11 +264,11 @@ def _pairs_and_windows(
         one, other = solids[pair.first], solids[pair.second]
         carriers = [solid for solid in (one, other) if solid.carrier]
         if not carriers:
-            _add_plain(pairs, windows, pair, _touching(touches, one, other), schedule)
+            _add_plain(pairs, windows, pair, touching_spans(touches, one, other), schedule)
             continue
         held = [carrying_spans(schedule, job, solid) for solid in carriers]
         during = held[0] if len(held) == 1 else overlaps(held[0], held[1])
-        during = without(during, _touching(touches, one, other, gripped=True))
+        during = without(during, touching_spans(touches, one, other, gripped=True))
         if len(carriers) == 1 and WORLD in (one.joint, other.joint):
             lines = spans_on_lines(job, carriers[0], spans)
             pairs += [pair, Pair(pair.first, pair.second, -tol.CONTACT_SLACK)]
@@ -296,10 +296,17 @@ def _add_plain(
     windows += [without([(float(time[0]), float(time[-1]))], works), works]
 
 
-def _touching(
+def touching_spans(
     touches: Sequence[Touch], one: Solid, other: Solid, *, gripped: bool = False
 ) -> list[Span]:
-    """Returns when two solids may touch, where one grips the other or where it does not [s]; sorted."""
+    """List the spans in which two solids may touch [s], sorted.
+
+    Args:
+        touches: of a job.
+        one: a solid.
+        other: another one.
+        gripped: whether spans are asked for in which one grips the other, or those in which it does not.
+    """
     bodies = {(solid.carrier, solid.body) for solid in (one, other)}
     mine = [touch for touch in touches if touch.gripped is gripped and touch.bodies == bodies]
     return sorted({(touch.start, touch.end) for touch in mine})

@@ -18,7 +18,7 @@ from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import LONGEST_DELAY, ArmDelay, Check, Verdict
-from dualarm_cli.verification.clearance_checks import _touching
+from dualarm_cli.verification.clearance_checks import touching_spans
 from dualarm_cli.verification.delay_proof import ALWAYS, ArmPair, DelayProof, Spans
 from dualarm_cli.verification.holding_spans import carrying_spans
 from dualarm_cli.verification.line_spans import LineSpan
@@ -32,8 +32,8 @@ def arm_delays(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> tuple
     """Prove how late each of two arms may be against the other; nothing for one arm, or arms without shapes.
 
     Late are the arm's joints, its tool and what it carries. The other arm and a platform keep to the plan's time, and
-    both arms stay where the plan ends. Not counted are what may touch in a hand-over or on a seam, and parts on the
-    lines where they are picked and placed.
+    both arms stay where the plan ends. Not counted are what may touch in a hand-over or on a seam, parts on the lines
+    where they are picked and placed, and parts that wait or lie.
 
     Args:
         schedule: with finite numbers and rising times.
@@ -66,7 +66,7 @@ def arm_delays(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> tuple
             [
                 span
                 for gripped in (False, True)
-                for span in _touching(touches, one, other, gripped=gripped)
+                for span in touching_spans(touches, one, other, gripped=gripped)
             ],
         )
         pairs.append(ArmPair(pair, (there[0], there[1]), excused))

@@ -25,7 +25,7 @@ from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.console import summary_lines
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.clearance_checks import _add_plain, _touching
+from dualarm_cli.verification.clearance_checks import _add_plain, touching_spans
 from dualarm_cli.verification.holding_spans import carrying_spans, spans_on_lines
 
 
@@ -391,7 +391,7 @@ def test_a_tool_may_touch_any_of_what_its_seam_names():
 
     def worked(one, other, spans):
         solids = (SimpleNamespace(carrier="", body=body) for body in (one, other))
-        return _touching(seam_touches(job, spans), *solids)
+        return touching_spans(seam_touches(job, spans), *solids)
 
     for body, found in (("jig", [(1.0, 4.0)]), ("right_tool", [(1.0, 4.0)]), ("table", [])):
         assert worked("left_tool", body, spans) == found

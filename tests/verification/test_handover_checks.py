@@ -17,7 +17,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.clearance_checks import _touching
+from dualarm_cli.verification.clearance_checks import touching_spans
 from dualarm_cli.verification.tool_checks import Worst
 from dualarm_cli.verification.tool_model import ToolModel
 
@@ -251,8 +251,8 @@ def test_only_tools_and_the_part_itself_may_touch_what_changes_hands(
     for one, other in permutations(things, 2):
         solids = [SimpleNamespace(carrier=carrier, body=body) for carrier, body in (one, other)]
         expected = [(span.start, span.end)] if {one, other} in allowed else []
-        assert _touching(touches, *solids, gripped=True) == expected
-        assert _touching(touches, *solids) == []
+        assert touching_spans(touches, *solids, gripped=True) == expected
+        assert touching_spans(touches, *solids) == []
 
 
 @pytest.mark.parametrize(("start", "end", "off"), [(0.8, 1.2, 0.05), (0.0, 0.8, 0.7)])
