@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 
@@ -9,10 +11,11 @@ from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.collision.lying import HeldBody, held_bodies, required, turned_poses, undercut
 from dualarm_cli.collision.quick_test import OVERLAP
 from dualarm_cli.collision.rooms import PartRoom, rooms_of
-from dualarm_cli.collision.solids import WORLD, shape_solid
+from dualarm_cli.collision.solids import WORLD, Solid, shape_solid
+from dualarm_cli.geometry.products import norm
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
-from dualarm_cli.model.lying import SAME_SPOT, may_touch
+from dualarm_cli.model.lying import SAME_SPOT, Visit, may_touch
 from dualarm_cli.records import dataclass
 
 
@@ -36,15 +39,25 @@ class Crowded:
 
 def crowded_stops(job: Job) -> list[Crowded]:
     """List the stops that come too near to a part at another stop, for every arm and turn that the job allows."""
-    rooms = rooms_of(job)
+    rooms = [
+        (room, [shape_solid("", WORLD, pin.SE3.Identity(), shape) for shape in room.shapes])
+        for room in rooms_of(job)
+    ]
     found = []
     for task in job.tasks if rooms else ():
         for stop in task.stops:
-            if stop.action not in ("pick", "place") or stop.moves:
+            posed = isinstance(stop.target, PoseTarget) and not stop.moves
+            if stop.action not in ("pick", "place") or not posed:
                 continue
-            near = [room for room in rooms if room.task.id != task.id]
-            for room in near if isinstance(stop.target, PoseTarget) else ():
-                if one := _crowded(job, task, stop, room):
+            held = [
+                held_bodies(job.cell, arm.name, task, stop)
+                for arm in job.cell.robot.arms
+                if task.allows(arm.name)
+            ]
+            for room, solids in rooms:
+                if room.task.id == task.id or (stop.action == "pick" and is_same_spot(stop, room)):
+                    continue
+                if one := _crowded(job.cell, held, (task, stop), room, solids):
                     found.append(one)
     return found
 
@@ -57,18 +70,31 @@ def is_same_spot(stop: Stop, room: PartRoom) -> bool:
     )
 
 
-def _crowded(job: Job, task: Task, stop: Stop, room: PartRoom) -> Crowded | None:
-    """Return what comes too near to a part in its room; None where some arm and turn avoid it."""
-    if stop.action == "pick" and is_same_spot(stop, room):
-        return None
-    found: list[Crowded] = []
-    solids = [shape_solid("", WORLD, pin.SE3.Identity(), shape) for shape in room.shapes]
-    for arm in filter(task.allows, [arm.name for arm in job.cell.robot.arms]):
+def _crowded(
+    cell: Cell,
+    held: Sequence[Sequence[HeldBody]],
+    visit: Visit,
+    room: PartRoom,
+    solids: Sequence[Solid],
+) -> Crowded | None:
+    """Return what comes too near to a part in its room; None where some arm and turn avoid it.
+
+    Args:
+        cell: with clearances.
+        held: what each arm that may make the stop has there.
+        visit: the stop with its task.
+        room: of the part.
+        solids: of the room.
+    """
+    (task, stop), found = visit, list[Crowded]()
+    for bodies in held:
         needs = [
             (one, needed)
-            for one in held_bodies(job.cell, arm, task, stop)
-            if (needed := _needed(job.cell, one, task, room)) is not None
+            for one in bodies
+            if (needed := _needed(cell, one, task, room)) is not None
         ]
+        if _is_far(needs, stop, solids):
+            return None
         for T_world_tool in turned_poses(stop):
             lacking = [
                 (undercut(one, T_world_tool, [(solid, needed) for solid in solids])[0], one, needed)
@@ -79,6 +105,18 @@ def _crowded(job: Job, task: Task, stop: Stop, room: PartRoom) -> Crowded | None
                 return None
             found.append(Crowded(task, stop, room, one.body, needed - lacks, needed))
     return max(found, key=lambda one: one.distance - one.needed, default=None)
+
+
+def _is_far(needs: Sequence[tuple[HeldBody, float]], stop: Stop, solids: Sequence[Solid]) -> bool:
+    """Return whether balls show that bodies are far from solids at every turn of a stop."""
+    assert isinstance(stop.target, PoseTarget)  # asked for those only
+    tip = stop.target.pose.translation
+    reach = [one.line + needed + max(x.extent for x in one.solids) for one, needed in needs]
+    apart = [
+        norm(solid.pose.act(solid.geometry.aabb_center) - tip) - solid.geometry.aabb_radius
+        for solid in solids
+    ]
+    return bool(min(apart) > max(reach, default=0.0))
 
 
 def _needed(cell: Cell, one: HeldBody, task: Task, room: PartRoom) -> float | None:
