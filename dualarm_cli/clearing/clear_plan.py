@@ -7,7 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.clearing.blended_plan import has_blends, shortest_blended, with_room
+from dualarm_cli.clearing.blended_plan import (
+    blended_plan,
+    has_blends,
+    shortest_blended,
+    with_room,
+)
 from dualarm_cli.clearing.blocked import (
     grip_faults,
     part_faults,
@@ -98,6 +103,7 @@ def quickest_clear(
     *,
     clear: bool = True,
     crossing: bool = True,
+    for_stops: bool = False,
 ) -> ClearedPlan:
     """Returns the quickest plan of a method that is collision-free, see `_quickest_with_stops`.
 
@@ -111,6 +117,7 @@ def quickest_clear(
         progress: receives what is being done.
         clear: whether anything has to be collision-free.
         crossing: whether arms have to be clear of one another.
+        for_stops: whether postures are chosen as if tools stopped at all lines' ends; it ends as that plan does.
 
     Raises:
         InfeasibleError: no posture reaches a target, or nothing that was found is collision-free.
@@ -123,6 +130,16 @@ def quickest_clear(
             raise InfeasibleError(*faults)
     if not has_blends(problem):
         return _quickest_with_stops(problem, solve, timing, progress, holding)
+
+    def chosen_for_stops() -> ClearedPlan:
+        stopping = replace(problem, blend=False)
+        found = _quickest_with_stops(stopping, solve, timing, progress, holding)
+        progress("blending lines and transfers")
+        return found
+
+    if for_stops:
+        # Its rivals may end elsewhere.
+        return blended_plan(problem, chosen_for_stops(), timing)
     roomy = with_room(problem, solve)
     found = _quickest_with_stops(problem, roomy, timing, progress, holding)
     progress("blending lines and transfers")
@@ -134,9 +151,7 @@ def quickest_clear(
     if (best.cleared.motion.gain or 0.0) > LITTLE_GAIN * _duration(best):
         return best
     # Where blending gains little, postures chosen for stops may be quicker.
-    stopping = replace(problem, blend=False)
-    found = _quickest_with_stops(stopping, solve, timing, progress, holding)
-    return min(best, shortest_blended(problem, found, timing), key=_duration)
+    return min(best, shortest_blended(problem, chosen_for_stops(), timing), key=_duration)
 
 
 def _duration(found: ClearedPlan) -> float:

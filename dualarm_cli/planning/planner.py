@@ -398,8 +398,13 @@ def _with_paths(
         method.solve,
     )
     planned = planner.plan()
+    # Sections begin where the ones before end: what is quicker by itself may cost more afterwards.
+    if planner.may_end_better:
+        with suppress(InfeasibleError):
+            other = replace(planner, for_stops=True).plan()
+            if other.motion.trajectory.duration < planned.motion.trajectory.duration:
+                planned = other
     if permitted(job):
-        # Sections begin where the ones before end: what is quicker by itself may cost more afterwards.
         standing = replace(planner, problem=replace(problem, job=without_permissions(job))).plan()
         if standing.motion.trajectory.duration <= planned.motion.trajectory.duration:
             planned = replace(standing, motion=replace(standing.motion, motion_gain=0.0))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dualarm_cli.clearing.blended_plan import has_blends
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import clearance_notes
 from dualarm_cli.clearing.moving_plan import moving_plan
@@ -43,6 +44,16 @@ class SectionPlanner(SectionTools):
 
     method: Callable[[MethodProblem], Decided]
     """Decides the stages between paths and seams."""
+    for_stops: bool = False
+    """Whether it decides them as if tools stopped at all lines' ends."""
+
+    @property
+    def may_end_better(self) -> bool:
+        """Whether sections that are blended are followed by others, or the return, which depend on how they end."""
+        job = self.problem.job
+        parts = job.sections() if job.returns else job.sections()[:-1]
+        stops = (replace(job, tasks=part) for part in parts if not part[0].alone)
+        return any(has_blends(replace(self.problem, job=one)) for one in stops)
 
     def plan(self) -> PlannedSections:
         """Returns the whole job, section after section.
@@ -86,7 +97,14 @@ class SectionPlanner(SectionTools):
         problem = self.part(section, here)
         problem = self._ordered(replace(problem, job=begun(problem.job, self.done)))
         self.progress("deciding platform angles and postures")
-        found = quickest_clear(problem, self.method, self.timing, self.progress, clear=self.clear)
+        found = quickest_clear(
+            problem,
+            self.method,
+            self.timing,
+            self.progress,
+            clear=self.clear,
+            for_stops=self.for_stops,
+        )
         found = moving_plan(problem, found, self.timing, self.progress)
         record.append(found.cleared.motion)
         record.count(found)
