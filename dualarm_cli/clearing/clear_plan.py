@@ -92,7 +92,7 @@ PUT_BACK = 2
 ALIKE = 0.03
 """Share of the cycle time with stops; a plan that takes longer by more is hardly shorter when both are blended."""
 ROUNDS, MOST_ROUNDS = 3, 12
-"""So many times a method decides anew without the stages that would not do; at most, where none of its plans will."""
+"""Rounds in which a method re-plans without blocked stages, and the most where no plan is collision-free."""
 
 
 def quickest_clear(

@@ -45,7 +45,7 @@ class CellClearance:
     skew: float = 0.0
     """Delay of either arm with which motions have to be clear as well [s]."""
     rooms: tuple[PartRoom, ...] = ()
-    """Where parts wait or lie at times."""
+    """Rooms of parts that wait or lie at times."""
     scenes: tuple[Scene, ...] = ({},)
     """What lies when; nothing in the first one, unless it lies all the time."""
     listed: dict[tuple[int, int, bool], Scenes] = field(default_factory=dict, compare=False)

@@ -28,13 +28,13 @@ class Crowded:
     stop: Stop
     """A pick or a place."""
     room: PartRoom
-    """Of another task's part."""
+    """Room of another task's part."""
     body: str
-    """What comes too near: a tool or the task's part."""
+    """Name of the body that comes too near: a tool or the task's part."""
     distance: float
-    """How far apart they are at best; negative: how deep they reach into one another [m]."""
+    """Greatest distance that some arm and turn leave [m]; negative: depth of overlap."""
     needed: float
-    """How far apart they must be [m]."""
+    """Required distance [m]."""
 
 
 def crowded_stops(job: Job) -> list[Crowded]:
@@ -77,7 +77,7 @@ def _crowded(
     room: PartRoom,
     solids: Sequence[Solid],
 ) -> Crowded | None:
-    """Return what comes too near to a part in its room; None where some arm and turn avoid it.
+    """Find a body that comes too near to a part in its room; None where some arm and turn avoid it.
 
     Args:
         cell: with clearances.

@@ -31,7 +31,7 @@ ANY_TURN = 1.0
 
 @dataclass(frozen=True)
 class PartRoom:
-    """What a part takes up at one stop."""
+    """Space that a part takes up at one stop."""
 
     task: Task
     """The task that carries it."""

@@ -142,7 +142,7 @@ def _met(
     spans: Mapping[int, _Span],
     times: tuple[int, int],
 ) -> ArmScene:
-    """Return what one arm meets in a scene: at its stop there, or else after the one before."""
+    """List the parts that one arm meets in a scene: at its stop there, or else after the one before."""
     here, before = visited
     own: dict[int, Visit] = {}
     left: dict[int, Visit] = {}

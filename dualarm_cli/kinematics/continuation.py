@@ -273,7 +273,7 @@ class _Line:
 
 
 def _same_side(det: FloatArray, sign: FloatArray) -> BoolArray:
-    """Return which determinants have a sign and are clear of 0."""
+    """Select determinants that have a given sign and are clear of 0."""
     return np.asarray((np.sign(det) == sign) & (np.abs(det) > LEAST_PIVOT))
 
 

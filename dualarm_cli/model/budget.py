@@ -21,7 +21,7 @@ class Budget:
     skew: float | None = None
     """Delay of either arm with which the plan keeps its clearance [s]; None for none."""
     skew_place: Place = NOWHERE
-    """Where the skew is written."""
+    """Place of the skew in its file."""
 
 
 @dataclass(frozen=True)

@@ -331,7 +331,7 @@ class Job:
     """All joints where the motion starts [rad or m], shape (n,), where that is no posture of the robot; of a part of a
     job, whose start is then only a name."""
     start_place: Place = field(default=NOWHERE, compare=False)
-    """Where the start is written, or the file that leaves it out."""
+    """Place of the start in its file, or the file that leaves it out."""
 
     def blended(self) -> Job:
         """Returns the job for tools that stop where they have to only.

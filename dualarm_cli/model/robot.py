@@ -51,7 +51,7 @@ class JointLimits:
     jerk: FloatArray
     """Largest jerk [rad/s³], infinite where the robot file sets none, shape (n,)."""
     source: tuple[str, ...]
-    """Where acceleration and jerk come from, as `rate_source` says it: datasheet, assumed, …"""
+    """Sources of acceleration and jerk, as `rate_source` says them: datasheet, assumed, …"""
 
     def __post_init__(self) -> None:
         """Freezes the arrays and refuses limits that no motion could meet.

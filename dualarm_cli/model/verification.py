@@ -12,7 +12,7 @@ Verdict = Literal["passed", "failed", "not checked"]
 COLLISIONS, SHAPES = "collisions", "shapes"
 """Names of the checks of clearance, and that moving bodies have shapes: the latter only where some have none."""
 _OPEN = {COLLISIONS: "collisions were not checked", SHAPES: "collisions could not be fully checked"}
-"""What is open where one of these was not checked; the first one says it all."""
+"""Consequence of a check that was not made; that of the first one covers both."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Verification:
     clearances: tuple[StageClearance, ...] = ()
     """Of every stage, where they were checked."""
     delays: tuple[ArmDelay, ...] = ()
-    """Of each of two arms, where clearances were checked."""
+    """Delays of each of two arms, where clearances were checked."""
 
     @property
     def passed(self) -> bool:

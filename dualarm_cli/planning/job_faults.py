@@ -69,12 +69,12 @@ def job_faults(job: Job, *, clear: bool = True) -> list[Refusal]:
 
 @dataclass(frozen=True)
 class _Faults:
-    """One job, looked at target by target."""
+    """Faults of a job, target by target."""
 
     model: CellModel
     """The job's cell, with all closed forms."""
     job: Job
-    """What is to be done, with its tool changes."""
+    """The job with its tool changes."""
     clear: bool
     """Whether anything has to be collision-free."""
 

@@ -14,7 +14,7 @@ Rules = dict[tuple[str, str], Crowded]
 
 
 def room_faults(job: Job) -> list[Refusal]:
-    """Return which parts are in each other's way, whatever the arms do.
+    """List parts that are in each other's way, whatever the arms do.
 
     Args:
         job: with its cell.
@@ -57,7 +57,7 @@ def with_room_rules(job: Job) -> Job:
 
 
 def _rules(job: Job) -> Rules:
-    """Return which tasks have to be over before which others begin, each with why."""
+    """List the tasks that have to be over before others begin, each with the reason."""
     rules: Rules = {}
     for crowded in crowded_stops(job):
         rule = _rule(job, crowded)

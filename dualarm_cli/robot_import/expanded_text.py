@@ -21,7 +21,7 @@ class ExpandedText(TextSource):
     """The text that xacro makes of a file: its lines are none of that file, so elements tell the place."""
 
     note: str = ""
-    """What is to be known of how it was made."""
+    """Note on how it was made."""
 
     def diagnostic(self, line: int, column: int, code: str, message: str) -> Diagnostic:
         """Returns a diagnostic that names the file and shows the element that is meant."""
@@ -64,7 +64,7 @@ def read_expanded(path: Path) -> TextSource:
 
 
 def program_notes(source: TextSource) -> tuple[str, ...]:
-    """Return what is to be known of a text that a program has written; empty for a plain one."""
+    """Return the notes on a text that a program has written; empty for a plain one."""
     return (source.note,) if isinstance(source, ExpandedText) else ()
 
 

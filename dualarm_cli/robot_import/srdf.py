@@ -32,7 +32,7 @@ class Srdf:
     contacts: Mapping[frozenset[str], str] = field(default_factory=dict)
     """Pairs of links whose collisions are left out, with the reason that it gives."""
     notes: tuple[str, ...] = ()
-    """What is to be known of how it was read."""
+    """Notes on how it was read."""
 
 
 def read_srdf(path: Path, urdf: Urdf) -> Srdf:

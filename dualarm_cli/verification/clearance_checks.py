@@ -139,13 +139,13 @@ class WatchedPairs:
     model: pin.Model
     """The robot's, with a joint for every belt that carries parts."""
     solids: list[Solid]
-    """Of the cell, and of parts that wait or lie."""
+    """Solids of the cell, and of parts that wait or lie."""
     pairs: list[Pair]
     """Those that must keep apart; more than once where different distances are required at different times."""
     windows: list[Windows]
     """When each of them counts."""
     trajectory: Trajectory
-    """Of the model's joints."""
+    """Motion of the model's joints."""
 
     def certified(
         self, edges: FloatArray, *, contact: bool, lying: bool, known: FloatArray | None = None

@@ -1,4 +1,4 @@
-"""How late one arm may be: which solids count, what the motion tolerates, and whether the job asks for more."""
+"""Tolerated delay of one arm: the solids that count, the proven figure, and the job's demand."""
 
 from __future__ import annotations
 

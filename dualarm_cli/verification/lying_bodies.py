@@ -45,7 +45,7 @@ class LyingBodies:
     solids: list[Solid] = field(default_factory=list)
     """In the frames of the root link, or of belts' joints."""
     pairs: list[tuple[Pair, Windows]] = field(default_factory=list)
-    """What must keep apart and when; first the moving solid."""
+    """Pairs that must keep apart, the moving solid first, and the windows in which they count."""
     belts: dict[tuple[float, ...], int] = field(default_factory=dict)
     """Joints of belts by their velocities in the world [m/s]."""
 
@@ -122,9 +122,9 @@ class Played:
     job: Job
     """Each task with the arm that did it."""
     spans: Sequence[LineSpan]
-    """Of the job's stops."""
+    """Spans of the job's stops."""
     tools: ToolModel
-    """Where the tools are."""
+    """Forward kinematics of the tools."""
 
     @cached_property
     def stops(self) -> Mapping[StopKey, Visit]:

@@ -1,4 +1,4 @@
-"""What a schedule file says of its robot, compared with the URDF and with the job's robot."""
+"""Comparison of the robot that a schedule file states with its URDF and with the job's robot."""
 
 from __future__ import annotations
 

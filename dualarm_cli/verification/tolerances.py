@@ -64,7 +64,7 @@ CONTACT_SLACK = 5e-4
 TOOL_SPEED_SLACK = 1e-4
 """Share by which a measured tool speed may exceed its cap."""
 SAME_STATED = 1e-9
-"""How far a limit (as a share) or a pose [m, or cosine] that a file states may be from the job's."""
+"""Tolerance of stated limits (as a share) and poses [m, or cosine] against the job's."""
 DRIVEN_SPAN = 0.02
 """Share of the plan that a log may lack at its begin or end, whatever its steps are."""
 DRIVEN_RATE_SLACK = 0.05

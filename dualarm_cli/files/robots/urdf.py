@@ -130,7 +130,7 @@ class UrdfJoint:
     jerk: float | None = None
     """Largest jerk [rad/s³ or m/s³], where the URDF gives one (version 1.2)."""
     narrowed: tuple[str, ...] = ()
-    """What narrows its positions below those of `<limit>`, in words."""
+    """Causes that narrow its positions below those of `<limit>`, in words."""
 
 
 @dataclass(frozen=True)

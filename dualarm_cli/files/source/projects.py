@@ -13,7 +13,7 @@ from dualarm_cli.files.source.text_source import TextSource, quote, read_text
 from dualarm_cli.records import dataclass
 
 MARKERS = ("dualarm.toml", ".git")
-"""What is in the folder of a project."""
+"""Names of which one is in the top folder of a project."""
 
 
 class BadReferenceError(ValueError):

@@ -187,7 +187,7 @@ class _Beam:
     per_angle: int
     """Nodes of each arm that are paired at each platform angle."""
     kinds: KindsOfPostures | None = None
-    """How nodes and states of all kinds of postures are kept; None where the best ones are."""
+    """Settings by which nodes and states of all kinds of postures are kept; None for the best ones alone."""
 
     def nodes_per_angle(self, rows: int, arms: int) -> int:
         """Return the number of nodes of each working arm to pair at each of some states' angles."""
