@@ -8,7 +8,8 @@ library: results are the same on all of these processors.
 from __future__ import annotations
 
 import ctypes
-from functools import cache, lru_cache
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,20 @@ from dualarm_cli.errors import DualArmError
 LIBRARY = Path(__file__).parent / "compiled" / "built" / "libdualarm.so"
 """Path of the library that the build makes of `compiled/src`."""
 
+_UFUNC = ctypes.PYFUNCTYPE(
+    ctypes.py_object,
+    *[ctypes.c_void_p] * 2,
+    ctypes.c_char_p,
+    *[ctypes.c_int] * 4,
+    *[ctypes.c_char_p] * 2,
+    ctypes.c_int,
+    ctypes.c_char_p,
+)
+"""Type of numpy's `PyUFunc_FromFuncAndDataAndSignature`."""
+_HELD: list[tuple[Any, ...]] = []
 
-@lru_cache(maxsize=1)
+
+@cache
 def library() -> ctypes.CDLL:
     """Returns the compiled functions.
 
@@ -57,6 +70,32 @@ def pointer(array: np.ndarray) -> ctypes.c_void_p:
     """
     assert array.flags.c_contiguous  # rows are expected one after the other
     return ctypes.c_void_p(array.ctypes.data)
+
+
+@cache
+def universal(name: str, inputs: int, signature: str | None = None) -> Any:
+    """Make numpy's universal function of a compiled loop over float64 numbers.
+
+    It broadcasts, takes arrays that lie in memory in any way, and begins sooner than a call by ctypes.
+
+    Args:
+        name: of the loop, without its prefix.
+        inputs: number of arguments; there is one result.
+        signature: sizes of arguments and result that are no single numbers, as numpy writes them.
+
+    Raises:
+        DualArmError: the compiled functions were not built.
+    """
+    # By numpy's C interface, a table of functions in which each keeps its place, found where C code finds it.
+    get = ctypes.pythonapi.PyCapsule_GetPointer
+    get.restype, get.argtypes = ctypes.POINTER(ctypes.c_void_p), [ctypes.py_object, ctypes.c_char_p]
+    of_loops = get(import_module("numpy._core._multiarray_umath")._UFUNC_API, None)[31]
+    loops = (ctypes.c_void_p * 1)(ctypes.cast(library()[f"dualarm_{name}"], ctypes.c_void_p).value)
+    data, types = (ctypes.c_void_p * 1)(), bytes([np.dtype(np.float64).num] * (inputs + 1))
+    text, sizes = name.encode(), signature.encode() if signature else None
+    # Numpy reads them for as long as the function lives.
+    _HELD.append((loops, data, types, text))
+    return _UFUNC(of_loops)(loops, data, types, 1, inputs, 1, -1, text, None, 0, sizes)
 
 
 class PointerStruct(ctypes.Structure):

@@ -114,9 +114,9 @@ def digest(document: Any) -> str:
 
 @cache
 def programs() -> Mapping[str, str]:
-    """Returns what plans here: versions of this package, its libraries and Python, and a hash of its own sources.
+    """Returns what plans here: versions of this package, its libraries and Python, and a hash of its own code.
 
-    The sources are hashed as well since a version stays the same while somebody works on it.
+    The code is hashed as well since a version stays the same while somebody works on it.
     """
     found = {
         "dualarm": __version__,
@@ -133,10 +133,10 @@ def programs() -> Mapping[str, str]:
 
 
 def _sources() -> str:
-    """Returns a hash of all modules of this package."""
+    """Returns a hash of all modules of this package, and of its compiled library."""
     folder = Path(__file__).resolve().parent.parent
     total = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py")):
+    for path in sorted([*folder.rglob("*.py"), *(folder / "compiled" / "built").glob("*.so")]):
         total.update(path.relative_to(folder).as_posix().encode() + b"\0")
         total.update(hashlib.sha256(path.read_bytes()).digest())
     return total.hexdigest()

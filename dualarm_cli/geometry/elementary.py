@@ -1,71 +1,50 @@
 """Sines, roots, logarithms and the like with the same bits on every processor.
 
 Those of numpy and of the machine's C library differ in their last digits between processors with and without AVX-512
-or fused operations. Arguments are numbers or arrays of any shape; results are float64, as numpy's are.
+or fused operations. Arguments are numbers or arrays of any shape; results are float64, as numpy's are, without
+its warnings.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from ctypes import c_int64, c_void_p
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from dualarm_cli.native import function
-
-
-def _unary(name: str) -> Callable[[ArrayLike], Any]:
-    """Wrap a compiled function of one number for arrays."""
-
-    def of_arrays(x: ArrayLike) -> Any:
-        values = np.asarray(x, dtype=np.float64, order="C")
-        out = np.empty(values.shape)
-        compiled = function(name, c_int64, c_void_p, c_void_p)
-        compiled(values.size, values.ctypes.data, out.ctypes.data)
-        return out if out.ndim else out[()]
-
-    return of_arrays
+from dualarm_cli.native import universal
 
 
-def _binary(name: str) -> Callable[[ArrayLike, ArrayLike], Any]:
-    """Wrap a compiled function of two numbers for arrays, which are broadcast."""
+def _function(name: str, inputs: int = 1) -> Callable[..., Any]:
+    """Wrap a compiled function, which is looked up where it is called first."""
 
-    def of_arrays(x: ArrayLike, y: ArrayLike) -> Any:
-        one, other = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-        if one.shape != other.shape:
-            one, other = np.broadcast_arrays(one, other)
-        one, other = np.asarray(one, order="C"), np.asarray(other, order="C")
-        out = np.empty(one.shape)
-        compiled = function(name, c_int64, c_void_p, c_void_p, c_void_p)
-        compiled(out.size, one.ctypes.data, other.ctypes.data, out.ctypes.data)
-        return out if out.ndim else out[()]
+    def function(*x: Any) -> Any:
+        return universal(name, inputs)(*x)
 
-    return of_arrays
+    return function
 
 
-sin = _unary("sin")
+sin = _function("sin")
 """Sine of angles [rad]."""
-cos = _unary("cos")
+cos = _function("cos")
 """Cosine of angles [rad]."""
-arcsin = _unary("asin")
+arcsin = _function("asin")
 """Angles [rad] by their sine, in [-pi/2, pi/2]."""
-arccos = _unary("acos")
+arccos = _function("acos")
 """Angles [rad] by their cosine, in [0, pi]."""
-arctan = _unary("atan")
+arctan = _function("atan")
 """Angles [rad] by their tangent, in [-pi/2, pi/2]."""
-arctan2 = _binary("atan2")
+arctan2 = _function("atan2", 2)
 """Angles [rad] of points by their y and x, in [-pi, pi]."""
-exp = _unary("exp")
+exp = _function("exp")
 """Exponential function."""
-log = _unary("log")
+log = _function("log")
 """Natural logarithm."""
-tanh = _unary("tanh")
+tanh = _function("tanh")
 """Hyperbolic tangent."""
-cbrt = _unary("cbrt")
+cbrt = _function("cbrt")
 """Cube root, of negative numbers too."""
-power = _binary("pow")
+power = _function("pow", 2)
 """First number to the power of the second."""
 
 

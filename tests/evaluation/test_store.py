@@ -117,6 +117,17 @@ def test_another_program_has_another_answer(asked, tmp_path, monkeypatch, name):
     assert Store(tmp_path / "c").find(request) is None
 
 
+def test_another_compiled_library_is_another_program(tmp_path, monkeypatch):
+    """Another compiler changes last digits, and with them plans, though no module changes."""
+    monkeypatch.setattr(fingerprint, "__file__", str(tmp_path / "evaluation" / "fingerprint.py"))
+    library = tmp_path / "compiled" / "built" / "libdualarm.so"
+    library.parent.mkdir(parents=True)
+    library.write_bytes(b"by one compiler")
+    before = fingerprint._sources()
+    library.write_bytes(b"by another one")
+    assert fingerprint._sources() != before
+
+
 def test_a_project_folder_that_changes_is_another_question(asked, tmp_path):
     """What paths may lead to depends on it."""
     request, answer = asked

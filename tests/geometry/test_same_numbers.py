@@ -20,7 +20,7 @@ from dualarm_cli.geometry.linear_systems import (
     solve_banded,
     zeros_of,
 )
-from dualarm_cli.geometry.products import SMALL, norm, product
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.splines import quintic_spline
 from dualarm_cli.native import LIBRARY
 
@@ -45,11 +45,9 @@ MORE = [
 ]
 
 
-@pytest.mark.parametrize("small", [0, SMALL])
 @pytest.mark.parametrize("shapes", MORE)
-def test_a_product_is_that_of_numpy(shapes, small, monkeypatch):
-    """Of vectors, matrices and stacks, by both of its ways."""
-    monkeypatch.setattr("dualarm_cli.geometry.products.SMALL", small)
+def test_a_product_is_that_of_numpy(shapes):
+    """Of vectors, matrices and stacks."""
     random = np.random.default_rng(1)
     a, b = (random.normal(size=shape) for shape in shapes)
     found = product(a, b)
@@ -57,10 +55,8 @@ def test_a_product_is_that_of_numpy(shapes, small, monkeypatch):
     np.testing.assert_allclose(found, a @ b, atol=1e-12)
 
 
-@pytest.mark.parametrize("small", [0, SMALL])
-def test_a_product_of_transposed_factors(small, monkeypatch):
+def test_a_product_of_transposed_factors():
     """Factors that lie in memory column by column, and three of them."""
-    monkeypatch.setattr("dualarm_cli.geometry.products.SMALL", small)
     a = np.arange(12.0).reshape(3, 4)
     np.testing.assert_array_equal(product(a.T, a), a.T @ a)
     np.testing.assert_array_equal(product(a, a.T, a), a @ a.T @ a)
@@ -70,10 +66,24 @@ def test_a_product_of_transposed_factors(small, monkeypatch):
 
 
 def test_a_product_of_shapes_that_do_not_fit():
-    """An error of numpy's kind."""
-    for size in (2, 200):
-        with pytest.raises(ValueError, match=r"shape|dimension|mismatch"):
-            product(np.ones((size, 3)), np.ones((4, size)))
+    """An error of numpy's kind, of sizes of 1 too: they are no scalars."""
+    for one, other in (
+        ((2, 3), (4, 2)),
+        ((200, 3), (4, 200)),
+        ((3, 1), (4, 2)),
+        ((3,), (1, 4)),
+        ((1,), (5,)),
+    ):
+        with pytest.raises(ValueError, match="mismatch"):
+            product(np.ones(one), np.ones(other))
+
+
+def test_functions_do_not_warn():
+    """Of numbers outside their domain, or results beyond all floats, which are NaN and infinite."""
+    with np.errstate(all="raise"):
+        assert np.isnan(elementary.arccos(np.array([2.0, 0.5]))).tolist() == [True, False]
+        assert elementary.exp(1000.0) == np.inf
+        assert product([1e300], [1e300]) == np.inf
 
 
 def test_a_norm_by_hand():
