@@ -10,12 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from dualarm_cli.effort import SHORT
 from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
+from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.node_plans import plans_on_nodes
 from dualarm_cli.stages.search.search import (
-    FEWEST_IN_PARTS,
     best_of_each_kind,
     combination,
     polished_in_motion,
@@ -24,8 +25,8 @@ from dualarm_cli.stages.search.search import (
     with_best_ways,
 )
 
-CYCLES = 3
-"""Rounds of polishing in motion that a plan has had in the end, at least one of them here."""
+CYCLES = 2
+"""Rounds of polishing in motion."""
 SHORTER = 1e-3
 """Share of the known plan's length by which another one has to be shorter, as both are estimates."""
 
@@ -35,8 +36,8 @@ def search_again(
 ) -> Evaluated | None:
     """Search for a plan that is estimated to be shorter than a given one.
 
-    The given plan is combined with those of one grid, unless the grid has nothing new. The better one is polished with
-    the ways of passing lines' ends that go best with it. Sequences that are planned in parts do without the grid.
+    A short sequence's plan is combined with those of one grid, unless the grid has nothing new. The better one is
+    polished with the ways of passing lines' ends that go best with it.
 
     Args:
         problem: the sequence.
@@ -52,12 +53,20 @@ def search_again(
     tables = tuple(StopTable.of(work) for work in problem.arms)
     known = evaluate(at_rest, tables, given)
     tried = [known]
-    if problem.stages < FEWEST_IN_PARTS:
+    if problem.stages <= SHORT:
         made = plans_on_nodes(at_rest, tables, how.meshes[0], how.plans).plans
         pool = [plan for _, plan in made if np.isfinite(plan.total)]
         if pool and made[0][0].total != grid_total:
-            pool = best_of_each_kind(at_rest, [known, *pool])
-            tried.append(combination(at_rest, tables, pool, how, seed)[0])
+            best, _ = combination(
+                at_rest, tables, best_of_each_kind(at_rest, [known, *pool]), how, seed
+            )
+            if how.cycles > 1:
+                # Beside a polished plan, what is on nodes seems too long to be polished.
+                pool = best_of_each_kind(at_rest, pool)
+                other, others = combination(at_rest, tables, pool, how, seed)
+                decisions = [plan.decisions for plan in (other, *others)]
+                best = best_combination(at_rest, tables, best, decisions)
+            tried.append(best)
 
     def length(plan: Evaluated) -> float:
         if problem.ways is None:
@@ -69,6 +78,6 @@ def search_again(
     if best is not known or problem.ways is None:
         best = polished_thoroughly(problem, tables, best, replace(how, cycles=1), seed)
     if problem.ways is not None:
-        cycles = range(how.cycles, max(CYCLES, how.cycles + 1))
+        cycles = range(how.cycles, how.cycles + CYCLES)
         [best] = polished_in_motion(problem, tables, how, seed, None, cycles, [best])
     return best if length(best) < (1.0 - SHORTER) * lengths[0] else None
