@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import product
+from dualarm_cli.kinematics.joint_coordinates import JointCoordinates
 from dualarm_cli.model.cell import Cell
 
 
@@ -20,7 +21,8 @@ class Dynamics:
             cell: robot, base and tools.
         """
         robot = cell.robot
-        model = pin.buildModelFromXML(robot.urdf)
+        self._coordinates = JointCoordinates(robot)
+        model, self._back = self._coordinates.model, self._coordinates.back
         model.gravity.linear = product(cell.base.rotation.T, model.gravity.linear)
         for arm in robot.arms:
             tool = cell.tools[arm.name]
@@ -29,8 +31,6 @@ class Dynamics:
                 inertia = pin.Inertia(tool.mass, np.zeros(3), np.zeros((3, 3)))
                 model.appendBodyToJoint(flange.parentJoint, inertia, flange.placement * tool.tcp)
         self._model, self._data = model, model.createData()
-        self._order = np.array([robot.joints.index(name) for name in model.names[1:]])
-        self._back = np.argsort(self._order, kind="stable")
         self.limit: FloatArray = np.array(model.upperEffortLimit)[self._back]
         """Largest torque of every joint [N m], 0 where the URDF has none, shape (n,)."""
         masses = np.array([model.inertias[k].mass for k in range(1, model.njoints)])
@@ -52,7 +52,7 @@ class Dynamics:
             q: positions [rad], shape (n,).
             qd: velocities [rad/s], shape (n,).
         """
-        q, qd = q[self._order], qd[self._order]
+        q, qd = self._coordinates.of(q), qd[self._coordinates.order]
         M = pin.crba(self._model, self._data, q)
         M = np.triu(M) + np.triu(M, 1).T
         rest = pin.nonLinearEffects(self._model, self._data, q, qd)

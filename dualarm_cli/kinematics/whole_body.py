@@ -9,6 +9,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.linear_systems import solve
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import log_rotation, skew
+from dualarm_cli.kinematics.joint_coordinates import JointCoordinates
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
@@ -42,7 +43,8 @@ class WholeBody:
             cell: robot, base and tools.
         """
         robot = cell.robot
-        model = pin.buildModelFromXML(robot.urdf)
+        self._coordinates = JointCoordinates(robot)
+        model = self._coordinates.model
         # With the base in the model all that pinocchio computes is in the world.
         for k in range(1, model.njoints):
             if model.parents[k] == 0:
@@ -61,9 +63,7 @@ class WholeBody:
         self._carrier = model.getJointId(robot.platform[-1]) if robot.platform else 0
         self._base = cell.base
         self._model, self._data = model, model.createData()
-        order = [robot.joints.index(name) for name in model.names[1:]]
-        self._order = np.array(order)
-        self._back = np.argsort(self._order, kind="stable")
+        order = self._coordinates.order
         self.joints = robot.joints
         """Names of the n joints."""
         self.arms = tuple(arm.name for arm in robot.arms)
@@ -90,8 +90,8 @@ class WholeBody:
     def at(self, q: FloatArray) -> BodyState:
         """Returns tools and elbows at a configuration [rad], shape (n,)."""
         model, data, a = self._model, self._data, len(self.arms)
-        pin.computeJointJacobians(model, data, q[self._order])
-        S = data.J.T[self._back]
+        pin.computeJointJacobians(model, data, self._coordinates.of(q))
+        S = data.J.T[self._coordinates.back]
         R, p, elbow = np.empty((a, 3, 3)), np.empty((a, 3)), np.empty((a, 3))
         for k, ((parent, R_tool, p_tool), joint) in enumerate(
             zip(self._tools, self._elbows, strict=True)
@@ -112,7 +112,7 @@ class WholeBody:
     def tools(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns rotations (a, 3, 3) and positions (a, 3) [m] of the tools alone at a configuration (n,) [rad]."""
         data, a = self._data, len(self.arms)
-        pin.forwardKinematics(self._model, data, q[self._order])
+        pin.forwardKinematics(self._model, data, self._coordinates.of(q))
         R, p = np.empty((a, 3, 3)), np.empty((a, 3))
         for k, (parent, R_tool, p_tool) in enumerate(self._tools):
             T = data.oMi[parent]

@@ -10,6 +10,7 @@ import pytest
 
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinematics.joint_coordinates import JointCoordinates
 from dualarm_cli.kinematics.whole_body import (
     WholeBody,
     bracket,
@@ -29,6 +30,18 @@ def cell_of(name: str) -> Cell:
     base = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), np.array([0.4, -0.1, 0.2]))
     tool = Tool(pin.SE3(pin.rpy.rpyToMatrix(0.2, 0.1, -0.4), np.array([0.02, 0.03, 0.12])))
     return Cell(robot, base, {arm.name: tool for arm in robot.arms})
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_sine_is_left_to_pinocchio(name: str) -> None:
+    """All joints of these robots turn: each has two coordinates, whose squares sum to 1."""
+    robot = load_robot(name).robot
+    coordinates = JointCoordinates(robot)
+    q = np.random.default_rng(5).uniform(-3.0, 3.0, len(robot.joints))
+    assert coordinates.model.nq == 2 * len(q)
+    pairs = coordinates.of(q).reshape(-1, 2)
+    np.testing.assert_allclose(np.arctan2(pairs[:, 1], pairs[:, 0])[coordinates.back], q)
+    np.testing.assert_allclose((pairs * pairs).sum(axis=1), 1.0)
 
 
 @pytest.mark.parametrize("name", NAMES)
