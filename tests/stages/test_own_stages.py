@@ -316,13 +316,17 @@ def test_a_stage_that_is_clear_by_less_than_nodes_must_be_stays_as_it_is(
 
 
 def test_a_stage_that_is_known_to_touch_does_not_stay_as_it_is(packing: Job) -> None:
-    """Where nothing near it is better, everything has to be looked at."""
+    """What is found near it is clear, where the plan that it is near to is not."""
     job = tight_job(packing, NO_PAIRS)
     model = CellModel.from_cell(job.cell)
     found = search(sequence_problem(model, job), [], "normal", 0)
     assert found is not None
     problem = sequence_problem(model, job, Holding.of(job, crossing=True))
-    assert search_near(problem, found.best.decisions, [1], "normal", 0, local=False) is None
+    assert not plan_clearance(problem, found.best).stops.all()
+    near = search_near(problem, found.best.decisions, [1], "normal", 0, local=False)
+    assert near is not None
+    assert plan_clearance(problem, near).penalty == 0.0
+    assert near.decisions.angle[1] != found.best.decisions.angle[1]
 
 
 def test_in_a_long_sequence_a_stage_that_has_to_touch_gets_the_plan_that_touches_least(
