@@ -73,7 +73,9 @@ def test_plan_writes_its_files_and_says_what_a_reader_needs(planned):
         assert words in result.stdout
     report = json.loads((out / "report.json").read_text())
     assert 0.0 < report["lower_bound"] <= report["cycle_time"]
-    assert report["collisions"].startswith("none between bodies with shapes; least clearance proven")
+    assert report["collisions"].startswith(
+        "none between bodies with shapes; least clearance proven"
+    )
     assert report["parts_per_hour"] == pytest.approx(3600 * 2 / report["cycle_time"])
 
 
@@ -132,7 +134,11 @@ def test_plan_as_json_is_one_document(tasks_folder, tmp_path):
         (["plan"], 2, "Missing argument"),
         (["plan", "x.yaml", "--effort", "medium"], 2, "'--effort': 'medium' is not one of 'quick'"),
         (["plan", "x.yaml", "--rate", "nan"], 2, "--rate nan"),
-        (["plan", "x.yaml", "--rate", "0"], 2, "--rate 0: must be at least 0.001 and at most 10000 Hz"),
+        (
+            ["plan", "x.yaml", "--rate", "0"],
+            2,
+            "--rate 0: must be at least 0.001 and at most 10000 Hz",
+        ),
         (["plan", "x.yaml", "--rate", "inf"], 2, "--rate inf"),
         (
             ["plan", "x.yaml", "--columns", "position,torque"],
