@@ -11,6 +11,8 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.linear_systems import solve_banded
 
 DEGREE = 5
+AROUND = 48
+"""Values repeated beyond each end of a closed spline: what happens at their ends is below the last digit within."""
 Rates = Sequence[tuple[int, FloatArray]]
 """Orders of derivatives at an end, ascending, and their values (d,)."""
 
@@ -48,3 +50,21 @@ def quintic_spline(x: FloatArray, y: FloatArray, first: Rates = (), last: Rates 
         rows[row, columns + count - 6 - row + DEGREE] = BSpline(t[-12:], six, DEGREE)(x[-1], order)
         values[row] = value
     return BSpline(t, solve_banded(rows, values), DEGREE)
+
+
+def closed_quintic_spline(x: FloatArray, y: FloatArray) -> Any:
+    """Compute the periodic spline of degree five (scipy's BSpline) through values (n + 1, d) at knots (n + 1,).
+
+    Args:
+        x: knots, rising.
+        y: values there, the last one equal to the first.
+    """
+    from scipy.interpolate import BSpline
+
+    n = len(x) - 1
+    turns, place = np.divmod(np.arange(-AROUND, n + AROUND + 1), n)
+    unrolled = quintic_spline(x[place] + turns * (x[-1] - x[0]), y[place])
+    t = unrolled.t[AROUND - 2 : AROUND + n + 9]
+    # The last digits too are the same a turn later.
+    c = unrolled.c[AROUND - 2 + np.arange(n + DEGREE) % n]
+    return BSpline(t, c, DEGREE, extrapolate="periodic")

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import BSpline, make_interp_spline
 
 from dualarm_cli.geometry import elementary
 from dualarm_cli.geometry.linear_systems import (
@@ -21,7 +21,7 @@ from dualarm_cli.geometry.linear_systems import (
     zeros_of,
 )
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.geometry.splines import quintic_spline
+from dualarm_cli.geometry.splines import closed_quintic_spline, quintic_spline
 from dualarm_cli.native import LIBRARY
 
 SHAPES = [
@@ -217,6 +217,24 @@ def test_a_quintic_spline_is_that_of_scipy(n):
     for ends in ((), rates, (free, free)):
         expected = make_interp_spline(x, y, k=5, bc_type=tuple(ends) or None)
         np.testing.assert_allclose(quintic_spline(x, y, *ends)(at), expected(at), atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [3, 4, 7, 60])
+def test_a_closed_quintic_spline_passes_its_values_and_closes(n):
+    """With its first four derivatives; as scipy's where that one is not for few values."""
+    random = np.random.default_rng(n)
+    x, y = np.cumsum(random.uniform(0.2, 2.0, n + 1)), random.normal(size=(n + 1, 3))
+    y[-1] = y[0]
+    found = closed_quintic_spline(x, y)
+    np.testing.assert_allclose(found(x), y, atol=1e-12)
+    near = BSpline(found.t, found.c, 5)
+    for order in range(5):
+        ends = near(x[0], order), near(x[-1], order)
+        np.testing.assert_allclose(*ends, rtol=1e-9, atol=1e-9)
+    if n > 5:
+        at = np.linspace(x[0], x[-1], 300)
+        expected = make_interp_spline(x, y, k=5, bc_type="periodic")
+        np.testing.assert_allclose(found(at), expected(at), atol=1e-11)
 
 
 def test_a_banded_system():

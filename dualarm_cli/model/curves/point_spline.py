@@ -9,7 +9,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
 from dualarm_cli.geometry.linear_systems import solve
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.geometry.splines import quintic_spline
+from dualarm_cli.geometry.splines import closed_quintic_spline, quintic_spline
 from dualarm_cli.model.curves.contours import NODES
 from dualarm_cli.records import dataclass
 
@@ -163,10 +163,7 @@ def quintic(knots: FloatArray, values: FloatArray, *, closed: bool) -> object:
     values: left to the quintic itself, uneven values make the ends hook. Of few values the ends are straight.
     """
     if closed:
-        # Slow to import, and needed for closed splines alone.
-        from scipy.interpolate import make_interp_spline
-
-        return make_interp_spline(knots, values, k=5, bc_type="periodic")
+        return closed_quintic_spline(knots, values)
     if len(knots) > FEW:
         ends = _end_rates(knots[:5], values[:5]), _end_rates(knots[:-6:-1], values[:-6:-1])
         return quintic_spline(knots, values, *ends)
