@@ -284,7 +284,7 @@ def test_an_arm_that_is_late_makes_both_late(flip, late):
     cell = holding.cell
     states = [tuple(cell.part_of(n) for n in row) for row in real.held.tolist()]
     assert list(dict.fromkeys(states)) == [("bracket", ""), ("", "bracket@flip-1")]
-    handed = np.array([max(row) >= 2 * len(cell.parts) for row in real.held.tolist()])
+    handed = np.array([any(map(cell.is_handed, row)) for row in real.held.tolist()])
     lines = [s for s in made.segments if s.kind in ("approach", "dwell", "retract")]
     span = max(s.end for s in lines) - min(s.start for s in lines)
     assert handed.sum() * samples.step == pytest.approx(span, abs=2 * samples.step)

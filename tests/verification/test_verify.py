@@ -159,6 +159,7 @@ def test_the_verifier_loads_no_solver(clean, tmp_path):
             "geometry",
             "kinds",
             "model",
+            "native",  # for products of matrices
             "records",
             "refusals",
             "registry",
