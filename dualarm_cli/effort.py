@@ -98,6 +98,9 @@ class SearchEffort:
     begun: float = 12
     """Sequences of so many stages or fewer are searched from simpler methods' plans as well; longer ones only where no
     grid has a plan."""
+    refined: int = 12
+    """Blended sequences of so many stages or fewer are compared with the refined plan of `minimum_time` in any case: at
+    8 and 12 stages that is a quarter of quick effort's time, and gave nothing."""
     spares: bool = True
     """Whether time is spared where more of it seldom helps: sequences longer than WHOLE get fewer nodes and fewer of
     their plans polished, and simpler plans are not refined beside a good one."""
@@ -322,6 +325,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             local=LOCAL,
             local_rounds=0,
             near=replace(NEAR, arm_angles=18, most_nodes=1000, width=20, per_angle=3),
+            refined=6,
         ),
         bound=Resolution(np.radians(15.0), 9, 3),
         ipopt=NonlinearEffort(100, (np.inf, 0.3)),

@@ -156,7 +156,8 @@ evens out."""
 REFINED = 0.08
 """A simpler method's plan is refined only if it is slower by less than this share: refining gains 1 to 7 percent."""
 FEW_STAGES = 12
-"""Up to so many stages, and with thorough effort, the refined plan of `minimum_time` competes in any case."""
+"""Up to so many stages, and with thorough effort, the refined plan of `minimum_time` competes in any case where all
+stop at lines' ends, and in repairs."""
 REFINED_MOVES = 0.03
 """Else it does only if its rough plan is slower by less than this share: refining it takes as long as the search."""
 LONG = 50
@@ -237,7 +238,10 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     stages = stage_plans(model, job, numbers, found.best.decisions, "sequence")
     if found.hopeless:
         return Decided(stages, hopeless=True)
-    alternatives = _rivals(problem, starts, found)
+    # Where the search is begun again from its plan it seldom loses against simpler ones.
+    blends = numbers.ways is not None
+    few = EFFORTS[problem.effort].search.refined if blends else FEW_STAGES
+    alternatives = _rivals(problem, starts, found, few)
     # With clearance the plan on the grid counts what that costs, which the grid's bound does not know.
     gap = _grid_gap(found) if problem.holding is None else None
     simpler = (lambda: _simpler(problem)) if general else None
@@ -328,11 +332,18 @@ def _grid_gap(found: FoundSequence) -> float | None:
 
 
 def _rivals(
-    problem: MethodProblem, starts: dict[str, list[StagePlan]], found: FoundSequence
+    problem: MethodProblem, starts: dict[str, list[StagePlan]], found: FoundSequence, most: int
 ) -> tuple[list[StagePlan], ...]:
-    """Returns simpler methods' refined plans that may be as fast as the search's when timed exactly."""
+    """Returns simpler methods' refined plans that may be as fast as the search's when timed exactly.
+
+    Args:
+        problem: what was asked.
+        starts: the simpler methods' plans, not refined.
+        found: the search's.
+        most: stages up to which that of `minimum_time` is refined in any case.
+    """
     total = found.best.total
-    few = len(problem.job.stages()) <= FEW_STAGES or not EFFORTS[problem.effort].spares
+    few = len(problem.job.stages()) <= most or not EFFORTS[problem.effort].spares
     capped = problem.job.tool_speed is not None
     even = evening(len(problem.job.stages()))
     worth = dict.fromkeys(starts, np.inf if capped else REFINED * even)
