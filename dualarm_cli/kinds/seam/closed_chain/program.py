@@ -22,9 +22,9 @@ SMOOTH = 1e-4
 """Weight of the joints' effort against time, both as shares: decides what time leaves open."""
 STAY = 1e-6
 """Weight of the step itself."""
-ACCURACY = 1e-9
+ACCURACY = 1e-6
 """Tolerances of the solver."""
-MOST_ITERATIONS = 200
+MOST_ITERATIONS = 60
 """Iterations of the solver; what it has then is tried."""
 LEAN_SIDES = 8
 """Sides of the polygon that stands for the cone in which the tool's axis may lean."""
