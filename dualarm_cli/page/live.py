@@ -60,6 +60,8 @@ class _Server(ThreadingHTTPServer):
     """A server that is not kept from answering by connections that say nothing."""
 
     daemon_threads = True
+    request_queue_size = 128
+    """Connections that may wait to be accepted; beyond it the kernel lets clients try again after a second."""
 
     def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
         """Start to listen."""
