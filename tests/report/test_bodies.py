@@ -19,7 +19,9 @@ def test_bodies_with_and_without_shapes_are_told(tasks_folder):
         "bodies: 16 links, right_tool; without shapes, so not checked for collisions: left_tool"
     )
     handover = bodies(load_job(tasks_folder / "13_hand_over" / "tasks.yaml"))
-    assert handover["text"] == "bodies: 16 links, left_tool, right_tool, bracket, table"
+    assert handover["text"] == (
+        "bodies: 16 links, left_tool, right_tool, bracket, table, parts where they wait (2) and lie (2)"
+    )
     changed = bodies(load_job(tasks_folder / "14_two_grippers" / "tasks.yaml"))
     assert {"left_fingers", "left_suction", "table", "rack"} <= set(changed["checked"])
     screws = [f"screw-{k}" for k in range(1, 6)]
