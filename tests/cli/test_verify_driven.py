@@ -45,7 +45,10 @@ def test_a_late_joint_that_is_off_fails_and_is_named(planned, tmp_path, capsys):
     assert not document["passed"]
     joints = document["tracking"]["joints"]
     assert np.rad2deg(joints["right_b"]["error"]) == pytest.approx(0.5, abs=0.01)
-    assert {round(row["delay"] * 1e3, 1) for row in joints.values()} == {8.0}
+    # The platform hardly moves in this plan: it tells no delay.
+    delays = {name: row["delay"] for name, row in joints.items()}
+    assert [name for name, delay in delays.items() if delay is None] in ([], ["torso_b1"])
+    assert {round(delay * 1e3, 1) for delay in delays.values() if delay is not None} == {8.0}
     assert len(document["tracking"]["events"]) == 4
     assert len(document["clearances"]) == len(read_schedule(planned).stages)
     assert run(command) == 1

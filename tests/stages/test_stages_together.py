@@ -139,7 +139,7 @@ def test_the_scan_in_blocks_finds_what_the_whole_scan_finds(packing, model, plac
     home = np.array(job.cell.robot.postures["home"])
     stops = stop_problems(model, job, home, job.stages()[0])
     assert isinstance(job.stages()[0]["left"][1].target, PoseTarget)
-    angles, here = reach._angles(model, home)
+    angles, here = reach.scanned_positions(model, home)
     usable = np.ones(len(angles), dtype=bool)
     for stop in stops.values():
         usable &= reach._together(reach._points(stop, model.platform, angles - here))
