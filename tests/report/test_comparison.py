@@ -40,6 +40,7 @@ def row(method, cycle, status="verified", reason="", **rest):
         "deciding_stages": None if cycle is None else {"left": 3, "right": 1},
         "deciding_time": decided,
         "path_curves": [],
+        "caveats": [],
     } | rest
 
 
@@ -137,6 +138,19 @@ def test_the_csv_keeps_wall_clock_in_its_last_column_alone():
     assert rows[1]["cycle_time"] == ""
     # A spreadsheet would run a cell that begins with an equals sign.
     assert rows[1]["method"] == "'=b"
+
+
+def test_what_a_pass_leaves_open_is_in_the_csv_and_amber_in_the_figure():
+    """Two caveats in one cell; the plan without any is outlined in white alone."""
+    import matplotlib as mpl
+
+    made = document(row("a", 4.0, caveats=["no shapes", "no flange"]), row("b", 5.0))
+    rows = csv.DictReader(io.StringIO(comparison_csv(made).decode()))
+    assert [r["caveats"] for r in rows] == ["no shapes; no flange", ""]
+    with mpl.rc_context({"svg.fonttype": "none"}):
+        figures = [draw_comparison(document(one), "svg") for one in made["comparisons"][0]["rows"]]
+    for words in (b"#b26a00", b"not fully checked"):
+        assert [words in figure for figure in figures] == [True, False]
 
 
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf"])

@@ -146,7 +146,7 @@ def test_the_csv_gives_every_number_back_and_runs_no_formula(document) -> None:
     head, *rows = csv.reader(io.StringIO(study_csv(document).decode()))
     assert head == [
         "rank", "status", "pareto", "'=x [mm]", "[b]arm", "cycle_time", "gap", "clearance", "travel", "most_time",
-        "reason",
+        "caveats", "reason",
     ]  # fmt: skip
     assert float(rows[0][5]) == 0.1 + 0.2
     assert rows[2][7] == ""
@@ -161,8 +161,17 @@ def test_the_csv_gives_every_number_back_and_runs_no_formula(document) -> None:
         "",
         "",
         "",
+        "",
         "a.yaml:3:1: no plan: left: does not reach; b.yaml:4:1: right: touches",
     ]
+
+
+def test_the_csv_says_what_a_pass_leaves_open(document) -> None:
+    """The caveat of both jobs once."""
+    jobs = document["rows"][0]["jobs"]
+    document["rows"][0]["jobs"] = [job | {"caveats": ["no shapes"]} for job in (*jobs, *jobs)]
+    rows = csv.DictReader(io.StringIO(study_csv(document).decode()))
+    assert [row["caveats"] for row in rows][:2] == ["no shapes", ""]
 
 
 def test_sensitivity_is_shown_with_what_it_rests_on(document) -> None:

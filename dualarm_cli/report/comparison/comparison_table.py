@@ -89,7 +89,7 @@ def comparison_csv(document: dict[str, Any]) -> bytes:
         + ["lower_bound", "gap", "grid_gap", "clearance", "clearance_cost"]
         + ["elbow_imbalance", "platform_travel"]
         + [f"time_{group}" for group in groups]
-        + ["reason", "planning_time"]
+        + ["caveats", "reason", "planning_time"]
     )
     timed = iter(document["wall_clock"])
     table = [names]
@@ -97,6 +97,7 @@ def comparison_csv(document: dict[str, Any]) -> bytes:
         for row in section["rows"]:
             cells = {"tasks": section["tasks"], "lower_bound": section["lower_bound"], **row}
             cells |= {f"time_{g}": (row["deciding_time"] or {}).get(g) for g in groups}
+            cells["caveats"] = "; ".join(row["caveats"])
             cells["planning_time"] = next(timed)["planning_time"]
             table.append([cell_text(cells[name]) for name in names])
     return csv_bytes(table)

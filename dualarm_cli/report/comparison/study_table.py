@@ -256,6 +256,7 @@ def study_csv(document: dict[str, Any]) -> bytes:
             *names,
             *(cell_text(f"cycle_time {job}") for job in jobs),
             "most_time",
+            "caveats",
             "reason",
         ]
     ]
@@ -267,6 +268,7 @@ def study_csv(document: dict[str, Any]) -> bytes:
         planned = row["rank"] is not None
         cells += [
             most_time(row["jobs"]) if planned else None,
+            "; ".join(dict.fromkeys(text for job in row["jobs"] for text in job["caveats"])),
             one_line_reason("; ".join(row["reasons"])) or None,
         ]
         table.append([cell_text(cell) for cell in cells])

@@ -33,6 +33,8 @@ COLOURS = {
 }
 """By what decides the time; the arms as in every other figure."""
 FAILED = "#ffffff"
+NOT_FULLY = "#b26a00"
+"""Amber of plans whose pass leaves something open, in a bar's outline and text."""
 
 
 def draw_comparison(document: dict[str, Any], kind: str) -> bytes:
@@ -111,7 +113,7 @@ def _draw_curves(part: Any, section: dict[str, Any], task: str) -> None:
 
 
 def _labels() -> list[str]:
-    return [_label(name) for name in COLOURS] + ["lower bound", "fails its verification"]
+    return [_label(name) for name in COLOURS] + ["lower bound", "not fully checked", "fails its verification"]
 
 
 def _label(name: str) -> str:
@@ -144,6 +146,7 @@ def _draw_section(panel: Any, section: dict[str, Any], name: str) -> dict[str, A
             _bar_text(row, best),
             va="center",
             weight="bold" if _is_best(row, best) else "normal",
+            color=NOT_FULLY if row["caveats"] else "black",
         )
     bound = section["lower_bound"]
     if bound is not None:
@@ -181,6 +184,9 @@ def _draw_bar(panel: Any, place: int, row: dict[str, Any]) -> dict[str, Any]:
             )
             drawn[_label(name)] = bar
             left += time
+    if row["caveats"]:
+        outline = {"facecolor": "none", "edgecolor": NOT_FULLY, "linewidth": 1.6}
+        drawn["not fully checked"] = panel.barh(place, row["cycle_time"], 0.7, **outline)
     return drawn
 
 
