@@ -1,8 +1,8 @@
 """Xacro in a process of its own that may read a few folders, and nothing else: a xacro file is a program.
 
 The process has a limit of processor time, of memory and of what it writes, no variables of the environment but those of
-ROS, no way to other programs, processes or networks (seccomp), and can neither write files nor read any outside the
-given folders (Landlock, Linux 5.13 and later).
+ROS, and no way to change files or to reach other programs, processes or networks (seccomp). It reads no file outside
+the given folders (Landlock, Linux 5.13 and later).
 """
 
 from __future__ import annotations
@@ -30,12 +30,16 @@ _DENIED = {
     "tkill": 200, "tgkill": 234, "rt_sigqueueinfo": 129, "rt_tgsigqueueinfo": 297, "pidfd_send_signal": 424,
     "pidfd_getfd": 438, "process_vm_readv": 310, "process_vm_writev": 311, "socket": 41, "socketpair": 53,
     "io_uring_setup": 425, "bpf": 321, "mount": 165, "unshare": 272, "setns": 308, "keyctl": 250, "prlimit64": 302,
-    # Changes of files that Landlock leaves alone, cutting them before its third version.
-    "chmod": 90, "fchmod": 91, "fchmodat": 268, "fchmodat2": 452, "chown": 92, "fchown": 93, "lchown": 94,
+    # Changes of files, with or without Landlock; openat2 and handles because their flags are not in a register.
+    "creat": 85, "openat2": 437, "open_by_handle_at": 304, "unlink": 87, "unlinkat": 263, "rename": 82, "renameat": 264,
+    "renameat2": 316, "link": 86, "linkat": 265, "symlink": 88, "symlinkat": 266, "mkdir": 83, "mkdirat": 258,
+    "rmdir": 84, "mknod": 133, "mknodat": 259, "chmod": 90, "fchmod": 91, "fchmodat": 268, "fchmodat2": 452, "chown": 92, "fchown": 93, "lchown": 94,
     "fchownat": 260, "utime": 132, "utimes": 235, "futimesat": 261, "utimensat": 280, "setxattr": 188,
     "lsetxattr": 189, "fsetxattr": 190, "removexattr": 197, "lremovexattr": 198, "fremovexattr": 199, "truncate": 76,
 }  # fmt: skip
 """Numbers of the system calls that are refused, on x86-64."""
+_OPEN, _OPENAT, _WRITING = 2, 257, 0o1103
+"""Numbers of the calls that open files, and flags refused in them: write-only, read-write, create, truncate."""
 _LANDLOCK = {"create": 444, "add": 445, "restrict": 446}
 _READ = 0b1100
 """Landlock's rights to read files and to list folders."""
@@ -161,18 +165,21 @@ class _Program(ctypes.Structure):
 
 
 def _filters() -> bytes:
-    """Return a program of seccomp that refuses _DENIED, and what is called as on another architecture."""
+    """Return a program of seccomp that refuses _DENIED, opening files to write, and calls of other architectures."""
 
     def step(code: int, value: int, then: int = 0, otherwise: int = 0) -> bytes:
         row = (code | then << 16 | otherwise << 24, value)
         return b"".join(part.to_bytes(4, "little") for part in row)
 
-    load, equal, above, end = 0x20, 0x15, 0x35, 0x06
+    load, equal, above, has, jump, end = 0x20, 0x15, 0x35, 0x45, 0x05, 0x06
     refuse, allow, kill = 0x00050001, 0x7FFF0000, 0x80000000
     count = len(_DENIED)
     steps = [step(load, 4), step(equal, 0xC000003E, 1), step(end, kill), step(load, 0)]
-    steps.append(step(above, 0x40000000, count + 1))
-    steps += [step(equal, number, count - k) for k, number in enumerate(_DENIED.values())]
+    steps.append(step(above, 0x40000000, count + 8))
+    steps += [step(equal, number, count + 7 - k) for k, number in enumerate(_DENIED.values())]
+    steps += [step(equal, _OPEN, 2), step(equal, _OPENAT, 3), step(end, allow)]
+    # The flags are open's second argument and openat's third.
+    steps += [step(load, 24), step(jump, 1), step(load, 32), step(has, _WRITING, 1)]
     return b"".join([*steps, step(end, allow), step(end, refuse)])
 
 

@@ -77,9 +77,16 @@ def test_a_xacro_file_reaches_no_program_no_process_and_no_network(
     assert set(found.values()) == {"PermissionError"}
 
 
-@LANDLOCK
-def test_a_xacro_file_reads_its_folder_and_writes_nothing(tmp_path: Path) -> None:
-    """Beside it, above it and elsewhere; the processes' own files are others."""
+@pytest.mark.parametrize("landlock", [pytest.param(True, marks=LANDLOCK), False])
+def test_a_xacro_file_reads_its_folder_and_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, landlock: bool
+) -> None:
+    """Beside it, above it and elsewhere; without Landlock it reads what the user can, and changes as little."""
+    if not landlock:
+        off = (
+            "import dualarm_cli.robot_import.confined as c; c.landlock_version = lambda: -1; main("
+        )
+        monkeypatch.setattr(confined, "_START", confined._START.replace("main(", off))
     secret = tmp_path / "secret"
     secret.write_text("mine")
     home = tmp_path / "home"
@@ -92,6 +99,13 @@ def test_a_xacro_file_reads_its_folder_and_writes_nothing(tmp_path: Path) -> Non
         "write": f"open('{home}/new', 'w')",
         "append": f"open('{secret}', 'a')",
         "cut": f"__import__('os').truncate('{secret}', 0)",
+        "cut-by-opening": f"__import__('os').open('{secret}', __import__('os').O_TRUNC)",
+        "both": f"open('{secret}', 'r+')",
+        "old-open": system_call(2, f"b'{home}/new'", "0o102", "0o600"),
+        "old-create": system_call(85, f"b'{home}/new'", "0o600"),
+        "folder": f"__import__('os').mkdir('{home}/folder')",
+        "pipe": f"__import__('os').mkfifo('{home}/pipe')",
+        "second-name": f"__import__('os').link('{secret}', '{home}/link')",
         "remove": f"__import__('os').remove('{home}/robot.urdf.xacro')",
         "link": f"__import__('os').symlink('{secret}', '{home}/link')",
         "move": f"__import__('os').rename('{home}/robot.urdf.xacro', '{home}/x')",
@@ -100,8 +114,11 @@ def test_a_xacro_file_reads_its_folder_and_writes_nothing(tmp_path: Path) -> Non
         "mark": f"__import__('os').setxattr('{secret}', 'user.mark', b'1')",
     }
     before = secret.stat()
+    assert len(attempts) == 21
     found = told(tmp_path, attempts)
     assert found.pop("own") == "done"
+    reading = {found.pop(name) for name in ("above", "system", "process", "list")}
+    assert reading == {"PermissionError" if landlock else "done"}
     assert set(found.values()) == {"PermissionError"}
     assert secret.read_text() == "mine"
     assert (secret.stat().st_mode, secret.stat().st_mtime) == (before.st_mode, before.st_mtime)

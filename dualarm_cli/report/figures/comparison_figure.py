@@ -113,7 +113,11 @@ def _draw_curves(part: Any, section: dict[str, Any], task: str) -> None:
 
 
 def _labels() -> list[str]:
-    return [_label(name) for name in COLOURS] + ["lower bound", "not fully checked", "fails its verification"]
+    return [_label(name) for name in COLOURS] + [
+        "lower bound",
+        "not fully checked",
+        "fails its verification",
+    ]
 
 
 def _label(name: str) -> str:
