@@ -31,10 +31,10 @@ _DENIED = {
     "pidfd_getfd": 438, "process_vm_readv": 310, "process_vm_writev": 311, "socket": 41, "socketpair": 53,
     "io_uring_setup": 425, "bpf": 321, "mount": 165, "unshare": 272, "setns": 308, "keyctl": 250, "prlimit64": 302,
     # Changes of files, with or without Landlock; openat2 and handles because their flags are not in a register.
-    "creat": 85, "openat2": 437, "open_by_handle_at": 304, "unlink": 87, "unlinkat": 263, "rename": 82, "renameat": 264,
-    "renameat2": 316, "link": 86, "linkat": 265, "symlink": 88, "symlinkat": 266, "mkdir": 83, "mkdirat": 258,
-    "rmdir": 84, "mknod": 133, "mknodat": 259, "chmod": 90, "fchmod": 91, "fchmodat": 268, "fchmodat2": 452, "chown": 92, "fchown": 93, "lchown": 94,
-    "fchownat": 260, "utime": 132, "utimes": 235, "futimesat": 261, "utimensat": 280, "setxattr": 188,
+    "creat": 85, "openat2": 437, "unlink": 87, "unlinkat": 263, "rename": 82, "renameat": 264, "renameat2": 316,
+    "link": 86, "linkat": 265, "symlink": 88, "symlinkat": 266, "mkdir": 83, "mkdirat": 258, "rmdir": 84, "mknod": 133,
+    "mknodat": 259, "chmod": 90, "fchmod": 91, "fchmodat": 268, "fchmodat2": 452, "chown": 92, "fchown": 93,
+    "lchown": 94, "fchownat": 260, "utime": 132, "utimes": 235, "futimesat": 261, "utimensat": 280, "setxattr": 188,
     "lsetxattr": 189, "fsetxattr": 190, "removexattr": 197, "lremovexattr": 198, "fremovexattr": 199, "truncate": 76,
 }  # fmt: skip
 """Numbers of the system calls that are refused, on x86-64."""
