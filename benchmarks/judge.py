@@ -386,17 +386,14 @@ class Judge:
                 + offset
                 + np.outer(stay - stay[0], np.zeros(3) if belt is None else belt)
             )
-            allowed_motion = self.defaults("dwell_motion", task, "forbidden") == "allowed"
-            slack = 5e-5 if allowed_motion else POSE
-            if belt is not None:
-                slack = 2e-4
+            slack = POSE if belt is None else 2e-4
             if "move" in task and not event["dwell"]:
                 slack += self.defaults("blend", task, 0.0)
             worst = np.linalg.norm(poses[:, :3, 3] - moved, axis=1).max()
             if worst > slack:
                 self.found.append(f"{where}: {worst * 1e3:.4f} mm beside the target")
             turned = self._turned(poses, asked, target)
-            if turned > (2e-4 if allowed_motion or belt is not None else POSE):
+            if turned > (POSE if belt is None else 2e-4):
                 self.found.append(f"{where}: turned by {turned:.2e} rad from the target")
             dwell = self.defaults("dwell", task, 0.0)
             dwell = sum(dwell.values()) if isinstance(dwell, dict) else dwell

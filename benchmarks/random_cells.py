@@ -3,9 +3,9 @@
 python benchmarks/random_cells.py --jobs 500 --folder random-cells
 
 The jobs are those of `tests/random_valid_jobs.py`, varied: straight parts of lines shorter than the lines, moves that
-tools pass, permissions to move in dwells and on lines, parts that are carried, wait and lie. Each job is planned by
-the command at quick effort, verified again from its files, and judged. Printed are the jobs by outcome, and each one
-that is unsound or ends otherwise than with a plan or a refusal.
+tools pass, parts that are carried, wait and lie. Each job is planned by the command at quick effort, verified again
+from its files, and judged. Printed are the jobs by outcome, and each one that is unsound or ends otherwise than with a
+plan or a refusal.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ from random_valid_jobs import write_random_job  # noqa: E402
 
 APART = 0.075
 """Least distance between targets of parts, so that no part lies in another one [m]."""
-PERMISSIONS = ("dwell_motion", "line_motion")
 
 
 def vary(seed: int, folder: Path) -> str:
@@ -47,10 +46,6 @@ def vary(seed: int, folder: Path) -> str:
             if "move" in task:
                 task["blend"] = 0.02
                 said.append("blend")
-    for key in PERMISSIONS:
-        if plain and random.random() < 0.2 and key in _permissions():
-            job["defaults"][key] = "allowed"
-            said.append(key)
     if simple and "parts" not in cell and "tool_changes" not in cell and random.random() < 0.4:
         cell["parts"] = {"box": {"shapes": [{"box": [0.03, 0.03, 0.02], "xyz": [0, 0, 0.012]}]}}
     if "parts" in cell and simple:
@@ -59,11 +54,6 @@ def vary(seed: int, folder: Path) -> str:
     for name, document in (("cell.yaml", cell), ("tasks.yaml", job)):
         (folder / name).write_text(json.dumps(document, indent=1))
     return " ".join(sorted(set(said)))
-
-
-def _permissions() -> tuple[str, ...]:
-    text = (ROOT / "docs" / "reference" / "tasks.md").read_text()
-    return tuple(key for key in PERMISSIONS if f"`{key}`" in text)
 
 
 def _spread(job: dict[str, Any], random: np.random.Generator) -> None:

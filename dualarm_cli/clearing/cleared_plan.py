@@ -38,9 +38,6 @@ class ClearedPlan:
     """Other collision-free plans of the method that take longer with all stops, but perhaps not in motion."""
     stopping: Cleared | None = field(default=None, compare=False, repr=False)
     """The plan with all stops that it was blended from; None where it is that."""
-    standing: Cleared | None = field(default=None, compare=False, repr=False)
-    """The plan that it came from, in which platform and arms stand in dwells and the platform on lines; None where it
-    is that."""
 
     def clearing(self, problem: MethodProblem, timing: TimingSolver) -> Clearing | None:
         """Returns what other plans of the same problem are tested with; None where nothing has to be collision-free."""
@@ -56,7 +53,7 @@ class ClearedPlan:
         """
         if self.holding is None:
             return None
-        motion = (self.standing or self.cleared).motion
+        motion = self.cleared.motion
         return motion.trajectory.duration + (motion.gain or 0.0) - self.unchecked
 
 

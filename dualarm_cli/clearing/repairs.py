@@ -339,14 +339,14 @@ class Clearing:
 
 def _stage_key(k: int, plan: StagePlan, before: StagePlan | None) -> tuple[Hashable, ...]:
     """Returns all that the motion of a stage that nobody waits in depends on, its number first."""
-    postures = [plan.start, plan.arrival, plan.end, *plan.turned.values()]
-    for stop in (*plan.stops.values(), *plan.leaving.values()):
+    postures = [plan.start, plan.arrival, plan.end]
+    for stop in plan.stops.values():
         made = stop.posture
         postures += [
             made.q_target,
             np.array([made.psi_target, made.psi_approach, made.psi_retract]),
         ]
-    passes: list[Hashable] = [*plan.turned, *plan.passes.items()]
+    passes: list[Hashable] = [*plan.passes.items()]
     passes += [
         ("by", name, one.points.tobytes(), one.rates is None or np.asarray(one.rates).tobytes())
         for name, one in plan.detours.items()

@@ -40,7 +40,6 @@ def to_json(schedule: Schedule, urdf: str, files: Mapping[str, str]) -> Iterator
         "order_grid_gap": schedule.order_grid_gap,
         "clearance_cost": schedule.clearance_cost,
         "blend_gain": schedule.blend_gain,
-        **({} if schedule.motion_gain is None else {"motion_gain": schedule.motion_gain}),
     }
     yield _encoded("{\n" + ",\n".join(_member(key, value) for key, value in head.items()))
     yield from _rows("stages", map(stage_row, schedule.stages))

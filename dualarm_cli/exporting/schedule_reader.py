@@ -81,7 +81,6 @@ def read_schedule(path: Path) -> Schedule:
         order_grid_gap=reader.number(document, "order_grid_gap", "order_grid_gap", None),
         clearance_cost=reader.number(document, "clearance_cost", "clearance_cost", None),
         blend_gain=reader.number(document, "blend_gain", "blend_gain", None),
-        motion_gain=reader.number(document, "motion_gain", "motion_gain", None),
         notes=tuple(reader.names(document, "notes", "notes", ())),
         extra=reader.stated(document),
     )

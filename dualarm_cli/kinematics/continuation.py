@@ -6,7 +6,6 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.linear_systems import determinant, null_space, solve
-from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.closed_arm import ClosedArm
 from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
 from dualarm_cli.kinematics.numeric_inverse import RESIDUAL
@@ -275,41 +274,6 @@ class _Line:
 def _same_side(det: FloatArray, sign: FloatArray) -> BoolArray:
     """Select determinants that have a given sign and are clear of 0."""
     return np.asarray((np.sign(det) == sign) & (np.abs(det) > LEAST_PIVOT))
-
-
-def follow_poses(
-    arm: GeneralArm, start: FloatArray, R: FloatArray, p: FloatArray, drift: float
-) -> tuple[FloatArray, bool]:
-    """Returns the joints (m, n) of one flange through a row of poses, and whether all of them can be followed.
-
-    As `follow_lines` does for lines: what is spare is decided by planes W (q - q(0)) = (u drift, 0, ...).
-
-    Args:
-        arm: kinematics and limits.
-        start: joints at the first pose [rad], shape (n,).
-        R: flange rotations, shape (m, 3, 3).
-        p: flange positions [m], shape (m, 3).
-        drift: way along the self-motion until the last pose [rad]; of no effect without a spare joint.
-    """
-    W = spare_directions(arm, start[None])
-    q = np.tile(start, (len(p), 1))
-    _, _, J = arm.linearised(start[None])
-    sign, ok = np.sign(_determinant(J, W)), bool(arm.within_limits(start))
-    for k, share in enumerate(np.linspace(0.0, 1.0, len(p)).tolist()):
-        if k == 0:
-            continue
-        wanted = product(W, start)
-        wanted[:, :1] += share * drift
-        guess = 2.0 * q[k - 1] - q[k - 2] if k > 1 else q[0]
-        found, met, det = newton(arm, guess[None], R[k : k + 1], p[k : k + 1], W, wanted)
-        step = float(np.abs(found[0] - q[k - 1]).max())
-        near = k == 1 or float(np.abs(found[0] - guess).max()) <= BEND * step + BEND_SLACK
-        kept = np.sign(det) == sign and np.abs(det) > LEAST_PIVOT and arm.within_limits(found)
-        ok = ok and near and step <= LARGEST_STEP and bool(met.all() and np.all(kept))
-        if not ok:
-            break
-        q[k] = found[0]
-    return q, ok
 
 
 def moved_along(

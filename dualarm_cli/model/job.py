@@ -135,10 +135,6 @@ class Stop:
     ends [m]."""
     blend: float = 0.0
     """How far the tool may leave its target, so that it need not stop there [m]; 0: it stops."""
-    dwell_motion: bool = False
-    """Whether platform and arm may move on while the tool stands at the target."""
-    line_motion: bool = False
-    """Whether the platform may turn while the tool is on the straight parts of approach and retract."""
 
     @property
     def moves(self) -> bool:

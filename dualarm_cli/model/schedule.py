@@ -267,9 +267,6 @@ class Schedule:
     blend_gain: float | None = None
     """How much shorter it is than the same stages with stops at the outer ends of lines [s]; None where tools stop
     there."""
-    motion_gain: float | None = None
-    """How much shorter it is than with platform and arms standing still while tools dwell, and the platform while they
-    are on lines [s]; None where no task allows motion then."""
     verification: Verification | None = None
     """The judgement, once there is one."""
     notes: tuple[str, ...] = ()

@@ -38,9 +38,6 @@ class Motion:
     """In time order."""
     gain: float | None = None
     """How much shorter it is than with stops at the outer ends of lines [s]; None where tools stop there."""
-    motion_gain: float | None = None
-    """How much shorter it is than where platform and arms stand while tools dwell, and the platform while they are on
-    lines [s]; None where they have to."""
 
     @cached_property
     def event_of(self) -> Mapping[tuple[int, str], Event]:
@@ -87,8 +84,6 @@ class MotionBuilder:
     """When each group's first piece since the clock was set begins [s], by its place among the group's pieces."""
     gain: float | None = None
     """How much shorter the motions that were added are than with stops at the outer ends of lines [s]."""
-    motion_gain: float | None = None
-    """How much shorter they are than where platform and arms stand while tools dwell, and the platform on lines [s]."""
 
     def add(self, group: str, piece: Trajectory) -> None:
         """Appends a motion of a joint group; the clock stays, as other groups move meanwhile."""
@@ -107,8 +102,6 @@ class MotionBuilder:
         t = self.clock
         if motion.gain is not None:
             self.gain = (self.gain or 0.0) + motion.gain
-        if motion.motion_gain is not None:
-            self.motion_gain = (self.motion_gain or 0.0) + motion.motion_gain
         self.stages += [replace(s, start=s.start + t, end=s.end + t) for s in motion.stages]
         self.segments += [replace(s, start=s.start + t, end=s.end + t) for s in motion.segments]
         self.events += [replace(e, time=e.time + t) for e in motion.events]
@@ -179,7 +172,6 @@ class MotionBuilder:
             with_ends(segments, events),
             tuple(sorted(events, key=lambda event: (event.time, event.arm))),
             self.gain,
-            self.motion_gain,
         )
 
 

@@ -14,7 +14,6 @@ from dualarm_cli.model.schedule import SegmentKind, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.bent_transfers import detour_pieces, moving_detour
 from dualarm_cli.motion.builder import Motion, MotionBuilder
-from dualarm_cli.motion.moving_stops import add_moving_stops
 from dualarm_cli.motion.stop_motion import (
     add_handover,
     add_segment,
@@ -250,14 +249,7 @@ def _transfers(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Trans
         (name, *(None if rate is None else rate.tobytes() for rate in own))
         for name, own in rates.items()
     )
-    # Where the platform turns on the approach, it arrives together with the arms.
-    key: Key = (
-        *plan.stops,
-        "approach" in plan.turned,
-        plan.start.tobytes(),
-        plan.arrival.tobytes(),
-        *passed,
-    )
+    key: Key = (*plan.stops, plan.start.tobytes(), plan.arrival.tobytes(), *passed)
     if key not in drive.known.transfers:
         drive.known.transfers[key] = transfers_within_tool_speed(drive, plan, rates)
     return drive.known.transfers[key]
@@ -306,8 +298,6 @@ def _add_stage(
     pair = giver_and_taker(plan.stops)
     if pair is not None:
         ends |= add_handover(record, drive, plan, pair, ends)
-    elif plan.leaving or plan.turned:
-        ends = add_moving_stops(record, drive, plan, ends)
     else:
         over = {
             name: ends[name] + stop_duration(drive, plan, arm_stop)

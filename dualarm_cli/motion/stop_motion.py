@@ -17,12 +17,6 @@ from dualarm_cli.model.job import JointTarget, PoseTarget
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import MotionBuilder
-from dualarm_cli.motion.line_motion import (
-    KNOTS,
-    LINE_TOLERANCE,
-    PATH_SAMPLES,
-    turned_line,
-)
 from dualarm_cli.motion.transfers import (
     PLATFORM,
     Drive,
@@ -31,7 +25,6 @@ from dualarm_cli.motion.transfers import (
     Transfers,
     transfers_within_tool_speed,
 )
-from dualarm_cli.motion.world_poses import CHECKS_PER_KNOT
 from dualarm_cli.postures import StopProblem
 from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
@@ -40,6 +33,15 @@ from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.launch import Launch, reversed_in_time, solve_launch
 from dualarm_cli.timing.problem import LineProblem
+
+LINE_TOLERANCE = 5e-5
+"""How far the tool may leave its line [m] and its orientation [rad]: half of what is verified."""
+PATH_SAMPLES = 65
+"""Exact inverse kinematics along a line."""
+KNOTS = (12, 24, 48, 96, 192, 384)
+"""Numbers of knots that are tried until the tool stays within the tolerance."""
+CHECKS_PER_KNOT = 4
+"""Instants per interval at which tools are measured."""
 
 
 def stage_of(
@@ -65,19 +67,12 @@ def stage_of(
         end=end,
         tasks=tuple(dict.fromkeys(stop.task.id for stop in plan.stops.values())),
         platform_solver=plan.solver,
-        platform_angle=_angle_at_targets(model, plan),
+        platform_angle=model.platform_angle(plan.arrival),
         platform_time=transfers.times.get(PLATFORM, 0.0),
         arm_times={name: t for name, t in transfers.times.items() if name != PLATFORM},
         joint_times=transfers.joint_times,
         bottleneck=transfers.bottleneck(critical),
     )
-
-
-def _angle_at_targets(model: CellModel, plan: StagePlan) -> float | None:
-    """Returns the platform angle as tools come to their targets [rad]; None without a platform of one joint."""
-    position = np.array(plan.arrival)
-    position[model.platform_columns] = plan.platform_at("approach", model.platform_columns)
-    return model.platform_angle(position)
 
 
 def event_of(model: CellModel, plan: StagePlan, arm_stop: ArmStop, time: float) -> Event:
@@ -207,12 +202,9 @@ def add_handover(
 
 def timed_line(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Trajectory:
     """Returns the timed `approach` or `retract` of a stop in its stage, which has one; see `solve_line`."""
-    if line in plan.turned:
-        return turned_line(drive, plan, line)[arm_stop.arm]
     key = _timed_key(drive, plan, arm_stop, line)
     if key not in drive.known.lines:
         launch = plan.passes.get((arm_stop.arm, line))
-        arm_stop = plan.stop_at(line, arm_stop)
         path = joints_along(drive, plan, arm_stop, line)
         timed = solve_line(drive, arm_stop, line, path, launch)
         drive.known.lines[key] = arm_stop.stop, timed
@@ -226,12 +218,11 @@ def time_lines(drive: Drive, plans: Sequence[StagePlan]) -> None:
 
     Args:
         drive: of the job; its `known` gets the lines.
-        plans: stages; those in which joints move in dwells or the platform on lines are left out, as they have other
-            lines.
+        plans: stages.
     """
     asked: dict[Key, tuple[StagePlan, ArmStop, str]] = {}
     for plan in plans:
-        for arm_stop in () if plan.leaving or plan.turned else plan.stops.values():
+        for arm_stop in plan.stops.values():
             if arm_stop.tracked is not None:
                 continue
             for line, way in (
@@ -276,7 +267,6 @@ def joints_along(
 ) -> tuple[FloatArray, FloatArray]:
     """Returns the joints along a line of a stop in its stage, and the lengths travelled; see `line_path`."""
     key = (line, *_line_key(drive.model, plan, arm_stop, line))
-    arm_stop = plan.stop_at(line, arm_stop)
     if key not in drive.known.paths:
         q, length = line_path(arm_stop.problem, arm_stop.posture, line, PATH_SAMPLES)
         drive.known.paths[key] = arm_stop.stop, q, length
@@ -296,21 +286,14 @@ def rates_between(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Ra
         leaving = None if before is None else before.through.get(name)
         arriving = plan.through.get(name)
         if before is not None and (name, "retract") in before.passes:
-            line = _line_of(drive, before, name, "retract")
+            line = timed_line(drive, before, before.stops[name], "retract")
             leaving = np.stack([line.velocity[-1], line.acceleration[-1]])
         if (name, "approach") in plan.passes:
-            line = _line_of(drive, plan, name, "approach")
+            line = timed_line(drive, plan, plan.stops[name], "approach")
             arriving = np.stack([line.velocity[0], line.acceleration[0]])
         if leaving is not None or arriving is not None:
             found[name] = leaving, arriving
     return found
-
-
-def _line_of(drive: Drive, plan: StagePlan, group: str, line: str) -> Trajectory:
-    """Returns what an arm, or a platform that turns on it, does on a line of its stage."""
-    if line in plan.turned:
-        return turned_line(drive, plan, line)[group]
-    return timed_line(drive, plan, plan.stops[group], line)
 
 
 def transfers_in_motion(drive: Drive, plan: StagePlan, rates: Rates) -> Transfers:
@@ -410,10 +393,10 @@ def _add_tracked(
 
 def _line_key(model: CellModel, plan: StagePlan, arm_stop: ArmStop, line: str) -> Key:
     """Returns all that a line of a stop depends on: its target, where the platform is then, and how it is made."""
-    arm_stop = plan.stop_at(line, arm_stop)
     made, seen = arm_stop.posture, arm_stop.problem
+    outer = plan.arrival if line == "approach" else plan.end
     numbers = (
-        plan.platform_at(line, model.platform_columns),
+        outer[model.platform_columns],
         seen.start,
         made.q_target,
         [made.target, made.yaw, made.branch, made.psi_target, made.psi_approach, made.psi_retract],

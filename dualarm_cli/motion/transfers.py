@@ -83,8 +83,6 @@ class Known:
     """Straight transfers of stages."""
     moving: dict[Key, Trajectory | None] = field(default_factory=dict)
     """Transfers of one group that begin or end in motion; None where there is none."""
-    together: dict[Key, tuple[Trajectory, ...]] = field(default_factory=dict)
-    """What moves together while tools stand, or are on lines on which the platform turns."""
 
 
 @dataclass(frozen=True)
@@ -169,9 +167,9 @@ def time_transfers(
             own.joints, plan.start[index], plan.arrival[index], own, length, leaving, arriving
         )
 
-    if "approach" in plan.turned or (not plan.stops and PLATFORM in (rates or {})):
-        # Platform and arms begin that line together, or are back together.
-        motion = _all_together(drive, plan, rates or {}, times)
+    if rates and not plan.stops and PLATFORM in rates:
+        # Platform and arms are back together.
+        motion = _all_together(drive, plan, rates, times)
         return Transfers(
             motion, times, dict(zip(limits.joints, alone.tolist(), strict=True)), slowest
         )
@@ -210,18 +208,18 @@ def _moving(drive: Drive, group: str, asked: TransferProblem) -> Trajectory | No
 def _all_together(
     drive: Drive, plan: StagePlan, rates: Rates, times: Mapping[str, float]
 ) -> dict[str, Trajectory]:
-    """Returns transfers of platform and arms that arrive at the same instant, by group.
+    """Returns transfers of platform and arms that are back at the same instant, by group.
 
     Args:
         drive: of the job.
-        plan: the stage.
+        plan: the return.
         rates: of groups that leave or arrive in motion.
         times: closed-form times of the groups [s].
 
     Raises:
         InfeasibleError: no transfer leaves and arrives in such motion.
     """
-    groups = [g for g in drive.columns if times[g] > 0 or g in rates or g in plan.stops]
+    groups = [g for g in drive.columns if times[g] > 0 or g in rates]
     names = tuple(joint for g in groups for joint in drive.joints(g))
     index = [column for g in groups for column in drive.columns[g]]
     ends = [np.zeros((2, len(index))) for _ in range(2)]
@@ -234,13 +232,9 @@ def _all_together(
     asked = TransferProblem(
         names, plan.start[index], plan.arrival[index], drive.limits.select(names), 0.0, *ends
     )
-    if not rates:
-        found = drive.timing.transfer(replace(asked, leaving=None, arriving=None))
-    else:
-        moving = solve_moving_transfer(asked)
-        if moving is None:
-            raise InfeasibleError(Refusal("no_plan_on_grid"))
-        found = moving
+    found = solve_moving_transfer(asked)
+    if found is None:
+        raise InfeasibleError(Refusal("no_plan_on_grid"))
     return {g: found.select(drive.joints(g)) for g in groups}
 
 

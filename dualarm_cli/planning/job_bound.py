@@ -9,7 +9,6 @@ import numpy as np
 
 from dualarm_cli.bound.bound import ASSUMPTIONS, ROUNDED_DOWN, LowerBound, OtherWork, lower_bound
 from dualarm_cli.bound.passing import passing
-from dualarm_cli.clearing.permissions import permitted
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.linear_programs import least_cost
 from dualarm_cli.kinds.planning import KindPlanning, Section, kind_of, kinds_of
@@ -176,12 +175,6 @@ NO_BOUND_ON_RAILS = (
 )
 NO_TURNING_BOUND = "lower bound: none for arms of six axes on a platform that turns"
 """Messages where there is none for the platform's sake."""
-NO_MOVING_BOUND = {
-    "dwell_motion": "lower bound: none with `dwell_motion: allowed`, as the platform need not stand while tools dwell",
-    "line_motion": "lower bound: none with `line_motion: allowed`, as the platform need not stand while tools are on "
-    "lines",
-}
-"""Messages where dwells or lines do not keep the platform."""
 NO_CORNER_BOUND = (
     "lower bound: none with `blend` at targets of moves, as tools need not come to these"
 )
@@ -196,8 +189,6 @@ def job_bound(job: Job, effort: str, *, blended: bool = False) -> LowerBound:
         effort: quick, normal or thorough.
         blended: whether tools may pass the outer ends of lines in motion, of which only the straight parts count then.
     """
-    if keys := permitted(job):
-        return LowerBound(None, tuple(NO_MOVING_BOUND[key] for key in keys))
     if blended and any(stop.blend > 0.0 for task in job.tasks for stop in task.stops):
         return LowerBound(None, (NO_CORNER_BOUND,))
     if not blended:

@@ -14,15 +14,6 @@ from dualarm_cli.beside import Beside
 from dualarm_cli.bound.bound import LowerBound
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import clearance_notes
-from dualarm_cli.clearing.moving_plan import moving_plan
-from dualarm_cli.clearing.permissions import (
-    ASYNCHRONOUS,
-    CONVEYORS,
-    permission_notes,
-    permitted,
-    unused_notes,
-    without_permissions,
-)
 from dualarm_cli.errors import BlockedError, InfeasibleError, InputError, UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
@@ -305,8 +296,7 @@ def _planned(
     planner = FreePlanner(problem, method.solve, timing, watch.tell, clear)
 
     def schedule(motion: Motion, one: Job) -> Schedule:
-        moving = unused_notes(one, ASYNCHRONOUS)
-        found = _schedule(one, settings, motion, (*job.notes, *replaced, *_job_notes(one), *moving))
+        found = _schedule(one, settings, motion, (*job.notes, *replaced, *_job_notes(one)))
         return _in_time(found, job)
 
     return plan_by_own_clocks(planner, settings, watch, paired, schedule)
@@ -326,11 +316,6 @@ def _decided_plan(
     progress(f"deciding platform angles and postures ({method.name})")
     quickest = next((one.quickest for one in kinds_of(job) if one.quickest), quickest_clear)
     found = quickest(problem, method.solve, timing, progress, clear=clear)
-    moving = unused_notes(job, CONVEYORS)
-    if quickest is quickest_clear:
-        found = moving_plan(problem, found, timing, progress)
-        gain, turns = found.cleared.motion.motion_gain, problem.model.platform.is_chosen
-        moving = permission_notes(job, gain, platform=turns)
     stages, motion = found.cleared.plans, found.cleared.motion
     notes = (
         *job.notes,
@@ -339,7 +324,6 @@ def _decided_plan(
         *found.decided.notes,
         *_platform_notes(problem.model, stages),
         *clearance_notes([(found, 1)]),
-        *moving,
     )
     schedule = _schedule(job, settings, motion, notes)
     return replace(
@@ -360,7 +344,6 @@ def _schedule(job: Job, settings: PlanSettings, motion: Motion, notes: tuple[str
         events=motion.events,
         provenance=Provenance(__version__, job.inputs, settings.as_dict(), settings.seed),
         blend_gain=motion.gain,
-        motion_gain=motion.motion_gain,
         notes=notes,
     )
 
@@ -404,10 +387,6 @@ def _with_paths(
             other = replace(planner, for_stops=True).plan()
             if other.motion.trajectory.duration < planned.motion.trajectory.duration:
                 planned = other
-    if permitted(job):
-        standing = replace(planner, problem=replace(problem, job=without_permissions(job))).plan()
-        if standing.motion.trajectory.duration <= planned.motion.trajectory.duration:
-            planned = replace(standing, motion=replace(standing.motion, motion_gain=0.0))
     motion = planned.motion
     kinds = [kind for kind in kinds_of(job) if kind.add is not None]
     notes = (
@@ -416,7 +395,6 @@ def _with_paths(
         *(note for kind in kinds for note in kind.notes(job, settings, motion.trajectory)),
         *_job_notes(job),
         *dict.fromkeys(planned.notes),
-        *permission_notes(job, motion.motion_gain, platform=problem.model.platform.is_chosen),
         *(_platform_notes(problem.model, planned.stage_plans) if planned.stage_plans else ()),
     )
     return replace(_schedule(job, settings, motion, notes), clearance_cost=planned.clearance_cost)

@@ -10,7 +10,6 @@ import numpy as np
 from dualarm_cli.clearing.blended_plan import has_blends
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import clearance_notes
-from dualarm_cli.clearing.moving_plan import moving_plan
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import SectionBuilder, SectionTools, kind_of, with_needs
 from dualarm_cli.model.job import Task
@@ -105,7 +104,6 @@ class SectionPlanner(SectionTools):
             clear=self.clear,
             for_stops=self.for_stops,
         )
-        found = moving_plan(problem, found, self.timing, self.progress)
         record.append(found.cleared.motion)
         record.count(found)
         record.stage_plans += found.cleared.plans

@@ -72,26 +72,6 @@ class StagePlan:
     through: Mapping[str, FloatArray] = field(default_factory=dict)
     """Velocities and accelerations with which an arm passes its target, shape (2, n), by arm; it stops where there is
     nothing."""
-    leaving: Mapping[str, ArmStop] = field(default_factory=dict)
-    """Stops as arms leave them, where platform or arms move on while tools stand, by arm: with the platform as it is at
-    the stage's end. An arm leaves as it arrives where there is nothing."""
-    turned: Mapping[str, FloatArray] = field(default_factory=dict)
-    """Platform's joints at the targets [rad or m], shape (k,), by line (`approach` or `retract`), where all arms of the
-    stage are on that line together and the platform moves from or to its outer end meanwhile."""
-
-    def platform_at(self, line: str, columns: Sequence[int]) -> FloatArray:
-        """Returns the platform's joints while tools are at their targets [rad or m], shape (k,).
-
-        Args:
-            line: `approach`: as they come to the targets; `retract`: as they leave them.
-            columns: of the platform's joints.
-        """
-        outer = self.arrival if line == "approach" else self.end
-        return self.turned.get(line, outer[list(columns)])
-
-    def stop_at(self, line: str, arm_stop: ArmStop) -> ArmStop:
-        """Returns a stop as it is on its `approach` or its `retract`."""
-        return self.leaving.get(arm_stop.arm, arm_stop) if line == "retract" else arm_stop
 
 
 def giver_and_taker(stops: Mapping[str, ArmStop]) -> tuple[ArmStop, ArmStop] | None:

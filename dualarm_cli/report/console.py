@@ -123,7 +123,6 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
         worst = ", ".join(f"{j} in {n}" for j, n in list(report["bottlenecks"].items())[:4])
         lines.append(f"bottleneck stages: {worst}")
     lines += blending_lines(report)
-    lines += motion_lines(report)
     lines.append(bound_line(report))
     lines += [report["bodies"]["text"], f"collisions: {report['collisions']}"]
     if report["skew"] is not None:
@@ -180,27 +179,6 @@ def blending_lines(report: dict[str, Any]) -> list[str]:
     if aside > SHOWN_DISTANCE:
         line += f"; they pass targets of moves at a distance of at most {1e3 * aside:.1f} mm"
     return [line]
-
-
-MOTION = {"dwell_motion": "in dwells", "line_motion": "on lines"}
-"""Where joints may move, in words, by what the task file allows."""
-
-
-def motion_lines(report: dict[str, Any]) -> list[str]:
-    """Returns the sentence on what is saved as joints move on while tools dwell, or the platform while on lines."""
-    gain = report.get("motion_gain")
-    if gain is None:
-        return []
-    allowed = report["motion_allowed"]
-    what = f"motion {' and '.join(MOTION[key] for key in allowed)}"
-    standing = "platform and arms standing still in dwells"
-    if "line_motion" in allowed:
-        platform = "the platform standing still on lines"
-        standing = f"{standing} and {platform}" if "dwell_motion" in allowed else platform
-    if gain < SHOWN:
-        return [f"{what}: saves 0.000 s, the plan is the one with {standing}"]
-    share = gain / (report["cycle_time"] + gain)
-    return [f"{what}: {gain:.3f} s ({share:.1%}) shorter than with {standing}"]
 
 
 def bound_line(report: dict[str, Any]) -> str:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from dualarm_cli.clearing.permissions import permitted
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import WORK_ENDS, Schedule, Stage
@@ -57,7 +56,6 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "skew": skew_sentence(schedule.verification, job),
         "clearance_cost": schedule.clearance_cost,
         "blending": blending_rows(schedule, job),
-        **_motion_rows(schedule, job),
         "budget": [
             field_values(line) | {"text": str(line)} for line in judge_budget(schedule, job)
         ],
@@ -87,13 +85,6 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "settings": dict(schedule.provenance.settings),
         "notes": [*cell_notes(job), *schedule.notes],
     }
-
-
-def _motion_rows(schedule: Schedule, job: Job) -> dict[str, Any]:
-    """Returns what motion in dwells and on lines gains, and which of them tasks allow; nothing where they do not."""
-    if schedule.motion_gain is None:
-        return {}
-    return {"motion_gain": schedule.motion_gain, "motion_allowed": list(permitted(job))}
 
 
 def _kind_rows(beside: str, schedule: Schedule, job: Job) -> dict[str, Any]:

@@ -113,11 +113,6 @@ SCHEDULE: dict[str, tuple[str, str]] = {
         "How much shorter the plan is than the same stages with stops at the outer ends of lines; none where tools "
         "stop there.",
     ),
-    "motion_gain": (
-        "s",
-        "How much shorter the plan is than with platform and arms standing still while tools dwell, and the platform "
-        "while they are on lines; only where tasks allow motion then.",
-    ),
     **_STAGES,
     "stages[].arm": (
         "",
@@ -254,11 +249,6 @@ REPORT: dict[str, tuple[str, str]] = {
         "How late each arm may be against the other, in a sentence; none where that was not proven.",
     ),
     "clearance_cost": SCHEDULE["clearance_cost"],
-    "motion_gain": SCHEDULE["motion_gain"],
-    "motion_allowed": (
-        "",
-        "Which of `dwell_motion` and `line_motion` tasks allow; with `motion_gain`.",
-    ),
     "blending.gain": SCHEDULE["blend_gain"],
     "blending.share": ("", "The same as a share of the cycle time with these stops."),
     "blending.largest_deviation": (

@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 
 from dualarm_cli.compiled import trajectories
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import power
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.launch import COMPARED, CUTS, PROFILES, Launch, launches
@@ -64,8 +64,6 @@ class Passings:
     """The line, from its target outwards; None for no line."""
     away: bool = True
     """Whether the tool leaves the target on it; else it comes to it."""
-    places: IntArray | None = None
-    """Where its joints are among those of the rates; None where they are the same."""
 
     def index(self, profile: int, cut: int) -> int:
         """Returns the way with one of the PROFILES and CUTS; with a cut beyond them, or without a line, rest."""
@@ -185,8 +183,6 @@ class _End:
     """The line."""
     away: bool = True
     """Whether the tool leaves the target on it."""
-    places: IntArray | None = None
-    """Where its joints are among those of the rates; None where they are the same."""
 
     @classmethod
     def of(cls, lines: Passings, way: int) -> _End:
@@ -194,7 +190,7 @@ class _End:
         launch, line, time, rates = lines.ways[way], lines.line, lines.time[way], lines.rates[way]
         if launch is None or line is None:
             return cls(float(time), rates, None)
-        return cls(float(time), rates, launch, path_of(line), lines.away, lines.places)
+        return cls(float(time), rates, launch, path_of(line), lines.away)
 
     def changed(self, halved: int, wanted: Sequence[int]) -> list[tuple[int, _End]]:
         """Returns the line with one of its way's numbers changed, each both up and down, with that number's index.
@@ -220,11 +216,9 @@ class _End:
         profiles, cuts = np.ascontiguousarray(asked[None, :, :3]), asked[None, :, 3].copy()
         estimates = trajectories.launched_lines(self.path, profiles, cuts, COMPARED)
         coordinate, time, velocity, acceleration = (x[0] for x in estimates)
-        places = np.arange(self.rates.shape[1]) if self.places is None else self.places
-        rates = np.zeros((len(which), *self.rates.shape))
+        joints, towards = self.rates.shape[1], 1.0 if self.away else -1.0
         # A cap on the tool's speed is one more joint of the path.
-        rates[:, 0, places] = velocity[:, : len(places)] * (1.0 if self.away else -1.0)
-        rates[:, 1, places] = acceleration[:, : len(places)]
+        rates = np.stack([velocity[:, :joints] * towards, acceleration[:, :joints]], axis=1)
         found = []
         for k, (constant, cruise, inner, cut) in enumerate(numbers):
             way = Launch(constant, cruise, inner, cut, int(coordinate[k]))

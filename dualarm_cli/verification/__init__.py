@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol, TypeVar
 
@@ -21,7 +21,7 @@ from dualarm_cli.verification.clearance_checks import (
 )
 from dualarm_cli.verification.delay_checks import arm_delays, check_skew
 from dualarm_cli.verification.kind_checks import Evidence, Subject
-from dualarm_cli.verification.line_spans import LineSpan, line_spans
+from dualarm_cli.verification.line_spans import line_spans
 from dualarm_cli.verification.motion_checks import (
     NO_TASKS,
     check_agreement,
@@ -46,18 +46,14 @@ from dualarm_cli.verification.stage_checks import (
     check_pairing,
     check_segment_kinds,
     check_stages,
-    waits_at_targets,
 )
 from dualarm_cli.verification.tool_checks import (
-    Permissions,
     check_events,
     check_lines,
     check_platform_still,
     check_stands,
     check_targets,
     check_tool_speed,
-    permissions,
-    tool_left,
 )
 from dualarm_cli.verification.tool_model import ToolModel
 
@@ -146,15 +142,14 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool, both: Both) ->
         own = (e for e in known.events if e.action not in WITHIN_TOLERANCE)
         stops = replace(known, events=tuple(own))
     spans = () if done is None else line_spans(known, done, model)
-    allowed = permissions(known, done)
     evidence = Evidence(schedule, known, stated, job, done, model, spans)
     if not clearance:
         rest = not_checked(COLLISIONS, NOT_ASKED)
-        return Verification((*numbers, *_checks(evidence, stops, allowed), rest))
+        return Verification((*numbers, *_checks(evidence, stops), rest))
     (collisions, clearances), (checks, delays) = both(
         lambda: check_clearance(schedule, done, spans),
         lambda: (
-            _checks(evidence, stops, allowed),
+            _checks(evidence, stops),
             () if done is None else arm_delays(schedule, done, spans),
         ),
     )
@@ -165,13 +160,12 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool, both: Both) ->
     return Verification((*numbers, *checks), clearances, delays)
 
 
-def _checks(evidence: Evidence, stops: Schedule, allowed: Permissions) -> list[Check]:
+def _checks(evidence: Evidence, stops: Schedule) -> list[Check]:
     """Returns all checks but that of clearance.
 
     Args:
         evidence: what is known.
         stops: the schedule with those events that have no tolerance of their own.
-        allowed: where platform and arms need not stand.
     """
     schedule, known, job, done = evidence.schedule, evidence.known, evidence.job, evidence.done
     model, spans, trajectory = evidence.model, evidence.spans, schedule.trajectory
@@ -181,38 +175,19 @@ def _checks(evidence: Evidence, stops: Schedule, allowed: Permissions) -> list[C
         *check_limits(trajectory, schedule.robot.limits.select(trajectory.joints), sliding),
         check_rest(trajectory, sliding),
         check_arms(schedule),
-        *check_events(stops, model, allowed.dwells),
+        *check_events(stops, model),
         *check_lines(known, done, model),
         *_kind_checks("lines", evidence),
         *_kind_checks("work", evidence),
         *_kind_checks("joints", evidence),
-        check_platform_still(schedule, _still_spans(known, spans, allowed, model), allowed),
+        check_platform_still(schedule, spans),
         check_tool_speed(schedule, schedule.robot.tool_speed, model),
         check_stages(schedule, job),
         check_segments(schedule),
-        check_segment_kinds(known, waits_at_targets(known, model, allowed.dwells)),
+        check_segment_kinds(known),
         check_bound(schedule),
         *_job_checks(evidence),
     ]
-
-
-def _still_spans(
-    schedule: Schedule, spans: Sequence[LineSpan], allowed: Permissions, model: ToolModel
-) -> list[tuple[float, float, str]]:
-    """Returns when the platform has to stand for stops as measured [s], and for whose lines and dwells."""
-    found = []
-    for s in spans:
-        name, key = f"lines of {s.event.task}", (s.event.arm, s.event.task, s.event.action)
-        if key not in allowed.dwells and key not in allowed.lines:
-            found.append((s.start, s.end, name))
-            continue
-        if key not in allowed.lines:
-            # After its dwell a tool may go on standing at its target.
-            left = tool_left(schedule, model, s.event, s.end)
-            found += [(s.start, s.event.time, name), (left, s.end, name)]
-        if key not in allowed.dwells:
-            found.append((s.event.time, s.over, name))
-    return found
 
 
 def _robot_of(job: Job, joints: tuple[str, ...]) -> ScheduleRobot:
@@ -267,7 +242,7 @@ def _job_checks(evidence: Evidence) -> list[Check]:
             check_order(schedule, job),
         ]
         second = [check_precedence(schedule, job, spans), check_windows(schedule, job)]
-        third = [check_pairing(schedule, done, spans, evidence.model), check_dwells(schedule, done)]
+        third = [check_pairing(schedule, done, spans), check_dwells(schedule, done)]
         third += [*check_ends(schedule, job), *check_signals(schedule, done)]
     return [
         *first,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,14 +16,13 @@ from dualarm_cli.verification.as_done import contains, events_by_stage, in_time,
 from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.line_spans import LineSpan
 from dualarm_cli.verification.motion_checks import judge, not_checked
-from dualarm_cli.verification.tool_checks import Worst, tool_left
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.tool_checks import Worst
 
 NAME = "segment_kinds"
 """Name of the check."""
 
 
-def check_segment_kinds(schedule: Schedule, held: Collection[Segment] = ()) -> Check:
+def check_segment_kinds(schedule: Schedule) -> Check:
     """Checks that every segment is what the motion and the events show.
 
     An arm stands still while it waits; its transfers lead to its next event, its returns come after the last one; work
@@ -32,7 +31,6 @@ def check_segment_kinds(schedule: Schedule, held: Collection[Segment] = ()) -> C
 
     Args:
         schedule: what is judged, with finite numbers and rising times.
-        held: waits in which joints may move, see `waits_at_targets`.
     """
     if not schedule.segments:
         return not_checked(NAME, "the schedule lists none")
@@ -41,36 +39,13 @@ def check_segment_kinds(schedule: Schedule, held: Collection[Segment] = ()) -> C
     for arm in schedule.robot.arms:
         events = _Events.of([e for e in schedule.events if e.arm == arm], last)
         for segment in schedule.segments:
-            if segment.arm == arm and (fault := _fault(schedule, segment, events, segment in held)):
+            if segment.arm == arm and (fault := _fault(schedule, segment, events)):
                 of = f" of {segment.task}" if segment.task else ""
                 faults.append(
                     f"{arm} {segment.kind}{of} from {segment.start:.4f} to {segment.end:.4f} s: {fault}"
                 )
     where = faults[0] if faults else "every segment agrees with the motion"
     return judge(NAME, len(faults), 0, "", where)
-
-
-def waits_at_targets(
-    schedule: Schedule, model: ToolModel, moving: Collection[StopKey]
-) -> list[Segment]:
-    """Returns the waits after dwells in which joints may move, in which the tool goes on standing at its target.
-
-    Args:
-        schedule: what is judged.
-        model: where the tools are.
-        moving: stops in whose dwells joints may move.
-    """
-    found = []
-    events = {(e.arm, e.task, e.action): e for e in schedule.events}
-    for segment in schedule.segments:
-        key = (segment.arm, segment.task, segment.action)
-        if segment.kind != "wait" or key not in moving or key not in events:
-            continue
-        event = events[key]
-        begins = abs(event.time + event.dwell - segment.start) <= tol.SAME_TIME
-        if begins and tool_left(schedule, model, event, segment.end) >= segment.end:
-            found.append(segment)
-    return found
 
 
 @dataclass(frozen=True)
@@ -99,16 +74,15 @@ class _Events:
         return next((e for e in later if e.time + e.dwell > segment.start + tol.SAME_TIME), None)
 
 
-def _fault(schedule: Schedule, segment: Segment, events: _Events, held: bool) -> str:
-    """Returns what of a segment is not so, by its arm's events, or an empty string; `held`: its tool stands."""
+def _fault(schedule: Schedule, segment: Segment, events: _Events) -> str:
+    """Returns what of a segment is not so, by its arm's events, or an empty string."""
     if segment.reason and segment.kind != "wait":
         return f"a reason for waiting is given ('{segment.reason}')"
     key = (segment.task, segment.action)
     ahead = events.ahead(segment)
     due = (ahead.task, ahead.action) if ahead else ("", "")
     if segment.kind == "wait":
-        moved = first_move(schedule, segment.arm, segment.start, segment.end)
-        if moved and not held:
+        if moved := first_move(schedule, segment.arm, segment.start, segment.end):
             return f"the arm moves at {moved:.4f} s"
         if segment.reason == "end" and ahead:
             return f"its work is not done: {' '.join(due)} follows"
@@ -225,9 +199,7 @@ def _unplaced(schedule: Schedule, event: Event) -> str:
     return f"{event.task} ({event.action}) at {event.time:.3f} s is within none of {whose} that name it"
 
 
-def check_pairing(
-    schedule: Schedule, job: Job, spans: Sequence[LineSpan], model: ToolModel
-) -> Check:
+def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Check:
     """Checks that paired targets fall into one stage, which both arms start together.
 
     Who is done first in a stage stands until the other one is; what the segments say of it has to agree.
@@ -236,7 +208,6 @@ def check_pairing(
         schedule: what is judged.
         job: as it was done, where its file leaves arms or order open.
         spans: of the job's stops.
-        model: where the tools are.
     """
     if job.mode == "free":
         return not_checked("pairing", "the arms run asynchronously")
@@ -267,7 +238,7 @@ def check_pairing(
         apart = max(begun, default=0.0) - min(begun, default=0.0)
         if apart > worst:
             worst, where = apart, f"the arms do not start stage {number} together"
-    early, what = _early(schedule, asked, spans, model)
+    early, what = _early(schedule, asked, spans)
     if early > worst:
         worst, where = early, what
     wrong = _wrong_tasks(schedule, [[task.id for task, _ in work.values()] for work in asked])
@@ -280,7 +251,6 @@ def _early(
     schedule: Schedule,
     asked: Sequence[Mapping[str, tuple[Task, Stop]]],
     spans: Sequence[LineSpan],
-    model: ToolModel,
 ) -> tuple[float, str]:
     """Returns how long before a stage is over an arm leaves it at worst [s], measured on the motion, and where."""
     worst = Worst(where="")
@@ -297,10 +267,6 @@ def _early(
         ends = {arm: _at_rest(schedule, span) for arm, span in done.items()}
         before, number = max(ends.values(), default=before), number + 1
         for arm, end in ends.items():
-            span = done[arm]
-            if span.stop.dwell_motion and end == span.over:
-                # Its joints may go on beyond the dwell, while its tool stands.
-                end = tool_left(schedule, model, span.event, before)
             if moved := first_move(schedule, arm, end, before):
                 where = f"the {arm} arm leaves stage {number} before the other one is done"
                 worst.add(before - moved, where)

@@ -33,10 +33,6 @@ POSE_DISTANCE = 1e-6
 """Distance of a tool from where it is commanded to be [m]."""
 POSE_ANGLE = 1e-6
 """Angle of a tool from how it is commanded to be [rad]."""
-DWELL_DISTANCE = 2e-5
-"""How far a tool may be from its target in a dwell in which joints may move [m]."""
-DWELL_ANGLE = 1e-4
-"""How far it may be turned away then [rad]."""
 LINE_DISTANCE = 1e-4
 """How far a tool may leave a straight line [m]."""
 LINE_ANGLE = 1e-4

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -11,12 +11,13 @@ import pinocchio as pin
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import arctan2
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, StopKey
+from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
-from dualarm_cli.verification.dense_times import AT_ONCE, dense_spans, dense_times, tool_spans
+from dualarm_cli.verification.dense_times import AT_ONCE, dense_spans, tool_spans
+from dualarm_cli.verification.line_spans import LineSpan
 from dualarm_cli.verification.motion_checks import judge, not_checked
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
@@ -95,50 +96,15 @@ class Worst:
         return judge(name, self.value, allowed, unit, self.where)
 
 
-@dataclass(frozen=True)
-class Permissions:
-    """The stops at which more may move than an arm on its lines."""
-
-    dwells: frozenset[StopKey] = frozenset()
-    """In whose dwells joints may move as long as the tool stands."""
-    lines: frozenset[StopKey] = frozenset()
-    """On whose lines the platform may move as long as the tool is on them."""
-
-
-def permissions(schedule: Schedule, job: Job | None) -> Permissions:
-    """Returns the stops in whose dwells joints may move, and on whose lines the platform may.
-
-    A job says which ones; without it, a schedule that counts what this gains may have any.
-
-    Args:
-        schedule: what is judged.
-        job: its tasks, each with the arm that did it, or None.
-    """
-    if job is not None:
-        stops = job.stops_by_key().items()
-        return Permissions(
-            frozenset(k for k, stop in stops if stop.dwell_motion),
-            frozenset(k for k, stop in stops if stop.line_motion),
-        )
-    if schedule.motion_gain is None:
-        return Permissions()
-    every = frozenset((e.arm, e.task, e.action) for e in schedule.events)
-    return Permissions(every, every)
-
-
-def check_events(
-    schedule: Schedule, model: ToolModel, moving: Collection[StopKey] = ()
-) -> list[Check]:
+def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
     """Checks that every tool is where its events say, for as long as they say.
 
     Args:
         schedule: what is judged.
         model: where the tools are.
-        moving: stops in whose dwells joints may move.
     """
     distance, angle, knot = Worst(), Worst(), Worst()
     still_distance, still_angle = Worst(), Worst()
-    held_distance, held_angle = Worst(), Worst()
     # What moves has checks of its own.
     dwelling = [event for event in schedule.events if event.dwell > 0 and not event.moves]
     dwells = tool_spans(
@@ -155,22 +121,15 @@ def check_events(
         angle.add(float(rotation_angle(product(event.pose.rotation.T, pose.rotation))), where)
         if event.dwell > 0 and not event.moves:
             R, p = next(dwells)
-            held = (event.arm, event.task, event.action) in moving
-            off, turned = (held_distance, held_angle) if held else (still_distance, still_angle)
-            off.add(float(norm(p - event.pose.translation, axis=1).max()), where)
-            turned.add(float(rotation_angle(product(event.pose.rotation.T, R)).max()), where)
+            still_distance.add(float(norm(p - event.pose.translation, axis=1).max()), where)
+            still_angle.add(float(rotation_angle(product(event.pose.rotation.T, R)).max()), where)
     none, short = "the schedule lists no events", "no event has a dwell in which the tool stands"
-    held_checks = [
-        held_distance.judge("tool_held_in_dwells", tol.DWELL_DISTANCE, "m", short),
-        held_angle.judge("tool_upright_in_dwells", tol.DWELL_ANGLE, "rad", short),
-    ]
     return [
         knot.judge("events_at_knots", tol.SAME_TIME, "s", none),
         distance.judge("tool_position_at_events", tol.POSE_DISTANCE, "m", none),
         angle.judge("tool_angle_at_events", tol.POSE_ANGLE, "rad", none),
         still_distance.judge("tool_still_in_dwells", tol.POSE_DISTANCE, "m", short),
         still_angle.judge("tool_steady_in_dwells", tol.POSE_ANGLE, "rad", short),
-        *(held_checks if held_distance.count else ()),
     ]
 
 
@@ -328,49 +287,24 @@ def _missing_lines(lines: list[Segment], stops: dict[tuple[str, str, str], Stop]
     return ""
 
 
-def tool_left(schedule: Schedule, model: ToolModel, event: Event, end: float) -> float:
-    """Returns until when a tool stands where it is at an event, though joints may move, at most until an end [s]."""
-    over = event.time + event.dwell
-    if end <= over:
-        return over
-    times = dense_times(schedule.trajectory.time, over, end)
-    R, p = model.poses(event.arm, schedule.trajectory.at(times)[0])
-    away = norm(p - event.pose.translation, axis=1) > tol.DWELL_DISTANCE
-    away |= rotation_angle(product(event.pose.rotation.T, R)) > tol.DWELL_ANGLE
-    gone = np.flatnonzero(away)
-    return float(times[max(0, gone[0] - 1)]) if len(gone) else end
-
-
-def check_platform_still(
-    schedule: Schedule,
-    lines: Sequence[tuple[float, float, str]],
-    allowed: Permissions | None = None,
-) -> Check:
-    """Checks that the platform stands during every line and every dwell but of stops that allow it to move.
+def check_platform_still(schedule: Schedule, lines: Sequence[LineSpan]) -> Check:
+    """Checks that the platform stands during every line and every dwell.
 
     Args:
-        schedule: what is judged: also what it lists as lines and dwells, which it may not.
-        lines: start and end of each stop's lines and dwell as measured [s], without those on or in which it may move,
-            and whose they are.
-        allowed: on whose lines and in whose dwells it may; None: nowhere.
+        schedule: what is judged: also what it lists as lines and dwells.
+        lines: of the job's stops as measured.
     """
-    allowed = Permissions() if allowed is None else allowed
     robot, trajectory = schedule.robot, schedule.trajectory
     if not robot.platform:
         return not_checked("platform_still", "the robot has no platform")
     spans = [
         (s.start, s.end, f"{s.kind} of {s.task}")
         for s in schedule.segments
-        if (s.kind in ("approach", "retract") and (s.arm, s.task, s.action) not in allowed.lines)
-        or (s.kind == "dwell" and (s.arm, s.task, s.action) not in allowed.dwells)
+        if s.kind in ("approach", "retract", "dwell")
     ]
-    spans += lines
+    spans += [(s.start, s.end, f"lines of {s.event.task}") for s in lines]
     # Without a job events say when tools stand.
-    spans += [
-        (e.time, e.time + e.dwell, f"dwell of {e.task}")
-        for e in schedule.events
-        if e.dwell and (e.arm, e.task, e.action) not in allowed.dwells
-    ]
+    spans += [(e.time, e.time + e.dwell, f"dwell of {e.task}") for e in schedule.events if e.dwell]
     worst, platform = Worst(), trajectory.select(robot.platform)
     for k in range(0, len(spans), AT_ONCE):
         some = spans[k : k + AT_ONCE]

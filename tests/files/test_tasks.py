@@ -61,21 +61,6 @@ def test_a_task_overrides_the_defaults_and_the_smaller_cap_counts(
     assert (job.tool_speed, job.cell.tool_speed, job.speed, job.start) == (0.25, 0.25, 0.8, "free")
 
 
-@pytest.mark.parametrize("key", ["dwell_motion", "line_motion"])
-def test_motion_is_allowed_by_default_or_by_task(project: Path, change: Change, key: str) -> None:
-    """A task's own word counts before that of the defaults; one permission says nothing of the other."""
-    stops = [stop for task in load_job("tasks.yaml").tasks for stop in task.stops]
-    assert not any(stop.dwell_motion or stop.line_motion for stop in stops)
-    change("tasks.yaml", "settle: 30 ms}}", f"settle: 30 ms}}, {key}: allowed}}")
-    change("tasks.yaml", "    move:", f"    {key}: forbidden\n    move:")
-    job = load_job("tasks.yaml")
-    assert job.notes == ()
-    [other] = {"dwell_motion", "line_motion"} - {key}
-    allowed = [{getattr(stop, key) for stop in task.stops} for task in job.tasks]
-    assert allowed == [{True}, {False}]
-    assert not any(getattr(stop, other) for task in job.tasks for stop in task.stops)
-
-
 def test_joint_alternatives_are_lists_in_a_list(project: Path, change: Change) -> None:
     """A list of lists gives one row per alternative."""
     change("tasks.yaml", "[0.5, -90 deg]", "[[0.5, 0], [1, 2], [180 mrad, 3]]")
@@ -103,7 +88,7 @@ def test_a_quaternion_is_normalised(project: Path, change: Change) -> None:
         ("id: b", "id: b\n    not_before: -1 s", "13:17: E200 '-1 s': time must be at least 0"),
         ("id: b", "id: b\n    not_after: .inf", "13:16: E104 non-finite number '.inf' is not allowed"),
         ("start: bent", "start: bend", "5:8: E300 Tiny has no posture 'bend', did you mean 'bent'? Choose one of: home, bent, free"),
-        ("approach: 80 mm", "aproach: 80 mm", "6:12: E201 unknown key 'aproach', did you mean 'approach'? Allowed: approach, retract, dwell, part, leaves, signals, straight, blend, dwell_motion, line_motion, tool"),
+        ("approach: 80 mm", "aproach: 80 mm", "6:12: E201 unknown key 'aproach', did you mean 'approach'? Allowed: approach, retract, dwell, part, leaves, signals, straight, blend, tool"),
         ("approach: 80 mm", "approach: -1 mm", "6:22: E200 '-1 mm': length must be at least 0"),
         ("[0.2, 0.5, 0.8]", "[0.2, 0.5]", "11:18: E200 a list of 2 is too short; at least 3 are needed"),
         ("[0.2, 0.5, 0.8]", "[1,5, 2, 3]", "11:18: E200 a list of 4 is too long; at most 3 are allowed"),
@@ -127,7 +112,9 @@ def test_a_quaternion_is_normalised(project: Path, change: Change) -> None:
         ("id: b", "id: b\n    after: [aa]", "13:13: E300 there is no task 'aa', did you mean 'a'?"),
         ("    arm: right\n", "", "12:5: E202 'arm' is missing"),
         ("    move:", "    pick: {xyz: [0, 0, 0]}\n    move:", "15:5: E200 'move' does not go with 'pick'; make two tasks"),
-        ("    move:", "    x:", "14:5: E201 unknown key 'x'; allowed: id, arm, after, not_before, not_after, pick, place, move, path, coordinate, handover, tool, part, touches, leaves, approach, retract, straight, blend, dwell, dwell_motion, line_motion, signals"),
+        ("    move:", "    x:", "14:5: E201 unknown key 'x'; allowed: id, arm, after, not_before, not_after, pick, place, move, path, coordinate, handover, tool, part, touches, leaves, approach, retract, straight, blend, dwell, signals"),
+        ("id: b", "id: b\n    line_motion: allowed", "13:5: E201 key 'line_motion' was removed: the platform stands while tools are on lines; delete it"),
+        ("settle: 30 ms}}", "settle: 30 ms}, dwell_motion: allowed}", "6:86: E201 key 'dwell_motion' was removed: joints stand while tools dwell; delete it"),
         ("cell: cell.yaml", "cell: ../cell.yaml", None),
         ("cell: cell.yaml", "cell: /etc/passwd", "2:7: E500 '/etc/passwd' must be a relative path with forward slashes"),
         ("cell: cell.yaml", "cell: file:///etc/passwd", "2:7: E500 'file:///etc/passwd' must be a relative path with forward slashes"),

@@ -24,7 +24,7 @@ from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.job_bound import NO_BOUND_ON_RAILS
-from dualarm_cli.planning.planner import plan, plan_without_bound
+from dualarm_cli.planning.planner import plan
 from dualarm_cli.postures.platform_reach import reachable_spans
 from dualarm_cli.stages.methods import METHODS
 from dualarm_cli.stages.platform_moves import stage_move
@@ -343,33 +343,3 @@ def test_a_random_job_on_a_random_slide_is_verified(
 def test_no_random_job_on_a_random_slide_crashes(seed, tmp_path, random_valid_jobs, sliding_robots):
     """Exit 0 or 3: a valid file is never refused as input, and no plan is unsound."""
     assert _judged(seed, tmp_path, random_valid_jobs, sliding_robots) in (0, 3)
-
-
-def test_the_rail_moves_on_while_tools_are_on_lines(job, sliding_robots):
-    """Verified; shorter by what the plan says; it fails where the tasks do not allow it."""
-    # So far along the rail that it decides.
-    apart: Places = {
-        "left": [(0.55, 0.3, 0.75), (0.45, 1.4, 0.95)],
-        "right": [(0.55, -0.3, 0.8), (0.4, 0.8, 0.7)],
-    }
-    standing = job(apart, {"slide": sliding_robots.RAIL})
-    allowed: list[Job] = []
-    for line_motion in (False, True):
-        tasks = tuple(
-            dataclasses.replace(
-                task,
-                stops=tuple(
-                    dataclasses.replace(s, approach=0.05, retract=0.05, line_motion=line_motion)
-                    for s in task.stops
-                ),
-            )
-            for task in standing.tasks
-        )
-        allowed.append(dataclasses.replace(standing, tasks=tasks))
-    settings = PlanSettings(effort="quick")
-    before, after = (plan_without_bound(one, settings) for one in allowed)
-    assert verify(after, allowed[1]).passed
-    assert after.motion_gain is not None
-    assert after.motion_gain > 0.0
-    assert after.duration <= before.duration - after.motion_gain + 1e-9
-    assert not verify(after, allowed[0]).passed

@@ -10,7 +10,6 @@ from dualarm_cli.model.schedule import Segment
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.stage_checks import check_pairing, check_stages
-from dualarm_cli.verification.tool_model import ToolModel
 
 
 def open_job(job):
@@ -149,7 +148,7 @@ def test_paired_arms_have_no_stages_of_their_own(by_clocks, clean, measured_line
     for job in (clean.job, open_job(clean.job)):
         assert check_stages(schedule, job).verdict == "passed"
         lines = measured_lines(schedule, job)
-        check = check_pairing(schedule, job_as_done(schedule, job), lines, ToolModel(schedule))
+        check = check_pairing(schedule, job_as_done(schedule, job), lines)
         assert check.detail == (
             "stage 2 is the left arm's alone, but with mode: paired both arms start every stage together"
         )
@@ -168,8 +167,8 @@ def test_an_open_job_is_held_to_the_pairs_of_the_stages(clean, failing, measured
     assert failing(clean.schedule, job) == {}
     done = job_as_done(clean.schedule, job)
     lines = measured_lines(clean.schedule, job)
-    expected = check_pairing(clean.schedule, clean.job, lines, ToolModel(clean.schedule))
-    assert check_pairing(clean.schedule, done, lines, ToolModel(clean.schedule)) == expected
+    expected = check_pairing(clean.schedule, clean.job, lines)
+    assert check_pairing(clean.schedule, done, lines) == expected
 
 
 def test_open_arms_that_do_not_start_a_stage_together_are_found(clean, failing):
@@ -251,9 +250,7 @@ def side_by_side(by_clocks, measured_lines, late):
         for start, end, tasks in zip(edges, edges[1:], names, strict=False)
     )
     schedule = dataclasses.replace(schedule, segments=tuple(segments), stages=stages)
-    return check_pairing(schedule, job, measured_lines(schedule, job), ToolModel(schedule)), verify(
-        schedule, job
-    )
+    return check_pairing(schedule, job, measured_lines(schedule, job)), verify(schedule, job)
 
 
 def test_an_arm_that_goes_on_before_the_other_one_is_done_is_seen_in_the_motion(

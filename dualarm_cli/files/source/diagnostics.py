@@ -134,8 +134,17 @@ def _last_key(loc: Loc) -> str:
     return f"'{loc[-1]}' " if loc and isinstance(loc[-1], str) else ""
 
 
+REMOVED_KEYS = {
+    "dwell_motion": "joints stand while tools dwell",
+    "line_motion": "the platform stands while tools are on lines",
+}
+"""Keys of earlier versions, and what holds without them."""
+
+
 def _unknown_key(model: type[BaseModel], loc: Loc) -> str:
     """Returns the message for a key that a mapping does not have."""
+    if why := REMOVED_KEYS.get(str(loc[-1])):
+        return f"key {quote(loc[-1])} was removed: {why}; delete it"
     holder = _model_at(model, loc[:-1])
     known = [field.alias or name for name, field in holder.model_fields.items()] if holder else []
     return f"unknown key {quote(loc[-1])}{suggest(str(loc[-1]), known, most=None)}"

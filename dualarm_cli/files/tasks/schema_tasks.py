@@ -177,9 +177,6 @@ SIGNAL_KEYS: Mapping[str, tuple[str, ...]] = {
 """Keys of signals by the action at which they are set; the first that is given counts."""
 
 
-Permission = Literal["allowed", "forbidden"]
-
-
 class TaskHead(Section):
     """The keys of a task that messages list first, before those of the kinds of work."""
 
@@ -240,15 +237,6 @@ class TaskSection(TaskHead):
     dwell: Dwell | None = Field(
         default=None, description="Time at each target [s], one number or its shares."
     )
-    dwell_motion: Permission | None = Field(
-        default=None,
-        description="Whether platform and elbow may move on while the tool dwells; default: that of the defaults.",
-    )
-    line_motion: Permission | None = Field(
-        default=None,
-        description="Whether the platform may turn on while the tool is on the straight parts of approach and retract; "
-        "default: that of the defaults.",
-    )
     signals: SignalsSection | None = Field(
         default=None, description="Names of signals that are set when the tool grips or lets go."
     )
@@ -303,16 +291,6 @@ class DefaultsSection(Section):
         default=None,
         description="How far a tool may leave targets of moves and corners of its path, so that it need not stop "
         "there [m]; default: it stops.",
-    )
-    dwell_motion: Permission | None = Field(
-        default=None,
-        description="Whether platform and elbows may move on while tools dwell, which stay at their targets to 0.02 "
-        "mm; default: forbidden.",
-    )
-    line_motion: Permission | None = Field(
-        default=None,
-        description="Whether the platform may turn on while tools are on the straight parts of approach and retract, "
-        "on which they stay to 0.1 mm; default: forbidden.",
     )
 
 

@@ -349,11 +349,6 @@ class TaskReader:
             blend = section.blend if section.blend is not None else self.defaults.blend
             if blend is not None and action == "move" and not (any(around[:2]) or around[2].total):
                 stop = replace(stop, blend=blend)
-            in_dwells = section.dwell_motion or self.defaults.dwell_motion
-            on_lines = section.line_motion or self.defaults.line_motion
-            if "allowed" in (in_dwells, on_lines):
-                allowed = in_dwells == "allowed", on_lines == "allowed"
-                stop = replace(stop, dwell_motion=allowed[0], line_motion=allowed[1])
             for kind in self._kinds:
                 stop = kind.stop(self, target_section, place, stop)
             stops.append(stop)

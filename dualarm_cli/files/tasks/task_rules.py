@@ -163,17 +163,6 @@ def check_sequences(
     return follows
 
 
-def permission_notes(document: Document, model: TasksFile) -> list[str]:
-    """Returns notes on what the file permits and the planner does not use."""
-    defaults, notes = model.defaults, []
-    alone = [t.get("id") for t in document.listed("tasks") if {"path", "coordinate"} & set(t)]
-    for key in ("dwell_motion", "line_motion"):
-        if getattr(defaults, key) == "allowed" and alone:
-            some = ", ".join(map(str, alone[:3])) + (", …" if len(alone) > 3 else "")
-            notes.append(f"{key}: not used on paths and seams: {some}")
-    return notes
-
-
 def _check_precedence(
     document: Document,
     tasks: Mapping[int, TaskSection],

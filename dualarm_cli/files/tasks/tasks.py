@@ -24,7 +24,6 @@ from dualarm_cli.files.tasks.task_rules import (
     check_settings,
     check_start,
     check_tasks,
-    permission_notes,
 )
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.cell import Cell
@@ -123,7 +122,7 @@ def load_job(
         model.speed,
         min(caps, default=None),
         dict(project.inputs),
-        (*notes, *permission_notes(document, model)),
+        notes,
         model.mode,
         model.order,
         tuple(tuple(names) for names in model.sequences),

@@ -127,10 +127,6 @@ def handover_shares(
     work = Handover(whole.arm, taker, grip, place)
     give = Stop("give", PoseTarget(pose), 0.0, pick.retract, pick.dwell, place)
     take = Stop("take", PoseTarget(pose * grip), pick.approach, 0.0, pick.dwell, place)
-    give, take = (
-        replace(one, dwell_motion=pick.dwell_motion, line_motion=pick.line_motion)
-        for one in (give, take)
-    )
     return [
         replace(whole, stops=(pick, give), handover=work),
         replace(

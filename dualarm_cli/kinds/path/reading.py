@@ -173,7 +173,7 @@ def followers(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
     if wrong:
         reader.note(place, wrong)
         return []
-    for key in ("approach", "retract", "dwell", "dwell_motion", "line_motion", "part"):
+    for key in ("approach", "retract", "dwell", "part"):
         if getattr(section, key) is not None:
             reader.note((*loc, key), f"'{key}' does not go with a path; remove it")
     work = _work(reader, path, place, section.arm or path.arm)

@@ -307,7 +307,7 @@ def partners(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
         loc: where it stands.
     """
     assert isinstance(section, SeamTask) and section.coordinate is not None  # asked for by its key
-    for key in ("arm", "approach", "retract", "dwell", "dwell_motion", "line_motion", "part"):
+    for key in ("arm", "approach", "retract", "dwell", "part"):
         if getattr(section, key) is not None:
             instead = SEAM_KEYS.get(key, "remove it")
             message = f"'{key}' does not go with a coordinate task; {instead}"

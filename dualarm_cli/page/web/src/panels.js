@@ -85,18 +85,14 @@ export function verdict(report) {
 }
 
 /**
- * Returns the sentences on what is saved as tools pass ends of lines in motion, and as joints move on in dwells and on lines.
+ * Returns the sentence on what is saved as tools pass ends of lines in motion; none where nothing is.
  * @param {any} report
  */
 export function savings(report) {
   const found = [];
-  const { blending, motion_gain: gain, motion_allowed: allowed } = report;
+  const { blending } = report;
   if (blending && blending.gain > SHOWN) {
     found.push(`Blending saves ${seconds(blending.gain)} (${percent(blending.share)}) compared with stops at the outer ends of lines.`);
-  }
-  if (gain > SHOWN) {
-    const where = allowed.map((/** @type {string} */ key) => (key === "dwell_motion" ? "in dwells" : "on lines"));
-    found.push(`Motion ${where.join(" and ")} saves ${seconds(gain)} (${percent(gain / (report.cycle_time + gain))}).`);
   }
   return found;
 }
