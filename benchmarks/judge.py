@@ -29,7 +29,7 @@ LINE = 1.5e-4
 POSE = 5e-6
 """Distance and angle by which a tool may be beside its target [m, rad]."""
 DEPTH = 6e-4
-"""Depth to which a part may press into what it lies on [m]."""
+"""Depth to which a part may press into what it lies on, and a tool into its own part [m]."""
 SLACK = 2e-5
 """Distance by which a sampled clearance may fall short [m]."""
 
@@ -111,6 +111,14 @@ def shapes_of(
         else:
             raise ValueError(f"shape {entry}")
     return found
+
+
+def gap_between(a: Shape, here: np.ndarray, b: Shape, there: np.ndarray) -> float:
+    """Compute the distance of two shapes at poses (4, 4) [m]; negative where they overlap."""
+    places = [coal.Transform3s(pose[:3, :3], pose[:3, 3]) for pose in (here, there)]
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    coal.distance(a.geometry, places[0], b.geometry, places[1], request, result)
+    return float(result.min_distance)
 
 
 class Robot:
@@ -536,32 +544,25 @@ class Judge:
     ) -> None:
         everywhere = np.ones(len(self.times), bool)
         worst: dict[tuple[str, str], tuple[float, float]] = {}
-        request, result = coal.DistanceRequest(), coal.DistanceResult()
         for i, a in enumerate(shapes):
             for b in shapes[i + 1 :]:
                 if a.body == b.body or not self._checked(a, b, allowed):
                     continue
                 when = present.get(a.body, everywhere) & present.get(b.body, everywhere)
                 limit = np.full(len(self.times), required)
+                pa, pb = poses[a.link] @ a.pose, poses[b.link] @ b.pose
                 for one, two in ((a, b), (b, a)):
                     for key in (two.body, two.group, f"{two.body} beyond its lines"):
                         mask, least = near.get((one.body, key), (~everywhere, 0.0))
+                        if isinstance(least, int):
+                            # No deeper than where the line ends.
+                            least = min(0.0, gap_between(a, pa[least], b, pb[least])) - DEPTH
                         limit[mask] = least
-                pa, pb = poses[a.link] @ a.pose, poses[b.link] @ b.pose
                 gap = np.linalg.norm(pa[:, :3, 3] - pb[:, :3, 3], axis=1) - a.radius - b.radius
                 if math.isinf(a.radius) or math.isinf(b.radius):
                     gap = np.full(len(self.times), -1.0)
                 for k in np.flatnonzero(when & (gap < limit)):
-                    result.clear()
-                    coal.distance(
-                        a.geometry,
-                        coal.Transform3s(pa[k, :3, :3], pa[k, :3, 3]),
-                        b.geometry,
-                        coal.Transform3s(pb[k, :3, :3], pb[k, :3, 3]),
-                        request,
-                        result,
-                    )
-                    lack = limit[k] - result.min_distance
+                    lack = limit[k] - gap_between(a, pa[k], b, pb[k])
                     if lack > SLACK and lack > worst.get((a.body, b.body), (0.0, 0.0))[0]:
                         worst[a.body, b.body] = (lack, float(self.times[k]))
         for (a, b), (lack, time) in worst.items():
@@ -677,10 +678,11 @@ class Judge:
                 over = event["time"] + event["dwell"]
                 after = min((begin for begin, _ in stops if begin >= over - 1e-9), default=math.inf)
                 near = (t >= before) & (t <= after) & ~on_line
+                end = int(np.argmin(np.abs(t - line[sign > 0])))
                 touching: dict[str, tuple[np.ndarray, float]] = {}
                 for tool, _, _ in self._tools(arm):
                     touching |= {
-                        f"{tool} beyond its lines": (near, 0.0),
+                        f"{tool} beyond its lines": (near, end),
                         tool: (on_line, -math.inf),
                     }
                 found.append((f"{label} part of {name}", "world", pose, there, shapes, touching))

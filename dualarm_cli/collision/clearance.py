@@ -48,8 +48,10 @@ class CellClearance:
     """Rooms of parts that wait or lie at times."""
     scenes: tuple[Scene, ...] = ({},)
     """What lies when; nothing in the first one, unless it lies all the time."""
-    listed: dict[tuple[int, int, bool], Scenes] = field(default_factory=dict, compare=False)
-    """Pairs that count in each scene, by arm, what it holds, and whether only those that may touch are asked for."""
+    listed: dict[tuple[int, int, bool], tuple[PairGroup, Scenes]] = field(
+        default_factory=dict, compare=False
+    )
+    """Pairs, and those that count in each scene, by arm, what it holds, and whether they are those that may touch."""
 
     @classmethod
     def of(
@@ -115,7 +117,7 @@ class CellClearance:
         if self.rooms:
             for a in range(len(self.arms)):
                 for number in distinct(held[:, a]).tolist():
-                    if self._scenes(a, number, touching=True).of(number // self.size):
+                    if self._scenes(a, number, touching=True)[1].of(number // self.size):
                         found |= held[:, a] == number
         return found
 
@@ -162,26 +164,28 @@ class CellClearance:
             if touching:
                 return np.full(len(position), np.inf)
             return self.test.margins(self._own(a, number), position)
-        scenes = self._scenes(a, number, touching=touching)
+        group, scenes = self._scenes(a, number, touching=touching)
         if not len(scenes.listed):
             return np.full(len(position), np.inf)
-        group = self._own(a, number, touching=touching)
         return self.test.margins(group, position, (scenes, scene))
 
     def _own(self, a: int, number: int, *, touching: bool = False) -> PairGroup:
-        if touching:
-            return self.test.touching(self.arms[a], self.part_of(number))
-        return self.test.own(self.arms[a], self.part_of(number), bool(number % 2))
+        arm, part = self.arms[a], self.part_of(number)
+        if not touching:
+            return self.test.own(arm, part, bool(number % 2))
+        scenes = [scene.get(arm, ArmScene()) for scene in self.scenes]
+        stops = [s for scene in scenes for s in (*scene.left.items(), *scene.here.items())]
+        return self.test.touching(arm, part, stops)
 
-    def _scenes(self, a: int, number: int, *, touching: bool = False) -> Scenes:
-        """Returns the pairs of one arm that count in each scene while it holds something."""
+    def _scenes(self, a: int, number: int, *, touching: bool = False) -> tuple[PairGroup, Scenes]:
+        """Returns pairs of one arm, and those that count in each scene while it holds something."""
         key = a, number % self.size, touching
         if key not in self.listed:
-            self.listed[key] = self._listed(self.arms[a], number, touching=touching)
+            group = self._own(a, number, touching=touching)
+            self.listed[key] = group, self._listed(self.arms[a], number, group, touching=touching)
         return self.listed[key]
 
-    def _listed(self, arm: str, number: int, *, touching: bool) -> Scenes:
-        group = self._own(self.arms.index(arm), number, touching=touching)
+    def _listed(self, arm: str, number: int, group: PairGroup, *, touching: bool) -> Scenes:
         rooms = [self.test.room_of(pair) for pair in group.pairs]
         room = np.array([-1 if r is None else r for r in rooms], dtype=np.int64)
         part = np.array([self.test.carried_in(pair) for pair in group.pairs], dtype=np.bool_)
@@ -197,11 +201,12 @@ class CellClearance:
             if own.carries is not None:
                 touched[:-1] = [may_touch(own.carries, r.task) for r in self.rooms]
             there[-1] = not touching
-            counts = there[room] & (~part | (touched[room] == touching))
-            for r, (_, stop) in (*own.left.items(), *own.here.items()):
+            counts = there[room] & np.where(part, touched[room] == touching, not touching)
+            for r, visit in (*own.left.items(), *own.here.items()):
                 on_line = bool(number % 2) and r in own.here
-                for k in np.flatnonzero(counts & tool & (room == r)).tolist():
-                    counts[k] = not on_line and self.test.is_apart(group.pairs[k], arm, stop)
+                for k in np.flatnonzero(there[room] & tool & (room == r)).tolist():
+                    needed = self.test.needed(group.pairs[k], arm, visit)
+                    counts[k] = not on_line and group.pairs[k].required == needed
             lists.append(np.flatnonzero(counts))
         first = np.cumsum([0, *(len(row) for row in lists)])
         return Scenes(first, np.concatenate(lists))
@@ -268,12 +273,10 @@ class CellClearance:
             number: what it holds.
             touching: whether only those of parts that may touch are asked for, or all others.
         """
-        pairs = self._own(a, number, touching=touching).pairs
         if not self.rooms:
-            return () if touching else pairs
-        return [
-            pairs[k] for k in self._scenes(a, number, touching=touching).of(number // self.size)
-        ]
+            return () if touching else self._own(a, number).pairs
+        group, scenes = self._scenes(a, number, touching=touching)
+        return [group.pairs[k] for k in scenes.of(number // self.size)]
 
     def margins(self, position: FloatArray, held: IntArray) -> FloatArray:
         """Returns the least margin of everything from everything [m], shape (n,); arguments as of `cross_margins`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import coal
@@ -27,7 +27,8 @@ from dualarm_cli.compiled.pair_margins import Scenes, pair_margins
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.model.cell import Cell, Held
-from dualarm_cli.model.job import PoseTarget, Stop
+from dualarm_cli.model.job import PoseTarget
+from dualarm_cli.model.lying import Visit
 
 ENOUGH = 0.01
 """Margins that balls around two solids show to be greater than this are not looked at more closely [m]."""
@@ -40,7 +41,7 @@ OVERLAPS = 1e-3
 ROUNDED = 1e-9
 """What margins are less by, for rounding [m]."""
 APART = 0.003
-"""Margin of a tool from its own part at the outer end of a line that lets the planner ask for it elsewhere [m]."""
+"""Margin of a tool from its own part at the outer end of a line from which on it keeps its clearance elsewhere [m]."""
 SURE = 5e-4
 """Margins of boxes that are greater are as good as true ones [m]."""
 DOUBTED = 0.004
@@ -98,7 +99,8 @@ class QuickTest:
             },
         )
         self._moved_by = [_movers(model, solid, members) for solid in self._solids]
-        self._groups: dict[tuple[str, ...], PairGroup] = {}
+        self._groups: dict[tuple[object, ...], PairGroup] = {}
+        self._needed: dict[tuple[object, ...], float] = {}
 
     def own(self, arm: str, part: str = "", on_line: bool = False) -> PairGroup:
         """Returns the pairs that one arm's joints or only the platform's move.
@@ -166,22 +168,23 @@ class QuickTest:
             )
         return self._groups[key]
 
-    def touching(self, arm: str, part: str) -> PairGroup:
-        """Returns the pairs of the part that an arm holds with parts that lie, which may touch but not overlap.
+    def touching(self, arm: str, part: str, stops: Iterable[tuple[int, Visit]]) -> PairGroup:
+        """Returns the pairs of an arm's part and tool with parts that lie, which may touch but not overlap.
 
         Args:
             arm: what holds it.
             part: name of what it holds.
+            stops: the arm's, each with the room of the part there.
         """
-        key = ("touching", arm, part)
+        pairs = [p for p in self._own_pairs(arm, part, on_line=False) if p.second in self._room_of]
+        rows = [(pair, -OVERLAP) for pair in pairs if self.carried_in(pair)]
+        for room, visit in stops:
+            own = [p for p in pairs if self.room_of(p) == room and self.is_on_flange(p, arm)]
+            rows += [(pair, self.needed(pair, arm, visit)) for pair in own]
+        found = dict.fromkeys(replace(pair, required=least) for pair, least in rows if least < 0.0)
+        key = ("touching", *found)
         if key not in self._groups:
-            self._groups[key] = self._grouped(
-                [
-                    replace(pair, required=-OVERLAP)
-                    for pair in self._own_pairs(arm, part, on_line=False)
-                    if pair.second in self._room_of and self.carried_in(pair)
-                ]
-            )
+            self._groups[key] = self._grouped(list(found))
         return self._groups[key]
 
     def part_in(self, arm: str, held: str) -> str:
@@ -237,17 +240,25 @@ class QuickTest:
         """Returns what a person calls the two bodies of a pair."""
         return self._solids[pair.first].label, self._solids[pair.second].label
 
-    def is_apart(self, pair: Pair, arm: str, stop: Stop) -> bool:
-        """Returns whether a tool is clear of the part that lies at its stop where the line there begins or ends."""
-        line = stop.approach if stop.action == "pick" else stop.retract
-        if not isinstance(stop.target, PoseTarget) or not line:
-            return False
-        T_tcp_end = pin.SE3(np.eye(3), np.array([0.0, 0.0, -line]))
-        T_root_tcp = self._cell.base.actInv(stop.target.pose) * T_tcp_end
-        T_joint_tcp = self._flanges[arm].placement * self._cell.tools[arm].tcp
-        solid, part = self._solids[pair.first], self._solids[pair.second]
-        places = T_root_tcp * T_joint_tcp.actInv(solid.pose), part.pose
-        return _distance(solid, part, places) - pair.required >= APART
+    def needed(self, pair: Pair, arm: str, visit: Visit) -> float:
+        """Returns the distance that a tool keeps from the part at its stop while it is off the lines there [m].
+
+        The required one, if the tool has it where the line there begins or ends; else the tool may touch the part, and
+        reach into it no deeper than there.
+        """
+        task, stop = visit
+        key = pair.first, pair.second, arm, task.id, stop.action
+        if key not in self._needed:
+            assert isinstance(stop.target, PoseTarget)  # a part lies there
+            line = stop.approach if stop.action == "pick" else stop.retract
+            T_tcp_end = pin.SE3(np.eye(3), np.array([0.0, 0.0, -line]))
+            T_root_tcp = self._cell.base.actInv(stop.target.pose) * T_tcp_end
+            T_joint_tcp = self._flanges[arm].placement * self._cell.tools[arm].tcp
+            solid, part = self._solids[pair.first], self._solids[pair.second]
+            there = _distance(solid, part, (T_root_tcp * T_joint_tcp.actInv(solid.pose), part.pose))
+            least = min(there, 0.0) - OVERLAP
+            self._needed[key] = pair.required if there - pair.required >= APART else least
+        return self._needed[key]
 
     def margins(
         self, group: PairGroup, position: FloatArray, scenes: tuple[Scenes, IntArray] | None = None

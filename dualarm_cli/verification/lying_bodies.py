@@ -1,7 +1,8 @@
 """Parts that wait before their pick or lie after their place, as bodies that nothing may touch.
 
 A part is where the tool is at the event that picks or places it, measured on the motion. The tool that picks or places
-it may touch it on its lines; from there to its neighbouring stops it must only not reach into it. Parts of which one's
+it may touch it on its lines; from there to its neighbouring stops it must not reach into it, or no deeper than where
+the line there begins or ends. Parts of which one's
 task names the other's in `touches` must not reach into one another.
 """
 
@@ -69,8 +70,9 @@ class LyingBodies:
             )
             found.solids.extend(own)
             for pair in pairs_with_lying([*solids, *found.solids], numbers, job.cell):
-                for contact, during in motion.asked(lying, solids[pair.first], model):
-                    required = -tol.CONTACT_SLACK if contact else pair.required
+                shape = motion.shapes(lying)[pair.second - numbers.start]
+                for depth, during in motion.asked(lying, shape, solids[pair.first], model):
+                    required = pair.required if depth is None else -tol.CONTACT_SLACK - depth
                     if inside := overlaps([there], during):
                         found.pairs.append((replace(pair, required=required), inside))
         return found
@@ -177,23 +179,24 @@ class Played:
         return self.job.cell.held_shapes(task.arm, Held(task.tool, task.part))[1]
 
     def asked(
-        self, lying: LyingPart, solid: Solid, model: pin.Model
-    ) -> list[tuple[bool, list[Span]]]:
-        """Return when a solid must keep its clearance from a part that lies, and when only not reach into it.
+        self, lying: LyingPart, shape: Shape, solid: Solid, model: pin.Model
+    ) -> list[tuple[float | None, list[Span]]]:
+        """Return when a solid must keep its clearance from a part that lies, and when only not reach deeper into it.
 
         Args:
             lying: the part.
+            shape: one of the part's.
             solid: of the robot, a tool, or a part that is carried.
             model: of the robot.
 
         Returns:
-            Whether the two may touch, with the spans [s].
+            The depth to which it may reach [m], None for the clearance, with the spans [s].
         """
         if solid.carrier and not solid.bolted:
             tasks = [t for t in self.job.tasks if t.arm == solid.carrier and t.tool == solid.tool]
             return [
                 (
-                    may_touch(task, lying.task),
+                    0.0 if may_touch(task, lying.task) else None,
                     carrying_spans(self.schedule, self.job, solid, task.id),
                 )
                 for task in tasks
@@ -202,15 +205,15 @@ class Played:
         during = [self.whole]
         if solid.bolted:
             during = carrying_spans(self.schedule, self.job, solid)
-        touching = list[Span]()
+        touching: list[tuple[float | None, list[Span]]] = []
         for key in dict.fromkeys((lying.key, lying.until)):
             if key is None or solid.joint != self._flange(key[0], model).parentJoint:
                 continue
             lines, between = self._at_stop(key)
-            if self._apart(lying, key, solid, model):
-                touching += overlaps(without([between], [lines]), during)
+            depth = self._depth(lying, shape, key, solid, model)
+            touching.append((depth, overlaps(without([between], [lines]), during)))
             during = without(during, [between])
-        return [(False, during), (True, touching)]
+        return [(None, during), *touching]
 
     def _flange(self, arm: str, model: pin.Model) -> pin.Frame:
         return model.frames[
@@ -227,8 +230,10 @@ class Played:
         between = max(before, default=start), min(after, default=end)
         return (span.start, span.end), between
 
-    def _apart(self, lying: LyingPart, key: StopKey, solid: Solid, model: pin.Model) -> bool:
-        """Return whether a tool is apart from the part of its stop at the outer end of the line; its file says so."""
+    def _depth(
+        self, lying: LyingPart, shape: Shape, key: StopKey, solid: Solid, model: pin.Model
+    ) -> float:
+        """Measure how deep a tool reaches into the part of its stop where the line there begins or ends [m]."""
         stop = self.stops[key][1]
         flange, arm = self._flange(key[0], model), key[0]
         own = self.tool_pose(self.events[key])
@@ -236,9 +241,6 @@ class Played:
         line = stop.approach if stop.action == "pick" else stop.retract
         back = pin.SE3(np.eye(3), np.array([0.0, 0.0, line]))
         tool = (flange.placement * self.job.cell.tools[arm].tcp).actInv(solid.pose)
-        for shape in self.shapes(lying):
-            part = shape_solid("", WORLD, back * own.actInv(there), shape)
-            places = [coal.Transform3s(p.rotation, p.translation) for p in (tool, part.pose)]
-            if solid_distance(solid, places[0], part, places[1]) <= 0.0:
-                return False
-        return line > 0.0
+        part = shape_solid("", WORLD, back * own.actInv(there), shape)
+        places = [coal.Transform3s(p.rotation, p.translation) for p in (tool, part.pose)]
+        return max(0.0, -solid_distance(solid, places[0], part, places[1]))

@@ -200,3 +200,51 @@ def test_a_part_on_a_belt_is_where_the_belt_has_it(job_of):
             ),
         )
     assert found.met + 0.005 == pytest.approx(least, abs=1e-3)
+
+
+LOW = [
+    f"{{id: {name}, arm: left, move: {{xyz: [0.45, {y}, 0.53], rpy: [180 deg, 0, 0]}}}}"
+    for name, y in (("before", 0.28), ("after", 0.32))
+]
+"""Moves beside the cubes, 60 mm below the height at which they are gripped."""
+
+
+@pytest.mark.parametrize("deep", [-0.005, 0.008])
+def test_a_tool_without_lines_reaches_no_deeper_into_its_part_than_at_the_grip(job_of, task, deep):
+    """5 mm above the cube, or 8 mm in it; from beside it the tool comes round the edge, not through it."""
+    length = 0.105 + deep
+    tool = f"shapes: [{{box: [0.04, 0.04, {length}], xyz: [0, 0, {0.02 + 0.5 * length}]}}]"
+    bare = ", approach: 0 mm, retract: 0 mm"
+    job = job_of(
+        LOW[0], task("one", (0.45, 0.15, CUBE), (0.45, 0.45, CUBE), bare), LOW[1], tool=tool
+    )
+    job = replace(job, cell=replace(job.cell, obstacles=()))
+    blind = replace(
+        job, cell=replace(job.cell, parts={}), tasks=tuple(replace(t, part="") for t in job.tasks)
+    )
+    through = plan_without_bound(blind, QUICK)
+    verdict = verify(through, job, clearance=True)
+    [failed] = [check for check in verdict.checks if check.verdict == "failed"]
+    assert "left_tool and cube of one at" in failed.detail
+    worst = min(verdict.clearances, key=lambda one: one.margin)
+    assert worst.required == pytest.approx(-0.0005 - max(0.0, deep), abs=1e-6)
+    own, cube = (0.04, 0.04, length), pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.055]))
+    centre = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.1 + 0.5 * length]))
+
+    def deepest(schedule) -> float:
+        """How deep the tool is in the cube at most before its pick and after its place, by coal every 2 ms [m]."""
+        pick, place = (next(e for e in schedule.events if e.action == a) for a in ("pick", "place"))
+        over, depths = place.time + place.dwell, []
+        for first, last, grip in ((0.0, pick.time, pick.time), (over, schedule.duration, over)):
+            times = np.append(np.arange(first, last, 0.002), grip)
+            *poses, there = tool_poses(job, schedule, times)
+            lies = placed((0.06, 0.06, 0.1), there * cube)
+            for pose in poses:
+                asked = coal.DistanceRequest(), coal.DistanceResult()
+                depths.append(-coal.distance(*placed(own, pose * centre), *lies, *asked))
+        return max(depths)
+
+    assert deepest(through) > max(0.0, deep) + 0.005
+    made = plan_without_bound(job, QUICK)
+    assert verify(made, job, clearance=True).passed
+    assert deepest(made) <= max(0.0, deep) + 0.0005

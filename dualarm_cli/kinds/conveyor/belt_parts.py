@@ -7,6 +7,7 @@ import numpy as np
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.stage_samples import KEPT, StageSamples, stage_samples
 from dualarm_cli.collision.clearance import CellClearance
+from dualarm_cli.collision.quick_test import OVERLAP
 from dualarm_cli.collision.rooms import RoomKey, rooms_of
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job
@@ -17,7 +18,7 @@ from dualarm_cli.refusals import Refusal
 def touched_on_belt(job: Job, found: ClearedPlan) -> Refusal | None:
     """Find the first stage of a plan in which something comes too near to a part on a belt; None for none.
 
-    The tool that picks or places the part is left out until its next stop.
+    On its lines, the tool that picks or places the part may touch it; up to its neighbouring stops no more than that.
 
     Args:
         job: decided, with its targets where they are met.
@@ -72,9 +73,12 @@ def _worst(
             part = cell.part_of(number)
             margins, pairs = cell.test.drifting(r, arm, part, samples.position[rows], shift[rows])
             for margin, pair in zip(margins, pairs, strict=True):
+                least = KEPT
                 if arm == own and cell.test.is_on_flange(pair, arm):
-                    continue
+                    room = cell.rooms[r]
+                    needed = min(-OVERLAP, cell.test.needed(pair, arm, (room.task, room.stop)))
+                    least = -np.inf if number % 2 else needed - pair.required
                 k = int(np.argmin(margin))
-                if margin[k] < KEPT:
+                if margin[k] < least:
                     return *cell.test.labels(pair), max(0.0, -float(margin[k])), int(rows[k])
     return None
