@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import resource
+from collections.abc import Mapping
+from dataclasses import field
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -33,6 +35,8 @@ class Diagnostic:
     """What was found, what is allowed, what to do."""
     snippet: str = ""
     """The offending source line, without its end."""
+    about: Mapping[str, object] = field(default_factory=dict, compare=False)
+    """Task, arm, joint, measured value and allowed value or range [SI units], where known."""
 
     @property
     def place(self) -> str:

@@ -78,6 +78,13 @@ class Refusal:
             else self.sentence
         )
 
+    @property
+    def about(self) -> dict[str, object]:
+        """Task, arm, joint, measured value and allowed value [SI units], where known."""
+        known = {"task": self.task or None, "arm": self.arm or None, "joint": self.more.get("joint")}
+        known |= {"value": self.measured, "allowed": self.allowed}
+        return {name: value for name, value in known.items() if value is not None}
+
     def filled(self, template: str) -> str:
         """Returns a template with the data in it."""
         data = {

@@ -116,7 +116,7 @@ def _impossible(loaded: Loaded) -> list[Diagnostic]:
     if not isinstance(loaded, Job):
         return []
     return [
-        Diagnostic(*one.place.order, CODES[one.what], one.advised)
+        Diagnostic(*one.place.order, CODES[one.what], one.advised, about=one.about)
         for one in job_faults(loaded.blended())
         if one.place is not None
     ]
@@ -196,4 +196,5 @@ def _entry(diagnostic: Diagnostic) -> dict[str, Any]:
         "column": diagnostic.column,
         "code": diagnostic.code,
         "message": diagnostic.message,
+        **diagnostic.about,
     }

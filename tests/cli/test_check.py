@@ -116,6 +116,13 @@ def test_json_is_one_document(folder: Path) -> None:
     assert json.loads(text)["files"][1]["notes"] == []  # a cell that is wrong has errors only
 
 
+def test_a_joint_beyond_its_limits_is_there_as_data(folder: Path) -> None:
+    """2 rad where the URDF has -1 to 1."""
+    (folder / "tasks.yaml").write_text(TASKS.replace("joints: [0.5]", "joints: [2.0]"))
+    [row] = json.loads(run("--json", "tasks.yaml")[1])["files"][0]["diagnostics"]
+    assert [row.get(key) for key in ("joint", "value", "allowed")] == ["j", 2.0, [-1.0, 1.0]]
+
+
 def test_a_terminal_that_knows_ascii_only_gets_escapes(folder: Path) -> None:
     """No crash where the message or the name of a thing has other letters."""
     (folder / "robot.yaml").write_text(ROBOT.replace("name: One", "name: Ünö"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 
 import numpy as np
@@ -52,11 +53,11 @@ def job(tmp_path: Path):
     return made
 
 
-def checked(folder: Path) -> tuple[int, str]:
+def checked(folder: Path, *options: str) -> tuple[int, str]:
     """Exit code and stdout of `dualarm check`."""
     app = typer.Typer()
     app.command()(check_command)
-    result = CliRunner().invoke(app, [str(folder / "tasks.yaml")])
+    result = CliRunner().invoke(app, [str(folder / "tasks.yaml"), *options])
     return result.exit_code, result.stdout
 
 
@@ -91,6 +92,10 @@ def test_check_and_plan_tell_all_faults_with_their_places_before_any_search(
             assert any(f"tasks.yaml:{place}: " in row and words in row for row in text.split("\n"))
     assert "check the units (a plain number is m)" in said
     assert "'good'" not in said
+    rows = json.loads(checked(tmp_path, "--json")[1])["files"][0]["diagnostics"]
+    for task, value in (("deep", 0.01), ("far", miss / 1e3)):
+        [row] = [row for row in rows if row.get("task") == task]
+        assert (row["arm"], row["value"]) == ("left", pytest.approx(value, abs=1e-6))
     places = [line.split(": ")[0].split(":")[-2] for line in said.split("\n") if ": E6" in line]
     assert places == ["3", "5", "10"]
 

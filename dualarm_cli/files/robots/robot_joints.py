@@ -169,9 +169,9 @@ def joint_position(
         else:
             span += f" ({math.degrees(joint.lower):.6g} to {math.degrees(joint.upper):.6g} deg)"
         span += "".join(f", narrowed by {cause}" for cause in joint.narrowed)
-        findings.add(
-            document, loc, f"{quote(value)} is outside the limits of {quote(joint.name)}: {span}"
-        )
+        message = f"{quote(value)} is outside the limits of {quote(joint.name)}: {span}"
+        about = {"joint": joint.name, "value": position, "allowed": [joint.lower, joint.upper]}
+        findings.add(document, loc, message, about=about)
         return None
     # What lies outside by rounding only is put onto the limit.
     return min(max(position, joint.lower), joint.upper)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, get_args
 
 from dualarm_cli.errors import Diagnostic, InputError
@@ -42,9 +43,10 @@ class Findings:
         message: str,
         code: str = "E300",
         key: bool = False,
+        about: Mapping[str, object] | None = None,
     ) -> None:
-        """Adds one finding at the place of a value (or of its key)."""
-        self.extend([document.diagnostic(loc, code, message, key)])
+        """Adds one finding at the place of a value (or of its key), with what is known of it as data."""
+        self.extend([replace(document.diagnostic(loc, code, message, key), about=about or {})])
 
     def extend(self, diagnostics: Iterable[Diagnostic]) -> None:
         """Adds findings; a number that could not be read (E104) is not blamed again."""

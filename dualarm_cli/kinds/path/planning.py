@@ -93,7 +93,8 @@ def check_paths(job: Job) -> list[Diagnostic]:
                 f"{length * 1e3:.4g} mm at {task.path.speed * job.speed * 1e3:.4g} mm/s take {least:.4g} s, but at "
                 f"most {LONGEST:g} s are planned; raise the speed"
             )
-            findings.append(Diagnostic(place.file, place.line, place.column, "E300", message))
+            about = {"task": task.id, "value": least, "allowed": LONGEST}
+            findings.append(Diagnostic(*place.order, "E300", message, about=about))
     return list(dict.fromkeys(findings))
 
 

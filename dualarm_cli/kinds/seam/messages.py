@@ -31,13 +31,15 @@ def seam_faults(job: Job) -> list[Diagnostic]:
                 f"entry: the dwell of {work.dwell_start:g} s does not fit into {entry / job.speed:g} s, the entry's "
                 "duration; raise or remove the duration, or shorten the dwell"
             )
-            findings.append(Diagnostic(*where, message))
+            about = {"value": entry / job.speed, "allowed": work.dwell_start}
+            findings.append(Diagnostic(*where, message, about=about))
         least = seam_bound(work, job.speed)
         if least > LONGEST:
             message = (
                 f"the seam takes {least:.4g} s; at most {LONGEST:g} s are planned: raise the speed"
             )
-            findings.append(Diagnostic(*where, message))
+            about = {"value": least, "allowed": LONGEST}
+            findings.append(Diagnostic(*where, message, about=about))
     return findings
 
 
