@@ -81,7 +81,11 @@ class Refusal:
     @property
     def about(self) -> dict[str, object]:
         """Task, arm, joint, measured value and allowed value [SI units], where known."""
-        known = {"task": self.task or None, "arm": self.arm or None, "joint": self.more.get("joint")}
+        known = {
+            "task": self.task or None,
+            "arm": self.arm or None,
+            "joint": self.more.get("joint"),
+        }
         known |= {"value": self.measured, "allowed": self.allowed}
         return {name: value for name, value in known.items() if value is not None}
 
@@ -214,6 +218,7 @@ _POSTURES = {
     "stop_impossible": "task '{task}': {arm} arm cannot {action}: {cause}",
     "section_begins": "task '{task}' ({arm}): where its work begins {cause}",
     "section_ends": "task '{task}' ({arm}): where its work ends {cause}",
+    "section_passes": "task '{task}' ({arm}): after {share:.0%} of its way {cause}",
     "at_platform_angle": "at best, with the platform at {degrees:.1f} deg",
     "at_platform_place": "at best, with the platform at {millimetres:.1f} mm",
     "platform_stands": "with the platform where it is",

@@ -17,10 +17,12 @@ import pinocchio as pin
 from dualarm_cli.clearing.blocked import grip_faults, reaches_into, start_faults
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.kinds.planning import kind_of, with_needs
+from dualarm_cli.kinds.planning import Section, ToolPoses, kind_of, with_needs
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.curves.tool_path import TURN_LENGTH
 from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.lying import lying_beside
+from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.orders.model.tool_changes import with_changes
 from dualarm_cli.planning.room_rules import room_faults
 from dualarm_cli.postures.holding import Holding, too_near_obstacle
@@ -31,6 +33,8 @@ from dualarm_cli.refusals import Refusal
 
 BELT_STEP = 0.02
 """Distance between the places on a conveyor at which a target is looked at [m]."""
+STRETCHES, MOST_JUNCTIONS = 16, 64
+"""Number of equal stretches of a path or seam, and most meeting pieces, at whose ends it is looked at."""
 FAR = 2.0
 """Distance beyond reach from which a wrong unit is the likely cause [m]."""
 UPWARDS = 0.5
@@ -113,16 +117,36 @@ class _Faults:
                 yield _by_no_arm(task, arms, [faults[0] for faults in found])
 
     def of_sections(self) -> Iterator[Refusal]:
-        """Iterate over the faults of the ends of paths and seams."""
+        """Iterate over the faults of paths and seams: of their ends, or else of the farthest place on their way."""
         for section in self.job.sections():
             kind = kind_of(section)
-            ends = ({}, {}) if kind is None else kind.ends(self.job, section)
-            for what, poses in zip(("section_begins", "section_ends"), ends, strict=True):
-                for task in (one for one in section if one.arm in poses):
-                    stop = replace(task.stops[0], target=poses[task.arm], approach=0.0, retract=0.0)
-                    slack = ROUNDING if task.path is None else task.path.tolerance
-                    if cause := self._unreached(task.arm, task, stop, slack):
-                        yield _impossible(what, task.arm, task, stop, cause)
+            if kind is None:
+                continue
+            ends = zip(
+                ("section_begins", "section_ends"), kind.ends(self.job, section), strict=True
+            )
+            faults = [one for what, poses in ends for one in self._of_poses(section, what, poses)]
+            if not faults:
+                middle = [
+                    replace(one, more={**one.more, "share": share})
+                    for share in _shares(section[0].path)
+                    for one in self._of_poses(
+                        section, "section_passes", kind.along(self.job, section, share)
+                    )
+                ]
+                faults = sorted(middle, key=lambda one: -(one.measured or 0.0))[:1]
+            yield from faults
+
+    def _of_poses(self, section: Section, what: str, poses: ToolPoses) -> Iterator[Refusal]:
+        """Iterate over the faults of the tools' poses at one place of a path or seam."""
+        for task in (one for one in section if one.arm in poses):
+            stop = replace(task.stops[0], target=poses[task.arm], approach=0.0, retract=0.0)
+            slack, turn = ROUNDING, 0.0
+            if (work := task.path) is not None:
+                slack = work.tolerance + work.blend
+                turn = slack / TURN_LENGTH
+            if cause := self._unreached(task.arm, task, stop, slack, turn):
+                yield _impossible(what, task.arm, task, stop, cause)
 
     def _fault(self, arm: str, task: Task, stop: Stop) -> Refusal | None:
         """Return why an arm cannot make a stop of its task, with what would help; None where that is not proven."""
@@ -154,7 +178,7 @@ class _Faults:
         return None if found is None else reaches_into(task, stop, arm, *found)
 
     def _unreached(
-        self, arm: str, task: Task, stop: Stop, slack: float = ROUNDING
+        self, arm: str, task: Task, stop: Stop, slack: float = ROUNDING, turn: float = 0.0
     ) -> Refusal | None:
         """Return why a target is out of an arm's reach, wherever a conveyor has it; None where that is not proven."""
         if not self._is_placed:
@@ -170,15 +194,24 @@ class _Faults:
             [seen] = stage_problems(
                 self.model, self._clock, self._start, here[None], {arm: (task, place)}, refine=False
             )
-            cause = out_of_reach(self.model, self._start, seen[arm], slack)
+            cause = out_of_reach(self.model, self._start, seen[arm], slack, turn)
             if cause is None:
                 return None
             first = first or cause
         return first
 
 
+def _shares(work: PathWork | None) -> list[float]:
+    """Return shares of a path or seam at which it is looked at, where pieces meet among them; without both ends."""
+    found = [k / STRETCHES for k in range(1, STRETCHES)]
+    for path in () if work is None else work.paths.values():
+        step = -(-len(path.junctions) // MOST_JUNCTIONS) or 1
+        found += [at / path.length for at in path.junctions[::step]]
+    return sorted(set(found))
+
+
 def _impossible(what: str, arm: str, task: Task, stop: Stop, cause: Refusal) -> Refusal:
-    """Return the fault of a stop, or of an end of a path or seam, that is out of reach."""
+    """Return the fault of a stop, or of a place of a path or seam, that is out of reach."""
     remedy: tuple[str, ...] = ("check_unit",) if (cause.measured or 0.0) > FAR else ()
     if what != "stop_impossible":
         remedy += ("move_work",)

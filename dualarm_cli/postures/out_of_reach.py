@@ -36,7 +36,11 @@ COARSE, FINE = np.radians(6.0), np.radians(0.5)
 
 
 def out_of_reach(
-    model: CellModel, position: FloatArray, stop: StopProblem, slack: float = ROUNDING
+    model: CellModel,
+    position: FloatArray,
+    stop: StopProblem,
+    slack: float = ROUNDING,
+    turn: float = 0.0,
 ) -> Refusal | None:
     """Return why an arm has no posture for a stop, whatever else is done; None where that is not proven.
 
@@ -45,9 +49,13 @@ def out_of_reach(
         position: all joints where the motion starts [rad or m], shape (n,); a platform of one joint may be anywhere.
         stop: the arm's stop as seen with the platform there.
         slack: how far the tool may stay away from its target [m].
+        turn: how far it may turn away from it [rad].
     """
     if stop.configurations is not None:
         return None
+    if turn:
+        lever, _ = _miss(stop.arm, stop.R_tool_flange, stop.p_tool_flange)
+        slack += turn * float(norm(lever))
     names = point_names(stop)
     for moved, gap in _platform_moves(model, position):
         flanges = moved_flanges(stop, model.platform, moved)

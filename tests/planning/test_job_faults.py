@@ -200,6 +200,26 @@ def test_what_a_posture_within_limits_reaches_is_never_refused(robot, tmp_path, 
         assert out_of_reach(model, start, seen) is None
 
 
+def test_a_path_that_leaves_reach_on_its_way_is_a_fault_there(job):
+    """Both ends 0.65 m before the shoulder; the corner, half way, at (1, 0, 0.116) m; what its blend may save is not.
+
+    The tools lie 150 + 126 mm over the path, and the wrist reaches 0.82 m. A tolerance of 200 mm would save it.
+    """
+    path = (
+        "through: [{{xyz: [0.5, 0.9, 0.2], {d}}}, {{xyz: [1, 0.5, 0.2]}}, {{xyz: [0.5, 0.1, 0.2]}}]"
+    )
+    task = f"  - {{id: weld, arm: left, path: {{{path.format(d=DOWN)}, speed: 0.1}}}}\n"
+    [fault] = job_faults(job(task).blended())
+    miss = np.hypot(1.0, 0.116) - 0.82
+    assert fault.measured == pytest.approx(miss, abs=1e-6)
+    assert fault.sentence.startswith(
+        f"task 'weld' (left): after 50% of its way the target is {1e3 * miss:.1f} mm beyond"
+    )
+    loose = task.replace("speed: 0.1", "speed: 0.1, blend: 200 mm")
+    assert job_faults(job(loose).blended()) == []
+    assert job_faults(job(task.replace("[1, 0.5", "[0.7, 0.5")).blended()) == []
+
+
 def test_a_conveyor_brings_a_target_within_reach(job):
     """Out of reach where it passes, 1.2 m ahead, and 0.5 m ahead at the end; with less of its way it is a fault."""
     belt = IIWAS + "conveyors: {belt: {velocity: [-0.1, 0, 0]}}\n"

@@ -204,13 +204,14 @@ def default_follower(context: PathContext) -> str:
 
 def path_ends(job: Job, section: Section) -> tuple[ToolPoses, ToolPoses]:
     """Returns the tools' poses where a path begins and where it ends, of the arms that follow it."""
+    return path_poses(job, section, 0.0), path_poses(job, section, 1.0)
+
+
+def path_poses(job: Job, section: Section, share: float) -> ToolPoses:
+    """Return the poses of the tools that follow a path at a share of it, 0 to 1."""
     work = section[0].path
     assert work is not None
-    first, last = (
-        {arm: PoseTarget(path.pose(share * path.length)) for arm, path in work.paths.items()}
-        for share in (0.0, 1.0)
-    )
-    return first, last
+    return {arm: PoseTarget(path.pose(share * path.length)) for arm, path in work.paths.items()}
 
 
 def least_time(job: Job, section: Section) -> float:
@@ -229,5 +230,6 @@ PLANNING = KindPlanning(
     notes=lambda job, settings, motion: path_job_notes(job, settings.platform, motion),
     add=add_path,
     ends=path_ends,
+    along=path_poses,
     least=least_time,
 )

@@ -123,14 +123,19 @@ def seam_ends(job: Job, section: Section) -> tuple[ToolPoses, ToolPoses]:
     """
     work = section[0].seam
     assert work is not None
+    first, last = (
+        seam_poses(job, section, *at) for at in ((0.0, work.approach), (1.0, work.retract))
+    )
+    return first, last
+
+
+def seam_poses(job: Job, section: Section, share: float, line: float = 0.0) -> ToolPoses:
+    """Return the tools' poses at a share of a seam, the slave's drawn back by `line` [m], where the file gives them."""
+    work = section[0].seam
+    assert work is not None
+    found: dict[str, PoseTarget] = {}
     if work.master is not None and not work.hold.given:
-        return {}, {}
-    return _poses(job, work, 0.0, work.approach), _poses(job, work, 1.0, work.retract)
-
-
-def _poses(job: Job, work: SeamWork, share: float, line: float) -> ToolPoses:
-    """Returns the tools' poses at a share of a seam, the slave's drawn back by `line` [m]; the part's pose is given."""
-    found = {}
+        return found
     part = work.part
     if work.master is not None:
         part = _pose(*work.hold.at(np.array([share])))
@@ -172,6 +177,7 @@ PLANNING = KindPlanning(
     add=add_seam_section,
     opens=seam_opens,
     ends=seam_ends,
+    along=seam_poses,
     least_transfer=least_entry,
     least=least_time,
 )
