@@ -11,10 +11,12 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import arctan2, cos, sin
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.closed_arm import ClosedArm
-from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.general_arm import TURN, GeneralArm
+from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.kinematics.wrist_arm import WristArm
@@ -55,7 +57,7 @@ def out_of_reach(
         return None
     if turn:
         lever, _ = _miss(stop.arm, stop.R_tool_flange, stop.p_tool_flange)
-        slack += turn * float(norm(lever))
+        slack += turn * (float(norm(lever)) + _last_link(stop.arm))
     names = point_names(stop)
     for moved, gap in _platform_moves(model, position):
         flanges = moved_flanges(stop, model.platform, moved)
@@ -167,11 +169,11 @@ def _beyond(
         away = point - p + product(R, product(stop.R_tool_flange.T, stop.p_tool_flange))
         axis = product(R, stop.R_tool_flange[2])
         across = away - axis * (away * axis).sum(axis=-1, keepdims=True)
-        moved += norm(across, axis=-1) * (np.pi / miss.shape[1])
+        moved += (norm(across, axis=-1) + _last_link(stop.arm)) * (np.pi / miss.shape[1])
     if model.platform.is_rail:
         moved += gap
     else:
-        moved += norm(point[..., :2], axis=-1) * gap
+        moved += (norm(point[..., :2], axis=-1) + _last_link(stop.arm)) * gap
     return True if bool((miss > moved).all()) else None
 
 
@@ -180,9 +182,46 @@ def _miss(arm: SrsArm | GeneralArm, R: FloatArray, p: FloatArray) -> tuple[Float
     if isinstance(arm, SrsArm | WristArm):
         return arm.wrist_center(R, p), arm.reach_miss(R, p)
     # The last joint's origin, which that joint does not move: no farther from the first than all links together.
-    point = p - product(R, product(arm.R_last_flange.T, arm.p_last_flange))
-    links = norm(arm.p_parent_joint[1:], axis=1).sum()
+    R_last = product(R, arm.R_last_flange.T)
+    point = p - product(R_last, arm.p_last_flange)
+    links = norm(arm.p_parent_joint, axis=1)
     slides = list(arm.slides)
     ways = np.maximum(np.abs(arm.lower[slides]), np.abs(arm.upper[slides])).sum()
-    distance = norm(point - arm.p_parent_joint[0], axis=-1)
-    return point, np.maximum(0.0, distance - links - ways)
+    distance = norm(point - arm.p_parent_joint[0], axis=-1) - links[1:].sum() - ways
+    last = len(links) - 1
+    if not {0, last} & set(slides):
+        # The joint before it is on a circle about the last axis, the second joint on one about the first.
+        low, high = _turns_within(arm, last)
+        angles = np.linspace(low, high, 2 + int((high - low) / COARSE))
+        link = product(arm.R_parent_joint[last].T, arm.p_parent_joint[last])
+        turned = product(rotation_z(-angles), link)
+        before = point[..., None, :] - np.einsum("...ij,gj->...gi", R_last, turned)
+        step = 0.5 * (angles[1] - angles[0]) * float(norm(link[:2]))
+        nearest = _distance_to_second(arm, before).min(axis=-1) - step
+        distance = np.maximum(distance, nearest - links[2:last].sum() - ways)
+    return point, np.maximum(0.0, distance)
+
+
+def _distance_to_second(arm: GeneralArm, point: FloatArray) -> FloatArray:
+    """Compute how far points (..., 3) [m] are from all places of the second joint's origin, shape (...)."""
+    v = product(point - arm.p_parent_joint[0], arm.R_parent_joint[0])
+    x, y, z = arm.p_parent_joint[1].tolist()
+    low, high = _turns_within(arm, 0)
+    away = arctan2(v[..., 1], v[..., 0]) - float(arctan2(y, x)) - 0.5 * (low + high)
+    away = np.abs(away - TURN * np.round(away / TURN))
+    bend = np.maximum(0.0, away - 0.5 * (high - low))
+    radius, far = float(norm(np.array([x, y]))), norm(v[..., :2], axis=-1)
+    along = far - radius * cos(bend)
+    squared = np.square(along) + np.square(radius * sin(bend)) + np.square(v[..., 2] - z)
+    return np.asarray(np.sqrt(squared))
+
+
+def _turns_within(arm: GeneralArm, joint: int) -> tuple[float, float]:
+    """Return a joint's limits [rad], one whole turn where it has more."""
+    low, high = float(arm.lower[joint]), float(arm.upper[joint])
+    return (low, high) if high - low < TURN else (-np.pi, np.pi)
+
+
+def _last_link(arm: SrsArm | GeneralArm) -> float:
+    """Return how far from the fixed point of `_miss` the points are that it looks at [m]."""
+    return 0.0 if isinstance(arm, SrsArm | WristArm) else float(norm(arm.p_parent_joint[-1]))
