@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.geometry.elementary import arctan2, cos, sin
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.elementary import arccos, arctan2, cos, sin
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.closed_arm import ClosedArm
@@ -19,6 +19,7 @@ from dualarm_cli.kinematics.general_arm import TURN, GeneralArm
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs.srs_limits import some_turn_within
 from dualarm_cli.kinematics.wrist_arm import WristArm
 from dualarm_cli.postures.problem import StopProblem
 from dualarm_cli.postures.reach import (
@@ -33,6 +34,8 @@ from dualarm_cli.refusals import Refusal
 
 ROUNDING = 1e-6
 """Distance beyond reach [m], and turn [rad], that prove nothing."""
+ELBOWS, SAMPLES, TINY = 60, 64, 1e-9
+"""Elbows looked at on their circle, poses tried first, and least divisor [m]."""
 COARSE, FINE = np.radians(6.0), np.radians(0.5)
 """Spacings of the platform positions that are looked at, the finer one where the coarse one leaves it open [rad]."""
 
@@ -61,7 +64,7 @@ def out_of_reach(
     names = point_names(stop)
     for moved, gap in _platform_moves(model, position):
         flanges = moved_flanges(stop, model.platform, moved)
-        verdicts = [_beyond(model, stop, flange, gap, slack) for flange in flanges]
+        verdicts = [_beyond(model, stop, flange, gap, slack, turn) for flange in flanges]
         for name, beyond, number in zip(names, verdicts, range(len(names)), strict=True):
             if beyond:
                 return _how_far(model, position, stop, name, number)
@@ -103,7 +106,7 @@ def _how_far(
     where = _stands(model)
     if model.platform.is_chosen:
         where = at_platform(model.platform, angles[best // signed.shape[1]])
-    what = "too_near_shoulder" if miss < 0.0 else "beyond_reach"
+    what = "too_near_shoulder" if miss < 0.0 else "beyond_reach" if miss else "beyond_limits"
     if isinstance(stop.arm, GeneralArm):
         what = "flange_not_there"
     return Refusal(what, measured=abs(miss), more={"point": name, "where": where})
@@ -149,6 +152,7 @@ def _beyond(
     flange: tuple[FloatArray, FloatArray],
     gap: float,
     slack: float,
+    turn: float,
 ) -> bool | None:
     """Return whether a pose is beyond reach at all positions and turns: False where one reaches it, None if unknown.
 
@@ -158,11 +162,18 @@ def _beyond(
         flange: rotations (a, y, 3, 3) and positions (a, y, 3) [m] at a platform positions and y turns.
         gap: largest distance of a platform position from one of these [rad or m].
         slack: how far the tool may stay away [m].
+        turn: how far it may turn away [rad].
     """
     R, p = flange
     point, miss = _miss(stop.arm, R, p)
-    if bool((miss <= slack).any()):
-        return False
+    near = np.argwhere(miss <= slack)
+    if len(near):
+        a, y = near[:: 1 + len(near) // SAMPLES].T
+        if (
+            not isinstance(stop.arm, SrsArm)
+            or _elbow_fits(stop.arm, R[a, y], p[a, y], *np.zeros((2, len(a)))).any()
+        ):
+            return False
     moved = np.full(miss.shape, slack)
     if _turns(stop):
         # Between two turns the point moves along a circle about the tool's axis.
@@ -170,11 +181,72 @@ def _beyond(
         axis = product(R, stop.R_tool_flange[2])
         across = away - axis * (away * axis).sum(axis=-1, keepdims=True)
         moved += (norm(across, axis=-1) + _last_link(stop.arm)) * (np.pi / miss.shape[1])
+        turn += np.pi / miss.shape[1]
     if model.platform.is_rail:
         moved += gap
     else:
         moved += (norm(point[..., :2], axis=-1) + _last_link(stop.arm)) * gap
-    return True if bool((miss > moved).all()) else None
+        turn += gap
+    beyond = miss > moved
+    if isinstance(stop.arm, SrsArm) and not beyond.all():
+        a, y = np.nonzero(~beyond)
+        turned = np.full(len(a), turn)
+        beyond[a, y] = ~_elbow_fits(stop.arm, R[a, y], p[a, y], moved[a, y], turned)
+    return True if bool(beyond.all()) else None
+
+
+def _elbow_fits(
+    arm: SrsArm, R: FloatArray, p: FloatArray, moved: FloatArray, turned: FloatArray
+) -> BoolArray:
+    """Return whether joints 2 and 6 may be within their limits at flange poses, or near to them, shape (k,).
+
+    The elbow is on a circle about the line from shoulder to wrist; both joints bend by what its place says.
+
+    Args:
+        arm: geometry and limits.
+        R: flange rotations, shape (k, 3, 3).
+        p: flange positions [m], shape (k, 3).
+        moved: how far the wrist may be from there [m], shape (k,).
+        turned: how far the flange may be turned from there [rad], shape (k,).
+    """
+    upper, fore = arm.geometry.upper, arm.geometry.fore
+    to_wrist = arm.wrist_center(R, p) - arm.geometry.shoulder
+    distance = np.maximum(norm(to_wrist, axis=1), TINY)
+    along = to_wrist / distance[:, None]
+    # The circle's middle on the line, its radius, and how far the wrist's motion shifts and widens it.
+    links = upper * upper - fore * fore
+    middle = 0.5 * (distance + links / distance)
+    radius = np.sqrt(np.maximum(0.0, upper * upper - middle * middle))
+    shifted = 0.5 * moved * (1.0 + abs(links) / np.square(np.maximum(distance - moved, TINY)))
+    change = shifted * (2.0 * np.maximum(upper, np.abs(middle)) + shifted)
+    wider = np.minimum(np.sqrt(change), change / np.maximum(radius, TINY))
+    aside = np.where(np.abs(along[:, :1]) < 0.7, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    aside = np.cross(along, aside)
+    aside = aside / norm(aside, axis=1, keepdims=True)
+    psi = np.linspace(-np.pi, np.pi, ELBOWS, endpoint=False)[:, None]
+    circle = cos(psi) * aside[:, None] + sin(psi) * np.cross(along, aside)[:, None]
+    elbow = (middle[:, None] * along)[:, None] + radius[:, None, None] * circle
+    # From any elbow to the next one that is looked at: along the circle, by shift and width, and turned with the line.
+    off = radius * (np.pi / ELBOWS) + shifted + wider + 2.0 * upper * moved / distance
+    first_axis, last_axis = arm.canonical.B[:, 2], product(R, arm.canonical.C[2])[:, None]
+    fits = np.ones(elbow.shape[:2], dtype=np.bool_)
+    for joint, link, axis, slack in (
+        (1, elbow, first_axis, off / upper),
+        (5, to_wrist[:, None] - elbow, last_axis, (off + moved) / fore + turned),
+    ):
+        bend = arccos(np.clip((link * axis).sum(axis=-1) / norm(link, axis=-1), -1.0, 1.0))
+        # A chord is at least 2 / pi of its arc.
+        fits &= bend <= _largest_bend(arm, joint) + ROUNDING + 0.5 * np.pi * slack[:, None]
+    return np.asarray(fits.any(axis=1))
+
+
+def _largest_bend(arm: SrsArm, joint: int) -> float:
+    """Return the largest angle between the two links that a joint bends [rad]."""
+    low, high, zero = arm.lower[joint], arm.upper[joint], arm.canonical.offset[joint]
+    if some_turn_within(np.array(np.pi - zero), float(low), float(high)):
+        return np.pi
+    ends = np.array([low, high]) + zero
+    return float(np.abs(ends - TURN * np.round(ends / TURN)).max())
 
 
 def _miss(arm: SrsArm | GeneralArm, R: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -15,13 +15,15 @@ from typer.testing import CliRunner
 from dualarm_cli.cli.check import check_command
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.geometry.rotations import exp_rotation
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job, PoseTarget
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning import planner
 from dualarm_cli.planning.job_faults import job_faults
 from dualarm_cli.planning.planner import plan_without_bound
-from dualarm_cli.postures.out_of_reach import out_of_reach
+from dualarm_cli.postures.out_of_reach import _elbow_fits, out_of_reach
+from dualarm_cli.postures.reach import explain_reach
 from dualarm_cli.postures.stage_problems import stop_problems
 
 IIWAS = """\
@@ -198,6 +200,51 @@ def test_what_a_posture_within_limits_reaches_is_never_refused(robot, tmp_path, 
         stop = dataclasses.replace(task.stops[0], target=target, approach=0.0, retract=0.0)
         seen = stop_problems(model, made, start, {"left": (task, stop)})["left"]
         assert out_of_reach(model, start, seen) is None
+
+
+@pytest.mark.parametrize(("robot", "count", "wide"), [("sda10f", 80, 0.9), ("yumi", 20, 0.6)])
+def test_most_of_what_no_posture_reaches_is_proven(job, robot, count, wide):
+    """At random poses about the robot, every second one with the tool down; IK at samples says what is reached.
+
+    With a platform that turns, limits of the shoulder and the wrist are what is missed; with seven axes that do not
+    meet, what the first and the last joint can do.
+    """
+    made = job(GOOD, "", f"dualarm: cell/1\nrobot: {robot}\n")
+    model, start, task = CellModel.from_cell(made.cell), np.array(made.start_joints), made.tasks[0]
+    random, seen = np.random.default_rng(3), []
+    for k in range(count):
+        axis = random.normal(size=3)
+        turn = (
+            pin.exp3(np.pi * axis / np.sqrt(axis @ axis)) if k % 2 else np.diag([1.0, -1.0, -1.0])
+        )
+        pose = pin.SE3(turn, np.array([0.0, 0.0, wide + 0.1]) + random.uniform(-wide, wide, 3))
+        target = dataclasses.replace(task.stops[0], target=PoseTarget(pose), approach=0.0)
+        stop = stop_problems(model, made, start, {"left": (task, target)})["left"]
+        refused = explain_reach(model, start, stop) is not None
+        seen.append((refused, out_of_reach(model, start, stop) is not None))
+    assert (False, True) not in seen
+    unreached = [proven for refused, proven in seen if refused]
+    assert 8 < len(unreached) < count
+    assert sum(unreached) >= 0.9 * len(unreached)
+
+
+def test_the_elbow_of_a_posture_within_limits_is_found_near_its_pose(job):
+    """Random joints, ends of limits and stretched arms among them; the pose moved as much as is allowed for."""
+    made = job(GOOD, "", "dualarm: cell/1\nrobot: sda10f\n")
+    arm, random = CellModel.from_cell(made.cell).arms["left"].kinematics, np.random.default_rng(7)
+    size = (2000, 7)
+    q = random.uniform(arm.lower, arm.upper, size)
+    q = np.where(random.random(size) < 0.3, random.choice([arm.lower, arm.upper]), q)
+    q = np.where(random.random(size) < 0.2, 0.0, q)
+    R, p = arm.forward(q)
+    moved, turned = random.uniform(0.0, 0.05, 2000), random.uniform(0.0, 0.2, 2000)
+    ways, axes = (
+        vectors / np.sqrt((vectors * vectors).sum(axis=1, keepdims=True))
+        for vectors in random.normal(size=(2, 2000, 3))
+    )
+    wrist = arm.wrist_center(R, p) + moved[:, None] * ways
+    R = exp_rotation(turned[:, None] * axes) @ R
+    assert _elbow_fits(arm, R, wrist - R @ arm.geometry.p_flange_wrist, moved, turned).all()
 
 
 def test_a_path_that_leaves_reach_on_its_way_is_a_fault_there(job):
