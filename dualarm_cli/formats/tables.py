@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import pinocchio as pin
 
+from dualarm_cli.compiled import decimals
 from dualarm_cli.exporting.files import EVENTS, SAMPLES, TARGETS
-from dualarm_cli.formats.decimals import table_text
 from dualarm_cli.formats.request import Column, ExportRequest
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import StopKey
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.verification.as_done import events_by_stage
@@ -33,6 +35,8 @@ SAME_TIME = 1e-6
 """Instants that differ by less are one [s]."""
 POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 """Columns of a pose in the world: position [m], unit quaternion."""
+ZEROS = re.compile(r"\.?0+(?=[,\n])")
+"""What a number with a decimal point ends with and does not need."""
 
 
 def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
@@ -166,3 +170,21 @@ def _safe(text: str) -> str:
     """Returns a name that no spreadsheet takes for a formula and that needs no quotes."""
     plain = "".join("_" if c in ',"\r\n' else c for c in text)
     return f"'{plain}" if plain.startswith(FORMULA) else plain
+
+
+def table_text(rows: FloatArray, digits: Sequence[int]) -> bytes:
+    """Returns numbers as lines, with commas between them, without zeros at the end and without -0.
+
+    Args:
+        rows: the numbers, shape (m, n).
+        digits: of each column, how many are written after the point, from 1 to `decimals.PLACES`, shape (n,).
+    """
+    if (np.abs(rows) <= decimals.LARGEST).all():
+        return decimals.table_text(rows, digits)
+    # Of any size, or none: as of a schedule that the verifier would refuse.
+    row = ",".join(f"%.{count}f" for count in digits) + "\n"
+    # Rounded first, so that there is no -0.
+    rounded = np.column_stack(
+        [np.round(column, count) + 0.0 for column, count in zip(rows.T, digits, strict=True)]
+    )
+    return ZEROS.sub("", "".join(row % tuple(values) for values in rounded.tolist())).encode()

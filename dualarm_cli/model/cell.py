@@ -1,4 +1,4 @@
-"""Cell: a robot at its place, with tools, named frames and the things it must not touch."""
+"""Cell: a robot at its place, with tools, named frames, places for parts and the things it must not touch."""
 
 from __future__ import annotations
 
@@ -144,3 +144,19 @@ class Cell:
         T_own_tool = self.T_own_tool(arm, held.tool)
         part = self.parts[held.part] if held.part else ()
         return of_tool, tuple(replace(shape, pose=T_own_tool * shape.pose) for shape in part)
+
+
+@dataclass(frozen=True)
+class Buffer:
+    """Places for parts that are all alike: whoever takes one takes any.
+
+    A place takes its room from its event on, the tool at the target; its part can be taken once its dwell is over. A
+    pick takes its part at its event, and frees the room once its dwell is over.
+    """
+
+    capacity: int
+    """How many parts it has room for."""
+    initial: int = 0
+    """How many are in it at the start."""
+    place: Place = NOWHERE
+    """Where it is written."""

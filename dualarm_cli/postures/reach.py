@@ -10,10 +10,11 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.numeric_inverse import least_distances, solve_poses
 from dualarm_cli.kinematics.platform_chain import PlatformChain, rotation_z
 from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
-from dualarm_cli.postures import StopProblem, numeric_reach
+from dualarm_cli.postures import StopProblem
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
@@ -27,6 +28,8 @@ REACH_SLACK = 1e-9
 """How far a wrist may be beyond the reach by rounding before the arm angles are looked at [m]."""
 SCAN_TRIES = 24
 """Reachable angles, nearest first, at which the whole stage is tried."""
+NUMERIC_STEP = np.radians(10.0)
+"""Spacing of the platform angles that are looked at for arms without closed forms [rad]."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +133,7 @@ def scanned_positions(model: CellModel, position: FloatArray) -> tuple[FloatArra
     here = float(position[model.platform_columns][0])
     low, high = model.platform.around(here, float(limits.lower[0]), float(limits.upper[0]))
     numeric = any(isinstance(arm.kinematics, GeneralArm) for arm in model.arms.values())
-    step = model.platform.spacing(numeric_reach.SCAN_STEP if numeric else SCAN_STEP, low, high)
+    step = model.platform.spacing(NUMERIC_STEP if numeric else SCAN_STEP, low, high)
     return np.append(np.arange(low, high, step), high), here
 
 
@@ -155,7 +158,7 @@ def _points(stop: StopProblem, platform: PlatformChain, turn: FloatArray) -> lis
     points = []
     for name, (R, p) in zip(point_names(stop), moved_flanges(stop, platform, turn), strict=True):
         if isinstance(stop.arm, GeneralArm):
-            points.append(_PointReach(name, *numeric_reach.numeric_reach(stop.arm, R, p)))
+            points.append(_PointReach(name, *numeric_reach(stop.arm, R, p)))
             continue
         feasible = np.asarray(feasible_arm_angles(stop.arm, R, p).count.any(axis=-1))
         points.append(_PointReach(name, feasible, srs_miss(stop.arm, R, p)))
@@ -204,3 +207,30 @@ def moved_flanges(
         (R, target - R_tool[..., :, 2] * depth + product(R_tool, stop.p_tool_flange))
         for depth in depths
     ]
+
+
+def numeric_reach(arm: GeneralArm, R: FloatArray, p: FloatArray) -> tuple[BoolArray, FloatArray]:
+    """Returns which flange poses some posture within limits reaches, and by how much the others are missed [m].
+
+    The miss is the least distance found with the rotation as it should be. Where no pose is reached it is looked for at
+    the most promising ones only, and infinite at all others.
+
+    Args:
+        arm: kinematics and limits.
+        R: flange rotations in the carried frame, shape (a, y, 3, 3).
+        p: flange positions [m], shape (a, y, 3).
+    """
+    R = np.broadcast_to(R, (*p.shape[:-1], 3, 3))
+    flat_R, flat_p = R.reshape(-1, 3, 3), p.reshape(-1, 3)
+    found = solve_poses(arm, flat_R, flat_p, first_only=True)
+    feasible = (found.miss == 0.0).all(axis=1)
+    miss = np.where(feasible, 0.0, found.miss.sum(axis=1))
+    if not feasible.any():
+        far = norm(flat_p - arm.p_parent_joint[0], axis=1)
+        nearest = np.unique(
+            [*np.argsort(miss, kind="stable")[:6], *np.argsort(far, kind="stable")[:6]]
+        )
+        exact = least_distances(arm, flat_R[nearest], flat_p[nearest])
+        miss = np.full(len(flat_p), np.inf)
+        miss[nearest] = exact
+    return feasible.reshape(p.shape[:-1]), miss.reshape(p.shape[:-1])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dualarm_cli.formats.decimals import table_text
+from dualarm_cli.formats.tables import table_text
 
 DIGITS = (9, 9, 7, 5, 1)
 

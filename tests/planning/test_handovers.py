@@ -16,7 +16,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.handover.reading import handover_shares
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.buffer import Buffer
+from dualarm_cli.model.cell import Buffer
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.motion import realise

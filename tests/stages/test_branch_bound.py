@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.bound.bound import lower_bound
-from dualarm_cli.bound.branches import branch_cells
+from dualarm_cli.bound.layers import branch_cells
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
