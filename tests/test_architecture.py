@@ -277,6 +277,17 @@ MATH = {
     ),
     *("expm1", "log", "log10", "log1p", "log2", "pow", "sin", "sinh", "sumprod", "tan", "tanh"),
 }
+SCIPY = {
+    "geometry/splines.py": {"scipy.interpolate": "values of B-splines, by loops"},
+    "kinds/path/following/arm_angle.py": {
+        "scipy.interpolate": "a cubic spline of one number: a tridiagonal system, by a loop (gtsv)",
+        "scipy.linalg": "a tridiagonal system, by a loop (ptsv)",
+    },
+    "kinds/seam/closed_chain/program.py": {"scipy.sparse": "matrices and their products, by loops"},
+    "orders/proof/relaxation.py": {"scipy.optimize": "an assignment: sums and comparisons"},
+    "files/robots/meshes.py": {"scipy.spatial": "convex hulls of meshes, by qhull"},
+}
+"""Modules that may use parts of scipy, and why these are the same on every processor."""
 HINTS = {
     "@": "product of geometry.products",
     "**": "np.square, np.sqrt, or cube and power of geometry.elementary",
@@ -284,10 +295,20 @@ HINTS = {
 }
 
 
-def processor_dependent(source):
-    """Returns lines, and what in them depends on the processor and should be used instead."""
+def processor_dependent(source, allowed=()):
+    """Returns lines, and what in them depends on the processor and should be used instead.
+
+    Args:
+        source: of a module.
+        allowed: modules of scipy that it may use.
+    """
     found = []
     for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            names = [alias.name for alias in node.names]
+            for name in [node.module or ""] if isinstance(node, ast.ImportFrom) else names:
+                if name.split(".")[0] == "scipy" and name not in allowed:
+                    found.append((node.lineno, f"geometry's function for {name}"))
         if isinstance(node, ast.BinOp | ast.AugAssign) and isinstance(node.op, ast.MatMult):
             found.append((node.lineno, HINTS["@"]))
         elif isinstance(node, ast.BinOp | ast.AugAssign) and isinstance(node.op, ast.Pow):
@@ -313,10 +334,18 @@ def test_what_decides_is_the_same_on_every_processor():
         name = path.relative_to(PACKAGE).as_posix()
         if name in OWNERS or any(name.startswith(f"{folder}/") for folder in FREE):
             continue
-        for line, instead in processor_dependent(path.read_text(encoding="utf-8")):
+        source = path.read_text(encoding="utf-8")
+        for line, instead in processor_dependent(source, SCIPY.get(name, ())):
             found.append(f"dualarm_cli/{name}:{line}: use {instead}")
     assert not found, "\n".join(found)
     needless = [n for n in OWNERS if not processor_dependent((PACKAGE / n).read_text("utf-8"))]
+    needless += [
+        (n, part)
+        for n, parts in SCIPY.items()
+        for part in parts
+        if len(processor_dependent((PACKAGE / n).read_text("utf-8"), parts))
+        == len(processor_dependent((PACKAGE / n).read_text("utf-8"), parts.keys() - {part}))
+    ]
     assert needless == []
 
 
@@ -334,6 +363,8 @@ def test_what_decides_is_the_same_on_every_processor():
         "np.argsort(x)",
         "x.argsort()",
         'np.argsort(x, kind="quicksort")',
+        "from scipy.linalg import solve",
+        "import scipy.interpolate",
     ],
 )
 def test_each_of_them_is_noticed(source):

@@ -10,6 +10,8 @@ from dualarm_cli.geometry.products import norm, product
 
 SMALL = 1e-6
 """Angles below this are taken by their series [rad]."""
+NEAR = 0.03
+"""Angles below which factors of rates are taken by their series [rad]."""
 
 
 def skew(vector: FloatArray) -> FloatArray:
@@ -30,6 +32,43 @@ def exp_rotation(vector: FloatArray) -> FloatArray:
     )
     K = skew(vector)
     return np.eye(3) + one * K + two * product(K, K)
+
+
+def right_jacobian(vector: FloatArray) -> FloatArray:
+    """Return matrices (..., 3, 3) from rates of rotation vectors (..., 3) to angular velocities in the turned frame."""
+    one, two, _, _ = (factor[..., None] for factor in _jacobian_factors(vector))
+    K = skew(vector)
+    return np.eye(3) - one * K + two * product(K, K)
+
+
+def jacobian_rate(vector: FloatArray, rate: FloatArray) -> FloatArray:
+    """Return the angular acceleration (..., 3) of rotation vectors (..., 3) with constant rates (..., 3)."""
+    _, two, three, four = _jacobian_factors(vector)
+    once, along = np.cross(vector, rate), (vector * rate).sum(axis=-1, keepdims=True)
+    twice = np.cross(vector, once)
+    return np.asarray(two * np.cross(rate, once) + along * (four * twice - three * once))
+
+
+def _jacobian_factors(vector: FloatArray) -> tuple[FloatArray, ...]:
+    """Return the factors of `right_jacobian` and of its change, each (..., 1)."""
+    angle = norm(vector, axis=-1, keepdims=True)
+    small, square = angle < NEAR, np.square(angle)
+    safe = np.where(small, 1.0, angle)
+    one = (1.0 - cos(safe)) / np.square(safe)
+    two = (safe - sin(safe)) / (safe * np.square(safe))
+    three, four = (
+        (sin(safe) / safe - 2.0 * one) / np.square(safe),
+        (one - 3.0 * two) / np.square(safe),
+    )
+    series = (
+        0.5 - square / 24.0 + square * square / 720.0,
+        1.0 / 6.0 - square / 120.0 + square * square / 5040.0,
+        -1.0 / 12.0 + square / 180.0,
+        -1.0 / 60.0 + square / 1260.0,
+    )
+    return tuple(
+        np.where(small, *pair) for pair in zip(series, (one, two, three, four), strict=True)
+    )
 
 
 def rpy_angles(R: FloatArray) -> FloatArray:
@@ -81,3 +120,10 @@ def to_quaternion(R: FloatArray) -> FloatArray:
     row = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
     found: FloatArray = row / norm(row, axis=-1, keepdims=True)
     return found
+
+
+def from_quaternion(q: FloatArray) -> FloatArray:
+    """Return rotations (..., 3, 3) by quaternions x, y, z, w (..., 4) of any length."""
+    q = q / norm(q, axis=-1, keepdims=True)
+    K = skew(q[..., :3])
+    return np.asarray(np.eye(3) + 2.0 * (q[..., 3, None, None] * K + product(K, K)))

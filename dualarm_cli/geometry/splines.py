@@ -1,4 +1,4 @@
-"""Quintic splines through values, with the same bits on every processor; scipy's own solves them by LAPACK."""
+"""Splines through values and rotations, with the same bits on every processor; scipy's solves them by LAPACK."""
 
 from __future__ import annotations
 
@@ -8,11 +8,16 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.geometry.linear_systems import solve_banded
+from dualarm_cli.geometry.linear_systems import inverse, solve_banded
+from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.geometry.rotations import exp_rotation, jacobian_rate, log_rotation, right_jacobian
+from dualarm_cli.records import dataclass
 
 DEGREE = 5
 AROUND = 48
 """Values repeated beyond each end of a closed spline: what happens at their ends is below the last digit within."""
+ROUNDS, SETTLED = 30, 1e-13
+"""Most rounds in which the rates of turning are found, and their relative change that ends it."""
 Rates = Sequence[tuple[int, FloatArray]]
 """Orders of derivatives at an end, ascending, and their values (d,)."""
 
@@ -68,3 +73,90 @@ def closed_quintic_spline(x: FloatArray, y: FloatArray) -> Any:
     # The last digits too are the same a turn later.
     c = unrolled.c[AROUND - 2 + np.arange(n + DEGREE) % n]
     return BSpline(t, c, DEGREE, extrapolate="periodic")
+
+
+@dataclass(frozen=True)
+class CubicSteps:
+    """Cubic polynomials from knot to knot, each from zero: a C2 spline, without curvature at its ends."""
+
+    knots: FloatArray
+    """Parameters of the knots, rising, shape (n,)."""
+    powers: FloatArray
+    """Coefficients of t, t² and t³ by step, shape (3, n - 1, d)."""
+
+    def at(self, u: FloatArray) -> tuple[Any, FloatArray, FloatArray]:
+        """Compute step numbers (k,), way from their first knot (k, d) and its rate (k, d) at parameters (k,)."""
+        step = np.clip(np.searchsorted(self.knots, u, side="right") - 1, 0, len(self.knots) - 2)
+        t = (u - self.knots[step])[:, None]
+        one, two, three = self.powers[:, step]
+        way = t * (one + t * (two + t * three))
+        return step, way, one + t * (2.0 * two + 3.0 * t * three)
+
+
+@dataclass(frozen=True)
+class PoseSpline:
+    """Natural cubic splines through positions and rotations: C2, the latter in angular velocity and acceleration."""
+
+    rotations: FloatArray
+    """Rotations at the knots, shape (n, 3, 3)."""
+    positions: FloatArray
+    """Positions at the knots [m], shape (n, 3)."""
+    turning: CubicSteps
+    """Rotation vectors from knot to knot [rad]."""
+    moving: CubicSteps
+    """Ways from knot to knot [m]."""
+
+    @classmethod
+    def through(cls, knots: FloatArray, R: FloatArray, p: FloatArray) -> PoseSpline:
+        """Compute the splines through rotations (n, 3, 3) and positions (n, 3) at knots (n,)."""
+        turns = log_rotation(product(np.swapaxes(R[:-1], -1, -2), R[1:]))
+        moving = _natural(knots, np.diff(p, axis=0), turning=False)
+        return cls(R, p, _natural(knots, turns, turning=True), moving)
+
+    def at(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Compute rotations (k, 3, 3) and positions (k, 3) [m] at parameters (k,)."""
+        step, turn, _ = self.turning.at(u)
+        R = product(self.rotations[step], exp_rotation(turn))
+        return R, self.positions[step] + self.moving.at(u)[1]
+
+    def rates(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Compute angular velocities in the turned frame and velocities, both (k, 3), at parameters (k,)."""
+        _, turn, rate = self.turning.at(u)
+        return np.einsum("kij,kj->ki", right_jacobian(turn), rate), self.moving.at(u)[2]
+
+
+def _natural(knots: FloatArray, ways: FloatArray, *, turning: bool) -> CubicSteps:
+    """Compute a natural spline by its rates at the knots; of rotations by rounds, as scipy's RotationSpline.
+
+    Acceleration is continuous at inner knots and zero at both ends. Angular acceleration at the end of a step is not
+    linear in the rates: the rest is that of the round before.
+
+    Args:
+        knots: rising, shape (n,).
+        ways: from knot to knot, shape (n - 1, 3); rotation vectors in the frame of the first one.
+        turning: whether they are rotation vectors.
+    """
+    h, n, eye = np.diff(knots)[:, None], len(knots), np.eye(3)
+    J = right_jacobian(ways) if turning else np.broadcast_to(eye, (n - 1, 3, 3))
+    back = inverse(J)
+    near, own, far = np.zeros((3, n, 3, 3))
+    near[1:], far[:-1] = 2.0 * J / h[..., None], 2.0 * back / h[..., None]
+    given = np.zeros((n, 3))
+    for side in (slice(1, n), slice(0, n - 1)):
+        own[side] += 4.0 * eye / h[..., None]
+        given[side] += 6.0 * ways / np.square(h)
+    rows = np.zeros((3 * n, 11))
+    for a, b in np.ndindex(3, 3):
+        for away, block in ((2, near), (5, own), (8, far)):
+            rows[a::3, away + b - a] = block[:, a, b]
+    rate, last = np.zeros((n, 3)), np.zeros((n - 1, 3))
+    for _ in range(ROUNDS if turning else 1):
+        right = given.copy()
+        right[1:] -= jacobian_rate(ways, last) if turning else 0.0
+        before, rate = rate, solve_banded(rows, right.reshape(-1, 1)).reshape(n, 3)
+        last = np.einsum("kij,kj->ki", back, rate[1:])
+        if norm(rate - before) <= SETTLED * norm(rate):
+            break
+    two = (3.0 * ways / h - 2.0 * rate[:-1] - last) / h
+    three = (rate[:-1] + last - 2.0 * ways / h) / np.square(h)
+    return CubicSteps(knots, np.stack([rate[:-1], two, three]))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from itertools import accumulate
 
 import numpy as np
 import pytest
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
+from scipy.spatial.transform import Rotation
 
 from dualarm_cli.geometry import elementary
 from dualarm_cli.geometry.linear_systems import (
@@ -21,7 +23,7 @@ from dualarm_cli.geometry.linear_systems import (
     zeros_of,
 )
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.geometry.splines import closed_quintic_spline, quintic_spline
+from dualarm_cli.geometry.splines import PoseSpline, closed_quintic_spline, quintic_spline
 from dualarm_cli.native import LIBRARY
 
 SHAPES = [
@@ -244,3 +246,36 @@ def test_a_banded_system():
     rows = np.array([np.pad(full, ((0, 0), (2, 2)))[i, i : i + 5] for i in range(9)])
     right = random.normal(size=(9, 2))
     np.testing.assert_allclose(full @ solve_banded(rows, right), right, atol=1e-13)
+
+
+@pytest.mark.parametrize(("count", "turn"), [(2, 1.0), (3, 3.0), (8, 2.5), (8, 1e-3), (200, 0.05)])
+def test_a_spline_of_poses_is_smooth_and_natural(count, turn):
+    """Positions as scipy's natural spline; turning by differences: its rate, C2 at every pose, at rest at the ends.
+
+    Rotations are compared with Rodrigues' formula in scipy; a change of the acceleration within 1e-4 is no jump.
+    """
+    random = np.random.default_rng(count)
+    x = np.cumsum(random.uniform(0.2, 1.0, count))
+    axes = random.normal(size=(count, 3))
+    axes *= (
+        turn * random.uniform(0.3, 1.0, (count, 1)) / np.linalg.norm(axes, axis=1, keepdims=True)
+    )
+    turns = Rotation.from_rotvec(axes)
+    R = np.stack([one.as_matrix() for one in accumulate(turns, lambda a, b: a * b)])
+    p = random.normal(size=(count, 3))
+    found, at = PoseSpline.through(x, R, p), np.linspace(x[0] + 1e-5, x[-1] - 1e-5, 501)
+    np.testing.assert_allclose(found.at(x)[0], R, atol=1e-14)
+    if count > 2:
+        expected = CubicSpline(x, p, bc_type="natural")
+        np.testing.assert_allclose(found.at(at)[1], expected(at), atol=1e-12)
+        np.testing.assert_allclose(found.rates(at)[1], expected(at, 1), atol=1e-11)
+    before, after = found.at(at - 1e-6)[0], found.at(at + 1e-6)[0]
+    rate = Rotation.from_matrix(np.swapaxes(before, 1, 2) @ after).as_rotvec() / 2e-6
+    largest = np.abs(rate).max()
+    np.testing.assert_allclose(found.rates(at)[0], rate, atol=1e-7 * largest + 1e-9)
+    step = 1e-4
+    rates = found.rates(np.add.outer([-step, 0.0, step], x[1:-1]).ravel())[0].reshape(3, -1, 3)
+    assert np.abs(rates[2] - 2.0 * rates[1] + rates[0]).max(initial=0.0) < 100.0 * step**2 * largest
+    for end, inside in ((x[0], x[0] + step), (x[-1], x[-1] - step)):
+        change = found.rates(np.array([end]))[0] - found.rates(np.array([inside]))[0]
+        assert np.abs(change).max() < 100.0 * step**2 * largest

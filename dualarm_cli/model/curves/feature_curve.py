@@ -12,6 +12,7 @@ import pinocchio as pin
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.geometry.elementary import arcsin, arctan2
 from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.geometry.rotations import from_quaternion, to_quaternion
 from dualarm_cli.model.curves.arc_length import ArcLength
 from dualarm_cli.model.curves.contours import Contour
 from dualarm_cli.model.curves.point_spline import (
@@ -133,17 +134,12 @@ class PoseCurve(MeasuredCurve):
 
     def frames(self, t: FloatArray) -> FloatArray:
         """Returns rotations (k, 3, 3) in the contour's frame at its parameters (k,)."""
-        # Slow to import, and needed for poses alone.
-        from scipy.spatial.transform import Rotation
-
-        return np.asarray(Rotation.from_quat(self._turning(t)).as_matrix())  # type: ignore[operator]
+        return from_quaternion(self._turning(t))  # type: ignore[operator]
 
 
 def _quaternions(R: FloatArray) -> FloatArray:
     """Returns the unit quaternions (k, 4) of rotations (k, 3, 3), each the nearer one to its neighbour."""
-    from scipy.spatial.transform import Rotation
-
-    q = Rotation.from_matrix(R).as_quat()
+    q = to_quaternion(R)
     turns = np.where((q[1:] * q[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
     found: FloatArray = q * np.cumprod(np.append(1.0, turns))[:, None]
     return found

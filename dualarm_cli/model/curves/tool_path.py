@@ -15,6 +15,7 @@ from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.geometry.elementary import arctan2, cos, cube, power, sin
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import exp_rotation, log_rotation
+from dualarm_cli.geometry.splines import PoseSpline
 from dualarm_cli.model.curves.arc_length import ArcLength
 from dualarm_cli.records import dataclass
 
@@ -173,14 +174,10 @@ class Spline:
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     @cached_property
-    def _curves(self) -> tuple[object, object]:
-        # Slow to import, and needed for splines alone.
-        from scipy.interpolate import CubicSpline
-        from scipy.spatial.transform import Rotation, RotationSpline
-
+    def _curve(self) -> PoseSpline:
         p = np.array([pose.translation for pose in self.poses])
-        R = Rotation.from_matrix(np.array([pose.rotation for pose in self.poses]))
-        return CubicSpline(self._knots, p, bc_type="natural"), RotationSpline(self._knots, R)
+        R = np.array([pose.rotation for pose in self.poses])
+        return PoseSpline.through(self._knots, R, p)
 
     @cached_property
     def _lengths(self) -> ArcLength:
@@ -193,19 +190,16 @@ class Spline:
     @cached_property
     def turns_back(self) -> int | None:
         """The pose nearest to where way and turning reverse at once, so that the tool would have to stop; else None."""
-        position, rotation = self._curves
         u = self._lengths.parameter
-        rate = np.hstack([position(u, 1), TURN_LENGTH * rotation(u, 1)])  # type: ignore[operator]
+        turned, moved = self._curve.rates(u)
+        rate = np.hstack([moved, TURN_LENGTH * turned])
         back = np.flatnonzero((rate[1:] * rate[:-1]).sum(axis=1) <= 0.0)
         return int(np.argmin(np.abs(self._knots - u[back[0]]))) if back.size else None
 
     def _speed(self, u: FloatArray) -> FloatArray:
         """Returns the length per unit of the parameter, smooth where neither way nor turning vanishes."""
-        position, rotation = self._curves
-        way = norm(position(u, 1), axis=-1)  # type: ignore[operator]
-        turned = TURN_LENGTH * norm(rotation(u, 1), axis=-1)  # type: ignore[operator]
-        found: FloatArray = np.maximum(way, turned)
-        return found
+        turned, moved = self._curve.rates(u)
+        return np.asarray(np.maximum(norm(moved, axis=-1), TURN_LENGTH * norm(turned, axis=-1)))
 
     @cached_property
     def length(self) -> float:
@@ -214,9 +208,7 @@ class Spline:
 
     def at(self, s: FloatArray) -> Poses:
         """Returns poses at lengths s (k,) [m]."""
-        at = self._lengths.at(s)
-        position, rotation = self._curves
-        return rotation(at).as_matrix(), position(at)  # type: ignore[operator]
+        return self._curve.at(self._lengths.at(s))
 
 
 @dataclass(frozen=True)
