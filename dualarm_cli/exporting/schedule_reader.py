@@ -36,8 +36,6 @@ from dualarm_cli.model.trajectory import Trajectory
 
 SEGMENT_KINDS: tuple[str, ...] = get_args(SegmentKind)
 WAIT_REASONS: tuple[str, ...] = get_args(WaitReason)
-OLD_FORMAT = "dualarm.schedule/1"
-"""What versions wrote that stated all joints at common knots."""
 UNIT_TOLERANCE = 1e-6
 """How far a quaternion may be from unit length."""
 
@@ -53,19 +51,15 @@ def read_schedule(path: Path) -> Schedule:
     """
     file = path / "schedule.json" if path.is_dir() else path
     reader = _Reader(str(file))
-    document = reader.document(file, tables=("motion", "trajectory"))
+    document = reader.document(file, tables=("motion",))
     form = document.get("format")
-    if form not in (FORMAT, OLD_FORMAT):
-        reader.fail("format", f"is {form!r}, not '{FORMAT}'")
+    if form != FORMAT:
+        reader.fail("format", f"is {form!r}, not '{FORMAT}'; plan again with this version")
     robot = reader.member(document, "robot", dict)
     joints = tuple(reader.names(robot, "joints", "robot.joints"))
     if len(set(joints)) != len(joints) or not joints:
         reader.fail("robot.joints", "must name every joint once")
-    motion = (
-        JointMotion.of(reader.trajectory(document, joints))
-        if form == OLD_FORMAT
-        else reader.motion(document, robot, joints)
-    )
+    motion = reader.motion(document, robot, joints)
     known = reader.robot(robot, joints, file.parent)
     return Schedule(
         robot=known,
@@ -177,16 +171,6 @@ class _Reader(JsonReader):
         if not len(value):
             self.fail(f"{path}.{key}", "is empty")
         return self.array(value, f"{path}.{key}", value.shape[:1])
-
-    def trajectory(self, document: dict[str, Any], joints: tuple[str, ...]) -> Trajectory:
-        part = self.member(document, "trajectory", dict)
-        time = self.vector(part, "time", "trajectory")
-        shape = (len(time), len(joints))
-        rates = (
-            self.array(part.get(name), f"trajectory.{name}", shape)
-            for name in ("position", "velocity", "acceleration")
-        )
-        return Trajectory(joints, time, *rates)
 
     def pose(self, value: object, path: str) -> pin.SE3:
         if not isinstance(value, dict):

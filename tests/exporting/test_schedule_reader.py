@@ -48,7 +48,11 @@ ROW = [0.0, 0.0]
 HUGE = 10**400
 DEFECTS = [
     (["format"], MISSING, "format: "),
-    (["format"], "dualarm.schedule/3", "format: "),
+    (
+        ["format"],
+        "dualarm.schedule/1",
+        "format: is 'dualarm.schedule/1', not 'dualarm.schedule/2'; plan again with this version",
+    ),
     (["format"], 1, "format: "),
     (["robot"], MISSING, "robot: is missing"),
     (["robot"], [], "robot: must be an object"),
@@ -381,22 +385,6 @@ def test_numbers_of_the_motion_that_are_not_finite_are_findings_and_no_crash(fol
     )
     failed = {check.name: check.detail for check in verify(schedule).failures}
     assert failed == {"finite": f"1 in {name} not finite"}
-
-
-def test_a_file_of_an_older_version_is_read(folder, schedule):
-    """It states position, velocity and acceleration of all joints at common knots."""
-    file = folder / "schedule.json"
-    document = json.loads(file.read_bytes())
-    document["format"] = "dualarm.schedule/1"
-    del document["motion"], document["robot"]["groups"]
-    names = ("time", "position", "velocity", "acceleration")
-    document["trajectory"] = {name: getattr(schedule.trajectory, name).tolist() for name in names}
-    file.write_text(json.dumps(document))
-    read = read_schedule(folder).trajectory
-    for name in names:
-        assert getattr(read, name).tobytes() == getattr(schedule.trajectory, name).tobytes()
-    edit(folder, ["trajectory", "time"], [])
-    assert message(folder) == "trajectory.time: is empty"
 
 
 def test_the_stated_judgement_is_not_believed(folder):
