@@ -354,9 +354,14 @@ class QuickTest:
             gap = boxes.gaps(which, frames, place)
             rough[at] = np.maximum(rough[at], gap - boxes.required[which])
             # Between boxes that hardly overlap, or are apart by less than required, it may be a little more.
-            doubted[at] = (rough[at] < SURE) & (gap > -OVERLAPS)
-        for k, row in enumerate(rows.tolist()):
-            least = min(sure[row], rough[~doubted[:, row], row].min(initial=np.inf))
+            sure_from = np.where(boxes.required[which] < 0.0, 0.0, SURE)
+            doubted[at] = (rough[at] < sure_from) & (gap > -OVERLAPS)
+        known = np.where(doubted[:, rows], np.inf, rough[:, rows]).min(axis=0)
+        known = np.minimum(known, sure[rows])
+        left = np.flatnonzero((doubted[:, rows] & (rough[:, rows] < known)).any(axis=0))
+        for k, row, least in zip(
+            left.tolist(), rows[left].tolist(), known[left].tolist(), strict=True
+        ):
             numbers = np.flatnonzero(doubted[:, row])
             # Until none that is left can be the least.
             for number in numbers[np.argsort(rough[numbers, row], kind="stable")].tolist():
