@@ -24,7 +24,7 @@ from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.lying import lying_beside
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.orders.model.tool_changes import with_changes
-from dualarm_cli.planning.room_rules import room_faults
+from dualarm_cli.planning.room_rules import RoomRules
 from dualarm_cli.postures.holding import Holding, too_near_obstacle
 from dualarm_cli.postures.out_of_reach import ROUNDING, out_of_reach
 from dualarm_cli.postures.stage_problems import Clock, stage_problems
@@ -41,18 +41,19 @@ UPWARDS = 0.5
 """Vertical part of a tool's z axis from which the tool points up."""
 
 
-def job_faults(job: Job, *, clear: bool = True) -> list[Refusal]:
+def job_faults(job: Job, *, clear: bool = True, rules: RoomRules | None = None) -> list[Refusal]:
     """Return all that is proven to make a job impossible, by file and line; nothing for a robot that is not planned.
 
     Args:
         job: of a file, with its lines as long as they have to be straight.
         clear: whether anything has to be collision-free.
+        rules: of its parts' rooms, where they are at hand.
     """
     try:
         model = CellModel.from_cell(job.cell)
     except UnsupportedError:
         return []
-    found = room_faults(job) if clear else []
+    found = (rules or RoomRules.of(job)).faults() if clear else []
     try:
         job = with_needs(job) if job.is_decided and job.mode == "paired" else with_changes(job)
     except InfeasibleError as error:

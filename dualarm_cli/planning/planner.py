@@ -29,7 +29,7 @@ from dualarm_cli.orders.watch import SeenEnoughError, Watch
 from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.job_faults import job_faults
 from dualarm_cli.planning.redundancy_choice import check_follower
-from dualarm_cli.planning.room_rules import with_room_rules
+from dualarm_cli.planning.room_rules import RoomRules
 from dualarm_cli.planning.section_plans import quickest_of_sections
 from dualarm_cli.postures import REDUNDANCY_SOLVERS
 from dualarm_cli.refusals import Refusal
@@ -164,10 +164,11 @@ def plan_without_bound(
         check_follower(job, settings.follower)
         if wrong := [fault for kind in kinds_of(job) for fault in kind.check(job)]:
             raise InputError(wrong)
-    if faults := job_faults(job, clear=clear):
+    rules = RoomRules.of(job) if clear else None
+    if faults := job_faults(job, clear=clear, rules=rules):
         raise InfeasibleError(*faults)
-    if clear:
-        job = with_room_rules(job)
+    if rules is not None:
+        job = rules.ruled()
         problem = replace(problem, job=job)
     found = _until_seen_enough(
         watch, lambda: _not_slower_than_filed(job, settings, problem, replaced, watch, clear=clear)

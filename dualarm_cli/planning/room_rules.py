@@ -7,53 +7,66 @@ from dataclasses import replace
 from dualarm_cli.collision.crowding import Crowded, crowded_stops, is_same_spot
 from dualarm_cli.collision.rooms import held_part, pinned
 from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 Rules = dict[tuple[str, str], Crowded]
 """Tasks of which the first must be over before the second begins, and why."""
 
 
-def room_faults(job: Job) -> list[Refusal]:
-    """List parts that are in each other's way, whatever the arms do.
+@dataclass(frozen=True)
+class RoomRules:
+    """Orders that the rooms of a job's parts leave."""
 
-    Args:
-        job: with its cell.
-    """
-    job, rules, _ = _pinned(job, _rules(job))
-    place = {task.id: k for k, task in reversed(list(enumerate(job.tasks)))}
-    arms: dict[str, set[str]] = {}
-    for task in job.tasks:
-        arms.setdefault(task.id, set()).add(task.arm)
-    found = []
-    for (one, other), crowded in rules.items():
-        later = place[crowded.task.id] > place[crowded.room.task.id]
-        if (other, one) in rules:
-            found += [_refusal("same_room", crowded)] if later else []
-        elif job.order == "given" and place[one] > place[other] and arms[one] & arms[other]:
-            found.append(_refusal("in_the_way", crowded))
-    return found
+    job: Job
+    """The job; parts that are in each other's way in either order keep the yaw of the file."""
+    rules: Rules
+    """Tasks that have to be over before others."""
+    notes: list[str]
+    """Yaws that are kept."""
 
+    @classmethod
+    def of(cls, job: Job) -> RoomRules:
+        """Find the rules of a job.
 
-def with_room_rules(job: Job) -> Job:
-    """Return a job whose tasks come after those that their parts would be in the way of, with notes.
+        A part whose yaw is open takes the room of all turns: at the file's yaw there may be room for both.
+        """
+        return cls(*_pinned(job, _rules(job)))
 
-    A part that lies where another task's tool or part has to pass is placed after that task; one that waits there is
-    picked before it. Parts that others take away again, and those of buffers, are left to the search.
+    def faults(self) -> list[Refusal]:
+        """List parts that are in each other's way, whatever the arms do."""
+        job, rules = self.job, self.rules
+        place = {task.id: k for k, task in reversed(list(enumerate(job.tasks)))}
+        arms: dict[str, set[str]] = {}
+        for task in job.tasks:
+            arms.setdefault(task.id, set()).add(task.arm)
+        found = []
+        for (one, other), crowded in rules.items():
+            later = place[crowded.task.id] > place[crowded.room.task.id]
+            if (other, one) in rules:
+                found += [_refusal("same_room", crowded)] if later else []
+            elif job.order == "given" and place[one] > place[other] and arms[one] & arms[other]:
+                found.append(_refusal("in_the_way", crowded))
+        return found
 
-    Args:
-        job: with its cell, and no `room_faults`.
-    """
-    job, rules, notes = _pinned(job, _rules(job))
-    after = {task.id: set(task.after) for task in job.tasks}
-    news = [(one, other) for one, other in rules if one not in after[other]]
-    tasks = [
-        replace(task, after=(*task.after, *(one for one, other in news if other == task.id)))
-        for task in job.tasks
-    ]
-    notes += [
-        f"order: {other} comes after {one}, as its part would be in the way" for one, other in news
-    ]
-    return replace(job, tasks=tuple(tasks), notes=(*job.notes, *notes))
+    def ruled(self) -> Job:
+        """Return the job, without faults, its tasks after those that their parts would be in the way of, with notes.
+
+        A part that lies where another task's tool or part has to pass is placed after that task; one that waits there
+        is picked before it. Parts that others take away again, and those of buffers, are left to the search.
+        """
+        job = self.job
+        after = {task.id: set(task.after) for task in job.tasks}
+        news = [(one, other) for one, other in self.rules if one not in after[other]]
+        tasks = [
+            replace(task, after=(*task.after, *(one for one, other in news if other == task.id)))
+            for task in job.tasks
+        ]
+        orders = [
+            f"order: {other} comes after {one}, as its part would be in the way"
+            for one, other in news
+        ]
+        return replace(job, tasks=tuple(tasks), notes=(*job.notes, *self.notes, *orders))
 
 
 def _rules(job: Job) -> Rules:
@@ -67,10 +80,7 @@ def _rules(job: Job) -> Rules:
 
 
 def _pinned(job: Job, rules: Rules) -> tuple[Job, Rules, list[str]]:
-    """Return a job in which parts that are in each other's way in either order keep the yaw of the file, and its rules.
-
-    A part whose yaw is open takes the room of all turns: at the file's yaw there may be room for both.
-    """
+    """Return a job in which some parts keep the yaw of the file, its rules, and a note."""
     keys = {
         key
         for (one, other), crowded in rules.items()

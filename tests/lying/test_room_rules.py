@@ -8,7 +8,7 @@ from dualarm_cli.collision.crowding import crowded_stops
 from dualarm_cli.collision.rooms import rooms_of
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan
-from dualarm_cli.planning.room_rules import room_faults, with_room_rules
+from dualarm_cli.planning.room_rules import RoomRules
 from dualarm_cli.verification import verify
 
 from .conftest import PALM, TABLE
@@ -22,7 +22,7 @@ QUICK = PlanSettings(effort="quick")
 
 def refusal(job) -> list:
     """What is refused before a search."""
-    return room_faults(job)
+    return RoomRules.of(job).faults()
 
 
 def test_two_towers_are_not_put_into_one_place(job_of, task):
@@ -80,7 +80,7 @@ def test_a_cube_stands_on_the_one_that_its_task_names(job_of, task):
     upper = task("upper", (0.45, 0.10, CUBE), (0.45, 0.45, CUBE + 0.1), ", touches: [lower]")
     lower = task("lower", (0.45, -0.10, CUBE), (0.45, 0.45, CUBE))
     job = job_of(upper, lower, head="order: optimise")
-    ruled = with_room_rules(job)
+    ruled = RoomRules.of(job).ruled()
     assert [one.after for one in ruled.tasks] == [("lower",), ()]
     assert list(ruled.notes) == ["order: upper comes after lower, as its part would be in the way"]
     [found] = refusal(job_of(upper, lower))
@@ -108,7 +108,7 @@ def test_the_tall_part_is_picked_before_the_flat_one_beside_it(job_of, task):
     tall = task("tall", (0.45, 0.10, TALL), (0.30, 0.55, TALL), ", part: tall")
     flat = task("flat", (0.45, 0.18, FLAT), (0.60, 0.55, FLAT), ", part: flat")
     for tasks in ((tall, flat), (flat, tall)):
-        ruled = with_room_rules(job_of(*tasks, tool=PALM, head="order: optimise"))
+        ruled = RoomRules.of(job_of(*tasks, tool=PALM, head="order: optimise")).ruled()
         assert {one.id: one.after for one in ruled.tasks} == {"tall": (), "flat": ("tall",)}
     assert refusal(job_of(flat, tall, tool=PALM))[0].what == "in_the_way"
     assert refusal(job_of(tall, flat, tool=PALM)) == []
@@ -118,7 +118,7 @@ def test_the_flat_part_is_placed_before_the_tall_one_beside_it(job_of, task):
     """For the same reason the other way round; where both hold there is no order."""
     tall = task("tall", (0.30, 0.55, TALL), (0.45, 0.10, TALL), ", part: tall")
     flat = task("flat", (0.60, 0.55, FLAT), (0.45, 0.18, FLAT), ", part: flat")
-    ruled = with_room_rules(job_of(tall, flat, tool=PALM, head="order: optimise"))
+    ruled = RoomRules.of(job_of(tall, flat, tool=PALM, head="order: optimise")).ruled()
     assert {one.id: one.after for one in ruled.tasks} == {"tall": ("flat",), "flat": ()}
     near = flat.replace("xyz: [0.6, 0.55", "xyz: [0.38, 0.55")
     assert refusal(job_of(tall, near, tool=PALM, head="order: optimise"))[0].what == "same_room"
@@ -175,7 +175,7 @@ def test_near_others_a_free_yaw_is_kept_as_the_file_has_it(job_of, task):
         task("one", (0.45, 0.10, CUBE), (0.45, 0.40, CUBE), free=", free: yaw"),
         task("two", (0.45, -0.10, CUBE), (0.45, 0.475, CUBE), free=", free: yaw"),
     )
-    ruled = with_room_rules(job)
+    ruled = RoomRules.of(job).ruled()
     targets = [[stop.target for stop in one.stops] for one in ruled.tasks]
     assert [[t.free_yaw for t in row] for row in targets] == [[True, False]] * 2
     assert [row[1].symmetry for row in targets] == [4, 4]
@@ -191,5 +191,5 @@ def test_a_part_is_no_obstacle_to_the_task_that_takes_it_away(job_of, task):
         task("two", (0.45, 0.40, CUBE), (0.30, 0.60, CUBE)),
     )
     assert refusal(job) == []
-    assert with_room_rules(job) == job
+    assert RoomRules.of(job).ruled() == job
     assert {(one.task.id, one.room.key) for one in crowded_stops(job)} == {("one", ("two", "pick"))}
