@@ -10,6 +10,7 @@ import numpy as np
 
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.lying import lying_parts
 from dualarm_cli.model.schedule import WORK_ENDS, Schedule, Stage
 from dualarm_cli.model.verification import Verification
 from dualarm_cli.records import field_values
@@ -186,6 +187,8 @@ def skew_sentence(verification: Verification | None, job: Job) -> str | None:
     together = dict.fromkeys(task.id for task in job.tasks if task.seam or task.handover)
     if together:
         text += f"; both arms work together in {', '.join(together)}, which needs them in step"
+    if any(one.fed for one in lying_parts(job, [(t, s) for t in job.tasks for s in t.stops])):
+        text += "; parts that are fed to their picks are not counted"
     return text
 
 

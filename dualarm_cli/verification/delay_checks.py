@@ -33,7 +33,8 @@ def arm_delays(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> tuple
 
     Late are the arm's joints, its tool and what it carries. The other arm and a platform keep to the plan's time, and
     both arms stay where the plan ends. Not counted are what may touch in a hand-over or on a seam, parts on the lines
-    where they are picked and placed, and parts that wait or lie.
+    where they are picked and placed, and parts that are fed to their picks. Other parts that wait or lie are first met
+    where the arm that takes or brings them carries them, as long as the platform stands.
 
     Args:
         schedule: with finite numbers and rising times.

@@ -14,6 +14,7 @@ from dualarm_cli.collision.solids import cell_solids
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.budget import Budget
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.verification import ArmDelay
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.report import skew_sentence
@@ -162,3 +163,19 @@ def test_a_figure_that_was_not_proven_to_the_end_says_so():
     assert str(ArmDelay("left", 0.5, None, None, None)) == "left arm clear up to 500 ms late"
     found = ArmDelay("right", 0.02899, 0.02901, ("a", "b"), 1.5)
     assert str(found) == "right arm clear up to 28.9 ms late (not 29.1 ms: a and b at 1.500 s)"
+
+
+def test_parts_that_are_fed_are_named_as_not_counted(schedule, job):
+    """A place that is picked from twice is fed; one that is picked from once is not."""
+    [one, other] = job.tasks
+    [stop] = one.stops
+    pick = replace(stop, action="pick")
+    shapes = {"box": (Shape("sphere", (0.02,), pin.SE3.Identity()),)}
+    cell = replace(job.cell, parts=shapes)
+    once, twice = (
+        replace(job, cell=cell, tasks=tuple(replace(t, part="box", stops=(pick,)) for t in tasks))
+        for tasks in ((one,), (one, other))
+    )
+    text = "; parts that are fed to their picks are not counted"
+    assert text not in skew_sentence(schedule.verification, once)
+    assert skew_sentence(schedule.verification, twice).endswith(text)
