@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from dualarm_cli.collision.solids import cell_solids, tools_without_shape
 from dualarm_cli.files.robots.frozen_joints import listed
-from dualarm_cli.model.job import TAKES, Job
+from dualarm_cli.model.job import TAKES, Job, JointTarget
 from dualarm_cli.model.lying import lying_parts
 
 
@@ -48,6 +48,14 @@ def bodies(job: Job) -> dict[str, Any]:
     without += [f"the parts of {listed(parts)} (no `part`)"] if parts else []
     if without:
         text += f"; without shapes, so not checked for collisions: {', '.join(without)}"
+    loose = [
+        f"the part of {t.id}"
+        for t in job.tasks
+        if cell.parts.get(t.part) and any(isinstance(s.target, JointTarget) for s in t.stops)
+    ]
+    loose += [f"the {arm} arm's tools at their stands" for arm in cell.tool_changes]
+    if loose:
+        text += f"; no bodies while no arm holds them: {listed(list(dict.fromkeys(loose)))}"
     return {"text": text, "checked": list(names), "without_shape": missing, "without_part": parts}
 
 

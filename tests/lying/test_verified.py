@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
@@ -155,14 +156,27 @@ def test_the_planner_goes_round_it(through):
     assert made.duration >= blind.duration - 1e-9
 
 
-def test_a_part_on_a_belt_is_where_the_belt_has_it(job_of):
-    """150 mm/s from its pose at `passes` on: the tool is as far from it as brute force finds."""
+def on_belt(job_of, passes: float):
+    """Two cubes that are picked from a belt, the second one of which passes at a time [s]."""
     tasks = [
         f"{{id: {name}, arm: left, leaves: true, pick: {{xyz: [0.6, 0.35, 0.6], rpy: [180 deg, 0, 0], conveyor: belt, "
-        f"passes: {passes} s, within: 0.4 m}}, place: {{xyz: [0.35, 0.55, 0.6], rpy: [180 deg, 0, 0]}}}}"
-        for name, passes in (("first", 1), ("second", 4))
+        f"passes: {at} s, within: 0.4 m}}, place: {{xyz: [0.35, 0.55, 0.6], rpy: [180 deg, 0, 0]}}}}"
+        for name, at in (("first", 1), ("second", passes))
     ]
-    job = job_of(*tasks, cell="conveyors: {belt: {velocity: [0, -150 mm/s, 0]}}")
+    return job_of(*tasks, cell="conveyors: {belt: {velocity: [0, -150 mm/s, 0]}}")
+
+
+def test_a_part_on_a_belt_in_the_way_is_refused_with_the_bodies(job_of):
+    """150 mm behind the first one it passes where that is lifted."""
+    with pytest.raises(InfeasibleError) as refused:
+        plan_without_bound(on_belt(job_of, 2.0), replace(QUICK, blend="none"))
+    assert "task 'second': left cube and cube of second lack" in str(refused.value)
+    assert "of clearance" in str(refused.value)
+
+
+def test_a_part_on_a_belt_is_where_the_belt_has_it(job_of):
+    """150 mm/s from its pose at `passes` on: the tool is as far from it as brute force finds."""
+    job = on_belt(job_of, 4.0)
     schedule = plan_without_bound(job, QUICK)
     assert verify(schedule, job, clearance=True).passed
     watched = watched_pairs(schedule, job)

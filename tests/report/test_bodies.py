@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
+
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Tool
+from dualarm_cli.model.job import JointTarget
 from dualarm_cli.report.bodies import bodies, cell_notes
 from dualarm_cli.verification.clearance_checks import check_shapes
 
@@ -28,7 +31,22 @@ def test_bodies_with_and_without_shapes_are_told(tasks_folder):
     assert sorted(changed["without_part"]) == ["plate-1", "plate-2", *screws]
     assert changed["text"].endswith(
         "without shapes, so not checked for collisions: the parts of "
-        f"{', '.join(changed['without_part'])} (no `part`)"
+        f"{', '.join(changed['without_part'])} (no `part`); no bodies while no arm holds them: "
+        "the left arm's tools at their stands"
+    )
+
+
+def test_parts_at_joint_positions_are_named_as_no_bodies(tasks_folder):
+    """Where the tool is there is not in the job: the part is a body in the arm's hand alone."""
+    job = load_job(tasks_folder / "06_shared_bin" / "tasks.yaml")
+    first = job.tasks[0]
+    target = JointTarget(np.zeros((1, 7)))
+    stops = (first.stops[0], dataclasses.replace(first.stops[1], target=target))
+    job = dataclasses.replace(job, tasks=(dataclasses.replace(first, stops=stops), *job.tasks[1:]))
+    waiting = len(job.tasks)
+    assert bodies(job)["text"].endswith(
+        f"parts where they wait ({waiting}) and lie ({waiting - 1}); "
+        f"no bodies while no arm holds them: the part of {first.id}"
     )
 
 
