@@ -161,7 +161,9 @@ class _Reader(JsonReader):
             self.array(part.get(what), f"{path}.{what}", (len(anchor), len(joints)))
             for what in ("position", "velocity")
         )
-        return followed(joints, time, acceleration, (anchor.astype(np.int64), position, velocity))
+        with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is for the caller
+            anchors = anchor.astype(np.int64), position, velocity
+            return followed(joints, time, acceleration, anchors)
 
     def vector(self, part: dict[str, Any], key: str, path: str) -> FloatArray:
         """Returns a list of at least one number."""

@@ -73,7 +73,8 @@ def read_baseline(path: Path) -> Baseline:
     except RecursionError:
         _refuse(name, "is not a baseline: nested too deeply")
     except ValueError as error:
-        _refuse(name, f"is not a baseline: {error}")
+        why = str(error).partition(" for integer")[0]
+        _refuse(name, f"is not a baseline: {why}")
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         found = document.get("format") if isinstance(document, dict) else document
         _refuse(

@@ -49,6 +49,8 @@ BETWEEN = (0.0, 0.25, 0.5, 0.75)
 """Where errors are measured between two samples, as shares of the step."""
 PER_QUINTIC = 8
 """Cubics that stand for one quintic piece where the clearance is proven."""
+FARTHEST = 10.0
+"""Mean speed, as a share of the limit, above which no proof of the clearance ends in time."""
 NOT_LOGGED = "joints that it depends on are not in the file"
 """Why tools or clearance are not checked."""
 SHORTEST = 1e-7
@@ -163,6 +165,10 @@ def judge_driven(
     if unknown or not clearance:
         why = NOT_LOGGED if unknown else "not requested; leave out --no-clearance"
         checks.append(not_checked(COLLISIONS, why))
+        return DrivenJudgement(Verification(tuple(checks)), common, joints, events)
+    if (share := _share_of_speed(driven, schedule)) > FARTHEST:
+        why = f"cannot be proven: on average a joint moves at {share:.3g} times its speed limit"
+        checks.append(judge(COLLISIONS, np.nan, tol.CLEARANCE_SLACK, "m", why))
         return DrivenJudgement(Verification(tuple(checks)), common, joints, events)
     found, stages = check_clearance(
         replace(schedule, motion=JointMotion.of(driven)), job_as_done(schedule, job)
@@ -459,6 +465,14 @@ def _check_limits(
         where = f"{joints[k]}, limit {limit[k]:g}"
         checks.append(judge(name, float(share[k]), most, "share of the limit", where))
     return checks
+
+
+def _share_of_speed(driven: Trajectory, schedule: Schedule) -> float:
+    """Return the largest mean speed of a joint, as a share of its limit."""
+    time = np.union1d(driven.time, 0.5 * (driven.time[1:] + driven.time[:-1]))
+    ways = np.abs(np.diff(driven.at(time)[0], axis=0)).sum(axis=0)
+    limits = schedule.robot.limits.select(driven.joints).velocity
+    return float((ways / (limits * (time[-1] - time[0]))).max())
 
 
 def _check_events(

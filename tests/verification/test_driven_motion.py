@@ -143,6 +143,15 @@ def test_an_arm_that_moved_far_away_touches_something(schedule, job):
     assert least <= 0.0
 
 
+def test_a_log_that_goes_too_far_for_a_proof_fails_at_once(schedule, job):
+    """Positions that jump by 100,000 rad from sample to sample: a proof would take as many intervals."""
+    far = {"left_l": lambda t: 1e5 * (np.arange(len(t)) % 2)}
+    found = judge_driven(schedule, job, logged(schedule, error=far), "linear", ALLOWED)
+    [check] = [one for one in found.verification.checks if one.name == "collisions"]
+    assert (check.verdict, found.verification.clearances) == ("failed", ())
+    assert "cannot be proven: on average a joint moves at " in check.detail
+
+
 def test_the_tools_of_a_turned_joint_are_off_as_far_as_the_lever_says(schedule, job):
     """The base joint of an arm off by 0.01 rad moves its tool by 0.01 times its distance from the joint's axis."""
     import pinocchio as pin
