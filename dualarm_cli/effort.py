@@ -256,16 +256,6 @@ class Resolution:
 
 
 @dataclass(frozen=True)
-class NonlinearEffort:
-    """How long IPOPT works at a plan."""
-
-    iterations: int
-    """Iterations in each program."""
-    boxes: tuple[float, ...]
-    """How far a variable may be from the best plan so far, program after program [rad]."""
-
-
-@dataclass(frozen=True)
 class EffortSettings:
     """All that one word of `--effort` decides."""
 
@@ -283,10 +273,6 @@ class EffortSettings:
     """The search over the whole sequence."""
     bound: Resolution
     """The lower bound on the cycle time of given stages."""
-    ipopt: NonlinearEffort
-    """The method `ipopt`."""
-    continuous: NonlinearEffort
-    """The method `continuous`."""
     hopeless_orders: int
     """No other order is tried after so many in which an arm touches something whatever the other one does."""
     section_orders: int
@@ -328,8 +314,6 @@ EFFORTS: Mapping[str, EffortSettings] = {
             refined=6,
         ),
         bound=Resolution(np.radians(15.0), 9, 3),
-        ipopt=NonlinearEffort(100, (np.inf, 0.3)),
-        continuous=NonlinearEffort(60, (0.1, 0.02)),
         hopeless_orders=2,
         section_orders=2,
         section_starts=1,
@@ -358,8 +342,6 @@ EFFORTS: Mapping[str, EffortSettings] = {
             local=LOCAL,
         ),
         bound=Resolution(np.radians(10.0), 16, 2),
-        ipopt=NonlinearEffort(300, (np.inf, 0.6, 0.3, 0.1)),
-        continuous=NonlinearEffort(150, (0.3, 0.1, 0.03, 0.01)),
         hopeless_orders=4,
         section_orders=4,
         section_starts=4,
@@ -394,8 +376,6 @@ EFFORTS: Mapping[str, EffortSettings] = {
             spares=False,
         ),
         bound=Resolution(np.radians(4.0), 45, 2),
-        ipopt=NonlinearEffort(1500, (np.inf, 0.6, 0.6, 0.3, 0.3, 0.1, 0.1, 0.03)),
-        continuous=NonlinearEffort(500, (0.6, 0.3, 0.3, 0.1, 0.1, 0.03, 0.03, 0.01, 0.003)),
         hopeless_orders=12,
         section_orders=24,
         section_starts=12,

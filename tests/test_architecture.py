@@ -203,8 +203,6 @@ OWNERS = {
     "model/study.py": "powers of ten of figures that are shown",
     "robot_import/description.py": "powers of ten of figures that are shown",
     "compiled/decimals.py": "powers of ten, which are exact",
-    "stages/peers/program.py": "symbols of casadi",
-    "stages/peers/program_kinematics.py": "symbols of casadi",
     "verification/driven_motion.py": "a fit of logged samples, which decides nothing about a plan",
 }
 """Modules that may, and what they use."""

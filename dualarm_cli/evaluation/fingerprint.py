@@ -92,7 +92,6 @@ LIBRARIES = (
     "scipy",
     "piqp",
     "ortools",
-    "casadi",
     "toppra",
     "pydantic",
     "PyYAML",

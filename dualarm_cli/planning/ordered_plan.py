@@ -25,6 +25,7 @@ from dualarm_cli.orders.orders import (
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import Decisions
+from dualarm_cli.stages.serving import SEQUENCE
 
 Planner = Callable[[Job, Decisions | None, bool], Schedule]
 """Plans a decided job from a plan to begin with; whether what collides is decided again."""
@@ -36,8 +37,6 @@ LONG = 40
 """Of orders with more stages only the most promising one is planned, unless its plan is slower than expected."""
 CLOSE = 0.002
 """A plan is quicker than its order was expected to be by about this share."""
-WHOLE_SEQUENCES = ("sequence", "continuous", "ipopt")
-"""Methods whose plans over the whole sequence are what orders are tried with before they are planned."""
 ESTIMATE = "the estimate of the search, which has few postures and platform angles per stop: a plan may be much faster"
 """What notes say of the time of an order on the search's grid."""
 PROMISING = 0.04
@@ -266,7 +265,7 @@ def _promising(
     if stages > MOST_TRIED:
         return [found[0]]
     windows = search.problem.not_before is not None or search.problem.not_after is not None
-    if settings.platform in WHOLE_SEQUENCES and not windows:
+    if settings.platform == SEQUENCE and not windows:
         found = most_promising(search, found, settings.effort, watch)
     least = min(_expected(one) for one in found)
     promising = [one for one in found if _expected(one) <= (1.0 + PROMISING) * least]

@@ -3,70 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS
 from dualarm_cli.registry import Registry, Solver
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
-from dualarm_cli.stages.peers.continuous import refine
-from dualarm_cli.stages.peers.feasible_start import repaired
-from dualarm_cli.stages.peers.ipopt import nonlinear_program
-from dualarm_cli.stages.plans.problem import SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable
-from dualarm_cli.stages.plans.times import Evaluated
-from dualarm_cli.stages.sequence import decisions_of, solve_sequence, stage_plans
-from dualarm_cli.stages.sequence_problem import sequence_problem
+from dualarm_cli.stages.sequence import solve_sequence
 from dualarm_cli.stages.serving import FIXED, SEQUENCE, why_unserved
 from dualarm_cli.stages.stage_by_stage import choose_stages
-
-Improve = Callable[[SequenceProblem, tuple[StopTable, ...], Evaluated], Evaluated]
-
-
-def solve_ipopt(problem: MethodProblem) -> Decided:
-    """Returns IPOPT's local optimum over joints from the plan of the method `fixed`."""
-
-    def improve(
-        numbers: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated
-    ) -> Evaluated:
-        return nonlinear_program(numbers, tables, plan, problem.effort)
-
-    return _improved(problem, _greedy_start(problem, "fixed"), "ipopt", improve)
-
-
-def solve_continuous(problem: MethodProblem) -> Decided:
-    """Returns IPOPT's local optimum from the plan of the method `sequence`."""
-
-    def improve(
-        numbers: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated
-    ) -> Evaluated:
-        return refine(numbers, tables, plan, problem.effort)
-
-    return _improved(problem, solve_sequence(problem), "continuous", improve)
-
-
-def _greedy_start(problem: MethodProblem, name: str) -> Decided:
-    stages = choose_stages(
-        problem.model, problem.job, name, problem.redundancy, holding=problem.holding
-    )
-    return Decided(stages)
-
-
-def _improved(problem: MethodProblem, start: Decided, name: str, improve: Improve) -> Decided:
-    """Returns a plan after an improvement of its numbers; with the start beside it, timed exactly as well."""
-    model, job = problem.model, problem.job
-    numbers = sequence_problem(model, job)
-    tables = tuple(StopTable.of(work) for work in numbers.arms)
-    plan = repaired(numbers, tables, decisions_of(numbers, model, start.stages))
-    if plan is None:
-        note = f"{name}: the initial plan is too close to a joint limit and was kept"
-        return replace(start, notes=(*start.notes, note))
-    better = improve(numbers, tables, plan)
-    stages = stage_plans(model, job, numbers, better.decisions, name)
-    notes = start.notes
-    if better.total >= plan.total:
-        notes = (*notes, f"{name} found nothing faster than the initial plan")
-    return Decided(stages, start.grid_gap, (start.stages, *start.alternatives), notes)
 
 
 def _needs_turntable(problem: MethodProblem) -> str | None:
@@ -120,13 +64,6 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
             reference="ours",
             why_unsupported=_served(MINIMUM_TIME),
         ),
-        Solver(
-            name="continuous",
-            solve=solve_continuous,
-            summary="The plan of `sequence`, refined as one nonlinear program by CasADi and IPOPT.",
-            reference="ours; IPOPT [Waechter2006]",
-            why_unsupported=_served("continuous"),
-        ),
         *(
             Solver(
                 name=solver.name,
@@ -138,13 +75,6 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
                 else _served(solver.name, _needs_turntable),
             )
             for solver in PLATFORM_SOLVERS
-        ),
-        Solver(
-            name="ipopt",
-            solve=solve_ipopt,
-            summary="Peer: one nonlinear program over all joints by IPOPT, from the plan of `fixed`.",
-            reference="IPOPT [Waechter2006]",
-            why_unsupported=_served("ipopt"),
         ),
     ],
 )

@@ -34,7 +34,7 @@ def test_solvers_are_proposed(complete) -> None:
     assert set(complete("plan", "--timing", "")) == {solver.name for solver in TIMING_SOLVERS}
     assert complete("plan", "--platform", "seq") == ["sequence"]
     assert "virtual_spring" in complete("plan", "--redundancy", "vir")
-    assert complete("compare", "solvers", "--method", "ip") == ["ipopt"]
+    assert complete("compare", "solvers", "--method", "min") == ["minimum_time"]
     assert complete("calibrate", "--method", "fr") == ["frame"]
 
 

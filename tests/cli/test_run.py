@@ -326,10 +326,10 @@ def test_a_closed_pipe_is_no_traceback(tasks_folder):
 
 
 def test_help_loads_no_heavy_library():
-    """What --help imports: no numpy, pinocchio, casadi, toppra, ruckig, pydantic, yaml."""
+    """What --help imports: no numpy, pinocchio, toppra, ruckig, pydantic, yaml."""
     code = (
         "import sys; from dualarm_cli.cli.run import run; run(['--help']); "
-        "print([m for m in ('numpy','pinocchio','casadi','toppra','ruckig','pydantic','yaml',"
+        "print([m for m in ('numpy','pinocchio','toppra','ruckig','pydantic','yaml',"
         "'matplotlib') if m in sys.modules], file=sys.stderr)"
     )
     result = subprocess.run(
@@ -340,13 +340,13 @@ def test_help_loads_no_heavy_library():
         assert command in result.stdout
 
 
-def test_plan_loads_neither_toppra_nor_casadi_nor_matplotlib(tasks_folder, tmp_path):
+def test_plan_loads_neither_toppra_nor_matplotlib(tasks_folder, tmp_path):
     """The default path stays light."""
     task = tasks_folder / "03_bottin_planar" / "tasks.yaml"
     code = (
         "import sys; from dualarm_cli.cli.run import run; "
         f"run(['plan', {str(task)!r}, '--out', {str(tmp_path / 'o')!r}, '--quiet']); "
-        "print([m for m in ('toppra','casadi','matplotlib') if m in sys.modules])"
+        "print([m for m in ('toppra','matplotlib') if m in sys.modules])"
     )
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True

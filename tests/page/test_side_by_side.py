@@ -88,7 +88,7 @@ def test_methods_are_shown_beside_the_fastest_one(
     """Every plan that there is, loss against the first row, why a method has none; the same bytes each time."""
     monkeypatch.chdir(tmp_path)
     task = str(tasks_folder / "03_bottin_planar" / "tasks.yaml")
-    methods = [part for name in ("fixed", "exact", "continuous") for part in ("--method", name)]
+    methods = [part for name in ("fixed", "exact", "minimum_time") for part in ("--method", name)]
     command = ["compare", "solvers", task, *methods, "--effort", "quick", "--page", "--quiet"]
     assert run(command) == 2
     assert "--page writes comparison.html: name its folder with --out" in capsys.readouterr().err

@@ -30,7 +30,7 @@ from dualarm_cli.stages.methods import METHODS
 from dualarm_cli.stages.platform_moves import stage_move
 from dualarm_cli.verification import verify
 
-SERVED = ("sequence", "minimum_time", "continuous", "fixed", "ipopt")
+SERVED = ("sequence", "minimum_time", "fixed")
 Jobs = Callable[..., Job]
 Places = dict[str, list[tuple[float, float, float]]]
 NEAR: Places = {
@@ -188,7 +188,7 @@ def test_methods_that_serve_a_lift_make_verified_plans(job, sliding_robots, meth
     assert schedule.lower_bound is None
     assert NO_BOUND_ON_RAILS in schedule.notes
     held = plan(made, PlanSettings(platform="fixed"))
-    if method in ("sequence", "continuous"):
+    if method == "sequence":
         assert schedule.duration < held.duration
 
 

@@ -1,4 +1,4 @@
-"""Every whole method on small jobs: verified, never slower than where it starts, the same every time."""
+"""Every whole method on small jobs: verified, the same every time."""
 
 from __future__ import annotations
 
@@ -46,16 +46,9 @@ def durations(schedules):
 
 
 def test_sequence_is_never_slower_than_a_method_that_looks_no_further(durations):
-    """fixed, exact, linearised and minimum_time, and no peer either on this job."""
-    for name in ("fixed", "exact", "linearised", "minimum_time", "ipopt"):
+    """fixed, exact, linearised and minimum_time."""
+    for name in ("fixed", "exact", "linearised", "minimum_time"):
         assert durations["sequence"] <= durations[name] + 1e-9, name
-
-
-def test_refinements_are_never_slower_than_their_start(schedules):
-    """Each is timed beside its start, before collisions lead both to other plans."""
-    unchecked = {name: s.duration - (s.clearance_cost or 0.0) for name, s in schedules.items()}
-    assert unchecked["continuous"] <= unchecked["sequence"] + 1e-9
-    assert unchecked["ipopt"] <= unchecked["fixed"] + 1e-9
 
 
 def test_moves_alone_gain_over_a_platform_that_stands(durations):
@@ -69,7 +62,7 @@ def test_no_method_beats_the_bound(durations, job):
         assert job_bound(job, effort).value <= min(durations.values())
 
 
-@pytest.mark.parametrize("name", ["sequence", "minimum_time", "ipopt"])
+@pytest.mark.parametrize("name", ["sequence", "minimum_time"])
 def test_a_method_gives_the_same_twice(job, name):
     """Bit for bit."""
     job = dataclasses.replace(job, tasks=job.tasks[:2])

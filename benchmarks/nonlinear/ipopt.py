@@ -5,18 +5,20 @@ from __future__ import annotations
 from dataclasses import field, replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
-from dualarm_cli.effort import EFFORTS
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.records import dataclass
-from dualarm_cli.stages.peers.program import NonlinearProgram, reachable_distance
-from dualarm_cli.stages.peers.program_kinematics import chain_function, turned_pose
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.corridor import best_combination
+from nonlinear.program import NonlinearProgram, reachable_distance
+from nonlinear.program_kinematics import chain_function, turned_pose
 
+ITERATIONS, BOXES = 300, (np.inf, 0.6, 0.3, 0.1)
+"""Iterations of each program, and how far variables may be from the best plan so far, one after the other [rad]."""
 LIMIT_MARGIN = 1e-5
 """What is kept free of position limits [rad]: IPOPT meets constraints to about a millionth."""
 SHORT_LINE = 0.02
@@ -28,7 +30,7 @@ FACTORS = (0.8, 2.5)
 
 
 def nonlinear_program(
-    problem: SequenceProblem, tables: tuple[StopTable, ...], start: Evaluated, effort: str
+    problem: SequenceProblem, tables: tuple[StopTable, ...], start: Evaluated
 ) -> Evaluated:
     """Returns IPOPT's local optimum; never slower than the start.
 
@@ -45,14 +47,12 @@ def nonlinear_program(
         problem: the sequence.
         tables: the arms' stops.
         start: a possible plan.
-        effort: one of EFFORTS.
     """
     best = start
-    how = EFFORTS[effort].ipopt
-    for box in how.boxes:
+    for box in BOXES:
         program = _JointProgram(problem, tables, best, box)
         program.write()
-        values = program.solve(how.iterations)
+        values = program.solve(ITERATIONS)
         if values is None:
             continue
         promised = float(values[: problem.stages + 1].sum())
@@ -115,8 +115,6 @@ class _JointProgram(NonlinearProgram):
 
     def _at(self, work: ArmWork, q: Any, R: FloatArray, p: FloatArray, turn: Any, yaw: Any) -> None:
         """Adds the equations of one pose."""
-        import casadi as ca
-
         slides = self.problem.platform.is_rail
         R_target, p_target = turned_pose(work, R, p, turn, yaw, slides=slides)
         if work.name not in self.chains:

@@ -7,17 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from dualarm_cli.effort import EFFORTS
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.records import dataclass
-from dualarm_cli.stages.peers.program import NonlinearProgram
-from dualarm_cli.stages.peers.program_kinematics import inverse, turned_pose
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.variables import FIELDS, Slopes, Variables, slopes
+from nonlinear.program import NonlinearProgram
+from nonlinear.program_kinematics import inverse, turned_pose
 
+ITERATIONS, BOXES = 150, (0.3, 0.1, 0.03, 0.01)
+"""Iterations of each program, and how far variables may be from the best plan so far, one after the other [rad]."""
 LIMIT_MARGIN = 1e-4
 """What is kept free of position limits [rad]: the solver meets constraints to a millionth."""
 SHARES = (1.0, 0.5, 0.25, 0.1)
@@ -26,9 +27,7 @@ NEAR_CRITICAL = 0.6
 """Share of a line's time from which on a joint's own time is watched."""
 
 
-def refine(
-    problem: SequenceProblem, tables: tuple[StopTable, ...], start: Evaluated, effort: str
-) -> Evaluated:
+def refine(problem: SequenceProblem, tables: tuple[StopTable, ...], start: Evaluated) -> Evaluated:
     """Returns a plan that is never slower than the given one.
 
     Variables are the platform angles, the arm angles at the targets and at the outer ends of the lines, free yaws, and
@@ -43,16 +42,14 @@ def refine(
         problem: the sequence.
         tables: the arms' stops.
         start: a possible plan.
-        effort: one of EFFORTS.
     """
     variables = Variables.of(problem)
     if not variables.count or not np.isfinite(start.total):
         return start
     best = start
-    how = EFFORTS[effort].continuous
-    for box in how.boxes:
+    for box in BOXES:
         program = _AngleProgram.of(problem, tables, best, box)
-        values = program.solve(how.iterations)
+        values = program.solve(ITERATIONS)
         if values is None:
             continue
         step = program.step_of_all(variables, values)

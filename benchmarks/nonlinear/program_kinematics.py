@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
@@ -23,8 +24,6 @@ def turned_pose(
         yaw: how far the tool turns about its own z axis through its centre point [rad].
         slides: whether the platform slides.
     """
-    import casadi as ca
-
     tool = ca.DM(work.R_tool_flange)
     spin = ca.mtimes([tool.T, rotation(yaw), tool])
     tcp = -ca.mtimes(tool.T, ca.DM(work.p_tool_flange))
@@ -38,8 +37,6 @@ def turned_pose(
 
 def forward(arm: SrsArm, q: Any) -> tuple[Any, Any]:
     """Returns the flange's rotation (3, 3) and position (3,) [m] at joints (7,), as `SrsArm.forward` has them."""
-    import casadi as ca
-
     geometry, canonical = arm.geometry, arm.canonical
     frame, links = ca.SX.eye(3), ca.SX.zeros(3)
     for joint in range(7):
@@ -55,8 +52,6 @@ def forward(arm: SrsArm, q: Any) -> tuple[Any, Any]:
 
 def chain_function(arm: SrsArm) -> Any:
     """Returns `forward` of one arm as a CasADi function: written once, used at many stops."""
-    import casadi as ca
-
     q = ca.SX.sym("q", 7)
     return ca.Function("chain", [q], list(forward(arm, q)))
 
@@ -72,8 +67,6 @@ def inverse(arm: SrsArm, R: Any, p: Any, psi: Any, branch: int, near: Any) -> An
         branch: which of the eight.
         near: the reference [rad], shape (7,).
     """
-    import casadi as ca
-
     geometry, canonical = arm.geometry, arm.canonical
     B, C = ca.DM(canonical.B), ca.DM(canonical.C)
     wrist = p + ca.mtimes(R, ca.DM(geometry.p_flange_wrist))
@@ -101,24 +94,18 @@ def inverse(arm: SrsArm, R: Any, p: Any, psi: Any, branch: int, near: Any) -> An
 
 def rotation(angle: Any) -> Any:
     """Returns a rotation about z, shape (3, 3)."""
-    import casadi as ca
-
     c, s = ca.cos(angle), ca.sin(angle)
     return ca.vertcat(ca.horzcat(c, -s, 0), ca.horzcat(s, c, 0), ca.horzcat(0, 0, 1))
 
 
 def _bend(angle: Any) -> Any:
     """Returns a rotation about y, shape (3, 3)."""
-    import casadi as ca
-
     c, s = ca.cos(angle), ca.sin(angle)
     return ca.vertcat(ca.horzcat(c, 0, s), ca.horzcat(0, 1, 0), ca.horzcat(-s, 0, c))
 
 
 def _arm_plane(w: Any, psi: Any, upper: float, fore: float) -> tuple[Any, Any, Any]:
     """Returns the shoulder triple, the transposed frame of the forearm, and the bend; see `ArmPlane`."""
-    import casadi as ca
-
     d = ca.sqrt(ca.dot(w, w))
     u = w / d
     cos_bend = (d * d - upper**2 - fore**2) / (2.0 * upper * fore)

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import field
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
@@ -43,8 +44,6 @@ def reachable_distance(law: RestToRest, joint: int, time: Any) -> Any:
         joint: which one.
         time: T [s], greater than 0.
     """
-    import casadi as ca
-
     v, a, j = (float(x[joint]) for x in (law.velocity, law.acceleration, law.jerk))
     ramp = a / j
     reaches_a = v * j >= a * a
@@ -123,8 +122,6 @@ class NonlinearProgram(ABC):
 
     def variable(self, guess: FloatArray, lower: FloatArray, upper: FloatArray) -> Any:
         """Returns new unknowns within bounds."""
-        import casadi as ca
-
         symbol = ca.SX.sym(f"x{len(self.unknown)}", len(guess))
         self.unknown.append(symbol)
         self.guess.append(np.clip(guess, lower, upper))
@@ -173,8 +170,6 @@ class NonlinearProgram(ABC):
     def _platform(self, moved: Any, time: Any) -> None:
         law = self.problem.platform_law
         if law is not None:
-            import casadi as ca
-
             self.below += within_reach(law, ca.vertcat(moved), time)
 
     def solve(self, iterations: int) -> FloatArray | None:
@@ -183,8 +178,6 @@ class NonlinearProgram(ABC):
         Args:
             iterations: how many at most.
         """
-        import casadi as ca
-
         below, zero = ca.vertcat(*self.below), ca.vertcat(*self.zero)
         program = {
             "x": ca.vertcat(*self.unknown),
@@ -215,8 +208,6 @@ class NonlinearProgram(ABC):
 
     def numbers(self, expressions: list[Any], values: FloatArray) -> FloatArray:
         """Returns what expressions come to [as theirs], one after the other, for values of the unknowns."""
-        import casadi as ca
-
         asked = ca.vertcat(*(ca.SX(expression) for expression in expressions))
         read = ca.Function("read", [ca.vertcat(*self.unknown)], [asked])
         return np.array(read(values)).ravel()

@@ -1,15 +1,13 @@
-"""General optimisers on a sequence: they gain where there is something to gain, and never lose."""
+"""Plans that are tried in an order: possible ones are left alone, impossible ones repaired where they have to be."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 
-from dualarm_cli.bound.bound import lower_bound
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.stages.peers.feasible_start import repaired
-from dualarm_cli.stages.peers.ipopt import nonlinear_program
+from dualarm_cli.orders.order_trials import repaired
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.sequence import decisions_of
@@ -27,14 +25,6 @@ def start(tasks_folder):
     tables = tuple(StopTable.of(work) for work in problem.arms)
     plans = choose_stages(model, job, "exact", "arm_angle", refine=False)
     return problem, tables, evaluate(problem, tables, decisions_of(problem, model, plans))
-
-
-def test_ipopt_gains_and_gives_the_same_twice(start):
-    """From the same plan, bit for bit, and never below the bound."""
-    problem, tables, plan = start
-    one, two = (nonlinear_program(problem, tables, plan, "quick") for _ in range(2))
-    assert one.total == two.total < plan.total
-    assert lower_bound(problem, "quick").value <= one.total
 
 
 def test_a_start_beyond_a_limit_is_repaired_where_it_is_impossible_only(start):

@@ -1,1 +1,0 @@
-"""General optimisers on the same decisions, for comparison."""
