@@ -14,7 +14,7 @@ from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.page.clearance_curve import clearance_curves
 from dualarm_cli.page.packed import joint_knots, packed
 from dualarm_cli.page.scene import DrawnHulls, bodies, placed, solids, tcp
-from dualarm_cli.page.things import things
+from dualarm_cli.page.things import things, while_they_are_there
 from dualarm_cli.report.report import plan_title
 from dualarm_cli.verification.as_done import job_as_done
 
@@ -37,7 +37,7 @@ def without_report(schedule: Schedule, job: Job) -> dict[str, Any]:
     hulls = DrawnHulls()
     tcps = {arm.name: tcp(model, job.cell, arm.name) for arm in job.cell.robot.arms}
     seen = solids(model, job.cell, hulls)
-    moved = things(schedule, done, hulls)
+    moved = while_they_are_there(things(schedule, done, hulls), schedule, done)
     return {
         "format": "dualarm.page/1",
         "title": plan_title(schedule),

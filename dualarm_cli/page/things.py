@@ -9,9 +9,13 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.model.cell import Held
-from dualarm_cli.model.job import CHANGES, GIVES, TAKES, Job, Task
+from dualarm_cli.model.job import CHANGES, GIVES, TAKES, Job, PoseTarget, Task
+from dualarm_cli.model.lying import lying_parts
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.page.scene import WORLD_BODY, DrawnHulls, drawn, placed, poses_at, tcp
+from dualarm_cli.verification.line_spans import line_spans
+from dualarm_cli.verification.lying_bodies import Played
+from dualarm_cli.verification.tool_model import ToolModel
 
 STILL = [0.0, 0.0, 0.0]
 
@@ -50,6 +54,36 @@ def things(schedule: Schedule, job: Job, hulls: DrawnHulls) -> list[dict[str, An
                 first = _lying(changed.stand, 0.0)
             steps = follow.keyframes(events, {arm: pin.SE3.Identity()}, first)
             found.append({"name": tool, "role": "tool", "solids": rows, "keyframes": steps})
+    return found
+
+
+def while_they_are_there(
+    rows: Sequence[dict[str, Any]], schedule: Schedule, job: Job
+) -> list[dict[str, Any]]:
+    """Return things of which parts come and go as the bodies that nothing may touch do.
+
+    Args:
+        rows: things of the two.
+        schedule: who does what when.
+        job: as it was done.
+    """
+    tools = ToolModel(schedule)
+    motion, found = Played(schedule, job, line_spans(schedule, job, tools), tools), []
+    lives = {lying.key: motion.lies(lying) for lying in lying_parts(job, motion.visits)}
+    for thing in rows:
+        steps = [dict(step) for step in thing["keyframes"]]
+        for key, event in motion.events.items():
+            stop = motion.stops[key][1]
+            known = isinstance(stop.target, PoseTarget) and thing["role"] == "part"
+            if key[1] != thing["name"] or not known or not thing["solids"]:
+                continue
+            begin, end = lives.get(key, (event.changes_held, event.changes_held))
+            if stop.action == "pick":
+                gone = begin * np.array(steps[0]["velocity"])
+                steps[0] |= {"time": begin, "xyz": (np.array(steps[0]["xyz"]) + gone).tolist()}
+            elif stop.action == "place" and end < schedule.duration:
+                steps.append({**steps[-1], "time": end, "body": None})
+        found.append({**thing, "keyframes": steps})
     return found
 
 

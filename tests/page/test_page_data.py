@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from dataclasses import replace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -10,10 +11,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.cell import Buffer
 from dualarm_cli.model.joint_motion import JointMotion
+from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.page.packed import joint_knots
+from dualarm_cli.page.page_data import without_report
 from dualarm_cli.verification.clearance_proof import PRECISION
 
 
@@ -193,3 +198,27 @@ def test_knots_of_other_joints_are_left_out_and_jumps_stay() -> None:
     first = joint_knots(motion, "a")
     assert first[0].tolist()[0] == 0.0
     assert 0.5 not in first[0].tolist()
+
+
+def test_parts_come_and_go_as_the_bodies_that_collide(quick_plan, tasks_folder) -> None:
+    """Put into a chute it is gone; out of the chute it is there as the tool comes for it; what waits and lies stays."""
+    job = load_job(tasks_folder / "01_first_pick" / "tasks.yaml")
+    schedule = quick_plan("01_first_pick")
+    cell = replace(job.cell, parts={"ball": (Shape("sphere", (0.02,), pin.SE3.Identity()),)})
+    plain = replace(job, cell=cell, tasks=tuple(replace(t, part="ball") for t in job.tasks))
+    left, right = plain.tasks
+    put = replace(left, stops=(left.stops[0], replace(left.stops[1], buffer="chute")))
+    take = replace(right, stops=(replace(right.stops[0], buffer="chute"), right.stops[1]))
+    chute = replace(plain, tasks=(put, take), buffers={"chute": Buffer(2)})
+    place = next(e for e in schedule.events if (e.task, e.action) == (left.id, "place"))
+    comes = next(s.start for s in schedule.segments if (s.task, s.kind) == (right.id, "approach"))
+    ends = {}
+    for name, one in (("plain", plain), ("chute", chute)):
+        found = without_report(schedule, one)["things"]
+        steps = [t["keyframes"] for t in found if t["name"] in (left.id, right.id)]
+        ends[name] = [[(row[k]["time"], row[k]["body"]) for k in (0, -1)] for row in steps]
+    assert [row[0][0] for row in ends["plain"]] == [0.0, 0.0]
+    assert all(row[1][1] == -1 for row in ends["plain"])
+    assert ends["chute"][0] == [(0.0, -1), (pytest.approx(place.time + place.dwell), None)]
+    assert ends["chute"][1][0] == (pytest.approx(comes, abs=5e-3), -1)
+    assert ends["chute"][1][1][1] == -1
