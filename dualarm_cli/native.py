@@ -36,7 +36,7 @@ _HELD: list[tuple[Any, ...]] = []
 
 @cache
 def library() -> ctypes.CDLL:
-    """Returns the compiled functions.
+    """Load the compiled functions.
 
     Raises:
         DualArmError: they were not built.
@@ -63,7 +63,7 @@ def function(name: str, *types: Any) -> Any:
 
 
 def pointer(array: np.ndarray) -> ctypes.c_void_p:
-    """Returns where the numbers of a contiguous array are, as an argument of a compiled function.
+    """Return the address of a contiguous array for a compiled function.
 
     Args:
         array: has to outlive the call.
@@ -105,10 +105,10 @@ class PointerStruct(ctypes.Structure):
 
 
 def numbers(array: np.ndarray) -> NDArray[np.float64]:
-    """Returns an array as compiled functions read numbers: row by row, in double precision."""
+    """Convert an array to contiguous doubles for compiled functions."""
     return np.ascontiguousarray(array, dtype=np.float64)
 
 
 def whole(array: np.ndarray) -> NDArray[np.int64]:
-    """Returns an array as compiled functions read whole numbers: row by row, of 64 bits."""
+    """Convert an array to contiguous 64-bit integers for compiled functions."""
     return np.ascontiguousarray(array, dtype=np.int64)

@@ -110,7 +110,7 @@ def export_command(
     from dualarm_cli.formats.request import MOST_SAMPLES, check_rate, columns_named
     from dualarm_cli.model.schedule import ScheduleRobot
     from dualarm_cli.verification import verify
-    from dualarm_cli.verification.robot_checks import check_robot
+    from dualarm_cli.verification.robot_checks import unusable
 
     check_rate(rate, "--rate")
     chosen = columns_named(columns.split(","), "--columns")
@@ -128,11 +128,8 @@ def export_command(
     if FORMATS[to.value].needs_job or tasks is not None:
         job = load_job(tasks if tasks is not None else tasks_of(schedule, home))
     judged = verify(schedule, job)
-    unusable = [check for check in judged.failures if check.name in ("finite", "time")]
-    if not unusable and (robot := check_robot(schedule, job)).verdict == "failed":
-        unusable = [robot]
-    if unusable:
-        raise UsageError(f"{plan}: cannot be exported: {unusable[0].detail}")
+    if wrong := unusable(schedule, job, judged.failures):
+        raise UsageError(f"{plan}: cannot be exported: {wrong.detail}")
     if FORMATS[to.value].motion and schedule.duration * rate > MOST_SAMPLES:
         raise UsageError(
             f"--rate {rate:g}: {schedule.duration:,.0f} s would have {schedule.duration * rate:,.0f} samples; "

@@ -39,7 +39,7 @@ def report_command(
     from dualarm_cli.exporting.schedule_reader import read_schedule
     from dualarm_cli.interface import Plan, load
     from dualarm_cli.model.schedule import ScheduleRobot
-    from dualarm_cli.verification.robot_checks import check_robot
+    from dualarm_cli.verification.robot_checks import USABLE, check_robot, unusable
 
     schedule = read_schedule(plan)
     folder = plan if plan.is_dir() else plan.parent
@@ -51,9 +51,8 @@ def report_command(
     judged = Plan.judged(job, replace(schedule, robot=ScheduleRobot.of_job(job)))
     assert judged.schedule.verification is not None
     failures = judged.schedule.verification.failures
-    unusable = [check for check in failures if check.name in ("finite", "time", "arms", "segments")]
-    if unusable:
-        raise UsageError(f"{plan}: cannot be shown: {unusable[0].name}: {unusable[0].detail}")
+    if wrong := unusable(judged.schedule, job, failures, (*USABLE, "arms", "segments")):
+        raise UsageError(f"{plan}: cannot be shown: {wrong.name}: {wrong.detail}")
     page = judged.write_page(folder)
     if not quiet:
         print_message(f"written: {page}")

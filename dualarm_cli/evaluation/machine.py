@@ -1,4 +1,4 @@
-"""The machine as far as it may decide the last digits of a plan: class of the processor and C library.
+"""Class of the processor and C library, which may decide a plan's last digits.
 
 Ruckig, pinocchio and the solvers take sines and roots from the C library, which has variants for processors.
 """
@@ -9,7 +9,7 @@ import platform
 from pathlib import Path
 
 LEVELS = (("x86-64-v4", "avx512f"), ("x86-64-v3", "fma"))
-"""Classes of x86-64 processors, and a flag of the kernel that tells them from lower ones."""
+"""Classes of x86-64 processors, each with a flag that lower ones lack."""
 
 
 def machine() -> str:
@@ -24,7 +24,7 @@ def machine() -> str:
 
 
 def other_machine(made_on: str) -> str:
-    """Write how the machine of a baseline differs from this one; nothing where it does not, or is not known."""
+    """Describe how a baseline's machine differs from this one; empty if unknown."""
     here = machine()
     if made_on in ("", here):
         return ""

@@ -59,7 +59,7 @@ def angle_of(z: Any) -> Any:
 
 
 def angle_between(z: Any, w: Any) -> Any:
-    """Compute the angles by which complex numbers z are turned against w [rad], in [-pi, pi]."""
+    """Compute the angles from complex numbers w to z [rad], in [-pi, pi]."""
     return angle_of(complex_product(z, np.conj(w)))
 
 

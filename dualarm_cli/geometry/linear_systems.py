@@ -15,7 +15,7 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.native import function, numbers, pointer
 
 ZERO = 1e-14
-"""Singular values up to this share of the largest count as zero where a system is solved."""
+"""Largest share of the greatest singular value that counts as zero."""
 
 
 class SingularMatrixError(ArithmeticError):
@@ -23,7 +23,7 @@ class SingularMatrixError(ArithmeticError):
 
 
 def solve(A: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve square systems A x = right, for vectors (n,) or matrices (..., n, m).
+    """Solve systems A x = right, for vectors (n,) or matrices (..., n, m).
 
     Raises:
         SingularMatrixError: a matrix is singular to the last digit.
@@ -68,7 +68,7 @@ def singular_values(A: FloatArray) -> FloatArray:
 
 
 def null_space(A: FloatArray) -> FloatArray:
-    """Compute orthonormal rows (..., n - m, n) that matrices (..., m, n), m ≤ n, map to zero."""
+    """Compute orthonormal rows of the null spaces of matrices (..., m, n)."""
     turned, V = _orthogonal(np.swapaxes(A, -1, -2))
     order = np.argsort(norm(turned, axis=-1), axis=-1, kind="stable")
     rows = np.sort(order[..., : A.shape[-1] - A.shape[-2]], axis=-1)
@@ -76,7 +76,7 @@ def null_space(A: FloatArray) -> FloatArray:
 
 
 def least_squares(A: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve A x = right (m,) in the least-squares sense; of several solutions, the shortest (n,)."""
+    """Compute the shortest least-squares solution (n,) of A x = right (m,)."""
     turned, V = _orthogonal(A.T)
     squares = np.sum(turned * turned, axis=1)
     large = squares > ZERO * ZERO * squares.max(initial=0.0)
@@ -85,7 +85,7 @@ def least_squares(A: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def _orthogonal(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute rotations V (..., n, n) and the orthogonal rows V A of matrices A (..., n, m)."""
+    """Compute rotations V (..., n, n) and orthogonal rows V A (..., n, m)."""
     turned = np.array(rows, dtype=np.float64, order="C")
     n, m = turned.shape[-2:]
     V = np.array(np.broadcast_to(np.eye(n), (*turned.shape[:-2], n, n)), order="C")
@@ -110,7 +110,7 @@ def zeros_of(coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def solve_banded(rows: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve one banded system that needs no pivots, such as of splines or positive definite.
+    """Solve one banded system without pivots: of splines, or positive definite.
 
     Args:
         rows: row i has columns i - k to i + k, shape (n, 2k + 1); what lies outside is not read.

@@ -1,4 +1,4 @@
-"""Products of matrices and vectors, and their norms, with the same bits on every processor.
+"""Matrix products and norms with the same bits on every processor.
 
 Those of numpy's `@` and `linalg` come from a library that adds up in another order on every class of processors.
 """

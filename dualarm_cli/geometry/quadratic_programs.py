@@ -9,5 +9,5 @@ from typing import Any
 
 @cache
 def plain_piqp() -> Any:
-    """Load piqp for any processor; `import piqp` alone takes the variant for the machine's instructions."""
+    """Load piqp's variant for any processor, not that for the machine's instructions."""
     return import_module("piqp.piqp_python")

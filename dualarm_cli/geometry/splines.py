@@ -1,4 +1,4 @@
-"""Splines through values and rotations, with the same bits on every processor; scipy's solves them by LAPACK."""
+"""Splines through values and rotations with the same bits on every processor."""
 
 from __future__ import annotations
 
@@ -15,15 +15,18 @@ from dualarm_cli.records import dataclass
 
 DEGREE = 5
 AROUND = 48
-"""Values repeated beyond each end of a closed spline: what happens at their ends is below the last digit within."""
+"""Values repeated beyond each end of a closed spline.
+
+The effect of their ends is below the last digit within.
+"""
 ROUNDS, SETTLED = 30, 1e-13
-"""Most rounds in which the rates of turning are found, and their relative change that ends it."""
+"""Maximum number of rounds for turning rates, and their relative tolerance."""
 Rates = Sequence[tuple[int, FloatArray]]
 """Orders of derivatives at an end, ascending, and their values (d,)."""
 
 
 def quintic_spline(x: FloatArray, y: FloatArray, first: Rates = (), last: Rates = ()) -> Any:
-    """Compute the spline of degree five (scipy's BSpline) through values (n, d) at knots (n,).
+    """Compute a quintic spline (scipy's BSpline) through values (n, d) at knots.
 
     Args:
         x: knots, rising.
@@ -58,7 +61,7 @@ def quintic_spline(x: FloatArray, y: FloatArray, first: Rates = (), last: Rates 
 
 
 def closed_quintic_spline(x: FloatArray, y: FloatArray) -> Any:
-    """Compute the periodic spline of degree five (scipy's BSpline) through values (n + 1, d) at knots (n + 1,).
+    """Compute a periodic quintic spline (scipy's BSpline) through values (n + 1, d).
 
     Args:
         x: knots, rising.
@@ -77,7 +80,7 @@ def closed_quintic_spline(x: FloatArray, y: FloatArray) -> Any:
 
 @dataclass(frozen=True)
 class CubicSteps:
-    """Cubic polynomials from knot to knot, each from zero: a C2 spline, without curvature at its ends."""
+    """Natural cubic spline as polynomials from knot to knot, each from zero."""
 
     knots: FloatArray
     """Parameters of the knots, rising, shape (n,)."""
@@ -85,7 +88,7 @@ class CubicSteps:
     """Coefficients of t, t² and t³ by step, shape (3, n - 1, d)."""
 
     def at(self, u: FloatArray) -> tuple[Any, FloatArray, FloatArray]:
-        """Compute step numbers (k,), way from their first knot (k, d) and its rate (k, d) at parameters (k,)."""
+        """Compute step numbers (k,), ways from their first knots and rates, both (k, d)."""
         step = np.clip(np.searchsorted(self.knots, u, side="right") - 1, 0, len(self.knots) - 2)
         t = (u - self.knots[step])[:, None]
         one, two, three = self.powers[:, step]
@@ -95,7 +98,7 @@ class CubicSteps:
 
 @dataclass(frozen=True)
 class PoseSpline:
-    """Natural cubic splines through positions and rotations: C2, the latter in angular velocity and acceleration."""
+    """Natural cubic spline through poses, C2 in position and in rotation."""
 
     rotations: FloatArray
     """Rotations at the knots, shape (n, 3, 3)."""
@@ -108,7 +111,7 @@ class PoseSpline:
 
     @classmethod
     def through(cls, knots: FloatArray, R: FloatArray, p: FloatArray) -> PoseSpline:
-        """Compute the splines through rotations (n, 3, 3) and positions (n, 3) at knots (n,)."""
+        """Compute the spline through rotations (n, 3, 3) and positions (n, 3)."""
         turns = log_rotation(product(np.swapaxes(R[:-1], -1, -2), R[1:]))
         moving = _natural(knots, np.diff(p, axis=0), turning=False)
         return cls(R, p, _natural(knots, turns, turning=True), moving)
@@ -120,13 +123,13 @@ class PoseSpline:
         return R, self.positions[step] + self.moving.at(u)[1]
 
     def rates(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute angular velocities in the turned frame and velocities, both (k, 3), at parameters (k,)."""
+        """Compute angular velocities in the turned frame, and velocities, both (k, 3)."""
         _, turn, rate = self.turning.at(u)
         return np.einsum("kij,kj->ki", right_jacobian(turn), rate), self.moving.at(u)[2]
 
 
 def _natural(knots: FloatArray, ways: FloatArray, *, turning: bool) -> CubicSteps:
-    """Compute a natural spline by its rates at the knots; of rotations by rounds, as scipy's RotationSpline.
+    """Compute a natural spline by its rates at the knots.
 
     Acceleration is continuous at inner knots and zero at both ends. Angular acceleration at the end of a step is not
     linear in the rates: the rest is that of the round before.

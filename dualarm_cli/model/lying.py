@@ -25,7 +25,7 @@ from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey, Task
 from dualarm_cli.records import dataclass
 
 SAME_SPOT = 1e-6
-"""Distance of targets up to which a pick takes what lies at the other one [m]."""
+"""Largest distance of a pick from the part that it takes [m]."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,14 @@ class LyingPart:
     stop: Stop
     """The pick or place whose tool pose says where it is."""
     since: StopKey | None = None
-    """The place from whose end on it is there; None from the start, unless it is fed."""
+    """Place after which it is there; None from the start, unless fed."""
     until: StopKey | None = None
     """The pick that takes it; None for none."""
     fed: bool = False
-    """Whether it is brought to its pick: after `since` or, at the latest, as the tool comes onto the approach."""
+    """Flag of parts that are brought to their pick after `since`.
+
+    At the latest they are there as the tool comes onto the approach.
+    """
 
     @property
     def key(self) -> StopKey:
@@ -100,7 +103,7 @@ def _has_shape(job: Job, task: Task) -> bool:
 
 
 def _spots(visits: Sequence[Visit]) -> list[list[Visit]]:
-    """Group stops by where their tools are; what moves with a belt is by itself."""
+    """Group stops by their tool positions, with each one on a belt by itself."""
     spots: list[list[Visit]] = []
     places = np.empty((len(visits), 3))
     for task, stop in visits:
@@ -118,7 +121,7 @@ def _spots(visits: Sequence[Visit]) -> list[list[Visit]]:
 
 
 def lying_beside(job: Job, done: Sequence[Task], now: Sequence[Task]) -> tuple[Visit, ...]:
-    """List the parts that lie all the time while some tasks are done, by their stops.
+    """List the stops of parts that lie during all of some tasks.
 
     Args:
         job: the whole of it, decided.

@@ -1,4 +1,4 @@
-"""Faults that make a job impossible whatever is planned: its start, targets out of reach, tools and parts in obstacles.
+"""Proven faults that make a job impossible, whatever is planned.
 
 `dualarm check` prints them, and the planner refuses them before it searches. Only what is proven is a fault: a target
 that no posture reaches at any platform position and turn of the tool, or at which the tool or part, whose pose it
@@ -32,9 +32,9 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 BELT_STEP = 0.02
-"""Distance between the places on a conveyor at which a target is looked at [m]."""
+"""Spacing of a conveyor's places at which targets are examined [m]."""
 STRETCHES, MOST_JUNCTIONS = 16, 64
-"""Number of equal stretches of a path or seam, and most meeting pieces, at whose ends it is looked at."""
+"""Equal stretches, and maximum number of junctions, at which a path is examined."""
 FAR = 2.0
 """Distance beyond reach from which a wrong unit is the likely cause [m]."""
 UPWARDS = 0.5
@@ -42,7 +42,9 @@ UPWARDS = 0.5
 
 
 def job_faults(job: Job, *, clear: bool = True, rules: RoomRules | None = None) -> list[Refusal]:
-    """Return all that is proven to make a job impossible, by file and line; nothing for a robot that is not planned.
+    """List all that is proven to make a job impossible, by file and line.
+
+    Nothing for a robot that is not planned.
 
     Args:
         job: of a file, with its lines as long as they have to be straight.
@@ -81,7 +83,7 @@ class _Faults:
     job: Job
     """The job with its tool changes."""
     clear: bool
-    """Whether anything has to be collision-free."""
+    """Flag of plans that have to be collision-free."""
 
     @cached_property
     def _start(self) -> FloatArray:
@@ -95,7 +97,7 @@ class _Faults:
 
     @cached_property
     def _is_placed(self) -> bool:
-        """Whether a platform stands where the motion starts, or is one joint, of which all positions are looked at."""
+        """Flag of platforms whose positions are known, or can all be examined."""
         platform = self.model.platform
         moves = self.job.start == "free" or self.job.in_sections
         return platform.is_chosen or not platform.joints or not moves
@@ -118,7 +120,7 @@ class _Faults:
                 yield _by_no_arm(task, arms, [faults[0] for faults in found])
 
     def of_sections(self) -> Iterator[Refusal]:
-        """Iterate over the faults of paths and seams: of their ends, or else of the farthest place on their way."""
+        """Iterate over faults of paths and seams: at their ends, else between."""
         for section in self.job.sections():
             kind = kind_of(section)
             if kind is None:
@@ -139,7 +141,7 @@ class _Faults:
             yield from faults
 
     def _of_poses(self, section: Section, what: str, poses: ToolPoses) -> Iterator[Refusal]:
-        """Iterate over the faults of the tools' poses at one place of a path or seam."""
+        """Iterate over the faults at one place of a path or seam."""
         for task in (one for one in section if one.arm in poses):
             stop = replace(task.stops[0], target=poses[task.arm], approach=0.0, retract=0.0)
             slack, turn = ROUNDING, 0.0
@@ -150,7 +152,7 @@ class _Faults:
                 yield _impossible(what, task.arm, task, stop, cause)
 
     def _fault(self, arm: str, task: Task, stop: Stop) -> Refusal | None:
-        """Return why an arm cannot make a stop of its task, with what would help; None where that is not proven."""
+        """Return the proven reason against a stop of an arm, with remedies, or None."""
         fault = self._bare_fault(arm, task, stop)
         if fault is None or not isinstance(stop.target, PoseTarget):
             return fault
@@ -170,7 +172,7 @@ class _Faults:
         return replace(fault, remedy=remedy)
 
     def _bare_fault(self, arm: str, task: Task, stop: Stop) -> Refusal | None:
-        """Return why an arm cannot make a stop of its task: it is out of reach, or a tool or part is in an obstacle."""
+        """Return the proven reason against a stop of an arm, or None."""
         if cause := self._unreached(arm, task, stop):
             return _impossible("stop_impossible", arm, task, stop, cause)
         if not self.clear or stop.moves:
@@ -181,7 +183,10 @@ class _Faults:
     def _unreached(
         self, arm: str, task: Task, stop: Stop, slack: float = ROUNDING, turn: float = 0.0
     ) -> Refusal | None:
-        """Return why a target is out of an arm's reach, wherever a conveyor has it; None where that is not proven."""
+        """Return the proof that a target is out of reach, or None.
+
+        On a conveyor it is out of reach wherever it may be.
+        """
         if not self._is_placed:
             return None
         places = [stop]
@@ -203,7 +208,7 @@ class _Faults:
 
 
 def _shares(work: PathWork | None) -> list[float]:
-    """Return shares of a path or seam at which it is looked at, where pieces meet among them; without both ends."""
+    """List inner shares of a path or seam to examine, junctions among them."""
     found = [k / STRETCHES for k in range(1, STRETCHES)]
     for path in () if work is None else work.paths.values():
         step = -(-len(path.junctions) // MOST_JUNCTIONS) or 1
@@ -212,7 +217,7 @@ def _shares(work: PathWork | None) -> list[float]:
 
 
 def _impossible(what: str, arm: str, task: Task, stop: Stop, cause: Refusal) -> Refusal:
-    """Return the fault of a stop, or of a place of a path or seam, that is out of reach."""
+    """Build the fault of a stop or path that is out of reach."""
     remedy: tuple[str, ...] = ("check_unit",) if (cause.measured or 0.0) > FAR else ()
     if what != "stop_impossible":
         remedy += ("move_work",)
@@ -225,7 +230,7 @@ def _impossible(what: str, arm: str, task: Task, stop: Stop, cause: Refusal) -> 
 
 
 def _by_no_arm(task: Task, arms: list[str], faults: list[Refusal]) -> Refusal:
-    """Return that none of the arms that may do a task can, each with why."""
+    """Build the fault of a task that no arm can do, with reasons."""
     causes = []
     for arm, fault in zip(arms, faults, strict=True):
         cause = fault.more.get("cause", replace(fault, place=None, remedy=()))

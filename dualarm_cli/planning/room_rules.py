@@ -1,4 +1,4 @@
-"""Orders of picks and places that the rooms of their parts leave: what is in the way of another task comes later."""
+"""Orders of picks and places that leave room for their parts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class RoomRules:
     """Orders that the rooms of a job's parts leave."""
 
     job: Job
-    """The job; parts that are in each other's way in either order keep the yaw of the file."""
+    """Job in which crowded parts keep the yaw of the file."""
     rules: Rules
     """Tasks that have to be over before others."""
     notes: list[str]
@@ -50,7 +50,7 @@ class RoomRules:
         return found
 
     def ruled(self) -> Job:
-        """Return the job, without faults, its tasks after those that their parts would be in the way of, with notes.
+        """Order a job's tasks by the room of their parts, with notes.
 
         A part that lies where another task's tool or part has to pass is placed after that task; one that waits there
         is picked before it. Parts that others take away again, and those of buffers, are left to the search.
@@ -70,7 +70,7 @@ class RoomRules:
 
 
 def _rules(job: Job) -> Rules:
-    """List the tasks that have to be over before others begin, each with the reason."""
+    """List the tasks to finish before others begin, each with its reason."""
     rules: Rules = {}
     for crowded in crowded_stops(job):
         rule = _rule(job, crowded)
@@ -80,7 +80,7 @@ def _rules(job: Job) -> Rules:
 
 
 def _pinned(job: Job, rules: Rules) -> tuple[Job, Rules, list[str]]:
-    """Return a job in which some parts keep the yaw of the file, its rules, and a note."""
+    """Fix the yaw of crowded parts; return the job, its rules and notes."""
     keys = {
         key
         for (one, other), crowded in rules.items()
@@ -108,7 +108,10 @@ def _pinned(job: Job, rules: Rules) -> tuple[Job, Rules, list[str]]:
 
 
 def _rule(job: Job, crowded: Crowded) -> tuple[str, str] | None:
-    """Return the tasks of which the first must be over before the second begins; None where the search has to see."""
+    """Return the task to finish first and the later one, or None.
+
+    None where the search has to see.
+    """
     room = crowded.room
     others = [
         stop.action

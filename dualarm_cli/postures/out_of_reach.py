@@ -1,4 +1,4 @@
-"""Proofs that an arm cannot make a stop: no posture of any branch, turn of the tool or platform position reaches it.
+"""Proofs that no posture at any platform position reaches a stop.
 
 `explain_reach` looks at samples of what is free. Here a sample stands for all that is nearer to it than to others:
 it counts with the distance that the arm moves in between. What is not proven is left open.
@@ -37,7 +37,7 @@ ROUNDING = 1e-6
 ELBOWS, SAMPLES, TINY = 60, 64, 1e-9
 """Elbows looked at on their circle, poses tried first, and least divisor [m]."""
 COARSE, FINE = np.radians(6.0), np.radians(0.5)
-"""Spacings of the platform positions that are looked at, the finer one where the coarse one leaves it open [rad]."""
+"""Coarse and fine spacing of the platform positions examined [rad]."""
 
 
 def out_of_reach(
@@ -47,7 +47,7 @@ def out_of_reach(
     slack: float = ROUNDING,
     turn: float = 0.0,
 ) -> Refusal | None:
-    """Return why an arm has no posture for a stop, whatever else is done; None where that is not proven.
+    """Return the proof that an arm has no posture for a stop, or None.
 
     Args:
         model: the cell.
@@ -81,7 +81,7 @@ def out_of_reach(
 
 
 def _platform_moves(model: CellModel, position: FloatArray) -> list[tuple[FloatArray, float]]:
-    """Return moves of the platform from where it is, coarse ones first, and how far others are from them at most."""
+    """Return coarse, then fine platform moves, each with half its spacing."""
     if not model.platform.is_chosen:
         return [(np.zeros(1), 0.0)]
     limits = model.cell.robot.limits.select(model.platform.joints)
@@ -97,7 +97,7 @@ def _platform_moves(model: CellModel, position: FloatArray) -> list[tuple[FloatA
 def _how_far(
     model: CellModel, position: FloatArray, stop: StopProblem, name: str, number: int
 ) -> Refusal:
-    """Return how far a point of a stop, by its name and number, is beyond reach where the platform is best for it."""
+    """Measure how far a point of a stop is beyond reach at best."""
     angles, here = scanned_positions(model, position)
     R, p = moved_flanges(stop, model.platform, angles - here)[number]
     signed = srs_miss(stop.arm, R, p) if isinstance(stop.arm, SrsArm) else _miss(stop.arm, R, p)[1]
@@ -125,7 +125,7 @@ def _turns(stop: StopProblem) -> bool:
 def _least_miss(
     arm: SrsArm | GeneralArm, R: FloatArray, p: FloatArray
 ) -> tuple[float, float] | None:
-    """Return by how much poses are missed [m] and [rad], by inverse kinematics that finds all postures of a pose.
+    """Measure the miss of poses [m] and [rad] by closed-form kinematics.
 
     None where a posture within limits reaches one of them. Where a joint is free, as in a singular posture of six axes,
     only samples of it are known: that is no proof, and None as well.
@@ -154,7 +154,9 @@ def _beyond(
     slack: float,
     turn: float,
 ) -> bool | None:
-    """Return whether a pose is beyond reach at all positions and turns: False where one reaches it, None if unknown.
+    """Return whether poses are all beyond reach; None if unknown.
+
+    False as soon as one is reached, as far as this proof can tell.
 
     Args:
         model: the cell.
@@ -198,7 +200,7 @@ def _beyond(
 def _elbow_fits(
     arm: SrsArm, R: FloatArray, p: FloatArray, moved: FloatArray, turned: FloatArray
 ) -> BoolArray:
-    """Return whether joints 2 and 6 may be within their limits at flange poses, or near to them, shape (k,).
+    """Return whether joints 2 and 6 may be within limits near poses (k,).
 
     The elbow is on a circle about the line from shoulder to wrist; both joints bend by what its place says.
 
@@ -250,7 +252,7 @@ def _largest_bend(arm: SrsArm, joint: int) -> float:
 
 
 def _miss(arm: SrsArm | GeneralArm, R: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a point that flange poses fix, (..., 3) [m], and how far at least it is beyond what it reaches, (...)."""
+    """Return a point fixed by flange poses and its least distance beyond reach [m]."""
     if isinstance(arm, SrsArm | WristArm):
         return arm.wrist_center(R, p), arm.reach_miss(R, p)
     # The last joint's origin, which that joint does not move: no farther from the first than all links together.
@@ -275,7 +277,7 @@ def _miss(arm: SrsArm | GeneralArm, R: FloatArray, p: FloatArray) -> tuple[Float
 
 
 def _distance_to_second(arm: GeneralArm, point: FloatArray) -> FloatArray:
-    """Compute how far points (..., 3) [m] are from all places of the second joint's origin, shape (...)."""
+    """Compute the distance of points (..., 3) from the second joint's arc [m]."""
     v = product(point - arm.p_parent_joint[0], arm.R_parent_joint[0])
     x, y, z = arm.p_parent_joint[1].tolist()
     low, high = _turns_within(arm, 0)
@@ -295,5 +297,5 @@ def _turns_within(arm: GeneralArm, joint: int) -> tuple[float, float]:
 
 
 def _last_link(arm: SrsArm | GeneralArm) -> float:
-    """Return how far from the fixed point of `_miss` the points are that it looks at [m]."""
+    """Return the distance between the point of `_miss` and those examined [m]."""
     return 0.0 if isinstance(arm, SrsArm | WristArm) else float(norm(arm.p_parent_joint[-1]))

@@ -1,4 +1,4 @@
-"""Bodies that collisions are checked of, and notes on what a cell file leaves out.
+"""Bodies that are checked for collisions, and notes on omissions of cell files.
 
 `plan` and `check` say the same of a job; further kinds of bodies belong into `bodies`.
 """
@@ -16,7 +16,7 @@ from dualarm_cli.model.lying import lying_parts
 
 
 def bodies(job: Job) -> dict[str, Any]:
-    """List the names of a job's bodies with shapes and without, and say them in a sentence.
+    """List a job's bodies with and without shapes, and describe them.
 
     Bodies are the links that move, tools, carried parts and obstacles. Parts that no task names have no shape.
     """
@@ -65,7 +65,7 @@ def _links_of(model: pin.Model, joint: int) -> list[str]:
 
 
 def cell_notes(job: Job) -> list[str]:
-    """Return notes on arms that work without a tool, and on a clearance of nothing."""
+    """List notes on arms without a tool, and on a clearance of 0."""
     notes = []
     for arm in job.cell.robot.arms:
         tool = job.cell.tools[arm.name]

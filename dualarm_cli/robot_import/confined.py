@@ -1,4 +1,4 @@
-"""Xacro in a process of its own that may read a few folders, and nothing else: a xacro file is a program.
+"""Xacro in a confined process, because a xacro file is a program.
 
 The process has a limit of processor time, of memory and of what it writes, no variables of the environment but those of
 ROS, and no way to change files or to reach other programs, processes or networks (seccomp). It reads no file outside
@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 SECONDS, BYTES, OUTPUT = 30, 4_000_000_000, 20_000_000
-"""Processor time [s], address space [bytes] and length of the result [bytes] that xacro may need."""
+"""Limits of xacro: processor time [s], address space [B], result [B]."""
 KEPT = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH", "ROS_DISTRO", "ROS_VERSION", "LD_LIBRARY_PATH")
 """Environment variables that the process gets: where packages and libraries are."""
 _START = (
@@ -39,7 +39,7 @@ _DENIED = {
 }  # fmt: skip
 """Numbers of the system calls that are refused, on x86-64."""
 _OPEN, _OPENAT, _WRITING = 2, 257, 0o1103
-"""Numbers of the calls that open files, and flags refused in them: write-only, read-write, create, truncate."""
+"""Numbers of calls that open files, and flags refused in them."""
 _LANDLOCK = {"create": 444, "add": 445, "restrict": 446}
 _READ = 0b1100
 """Landlock's rights to read files and to list folders."""
@@ -94,7 +94,7 @@ def expanded(file: Path, folders: Sequence[Path]) -> tuple[str, bool]:
 
 
 def main(file: str, folders: Sequence[str]) -> None:
-    """Expand a file in this process, which has no rights any more afterwards, and print the result as JSON."""
+    """Confine this process, expand a file and print the result as JSON."""
     import xml.dom.expatbuilder  # noqa: F401  what is needed later may not be found then
 
     import xacro
@@ -125,7 +125,7 @@ def _libc() -> ctypes.CDLL:
 
 
 def _confine(folders: Sequence[str]) -> None:
-    """Take this process's rights to write, to read outside of folders, and to reach processes and networks.
+    """Drop this process's rights beyond reading some folders.
 
     Raises:
         OSError: the kernel refuses what it has.
@@ -165,7 +165,7 @@ class _Program(ctypes.Structure):
 
 
 def _filters() -> bytes:
-    """Return a program of seccomp that refuses _DENIED, opening files to write, and calls of other architectures."""
+    """Build the seccomp program that refuses _DENIED and opening files to write."""
 
     def step(code: int, value: int, then: int = 0, otherwise: int = 0) -> bytes:
         row = (code | then << 16 | otherwise << 24, value)

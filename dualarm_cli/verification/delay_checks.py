@@ -1,4 +1,4 @@
-"""Tolerated delay of one arm: the solids that count, the proven figure, and the job's demand."""
+"""Tolerated delay of one arm, as proven and as required."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SKEW = "skew"
 
 
 def arm_delays(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> tuple[ArmDelay, ...]:
-    """Prove how late each of two arms may be against the other; nothing for one arm, or arms without shapes.
+    """Prove the tolerated delay of each of two arms with shapes.
 
     Late are the arm's joints, its tool and what it carries. The other arm and a platform keep to the plan's time, and
     both arms stay where the plan ends. Not counted are what may touch in a hand-over or on a seam, parts on the lines
@@ -88,7 +88,7 @@ def arm_delays(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> tuple
 
 
 def check_skew(job: Job, delays: Sequence[ArmDelay]) -> list[Check]:
-    """Judge the delay of either arm that a job asks for; nothing where it asks for none.
+    """Judge the tolerated delay that a job requires, if any.
 
     Args:
         job: as it was done.
@@ -104,7 +104,7 @@ def check_skew(job: Job, delays: Sequence[ArmDelay]) -> list[Check]:
 
 
 def _to_the_ends(schedule: Schedule, spans: Spans) -> Spans:
-    """Return spans of which those that reach an end of the motion go on beyond it: both arms stay there."""
+    """Extend spans that reach an end of the motion beyond it."""
     first, last = schedule.trajectory.time[0], schedule.trajectory.time[-1]
     return [
         (-np.inf if begin <= first else begin, np.inf if end >= last else end)

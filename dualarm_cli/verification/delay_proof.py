@@ -1,4 +1,4 @@
-"""Proof of how late one arm may be: the least delay of one arm with which two arms lack clearance.
+"""Proof of the least delay of one arm at which clearance is lost.
 
 Where both stand on the same base or platform, the solids of each arm depend on its own clock alone. Squares of the
 plane of both clocks are halved in both directions until the boxes about all that two solids pass, or the distance at
@@ -39,7 +39,7 @@ class DelaySearch:
     """Settings of the search for the least delay that lacks clearance."""
 
     grid: float = 0.02
-    """Shortest stretch about which boxes are made [s]; longer in motions of more than `most` of them."""
+    """Shortest stretch of a bounding box [s], longer beyond `most` stretches."""
     most: int = 8_000
     """Greatest number of such stretches."""
     levels: int = 5
@@ -49,11 +49,14 @@ class DelaySearch:
     shortest: float = 5e-5
     """Side below which squares are not halved [s]."""
     precision: float = 5e-4
-    """Difference of a delay proven clear and one that lacks clearance at which the search ends [s]."""
+    """Largest gap between proven and refuted delay that ends the search [s]."""
     share: float = 0.01
-    """The same as a share of the delay; the greater one counts."""
+    """Relative form of `tolerance`; the greater one counts."""
     distances: int = 1_000_000
-    """Greatest number of distances that are measured; bundled jobs need up to 80,000. Nothing more is proven then."""
+    """Maximum number of measured distances; bundled jobs need up to 80,000.
+
+    Beyond it nothing more is proven.
+    """
 
 
 @dataclass(frozen=True)
@@ -63,13 +66,13 @@ class ArmPair:
     pair: Pair
     """Their numbers, that of the first arm first, and the required distance."""
     there: tuple[Spans, Spans] = (ALWAYS, ALWAYS)
-    """When each one exists, by its own arm's clock [s]."""
+    """Spans in which each one exists, by its own arm's clock [s]."""
     excused: Spans = ()
-    """When they touch by design, by either clock [s]."""
+    """Spans in which they touch by design, by either clock [s]."""
 
     @property
     def counts_always(self) -> bool:
-        """Whether it counts whatever the clocks say."""
+        """Flag of pairs that count at any time."""
         return self.there == (ALWAYS, ALWAYS) and not self.excused
 
     def counts_at(self, clocks: Sequence[float]) -> bool:
@@ -92,12 +95,12 @@ class DelayBracket:
     pair: int = -1
     """Number of the pair that lacks it; -1 for none."""
     time: float = 0.0
-    """When, by the clock of the arm that is not late [s]."""
+    """Instant by the clock of the punctual arm [s]."""
 
 
 @dataclass(frozen=True)
 class _Squares:
-    """Squares of one size in the plane of both clocks, each with a pair; n of them."""
+    """Squares of one size in the plane of both clocks, with pairs."""
 
     first: IntArray
     """Numbers along the first arm's clock, shape (n,)."""
@@ -134,7 +137,7 @@ class _Squares:
 
 
 class DelayProof:
-    """Distances of two arms from each other, one of them as late as may be, along one motion."""
+    """Distances of two arms along one motion, one of them late."""
 
     def __init__(
         self,
@@ -222,7 +225,7 @@ class DelayProof:
             squares, level = squares.halved(), level + 1
 
     def _counts(self, squares: _Squares) -> BoolArray:
-        """Return whether both solids may exist, and not touch by design, somewhere in each square."""
+        """Return whether a pair may count somewhere in each square."""
         counts = np.ones(len(squares.pair), dtype=np.bool_)
         for number, one in enumerate(self._pairs):
             if one.counts_always:
@@ -239,7 +242,7 @@ class DelayProof:
         return counts
 
     def _near(self, squares: _Squares, level: int) -> BoolArray:
-        """Return in which squares of a level the boxes of a pair are nearer than required."""
+        """Return whether boxes of pairs are nearer than required, by square."""
         (low, high), shift = self._boxes[level], self._before << level
         one, i = self._bodies[0, squares.pair], squares.first + shift
         other, j = self._bodies[1, squares.pair], squares.second + shift
@@ -249,7 +252,7 @@ class DelayProof:
         return found
 
     def _margins(self, squares: _Squares) -> tuple[FloatArray, FloatArray]:
-        """Measure the margins at the squares' centres by coal, and bound their change within them [m]."""
+        """Measure margins at squares' centres by coal, and bound their change [m]."""
         side, pair, moved = squares.side, squares.pair, np.zeros(len(squares.pair))
         places: list[FloatArray] = []
         for clock, bodies in zip((squares.first, squares.second), self._bodies, strict=True):
@@ -279,7 +282,7 @@ class DelayProof:
         return distance - self._required[pair], moved
 
     def _lowered(self, found: DelayBracket, squares: _Squares, margin: FloatArray) -> DelayBracket:
-        """Lower the delay that lacks clearance to the least one at the centres of squares."""
+        """Lower the refuted delay to the least one at squares' centres."""
         delay = squares.delay * squares.side
         # Coal's iteration fails now and then where faces touch: bodies never overlap by metres.
         lacks = (margin < -tol.CLEARANCE_SLACK) & (margin > -10.0) & (delay < found.broken)
@@ -299,7 +302,7 @@ class DelayProof:
         return found
 
     def _finest_boxes(self, grid: float) -> tuple[FloatArray, FloatArray]:
-        """Return the corners of boxes about all that solids pass in short stretches [m], (solids, stretches, 3)."""
+        """Compute corners of boxes swept in short stretches [m], (solids, stretches, 3)."""
         numbers = np.arange(
             -self._before << self._search.levels, self._after << self._search.levels
         )
@@ -315,7 +318,7 @@ class DelayProof:
         return centre - half, centre + half
 
     def _levers_of(self, model: pin.Model, solid: Solid) -> FloatArray:
-        """Return how far each joint moves a solid on its arm [m/rad], shape (joints,); 0 for those that stand."""
+        """Compute the lever of each joint on a solid [m/rad], shape (joints,)."""
         found = np.zeros(len(self._trajectory.joints))
         for joint, reach in reaches(model, solid).items():
             found[self._trajectory.joints.index(model.names[joint])] = reach
@@ -323,7 +326,7 @@ class DelayProof:
         return np.where(self._speeds.max(axis=0) > 0.0, found, 0.0)
 
     def _poses(self, body: int, numbers: IntArray, side: float) -> tuple[FloatArray, FloatArray]:
-        """Compute a solid's rotations (n, 3, 3) and positions (n, 3) [m] in the middle of stretches.
+        """Compute a solid's rotations and positions [m] at the middle of stretches.
 
         Joints that carry both arms are held at 0: they do not move one arm against the other.
         """
@@ -332,7 +335,7 @@ class DelayProof:
         return self._chains[body].poses(q)
 
     def _fastest(self, numbers: IntArray, side: float) -> FloatArray:
-        """Return the greatest speed of each joint in stretches [rad/s], shape (n, joints); none outside the motion."""
+        """Compute the greatest joint speeds in stretches [rad/s], shape (n, joints)."""
         begin, end = (number.astype(np.float64) * side for number in (numbers, numbers + 1))
         knots = self._trajectory.time
         moves = (end > knots[0]) & (begin < knots[-1])

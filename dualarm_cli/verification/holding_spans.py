@@ -1,4 +1,4 @@
-"""When arms hold parts and tools, and when their carriers are on lines, as spans of time."""
+"""Spans of time in which arms hold parts and tools, or follow lines."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Span = tuple[float, float]
 def carrying_spans(
     schedule: Schedule, job: Job, solid: Solid, task: str | None = None
 ) -> list[Span]:
-    """Returns when an arm carries a part or has a tool on [s].
+    """List the spans in which an arm carries a part or a tool [s].
 
     A part from where it takes it to where it gives it, or to the end; a tool from the start where it is on then, and
     from each time that it is taken, until it is left or to the end.
@@ -52,7 +52,7 @@ def carrying_spans(
 
 
 def tasks_moving(solid: Solid, job: Job) -> set[str]:
-    """Returns the tasks that move a part, of the tool that grips it, or that take or leave a tool."""
+    """List the tasks that move a part or change a tool."""
     return {
         task.id
         for task in job.tasks
@@ -62,7 +62,7 @@ def tasks_moving(solid: Solid, job: Job) -> set[str]:
 
 
 def spans_on_lines(job: Job, solid: Solid, spans: Sequence[LineSpan]) -> list[Span]:
-    """Returns when a part's carrier is on the lines or dwells at the ends of its way, or at the stand of a tool [s].
+    """List the spans in which a part's carrier follows lines or dwells [s].
 
     Sorted and apart.
     """
@@ -83,13 +83,13 @@ def spans_on_lines(job: Job, solid: Solid, spans: Sequence[LineSpan]) -> list[Sp
 
 
 def overlaps(one: Sequence[Span], other: Sequence[Span]) -> list[Span]:
-    """Returns what two lists of spans have in common."""
+    """Intersect two lists of spans."""
     both = [(max(a, c), min(b, d)) for a, b in one for c, d in other]
     return [(start, end) for start, end in both if start < end]
 
 
 def without(spans: Sequence[Span], holes: Sequence[Span]) -> list[Span]:
-    """Returns spans without others, which are sorted and apart."""
+    """Subtract sorted, separate spans from others."""
     left = []
     for start, end in spans:
         here = start

@@ -1,8 +1,8 @@
-"""Comparison of the robot that a schedule file states with its URDF and with the job's robot."""
+"""Comparison of a schedule file's robot with its URDF and the job's."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -15,12 +15,14 @@ from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.motion_checks import judge
 from dualarm_cli.verification.tool_model import ToolModel
 
+USABLE = ("finite", "time")
+"""Checks that a schedule has to pass to be of any use."""
 SHOWN = 2
 """Differences that a message names."""
 
 
 def check_robot(schedule: Schedule, job: Job | None = None) -> Check:
-    """Compare the robot that a schedule file states with its URDF and with the job's robot.
+    """Compare a schedule file's robot with its URDF, or with the job's.
 
     The verifier judges the motion by the job's robot; exports and pages use what the file states.
 
@@ -77,7 +79,7 @@ def _beside_job(stated: ScheduleRobot, known: ScheduleRobot) -> Iterator[str]:
 def _joints(
     what: str, stated: tuple[str, ...], known: tuple[str, ...], whose: str
 ) -> Iterator[str]:
-    """Yield the first joint that is too many or missing, or that the order differs."""
+    """Yield the first superfluous, missing or misplaced joint."""
     extra = [joint for joint in stated if joint not in known]
     missing = [joint for joint in known if joint not in stated]
     if extra:
@@ -99,3 +101,20 @@ def _limits(stated: JointLimits, known: JointLimits) -> Iterator[str]:
 
 def _same_pose(one: pin.SE3, other: pin.SE3) -> bool:
     return bool(np.abs(one.homogeneous - other.homogeneous).max() <= tol.SAME_STATED)
+
+
+def unusable(
+    schedule: Schedule, job: Job | None, failures: Sequence[Check], names: Sequence[str] = USABLE
+) -> Check | None:
+    """Return the first failed check that makes a schedule unusable, or None.
+
+    Args:
+        schedule: with the robot that its file states.
+        job: of its task file.
+        failures: of the verifier.
+        names: checks that have to pass, beside that of the robot.
+    """
+    found = [check for check in failures if check.name in names]
+    if not found and (robot := check_robot(schedule, job)).verdict == "failed":
+        return robot
+    return found[0] if found else None

@@ -68,14 +68,11 @@ def judged_log(
     from dualarm_cli.files.tasks.tasks import load_job
     from dualarm_cli.verification import verify
     from dualarm_cli.verification.driven_motion import judge_driven
-    from dualarm_cli.verification.robot_checks import check_robot
+    from dualarm_cli.verification.robot_checks import unusable
 
     job = load_job(tasks)
-    unusable = [c for c in verify(schedule, job).failures if c.name in ("finite", "time")]
-    if not unusable and (robot := check_robot(schedule, job)).verdict == "failed":
-        unusable = [robot]
-    if unusable:
-        raise UsageError(f"--plan: is no plan to compare with: {unusable[0].detail}")
+    if wrong := unusable(schedule, job, verify(schedule, job).failures):
+        raise UsageError(f"--plan: is no plan to compare with: {wrong.detail}")
     logged = read_logged_motion(path, schedule.trajectory.joints)
     try:
         return judge_driven(

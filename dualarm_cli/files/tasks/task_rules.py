@@ -8,7 +8,7 @@ from itertools import pairwise
 from dualarm_cli.errors import did_you_mean
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.text_source import quote, suggest
-from dualarm_cli.files.source.yaml_source import Document
+from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.schema_tasks import TaskSection, TasksFile
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.cell import Cell
@@ -170,21 +170,18 @@ def _check_precedence(
     findings: Findings,
 ) -> None:
     entries = document.listed("tasks")
-    known = [t["id"] for t in entries if isinstance(t, dict) and isinstance(t.get("id"), str)]
-    known_set = set(known)
+    ids = [t["id"] for t in entries if isinstance(t, dict) and isinstance(t.get("id"), str)]
+    known = dict.fromkeys(ids)
     before: dict[str, list[str]] = {}
     for name, then in in_a_row:
         before.setdefault(then, []).append(name)
     index_of = {task.id: index for index, task in reversed(list(tasks.items()))}
     for index, task in tasks.items():
         for k, other in enumerate(task.after):
-            loc = ("tasks", index, "after", k)
             if other == task.id:
+                loc = ("tasks", index, "after", k)
                 findings.add(document, loc, f"task {quote(other)} cannot come after itself")
-            elif other not in known_set:
-                hint = did_you_mean(other, known)
-                findings.add(document, loc, f"there is no task {quote(other)}{hint}")
-            else:
+            elif _is_known(document, ("tasks", index, "after", k), other, known, findings):
                 before.setdefault(task.id, []).append(other)
         _check_touches(document, index, task, known, findings)
     ring = _find_ring(before)
@@ -198,7 +195,11 @@ def _check_precedence(
 
 
 def _check_touches(
-    document: Document, index: int, task: TaskSection, known: list[str], findings: Findings
+    document: Document,
+    index: int,
+    task: TaskSection,
+    known: Mapping[str, None],
+    findings: Findings,
 ) -> None:
     """Notes tasks that a part is to touch and that there are not, and such keys of tasks that carry no part."""
     for key in ("touches", "leaves"):
@@ -206,12 +207,21 @@ def _check_touches(
             message = f"only a pick with its place carries a part; remove '{key}'"
             findings.add(document, ("tasks", index, key), message)
     for k, other in enumerate(task.touches):
-        loc = ("tasks", index, "touches", k)
+        loc: Loc = ("tasks", index, "touches", k)
         if other == task.id:
             findings.add(document, loc, f"the part of {quote(other)} cannot touch itself")
-        elif other not in known:
-            hint = did_you_mean(other, known)
-            findings.add(document, loc, f"there is no task {quote(other)}{hint}")
+        else:
+            _is_known(document, loc, other, known, findings)
+
+
+def _is_known(
+    document: Document, loc: Loc, name: str, known: Mapping[str, None], findings: Findings
+) -> bool:
+    """Return whether a name is a task's; note it otherwise."""
+    if name not in known:
+        hint = did_you_mean(name, list(known))
+        findings.add(document, loc, f"there is no task {quote(name)}{hint}")
+    return name in known
 
 
 def _find_ring(before: Mapping[str, list[str]]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Parts that move with a belt before their pick or after their place, and what comes too near to them."""
+"""Parts that move with a belt, and bodies that come too near to them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dualarm_cli.refusals import Refusal
 
 
 def touched_on_belt(job: Job, found: ClearedPlan) -> Refusal | None:
-    """Find the first stage of a plan in which something comes too near to a part on a belt; None for none.
+    """Find the first stage without clearance from a part on a belt, or None.
 
     On its lines, the tool that picks or places the part may touch it; up to its neighbouring stops no more than that.
 
@@ -65,7 +65,10 @@ def _worst(
     shift: FloatArray,
     own: str,
 ) -> tuple[str, str, float, int] | None:
-    """Return the bodies that lack most clearance, what they lack [m] and the row; None where all is clear."""
+    """Find the bodies that lack most clearance, the lack [m] and the row.
+
+    None where all is clear.
+    """
     for a, arm in enumerate(cell.arms):
         held = samples.held[:, a] % cell.size
         for number in np.unique(held[there]).tolist():

@@ -1,4 +1,4 @@
-"""Parts that lie while arms go by their own clocks: when each of them does is known once both motions are."""
+"""Parts that lie while arms move by their own clocks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from dualarm_cli.motion.waiting import SAME_TIME
 
 
 def others_parts(job: Job, arm: str) -> tuple[Visit, ...]:
-    """List the parts of the other arm that may lie at any time and are not in the way of an arm's own stops.
+    """List the other arm's parts that lie away from an arm's own stops.
+
+    They may lie at any time.
 
     Args:
         job: decided.
@@ -36,7 +38,7 @@ def others_parts(job: Job, arm: str) -> tuple[Visit, ...]:
 def with_motion_scenes(
     job: Job, cell: CellClearance, motion: Motion, time: FloatArray
 ) -> tuple[CellClearance, IntArray]:
-    """Return a test with what lies between the events of a motion, and the scene of each instant, shape (t,).
+    """Add scenes of lying parts to a test; return their numbers (t,) by instant.
 
     Args:
         job: decided.

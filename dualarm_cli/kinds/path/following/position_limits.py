@@ -1,4 +1,4 @@
-"""Whether a joint's position limit ends a path, however slowly it is followed: what less speed does not cure."""
+"""Search for position limits that end a path at any speed."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from dualarm_cli.kinds.path.following.velocity import pose_error
 STATIONS = 400
 """Places along the path between which joints are followed without time."""
 STEPS, CENTRING = 12, 3
-"""Newton steps from one place to the next, and those of them that self-motion uses to get away from limits."""
+"""Newton steps per place, and those that self-motion uses to leave limits."""
 SHARE = 0.2
-"""Share of the distance to the middle of their limits by which it moves joints then."""
+"""Share of the distance to mid-range by which self-motion moves joints."""
 FOLLOWED = 1e-9
 """Error of the tools that counts as none [m, rad]."""
 BEYOND = 1e-4
@@ -25,7 +25,7 @@ SINGULAR = 1e-3
 
 
 def ended_by_limit(problem: PathProblem, moves: BoolArray | None = None) -> NoPath | None:
-    """Return the joint whose position limit ends a path from its start; None where none is known to.
+    """Find the joint whose position limit ends a path, or None.
 
     The path is followed without time, by steps of least norm. A joint that would leave its limits is held there, and
     self-motion keeps the others away from theirs; a path ends where they cannot make up for it.
@@ -53,7 +53,7 @@ def ended_by_limit(problem: PathProblem, moves: BoolArray | None = None) -> NoPa
 
 
 def _followed(problem: PathProblem, q: FloatArray, k: int, moves: BoolArray) -> FloatArray | None:
-    """Return joints (n,) [rad] near given ones whose tools are where they belong at an instant; None without any."""
+    """Find joints (n,) [rad] near given ones that follow an instant, or None."""
     limits, follows = problem.limits, np.flatnonzero(problem.follows)
     middle = 0.5 * (limits.lower + limits.upper)
     middle = np.where(np.isfinite(middle), middle, problem.start)
