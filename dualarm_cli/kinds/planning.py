@@ -48,11 +48,10 @@ class SectionBuilder(MotionBuilder):
     """How much longer it is than without clearance, paths not counted [s]."""
 
     def count(self, found: ClearedPlan) -> None:
-        """Notes what keeping the motion that was added last clear costs, and what a reader should know of it."""
+        """Notes what keeping the motion that was added last clear costs."""
         first = len(self.stages) - len(found.cleared.plans) + 1
         self.cost += found.cost or 0.0
         self.cleared.append((found, first))
-        self.notes += [note for note in found.decided.notes if note not in self.notes]
 
 
 @dataclass(frozen=True)

@@ -322,7 +322,6 @@ def _decided_plan(
         *job.notes,
         *replaced,
         *_job_notes(job),
-        *found.decided.notes,
         *_platform_notes(problem.model, stages),
         *clearance_notes([(found, 1)]),
     )

@@ -84,8 +84,6 @@ class Decided:
     None for methods without a grid. It says nothing about plans off the grid."""
     alternatives: tuple[list[StagePlan], ...] = ()
     """Other plans that may turn out to be faster when they are timed exactly."""
-    notes: tuple[str, ...] = ()
-    """What a reader should know."""
     hopeless: bool = False
     """Whether something has to touch at a stop whatever the method does: the plan only shows what."""
     simpler: Callable[[], list[list[StagePlan]]] | None = None
