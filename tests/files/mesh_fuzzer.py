@@ -80,28 +80,27 @@ def obj() -> bytes:
 
 
 def ply(form: str) -> bytes:
-    """Returns a box as a PLY file, its faces of 3 and of 4 corners, with an element before them.
+    """Returns a box as a PLY file, its faces of 3 and of 4 corners, with an element in between.
 
     Args:
         form: ascii, binary_little_endian or binary_big_endian.
     """
     faces = [*FACES, *QUADS]
     head = [
-        *("ply", f"format {form} 1.0", "comment a box", "element camera 1", "property uchar id"),
-        *("property list uint8 short far", f"element vertex {len(CORNERS)}", "property float x"),
-        *("property float y", "property double z", "property uchar red"),
-        *(f"element face {len(faces)}", "property list uchar int vertex_indices"),
-        *("element edge 1", "property int a", "end_header", ""),
+        *("ply", f"format {form} 1.0", "comment a box", f"element vertex {len(CORNERS)}"),
+        *("property float x", "property float y", "property double z", "property uchar red"),
+        *("element camera 1", "property uchar id", "property list uint8 short far"),
+        *(f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""),
     ]
     if form == "ascii":
-        rows = ["7 2 1 1", *("{:g} {:g} {:g} 9".format(*c) for c in CORNERS)]
+        rows = [*("{:g} {:g} {:g} 9".format(*c) for c in CORNERS), "7 2 1 1"]
         rows += [f"{len(f)} " + " ".join(map(str, f)) for f in faces]
-        return "\n".join([*head[:-1], *rows, "1", ""]).encode()
+        return "\n".join([*head[:-1], *rows, ""]).encode()
     order = "<" if "little" in form else ">"
-    body = struct.pack(f"{order}BBhh", 7, 2, 1, 1)
-    body += b"".join(struct.pack(f"{order}ffdB", *c, 9) for c in CORNERS)
+    body = b"".join(struct.pack(f"{order}ffdB", *c, 9) for c in CORNERS)
+    body += struct.pack(f"{order}BBhh", 7, 2, 1, 1)
     body += b"".join(struct.pack(f"{order}B{len(f)}i", len(f), *f) for f in faces)
-    return "\n".join(head).encode() + body + struct.pack(f"{order}i", 1)
+    return "\n".join(head).encode() + body
 
 
 def dae() -> bytes:
