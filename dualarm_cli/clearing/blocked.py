@@ -10,7 +10,7 @@ from dualarm_cli.clearing.repairs import Cleared, Clearing
 from dualarm_cli.clearing.stage_samples import stage_samples
 from dualarm_cli.collision.lying import too_near
 from dualarm_cli.errors import BlockedError
-from dualarm_cli.model.job import ANY, Job, JointTarget, PoseTarget, Stop, Task
+from dualarm_cli.model.job import ANY, Job, JointTarget, Stop, Task
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan
@@ -46,24 +46,6 @@ def start_faults(job: Job, holding: Holding) -> list[Refusal]:
     }
     place = job.start_place if job.start_place.line else None
     return [Refusal("start_touches", place, measured=pairs[0].measured, more=more)]
-
-
-def part_faults(job: Job, holding: Holding) -> list[Refusal]:
-    """Return parts that reach into something where they are picked or placed, and tools at stands: no posture helps.
-
-    Args:
-        job: decided.
-        holding: of the job.
-    """
-    stages = job.stages()
-    found = []
-    for (k, arm), (depth, into) in holding.misfits.items():
-        task, stop = stages[k][arm]
-        if isinstance(stop.target, PoseTarget) and stop.target.free_yaw:
-            continue  # between the turns that were tried there are others
-        held = task.tool if task.is_change else task.part
-        found.append(reaches_into(task, stop, arm, held, depth, into))
-    return found
 
 
 def reaches_into(task: Task, stop: Stop, arm: str, held: str, depth: float, into: str) -> Refusal:

@@ -15,7 +15,6 @@ from dualarm_cli.clearing.blended_plan import (
 )
 from dualarm_cli.clearing.blocked import (
     grip_faults,
-    part_faults,
     refuse_touching_lines,
     why_blocked,
 )
@@ -126,7 +125,7 @@ def quickest_clear(
     if clear:
         # What no plan of these arms can repair is refused before one is looked for.
         holding = Holding.of(problem.job, crossing=crossing)
-        if faults := [*part_faults(problem.job, holding), *grip_faults(problem.job)]:
+        if faults := grip_faults(problem.job):
             raise InfeasibleError(*faults)
     if not has_blends(problem):
         return _quickest_with_stops(problem, solve, timing, progress, holding)

@@ -34,8 +34,6 @@ class Holding:
     yaws: Mapping[tuple[int, str], FloatArray]
     """By stage and arm the turns about the tool's z axis at which a part fits where it is picked or placed [rad]; where
     there is no part, or it fits nowhere, all of them."""
-    misfits: Mapping[tuple[int, str], tuple[float, str]]
-    """By stage and arm how far a part reaches into something at best [m], and into what, where it fits nowhere."""
     pace: float = 1.0
     """How much slower than at full speed everything moves; times chosen for full speed are multiplied by it."""
 
@@ -64,12 +62,11 @@ class Holding:
                 now[arm] = task.held_after(stop.action)
             rows.append([[cell.held(state[arm]) for arm in cell.arms] for state in (holds, now)])
             holds = now
-        fitting, misfits = {}, {}
-        for k, work in enumerate(job.stages()):
-            for arm, (task, stop) in work.items():
-                fitting[k, arm], misfit = _fitting(job, arm, task, stop)
-                if misfit is not None:
-                    misfits[k, arm] = misfit
+        fitting = {
+            (k, arm): _fitting(job, arm, task, stop)
+            for k, work in enumerate(job.stages())
+            for arm, (task, stop) in work.items()
+        }
         if not rows:
             # A transfer alone, on which no part is held.
             rows.append([[cell.held(holds[arm]) for arm in cell.arms]] * 2)
@@ -81,7 +78,7 @@ class Holding:
         for k, work in enumerate(job.stages()):
             handing[k] = any(stop.action == "give" for _, stop in work.values())
         before, after = numbers[:, 0], numbers[:, 1]
-        return cls(cell, before, after, handing, fitting, misfits, 1.0 / job.speed)
+        return cls(cell, before, after, handing, fitting, 1.0 / job.speed)
 
     @property
     def at_targets(self) -> IntArray:
@@ -90,21 +87,18 @@ class Holding:
         return self.cell.at_stops(np.maximum(self.before, self.after), self.handing)
 
 
-def _fitting(
-    job: Job, arm: str, task: Task, stop: Stop
-) -> tuple[FloatArray, tuple[float, str] | None]:
+def _fitting(job: Job, arm: str, task: Task, stop: Stop) -> FloatArray:
     """Returns the yaws of a stop at which its part reaches into no obstacle, at the target and along its lines.
 
-    Where it fits nowhere: all yaws, and how far it reaches into what at best [m].
+    All yaws where it fits nowhere.
     """
     yaws, found = stop_yaws(stop), held_bodies(job.cell, arm, task, stop)
     # At its stand a tool is to what stands there as a part is to what it lies on.
     resting = [one for one in found if one.rests]
     if not resting or not isinstance(stop.target, PoseTarget) or not job.cell.obstacles:
-        return yaws, None
-    lacking = [*reaches(job.cell, resting[0], stop)]
-    fits = [not into for _, into in lacking]
-    return (yaws[fits], None) if any(fits) else (yaws, min(lacking))
+        return yaws
+    fits = [not into for _, into in reaches(job.cell, resting[0], stop)]
+    return yaws[fits] if any(fits) else yaws
 
 
 def too_near_obstacle(

@@ -32,6 +32,7 @@ from dualarm_cli.planning.asynchronous.free_epochs import FreeEpochs, plan_epoch
 from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
 from dualarm_cli.planning.asynchronous.own_clock import OwnClock
 from dualarm_cli.planning.job_bound import BoundMethod, least_visits, shared_bound
+from dualarm_cli.planning.job_faults import job_faults
 from dualarm_cli.planning.planner import _schedule, plan_without_bound
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.report.console import summary_lines
@@ -350,7 +351,7 @@ def test_a_tool_that_reaches_into_its_stand_is_told_before_any_search(kit):
         in str(caught.value)
     )
     allowed = dataclasses.replace(cell, allowed_contacts=(("left_fingers", "rack"),))
-    assert Holding.of(with_changes(dataclasses.replace(job, cell=allowed))).misfits == {}
+    assert job_faults(dataclasses.replace(job, cell=allowed)) == []
 
 
 def test_the_tool_of_the_start_is_there_from_the_start(kit):
