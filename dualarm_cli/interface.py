@@ -364,7 +364,7 @@ def _budget_checks(schedule: Schedule, job: Job | None, result: Verification) ->
 
 
 def _file_checks(path: Path, schedule: Schedule, job: Job | None) -> Iterable[Check]:
-    """Yields checks of what only the file says: its robot, its length and the files it was written with."""
+    """Yield checks of a file's robot, length and source files."""
     yield check_robot(schedule, job)
     stated = schedule.extra.get("duration")
     if isinstance(stated, int | float):

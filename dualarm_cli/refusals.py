@@ -101,7 +101,7 @@ class Refusal:
 
 
 def told(refusals: Iterable[Refusal], placed: Refusal | None = None) -> str:
-    """Return the message for refusals: those of one kind together, with what they have in common once.
+    """Write the message for refusals, grouped by kind.
 
     Args:
         refusals: at least one.

@@ -37,7 +37,7 @@ RUN = 32
 SINGULAR = 1e-4
 """Least singular value of the Jacobian, lengths over the arm's, below which a pose's postures count as unknown."""
 MOST_TURNS = 3
-"""A joint of which so many turns are within its limits, or more, may be anywhere within them."""
+"""Number of turns within limits from which a joint may be anywhere."""
 TURN = 2.0 * np.pi
 HERE = np.zeros(2)
 """Borders of the only cell of a platform that stands still."""

@@ -30,7 +30,7 @@ def check_command(
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Validate cell, robot, task, study, points or base files, all errors at once, without planning.
+    """Validate input files of every kind, all errors at once, without planning.
 
     Of a job also what makes it impossible: a start that collides, targets out of reach, tools and parts in obstacles.
     """
@@ -53,7 +53,7 @@ def check_command(
 
 
 def _is_infeasible(diagnostic: Diagnostic) -> bool:
-    """Return whether a file can be read, but what it asks for cannot be done."""
+    """Return whether a fault is of the job, not of the file's text."""
     from dualarm_cli.refusals import CODES
 
     return diagnostic.code in CODES.values()

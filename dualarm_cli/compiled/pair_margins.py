@@ -100,10 +100,10 @@ class SolidPairs(_Arrays):
 
 @dataclass(frozen=True)
 class Scenes:
-    """Which pairs of a group count in which of s scenes."""
+    """Pairs of a group that count, by scene."""
 
     first: IntArray
-    """Where the pairs of each scene begin in `listed`, and its length, shape (s + 1,)."""
+    """Offsets of each scene's pairs in `listed`, and its length, shape (s + 1,)."""
     listed: IntArray
     """Numbers of pairs, scene by scene."""
 

@@ -132,7 +132,7 @@ def programs() -> Mapping[str, str]:
 
 
 def _sources() -> str:
-    """Returns a hash of all modules of this package, and of its compiled library."""
+    """Compute a hash of this package's modules and compiled library."""
     folder = Path(__file__).resolve().parent.parent
     total = hashlib.sha256()
     for path in sorted([*folder.rglob("*.py"), *(folder / "compiled" / "built").glob("*.so")]):

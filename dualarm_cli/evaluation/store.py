@@ -42,7 +42,7 @@ ABANDONED = 3600.0
 ROUNDING = 1e-9
 """Share by which figures of one plan may disagree."""
 MOST_BYTES = 50_000_000
-"""Largest entry that is read, and longest document of a page that is unpacked [bytes]."""
+"""Maximum size of an entry, and of an unpacked page [B]."""
 
 
 class Store:
@@ -184,7 +184,7 @@ def _checksum(content: Any) -> str:
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Remove what killed processes have left half made; nothing of a folder that is elsewhere."""
+    """Remove unfinished files of killed processes from the folder itself."""
     with contextlib.suppress(OSError):
         for path in () if folder.is_symlink() else folder.iterdir():
             with contextlib.suppress(OSError):

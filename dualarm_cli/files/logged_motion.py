@@ -24,7 +24,7 @@ BATCH = 10_000
 LEAST_STEP = 0.5e-9
 """Samples that are nearer to each other are refused [s]: messages count whole nanoseconds."""
 LARGEST = 1e9
-"""Largest number, in s, rad, m and their rates: beyond any robot, and far from where doubles overflow."""
+"""Largest number that is read [s, rad, m and their rates]."""
 RATES = ("position", "velocity", "acceleration")
 SUFFIXES = (".csv", ".json", ".yaml", ".yml")
 
@@ -98,7 +98,7 @@ class _Reader:
         return LoggedMotion(tuple(found), values[:, 0], position, velocity, acceleration)
 
     def _rows_of(self, source: TextSource) -> Iterator[tuple[int, list[str]]]:
-        """Yield the rows of a CSV that are no remarks and not empty, each with its line."""
+        """Yield the rows of a CSV with their lines, without remarks."""
         table = csv.reader(source.text.splitlines(keepends=True), strict=True)
         while True:
             line = table.line_num + 1
@@ -114,7 +114,7 @@ class _Reader:
     def _numbers(
         self, rows: Iterator[tuple[int, list[str]]], width: int, used: Sequence[int]
     ) -> tuple[list[int], FloatArray]:
-        """Return the lines (k,) and the values of the used columns (k, n) of the rows below the header."""
+        """Read the lines (k,) and used columns (k, n) below the header."""
         lines: list[int] = []
         parts: list[FloatArray] = [np.empty((0, len(used)))]
         batch: list[list[float]] = []
@@ -206,7 +206,7 @@ class _Reader:
         return np.array(rows, dtype=np.float64)
 
     def _check_time(self, time: FloatArray, where: Callable[[int], tuple[int, str]]) -> None:
-        """Fails where there are fewer than two instants, or one is not a nanosecond after the one before."""
+        """Require two instants or more, each 1 ns or more after another."""
         if len(time) < 2:
             self.fail(0, f"has {len(time)} samples; at least two are needed")
         back = np.flatnonzero(np.diff(time) < LEAST_STEP)

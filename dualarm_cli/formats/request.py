@@ -56,7 +56,7 @@ class ExportRequest:
         return sampled(self.schedule, self.rate, joints, knots=not self.uniform)
 
     def groups(self) -> dict[str, tuple[str, ...]]:
-        """Returns the joints of each controller by the group's name: both arms, each arm, and a platform of its own.
+        """List the joints of each controller by the name of its group.
 
         Raises:
             UsageError: the schedule does not say which joints an arm has.

@@ -36,7 +36,7 @@ SAME_TIME = 1e-6
 POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 """Columns of a pose in the world: position [m], unit quaternion."""
 ZEROS = re.compile(r"\.?0+(?=[,\n])")
-"""What a number with a decimal point ends with and does not need."""
+"""Superfluous ends of numbers with a decimal point."""
 
 
 def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
@@ -173,7 +173,7 @@ def _safe(text: str) -> str:
 
 
 def table_text(rows: FloatArray, digits: Sequence[int]) -> bytes:
-    """Returns numbers as lines, with commas between them, without zeros at the end and without -0.
+    """Format numbers as comma-separated lines without trailing zeros and -0.
 
     Args:
         rows: the numbers, shape (m, n).

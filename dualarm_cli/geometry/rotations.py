@@ -35,14 +35,17 @@ def exp_rotation(vector: FloatArray) -> FloatArray:
 
 
 def right_jacobian(vector: FloatArray) -> FloatArray:
-    """Return matrices (..., 3, 3) from rates of rotation vectors (..., 3) to angular velocities in the turned frame."""
+    """Compute matrices from rates of rotation vectors (..., 3) to angular velocities.
+
+    Angular velocities are in the turned frame; shape (..., 3, 3).
+    """
     one, two, _, _ = (factor[..., None] for factor in _jacobian_factors(vector))
     K = skew(vector)
     return np.eye(3) - one * K + two * product(K, K)
 
 
 def jacobian_rate(vector: FloatArray, rate: FloatArray) -> FloatArray:
-    """Return the angular acceleration (..., 3) of rotation vectors (..., 3) with constant rates (..., 3)."""
+    """Compute the angular acceleration of rotation vectors (..., 3) at constant rates."""
     _, two, three, four = _jacobian_factors(vector)
     once, along = np.cross(vector, rate), (vector * rate).sum(axis=-1, keepdims=True)
     twice = np.cross(vector, once)
@@ -123,7 +126,7 @@ def to_quaternion(R: FloatArray) -> FloatArray:
 
 
 def from_quaternion(q: FloatArray) -> FloatArray:
-    """Return rotations (..., 3, 3) by quaternions x, y, z, w (..., 4) of any length."""
+    """Compute rotations (..., 3, 3) from quaternions x, y, z, w of any length."""
     q = q / norm(q, axis=-1, keepdims=True)
     K = skew(q[..., :3])
     return np.asarray(np.eye(3) + 2.0 * (q[..., 3, None, None] * K + product(K, K)))

@@ -129,7 +129,7 @@ class KindPlanning:
     ends: Callable[[Job, Section], tuple[ToolPoses, ToolPoses]] = lambda job, section: ({}, {})
     """Where the tools are when such a section begins, and when it ends."""
     along: Callable[[Job, Section, float], ToolPoses] = lambda job, section, share: {}
-    """Where the tools are at a share of the way of such a section, 0 to 1."""
+    """Tool poses at a share of such a section, 0 to 1."""
     least_transfer: Callable[[Job, Section], float] = lambda job, section: 0.0
     """How long the transfer to such a section, with what belongs to it, takes at least by the file [s]."""
     least: Callable[[Job, Section], float] = lambda job, section: 0.0

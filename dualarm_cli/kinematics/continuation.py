@@ -28,9 +28,9 @@ class Crossing:
     """Settings for lines straight through singularities."""
 
     miss: float = 1e-6
-    """Largest error of a posture [m and rad]: a fiftieth of the tolerance that plans keep on lines."""
+    """Largest error of a posture [m and rad], 2 % of the tolerance."""
     damping: float = 1e-3
-    """Damping of steps [m and rad]: joints that a singularity leaves free go on as they were."""
+    """Damping of steps near singularities [m and rad]."""
     false_positions: int = 8
     """Steps of false position to a singularity between two samples."""
     left: float = 1e-6
@@ -65,7 +65,7 @@ class Course:
     ok: BoolArray
     """Whether all of it can be followed, shape (b,)."""
     singular: BoolArray
-    """Whether a singularity is all that is in the way, shape (b,)."""
+    """Flags of lines that only a singularity blocks, shape (b,)."""
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,7 @@ class _Line:
     def _passes(
         self, q: FloatArray, det: FloatArray, shares: FloatArray, row: IntArray
     ) -> BoolArray:
-        """Return whether lines meet the singularities between two samples, found by false position, shape (l,).
+        """Locate singularities between samples by false position; return whether met, shape (l,).
 
         Args:
             q: joints at both samples [rad], shape (2, l, n).
@@ -263,7 +263,7 @@ class _Line:
     def _met(
         self, guess: FloatArray, share: FloatArray, row: IntArray, through: Crossing | None = None
     ) -> tuple[FloatArray, BoolArray, FloatArray]:
-        """Returns joints of lines (rows) at shares, which are found within limits, and the determinants there."""
+        """Solve for joints of lines (rows) at shares, with flags and determinants."""
         W = self.W[row]
         wanted = share[:, None] * self.ahead[row] + np.einsum("bsn,bn->bs", W, self.start[row])
         p = self.lines.p[row] + share[:, None] * self.lines.shift[row]
@@ -310,7 +310,7 @@ def newton(
     wanted: FloatArray,
     through: Crossing | None = None,
 ) -> tuple[FloatArray, BoolArray, FloatArray]:
-    """Returns postures at poses and on planes W q = wanted, whether they are met, and the systems' determinants.
+    """Solve for postures at poses and on planes W q = wanted.
 
     Where lines may go through singularities, steps are damped and a miss is allowed.
     """

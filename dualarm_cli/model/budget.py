@@ -19,7 +19,7 @@ class Budget:
     clearance_place: Place = NOWHERE
     """Where the clearance is written."""
     skew: float | None = None
-    """Delay of either arm with which the plan keeps its clearance [s]; None for none."""
+    """Required tolerated delay of either arm [s], or None."""
     skew_place: Place = NOWHERE
     """Place of the skew in its file."""
 

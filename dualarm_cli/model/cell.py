@@ -1,4 +1,4 @@
-"""Cell: a robot at its place, with tools, named frames, places for parts and the things it must not touch."""
+"""Cell: a robot with tools, named frames, parts and obstacles."""
 
 from __future__ import annotations
 
@@ -155,8 +155,8 @@ class Buffer:
     """
 
     capacity: int
-    """How many parts it has room for."""
+    """Maximum number of parts in it."""
     initial: int = 0
-    """How many are in it at the start."""
+    """Number of parts in it at the start."""
     place: Place = NOWHERE
     """Where it is written."""

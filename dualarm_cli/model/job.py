@@ -247,7 +247,7 @@ class Task:
     touches: tuple[str, ...] = ()
     """Tasks whose parts its part may touch, where they wait, are carried or lie."""
     leaves: bool = False
-    """Whether its part is taken out of the cell once it is placed."""
+    """Flag of parts that leave the cell once placed."""
 
     def held_before(self, action: str) -> str:
         """Returns the name of what its arm holds when it comes to the stop of an action; empty for nothing."""
@@ -319,7 +319,7 @@ class Job:
     budget: Budget | None = None
     """What its plans must keep besides, or None."""
     skew: float = 0.0
-    """Delay of either arm against the other with which every plan keeps its clearance [s]."""
+    """Delay of either arm that every plan has to tolerate [s]."""
     beside: tuple[tuple[Task, Stop], ...] = ()
     """Tasks and stops whose parts lie there all the time; of a part of a job."""
     begin: FloatArray | None = field(default=None, compare=False)

@@ -18,7 +18,7 @@ class Place:
 
     @property
     def order(self) -> tuple[str, int, int]:
-        """Key that sorts places by file, line and column; line 9 comes before line 10."""
+        """Sort key by file, line and column."""
         return self.file, self.line, self.column
 
     def __str__(self) -> str:

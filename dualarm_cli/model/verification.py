@@ -52,12 +52,12 @@ class StageClearance:
 
 
 LONGEST_DELAY = 0.5
-"""Longest delay of an arm that is looked at where no job asks for more [s]."""
+"""Longest delay examined where no job requires more [s]."""
 
 
 @dataclass(frozen=True)
 class ArmDelay:
-    """The delays of one arm against the other with which the motion keeps its clearance."""
+    """Delays of one arm that the motion's clearance tolerates."""
 
     arm: str
     """The late arm."""
@@ -68,7 +68,7 @@ class ArmDelay:
     bodies: tuple[str, str] | None
     """The two bodies that come too near then."""
     time: float | None
-    """When, by the plan's time [s]."""
+    """Time of the plan at which that happens [s]."""
 
     def __str__(self) -> str:
         """Returns the delays in a phrase, rounded to the safe side."""
@@ -109,5 +109,5 @@ class Verification:
 
 
 def exceptions(caveats: Sequence[str]) -> str:
-    """Return the end of a sentence that says that something passed: `, except that …`, or nothing."""
+    """Return `, except that …` for the end of a sentence, or nothing."""
     return f", except that {'; '.join(caveats)}" if caveats else ""

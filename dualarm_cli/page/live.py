@@ -61,7 +61,7 @@ class _Server(ThreadingHTTPServer):
 
     daemon_threads = True
     request_queue_size = 128
-    """Connections that may wait to be accepted; beyond it the kernel lets clients try again after a second."""
+    """Maximum number of connections that wait to be accepted."""
 
     def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
         """Start to listen."""

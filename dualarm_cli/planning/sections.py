@@ -44,7 +44,7 @@ class SectionPlanner(SectionTools):
     method: Callable[[MethodProblem], Decided]
     """Decides the stages between paths and seams."""
     for_stops: bool = False
-    """Whether it decides them as if tools stopped at all lines' ends."""
+    """Flag of decisions made as if tools stopped at lines' ends."""
 
     @property
     def may_end_better(self) -> bool:

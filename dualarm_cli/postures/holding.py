@@ -104,7 +104,7 @@ def _fitting(job: Job, arm: str, task: Task, stop: Stop) -> FloatArray:
 def too_near_obstacle(
     cell: Cell, arm: str, task: Task, stop: Stop
 ) -> tuple[str, float, str] | None:
-    """Return a tool or part that is too near to an obstacle at every turn of the tool that a stop allows.
+    """Find a tool or part too near to an obstacle at every turn.
 
     Tools keep the clearance, but for those at their stands; parts may lie on things.
 
@@ -133,7 +133,7 @@ def too_near_obstacle(
 
 
 def _radius(solids: Sequence[Solid]) -> float:
-    """Return a distance from the z axis of their frame that no point of some solids exceeds [m]."""
+    """Return an upper bound on solids' distance from their z axis [m]."""
     boxes = [(solid.pose, solid.geometry.aabb_local) for solid in solids]
     corners = [
         pose.act(np.array(corner))[:2]

@@ -29,7 +29,7 @@ REACH_SLACK = 1e-9
 SCAN_TRIES = 24
 """Reachable angles, nearest first, at which the whole stage is tried."""
 NUMERIC_STEP = np.radians(10.0)
-"""Spacing of the platform angles that are looked at for arms without closed forms [rad]."""
+"""Spacing of examined platform angles for arms without closed forms [rad]."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def at_platform(platform: PlatformChain, position: float) -> Refusal:
 
 
 def scanned_positions(model: CellModel, position: FloatArray) -> tuple[FloatArray, float]:
-    """Return platform positions to look at [rad or m], shape (a,), and the present one; 0 where it cannot move.
+    """List platform positions to examine (a,) and the present one [rad or m].
 
     Args:
         model: the cell.
@@ -144,7 +144,7 @@ def _together(points: list[_PointReach]) -> BoolArray:
 
 
 def point_names(stop: StopProblem) -> list[str]:
-    """Return what people call the points of a stop: its target, and the outer ends of its lines."""
+    """Name the points of a stop: target and outer ends of lines."""
     names = ["the target"]
     if stop.approach > 0:
         names.append(f"the start of the {stop.approach * 1000:g} mm approach")
@@ -154,7 +154,7 @@ def point_names(stop: StopProblem) -> list[str]:
 
 
 def _points(stop: StopProblem, platform: PlatformChain, turn: FloatArray) -> list[_PointReach]:
-    """Returns reach of target, approach and retract after further moves of the platform (a,)."""
+    """Compute reach of a stop's points after further platform moves (a,)."""
     points = []
     for name, (R, p) in zip(point_names(stop), moved_flanges(stop, platform, turn), strict=True):
         if isinstance(stop.arm, GeneralArm):
@@ -171,7 +171,9 @@ def _misses(stop: StopProblem, platform: PlatformChain, turn: FloatArray) -> lis
 
 
 def srs_miss(kinematics: SrsArm | GeneralArm, R: FloatArray, p: FloatArray) -> FloatArray:
-    """Return how far the wrist is beyond reach [m], shape (...): positive too far, negative too near, 0 within.
+    """Measure the wrist's signed distance beyond reach [m], shape (...).
+
+    Positive is too far, negative too near, 0 within.
 
     Args:
         kinematics: of an arm with closed forms over the arm angle.

@@ -172,7 +172,7 @@ def _collisions(schedule: Schedule) -> str:
 
 
 def skew_sentence(verification: Verification | None, job: Job) -> str | None:
-    """Return a sentence on how late each arm may be; None where that was not proven.
+    """Write a sentence on each arm's tolerated delay, or None.
 
     Args:
         verification: of a plan.

@@ -64,12 +64,12 @@ def read_expanded(path: Path) -> TextSource:
 
 
 def program_notes(source: TextSource) -> tuple[str, ...]:
-    """Return the notes on a text that a program has written; empty for a plain one."""
+    """List notes on an expanded text; empty for a plain one."""
     return (source.note,) if isinstance(source, ExpandedText) else ()
 
 
 def _readable(file: Path) -> list[Path]:
-    """Return the folders that a xacro file may read: that of its package or project, and those of ROS."""
+    """List the folders that a xacro file may read."""
     marks = ("package.xml", *MARKERS)
     own = next((f for f in file.parents if any((f / mark).exists() for mark in marks)), file.parent)
     ros = ros_folders(os.environ)

@@ -119,7 +119,7 @@ def _problem(robot: Robot, name: str, state: Mapping[str, float], posture: Float
 
 
 def propose_home(robot: Robot, seed: int) -> FloatArray | None:
-    """Returns a posture (joints,) [rad or m]; None where all that were tried collide.
+    """Find a collision-free posture (joints,) [rad or m], or None.
 
     The platform is at 0 or nearest to it; one that slides, where that collides, in the middle or at an end.
 
@@ -137,7 +137,7 @@ def propose_home(robot: Robot, seed: int) -> FloatArray | None:
 
 
 def _home_at(robot: Robot, seed: int, place: FloatArray) -> FloatArray | None:
-    """Returns a posture with the platform at a place (k,) [rad or m]; None where all that were tried collide."""
+    """Find a collision-free posture for a platform position (k,), or None."""
     model = pin.buildModelFromXML(robot.urdf)
     data = model.createData()
     limits = robot.limits

@@ -49,7 +49,7 @@ class StatedLimits:
     positions: tuple[float, float] | None = None
     """Lowest and highest position [rad or m]; some of them are within those of the URDF."""
     soft: tuple[float, float] | None = None
-    """Soft limits of the position [rad or m]; some positions are within these and those of the URDF."""
+    """Soft position limits [rad or m] that overlap those of the URDF."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ def _positions(
     joint: Element,
     findings: Findings,
 ) -> tuple[float, float] | None:
-    """Return stated positions; None where a key is missing, and after noting that none is within those of the URDF."""
+    """Read stated positions, or None after noting faults."""
     if not all(key in values for key in keys):
         return None
     found = values[keys[0]], values[keys[1]]

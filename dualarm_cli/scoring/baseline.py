@@ -50,7 +50,7 @@ class Baseline:
     cases: Mapping[str, Recorded]
     """By name."""
     made_on: str = ""
-    """Class of the processor and C library it was made with, as `evaluation.machine` names them; empty for unknown."""
+    """Machine that it was made on (`evaluation.machine`); empty for unknown."""
 
 
 def read_baseline(path: Path) -> Baseline:

@@ -14,7 +14,7 @@ NOTHING = "–"
 
 
 def figure_words(verdict: Verdict) -> tuple[str, str, str, str]:
-    """Write a case's cycle time [s], change [%], gap to the bound [%] and least clearance [mm]."""
+    """Write a case's cycle time, change, gap and least clearance."""
     found, change = verdict.evaluation, verdict.change
     time, gap, clearance = (
         (None, None, None) if found is None else (found.cycle_time, found.gap, found.clearance)
@@ -29,12 +29,12 @@ def figure_words(verdict: Verdict) -> tuple[str, str, str, str]:
 
 
 def verdict_words(verdict: Verdict) -> str:
-    """Return the state of a case, with a remark where the verifier's pass leaves something open."""
+    """Name the state of a case, with a remark on caveats."""
     return words(verdict.state) + (", not fully checked" if verdict.caveats else "")
 
 
 def caveat_lines(verdicts: Sequence[Verdict]) -> list[str]:
-    """Return what the verifier's passes leave open, one sentence for each case, fit for a terminal."""
+    """List the caveats of passes, one printable sentence for each case."""
     shown: list[str] = printable(
         [f"{one_line(v.case)}: verified{exceptions(v.caveats)}" for v in verdicts if v.caveats]
     )

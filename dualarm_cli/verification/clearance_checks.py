@@ -141,16 +141,16 @@ class WatchedPairs:
     solids: list[Solid]
     """Solids of the cell, and of parts that wait or lie."""
     pairs: list[Pair]
-    """Those that must keep apart; more than once where different distances are required at different times."""
+    """Pairs that must keep apart, one for each required distance."""
     windows: list[Windows]
-    """When each of them counts."""
+    """Windows in which each of them counts."""
     trajectory: Trajectory
     """Motion of the model's joints."""
 
     def certified(
         self, edges: FloatArray, *, contact: bool, lying: bool, known: FloatArray | None = None
     ) -> list[Certified]:
-        """Prove the least margin of some pairs between each edge and the next; pairs by their numbers here.
+        """Prove the least margin of some pairs between neighbouring edges.
 
         Args:
             edges: instants [s], see `ClearanceProof.certify`.
@@ -207,7 +207,7 @@ class WatchedPairs:
 def watched_pairs(
     schedule: Schedule, job: Job, spans: Sequence[LineSpan] | None = None
 ) -> WatchedPairs:
-    """Returns the pairs of the cell's solids that must keep apart, and when each pair counts.
+    """List the pairs of solids that must keep apart, with windows.
 
     Args:
         schedule: with finite numbers and rising times.

@@ -37,7 +37,7 @@ MOST_HALVED, HALVED_EACH = 2_000_000, 20
 3 s on a body that it may touch 240,000; motions far beyond limits need as many as they are long."""
 
 NONSENSE = -1e6
-"""A distance below is none: coal's iteration fails now and then where faces touch [m]."""
+"""Distance below which coal's iteration has failed [m]."""
 
 Windows = Sequence[tuple[float, float]] | None
 """When a pair counts [s]; None for always."""
@@ -205,7 +205,7 @@ class ClearanceProof:
         return found[:, self._place] - self._required
 
     def _ball_margins(self, times: FloatArray) -> FloatArray:
-        """Returns the margins of balls around all pairs at some instants [m], shape (t, pairs)."""
+        """Compute the margins of bounding balls at instants [m], shape (t, pairs)."""
         forms = [shape.geometry for shape in self._geometry.geometryObjects]
         for form in forms:
             form.computeLocalAABB()
@@ -242,7 +242,7 @@ class ClearanceProof:
         return margins - self._required[pairs]
 
     def _anew(self, place: int) -> float:
-        """Returns the distance of one pair where both are now, without what coal kept of the instants before [m]."""
+        """Measure the distance of one pair without coal's warm start [m]."""
         numbers = self._numbers[place]
         one, other = (self._solids[k] for k in numbers)
         poses = (self._distances.oMg[k] for k in numbers)

@@ -50,7 +50,7 @@ BETWEEN = (0.0, 0.25, 0.5, 0.75)
 PER_QUINTIC = 8
 """Cubics that stand for one quintic piece where the clearance is proven."""
 FARTHEST = 10.0
-"""Mean speed, as a share of the limit, above which no proof of the clearance ends in time."""
+"""Mean speed, as a share of its limit, beyond which clearance is unproven."""
 NOT_LOGGED = "joints that it depends on are not in the file"
 """Why tools or clearance are not checked."""
 SHORTEST = 1e-7
@@ -375,7 +375,7 @@ def _driven(
 def _events(
     schedule: Schedule, driven: Trajectory, delay: float, unknown: Sequence[str]
 ) -> tuple[EventTracking, ...]:
-    """Return where tools were at the events of those arms whose joints are all known."""
+    """Locate tools at events of arms whose joints are all known."""
     model = ToolModel(schedule)
     known = [arm for arm in schedule.robot.arms if not set(unknown).intersection(model.joints(arm))]
     found = []
@@ -408,7 +408,7 @@ def _check_joints(missing: Sequence[str], as_planned: bool) -> Check:
 
 
 def _check_span(schedule: Schedule, logged: LoggedMotion) -> Check:
-    """Checks that the log begins and ends with the plan, to two of its steps."""
+    """Check that the log spans the plan to two steps."""
     begin, end = float(logged.time[0]), float(logged.time[-1])
     missing = max(begin, schedule.duration - end, 0.0)
     where = f"{begin:.3f} to {end:.3f} s of {schedule.duration:.3f} s"

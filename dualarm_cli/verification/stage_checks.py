@@ -75,7 +75,7 @@ class _Events:
 
 
 def _fault(schedule: Schedule, segment: Segment, events: _Events) -> str:
-    """Returns what of a segment is not so, by its arm's events, or an empty string."""
+    """Describe the fault of a segment by its arm's events, if any."""
     if segment.reason and segment.kind != "wait":
         return f"a reason for waiting is given ('{segment.reason}')"
     key = (segment.task, segment.action)

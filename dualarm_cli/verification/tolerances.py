@@ -62,7 +62,7 @@ TOOL_SPEED_SLACK = 1e-4
 SAME_STATED = 1e-9
 """Tolerance of stated limits (as a share) and poses [m, or cosine] against the job's."""
 DRIVEN_SPAN = 0.02
-"""Share of the plan that a log may lack at its begin or end, whatever its steps are."""
+"""Share of the plan that a log may lack at either end."""
 DRIVEN_RATE_SLACK = 0.05
 """Share by which velocities and accelerations of a motion as it was driven may exceed their limits: they are
 those of an interpolation."""

@@ -288,7 +288,7 @@ def _missing_lines(lines: list[Segment], stops: dict[tuple[str, str, str], Stop]
 
 
 def check_platform_still(schedule: Schedule, lines: Sequence[LineSpan]) -> Check:
-    """Checks that the platform stands during every line and every dwell.
+    """Check that the platform stands during every line and dwell.
 
     Args:
         schedule: what is judged: also what it lists as lines and dwells.

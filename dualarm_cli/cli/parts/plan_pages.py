@@ -89,7 +89,7 @@ def write_pages(
 
 
 def _former_index(folder: Path) -> bytes:
-    """Return the index of plans that a folder holds already; empty where it holds none."""
+    """Return the index of plans in a folder, or an empty text."""
     from dualarm_cli.files.source.text_source import read_bytes
     from dualarm_cli.page.index_page import INDEX, MARK
 

@@ -32,7 +32,7 @@ def refuse_folder(out: str, names: tuple[str, ...], force: bool) -> None:
 
 
 def write_folder(out: str, files: dict[str, bytes]) -> None:
-    """Write files into a folder, each whole or not at all, the last one last.
+    """Write files into a folder in their order, each whole or not.
 
     Raises:
         OutputError: the folder or a file cannot be made.

@@ -118,14 +118,14 @@ def nearest_to_zero(joint: Element) -> float:
 
 
 def position_range(joint: Element) -> tuple[float, float]:
-    """Returns the limits of a joint [rad or m], infinite where it has none that can be read; soft ones narrow them."""
+    """Read a joint's limits [rad or m], narrowed by soft ones; else infinite."""
     whole, soft = stated_range(joint), soft_range(joint)
     lower, upper = max(whole[0], soft[0]), min(whole[1], soft[1])
     return (lower, upper) if lower <= upper else whole
 
 
 def stated_range(joint: Element) -> tuple[float, float]:
-    """Return the positions of a joint's `<limit>` [rad or m], infinite where it has none that can be read."""
+    """Read the positions of a joint's `<limit>` [rad or m]; else infinite."""
     limit = joint.find("limit")
     if limit is None or joint.get("type") == "continuous":
         return UNLIMITED

@@ -1,4 +1,4 @@
-"""Acceleration and jerk limits from the robot file, the URDF, or a stated rule; margins to position limits."""
+"""Acceleration limits, jerk limits and position margins of a robot's joints."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Rate = Literal["acceleration", "jerk"]
 def with_margins(
     document: Document, model: RobotFile, joints: list[UrdfJoint], findings: Findings
 ) -> list[UrdfJoint]:
-    """Narrow the positions of joints by their margins, those of `default` where they have none.
+    """Narrow the positions of joints by their own or default margins.
 
     Args:
         document: the robot file.

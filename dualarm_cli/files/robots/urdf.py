@@ -361,7 +361,7 @@ def soft_range(joint: Element) -> tuple[float, float]:
 def _checked_soft_range(
     joint: Element, what: str, findings: UrdfFindings
 ) -> tuple[float, float] | None:
-    """Return a joint's soft position limits, or None after noting what is wrong with them."""
+    """Read a joint's soft position limits, or None after noting faults."""
     soft, (lower, upper) = joint.find("safety_controller"), soft_range(joint)
     if soft is None:
         return UNLIMITED

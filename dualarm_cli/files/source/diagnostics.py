@@ -45,7 +45,7 @@ class Findings:
         key: bool = False,
         about: Mapping[str, object] | None = None,
     ) -> None:
-        """Adds one finding at the place of a value (or of its key), with what is known of it as data."""
+        """Add one finding at the place of a value or its key."""
         self.extend([replace(document.diagnostic(loc, code, message, key), about=about or {})])
 
     def extend(self, diagnostics: Iterable[Diagnostic]) -> None:

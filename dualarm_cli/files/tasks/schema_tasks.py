@@ -55,7 +55,7 @@ class BudgetSection(Section):
 
 
 class TimingSection(Section):
-    """How exactly both arms start together."""
+    """Timing that both controllers have to keep."""
 
     skew: Skew = Field(
         description="Delay of either arm against the other, up to which plans keep their clearance [s]."

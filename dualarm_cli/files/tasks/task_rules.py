@@ -201,7 +201,7 @@ def _check_touches(
     known: Mapping[str, None],
     findings: Findings,
 ) -> None:
-    """Notes tasks that a part is to touch and that there are not, and such keys of tasks that carry no part."""
+    """Note unknown tasks in `touches`, and its keys without a part."""
     for key in ("touches", "leaves"):
         if getattr(task, key) and (task.pick is None or task.place is None):
             message = f"only a pick with its place carries a part; remove '{key}'"

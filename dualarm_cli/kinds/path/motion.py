@@ -266,13 +266,13 @@ class _Trials:
 
     @property
     def has_self_motion(self) -> bool:
-        """Whether more joints move the tools than their poses ask for."""
+        """Flag of robots with more joints than the tools' poses need."""
         body = self.context.body
         follows = [arm in self.work.paths for arm in body.arms]
         return int(body.moves[follows].any(axis=0).sum()) > 6 * sum(follows)
 
     def ended_by_limit(self, clock: PathClock) -> Refused | None:
-        """Return where a joint's position limit ends the path, which less speed does not change; None without any."""
+        """Find the place at which a joint's position limit ends a path, or None."""
         problem = self.context.problem(self.work, self.start, clock)
         ended = ended_by_limit(problem)
         if ended is None:

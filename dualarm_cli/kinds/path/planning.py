@@ -209,7 +209,7 @@ def path_ends(job: Job, section: Section) -> tuple[ToolPoses, ToolPoses]:
 
 
 def path_poses(job: Job, section: Section, share: float) -> ToolPoses:
-    """Return the poses of the tools that follow a path at a share of it, 0 to 1."""
+    """Return the tools' poses at a share of a path, 0 to 1."""
     work = section[0].path
     assert work is not None
     return {arm: PoseTarget(path.pose(share * path.length)) for arm, path in work.paths.items()}
@@ -244,7 +244,7 @@ def add_followed(
     name: str,
     begin: float,
 ) -> None:
-    """Appends the path itself: one stage with its transfer, one segment per arm, and an event where each tool ends.
+    """Append the stage, segments and events of a path.
 
     Args:
         record: what is planned so far.

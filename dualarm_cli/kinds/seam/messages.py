@@ -14,7 +14,7 @@ LONGEST = 1800.0
 
 
 def seam_faults(job: Job) -> list[Diagnostic]:
-    """Find unknown methods of seams, entries shorter than their dwells, and seams that take too long."""
+    """Find unknown methods of seams, too short entries and too long seams."""
     findings = []
     for work in (section[0].seam for section in job.sections()):
         if work is None:

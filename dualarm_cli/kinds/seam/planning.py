@@ -130,7 +130,10 @@ def seam_ends(job: Job, section: Section) -> tuple[ToolPoses, ToolPoses]:
 
 
 def seam_poses(job: Job, section: Section, share: float, line: float = 0.0) -> ToolPoses:
-    """Return the tools' poses at a share of a seam, the slave's drawn back by `line` [m], where the file gives them."""
+    """Return the known tool poses at a share of a seam.
+
+    The slave's is drawn back by `line` [m].
+    """
     work = section[0].seam
     assert work is not None
     found: dict[str, PoseTarget] = {}

@@ -262,7 +262,7 @@ def _refined(
 def _reason(
     problem: PathProblem, model: CellModel, name: str, flanges: tuple[FloatArray, FloatArray]
 ) -> NoPath:
-    """Return why no branch of an arm follows a path: out of reach, or no way within the joints' limits."""
+    """Return the reason why no branch of an arm follows a path."""
     miss = closed_form(model.arms[name].kinematics).reach_miss(*flanges)
     if miss.max() > 0.0:
         k = int(np.argmax(miss > 0.0))

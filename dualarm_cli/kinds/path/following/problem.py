@@ -167,7 +167,7 @@ def within_limits(problem: PathProblem, position: FloatArray) -> PathMotion | No
 
 
 def limit_words(problem: PathProblem, joint: int, position: float) -> str:
-    """Return that a joint, by its number, reaches the limit that a position [rad or m] is at or beyond."""
+    """Describe the position limit that a joint reaches."""
     limits = problem.limits
     lower, upper = float(limits.lower[joint]), float(limits.upper[joint])
     bound = upper if position > 0.5 * (lower + upper) else lower

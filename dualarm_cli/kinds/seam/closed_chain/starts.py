@@ -15,7 +15,7 @@ from dualarm_cli.model.curves.tool_path import Poses
 from dualarm_cli.records import dataclass
 
 JUMPS = "each place of it is reached, but no motion was found from one end to the other"
-"""Reason where the tool gets along the seam in small steps and not from node to node."""
+"""Reason for seams that are followed in small steps but not between nodes."""
 GOES_ON = "no motion along it was found that ends where the next seam can begin"
 """Reason where all else is as it should be."""
 TOUCHES = "every motion found along it collides or lacks clearance"
@@ -243,7 +243,7 @@ def _step(problem: SeamProblem, guess: FloatArray, share: float, stands: BoolArr
 
 
 def why_impossible(problem: SeamProblem, ways: list[FloatArray]) -> NoSeam:
-    """Return what is wrong with the best of some ways: a joint beyond its limit, a collision, or where it ends.
+    """Describe the fault of the best attempt: limit, collision or end.
 
     Args:
         problem: the seam.
