@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.parts.options import COLUMNS, ColumnsOption, ReceiverInterpolation
+from dualarm_cli.cli.parts.options import (
+    COLUMNS,
+    ColumnsOption,
+    PlanTasksOption,
+    ReceiverInterpolation,
+)
 from dualarm_cli.cli.parts.output import (
     JsonOption,
     QuietOption,
@@ -85,14 +90,7 @@ def export_command(
             help="No points of a JointTrajectory at the schedule's knots, only at --rate.",
         ),
     ] = False,
-    tasks: Annotated[
-        Path | None,
-        typer.Option(
-            "--tasks",
-            help="Task file of the plan; by default the one that it was made of, if it is found unchanged.",
-            show_default=False,
-        ),
-    ] = None,
+    tasks: PlanTasksOption = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
     json_output: JsonOption = False,
     quiet: QuietOption = False,

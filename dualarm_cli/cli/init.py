@@ -42,13 +42,13 @@ def init_command(
 
     refuse_used_folder(folder)
     source = robot_source(robot, tuple(package_dir or ()))
-    project = start_project(folder, source)
+    files = start_project(folder, source)
     if json_output:
         print_json(
             {
                 "format": "dualarm.project/1",
                 "folder": str(folder),
-                "files": list(project.files),
+                "files": files,
                 "decisions": list(source.reasons),
             }
         )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dualarm_cli.cli.parts.options import PlanTasksOption
 from dualarm_cli.cli.parts.output import QuietOption, print_message
 from dualarm_cli.errors import InputError, UsageError
 
@@ -24,14 +25,7 @@ def report_command(
     plan: Annotated[
         Path, typer.Argument(help="Folder of a plan, or a schedule file.", show_default=False)
     ],
-    tasks: Annotated[
-        Path | None,
-        typer.Option(
-            "--tasks",
-            help="Task file of the plan; by default the one that it was made of, if it is found unchanged.",
-            show_default=False,
-        ),
-    ] = None,
+    tasks: PlanTasksOption = None,
     open_page: Annotated[bool, typer.Option("--open", help="Show it in the browser.")] = False,
     quiet: QuietOption = False,
 ) -> None:

@@ -13,7 +13,6 @@ from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.studies.studies import load_study
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.reachability.proposed_tool import ProposedTool
-from dualarm_cli.records import dataclass
 from dualarm_cli.schemas import editor_line, schema_text
 from dualarm_cli.starting.layout import PICKS, Layout, Row, find_layout
 from dualarm_cli.starting.robot_source import RobotSource
@@ -72,16 +71,6 @@ REQUIREMENTS = """\
 """Text of the file that the workflow installs from."""
 
 
-@dataclass(frozen=True)
-class StartedProject:
-    """A project that was written."""
-
-    files: tuple[str, ...]
-    """Paths of its files in the folder."""
-    layout: Layout
-    """What stands where."""
-
-
 def refuse_used_folder(folder: Path) -> None:
     """Raises OutputError where a folder is not new and not empty, or cannot be made."""
     if folder.is_dir() and not any(folder.iterdir()):
@@ -91,8 +80,8 @@ def refuse_used_folder(folder: Path) -> None:
         raise OutputError(f"{folder}: {what}; name a new folder")
 
 
-def start_project(folder: Path, source: RobotSource) -> StartedProject:
-    """Writes a project for a robot, whole or not at all.
+def start_project(folder: Path, source: RobotSource) -> list[str]:
+    """Writes a project for a robot, whole or not at all, and returns the paths of its files in the folder.
 
     Args:
         folder: new or empty.
@@ -125,7 +114,7 @@ def start_project(folder: Path, source: RobotSource) -> StartedProject:
                 made.rename(folder)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None
-    return StartedProject(tuple(files), layout)
+    return list(files)
 
 
 def _write(folder: Path, files: Mapping[str, bytes]) -> None:

@@ -101,8 +101,6 @@ class Ranking:
     """The Pareto set first, by the first objective, then the others by it; what cannot be ranked last."""
     pareto: frozenset[int]
     """Numbers of the rows of the Pareto set."""
-    unranked: int
-    """How many rows have a plan but not all figures."""
 
 
 def rank(rows: Sequence[StudyRow], objectives: Sequence[Objective]) -> Ranking:
@@ -120,4 +118,4 @@ def rank(rows: Sequence[StudyRow], objectives: Sequence[Objective]) -> Ranking:
     best = {row.number for row, kept in zip(known, pareto_set(matrix), strict=True) if kept}
     known.sort(key=lambda row: (row.number not in best, costs[row.number], row.number))
     rest = [row for row in planned if costs[row.number] is None]
-    return Ranking((*known, *rest), frozenset(best), len(rest))
+    return Ranking((*known, *rest), frozenset(best))

@@ -160,7 +160,6 @@ def test_the_pareto_set_comes_first_then_all_by_the_first_objective(make_study) 
     ranking = rank(rows, objectives)
     assert [row.number for row in ranking.rows] == [1, 3, 0, 2, 5]
     assert ranking.pareto == {0, 1, 3}
-    assert ranking.unranked == 1
 
 
 def test_what_looks_alike_in_the_table_makes_no_row_better(make_study) -> None:

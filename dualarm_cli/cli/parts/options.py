@@ -80,6 +80,14 @@ TimeLimitOption = Annotated[
         show_default="as long as --effort says",
     ),
 ]
+PlanTasksOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--tasks",
+        help="Task file of the plan; by default the one that it was made of, if it is found unchanged.",
+        show_default=False,
+    ),
+]
 ColumnsOption = Annotated[
     str,
     typer.Option("--columns", help="What schedule.csv tells of each joint."),
