@@ -90,9 +90,7 @@ class NumericWays:
         )
 
 
-def target_ways(
-    batch: StopBatch, arm: GeneralArm, *, curves: bool = True
-) -> tuple[NumericWays, FloatArray]:
+def target_ways(batch: StopBatch, arm: GeneralArm) -> tuple[NumericWays, FloatArray]:
     """Returns postures at the targets of all problems of a batch, and by how much each problem misses.
 
     With six joints all branches; with seven samples along all branches that are met (see `branches`); with more, one
@@ -101,7 +99,6 @@ def target_ways(
     Args:
         batch: the problems.
         arm: their arm.
-        curves: whether all branches are looked for and sampled along their self-motion; without, it is faster.
 
     Returns:
         The ways, and the miss of each problem's nearest target: distance [m] and angle [rad], shape (b, 2).
@@ -110,9 +107,9 @@ def target_ways(
         return _given(batch), np.zeros((len(batch.problems), 2))
     row, target, yaw = batch.turned_targets()
     poses = batch.poses(row, target, yaw)
-    found = solve_poses(arm, poses.R, poses.p, thorough=curves)
+    found = solve_poses(arm, poses.R, poses.p, thorough=True)
     pose, q, branch = found.pose, found.q, found.branch
-    if arm.spare == 1 and curves:
+    if arm.spare == 1:
         traced = self_motions(arm, q, poses.R[pose], poses.p[pose])
         branch = branches(arm, pose, q, traced)
         of = np.broadcast_to(np.arange(len(pose)), traced.shape[:2])

@@ -1,6 +1,7 @@
 """COLLADA (DAE) to the corners of what its scene shows, all or none, and the unit that they are in.
 
-The upward axis that the file states is not applied: the tools of ROS show robots without it.
+Faces are not read, as a hull needs none. The upward axis that the file states is not applied: the tools of ROS show
+robots without it.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.errors import InputError
-from dualarm_cli.files.robots.mesh_formats import MeshError, check_numbers_of_corners, mesh_number
+from dualarm_cli.files.robots.mesh_formats import MeshError, mesh_number
 from dualarm_cli.files.robots.urdf_tree import Element, parse_xml
 from dualarm_cli.files.source.text_source import TextSource, quote
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.records import dataclass
 
@@ -177,20 +178,10 @@ def _geometry_corners(geometry: Element) -> FloatArray:
             positions = sources.get(one.get("source").removeprefix("#"))
     if vertices is None or positions is None:
         raise MeshError(f"line {mesh.line}: <mesh> has no <vertices> with positions")
-    corners = _positions(positions)
-    numbers = [
-        _corner_numbers(part, vertices.get("id"))
-        for part in mesh.children
-        if part.tag in _PRIMITIVES
-    ]
-    if not numbers:
+    if not any(part.tag in _PRIMITIVES for part in mesh.children):
         # Lines only: nothing that has a surface.
         return np.empty((0, 3))
-    try:
-        check_numbers_of_corners(np.concatenate(numbers), len(corners))
-    except MeshError as error:
-        raise MeshError(f"line {mesh.line}: <mesh> {error}") from None
-    return corners
+    return _positions(positions)
 
 
 def _positions(source: Element) -> FloatArray:
@@ -210,38 +201,6 @@ def _positions(source: Element) -> FloatArray:
             f"from {offset} on, but its array has {len(values)}"
         )
     return values[offset : offset + count * stride].reshape(count, stride)[:, :3]
-
-
-def _corner_numbers(primitive: Element, vertices: str) -> IntArray:
-    """Returns the numbers of corners that faces name."""
-    inputs = [
-        (_whole(one, "offset", "0"), one.get("semantic"), one.get("source"))
-        for one in primitive.all("input")
-    ]
-    places = [
-        at for at, semantic, source in inputs if (semantic, source) == ("VERTEX", f"#{vertices}")
-    ]
-    if len(places) != 1:
-        raise MeshError(
-            f"line {primitive.line}: <{primitive.tag}> needs one input of its <vertices>"
-        )
-    width = max(at for at, *_ in inputs) + 1
-    found = [np.empty(0, dtype=np.int64)]
-    for part in _below(primitive):
-        if part.tag not in ("p", "h"):
-            continue
-        try:
-            numbers = np.array([int(word) for word in part.text.split()], dtype=np.int64)
-        except (ValueError, OverflowError):
-            raise MeshError(
-                f"line {part.line}: <{part.tag}> must hold whole numbers only"
-            ) from None
-        if len(numbers) % width:
-            raise MeshError(
-                f"line {part.line}: <{part.tag}> holds {len(numbers)} numbers, not a multiple of {width}"
-            )
-        found.append(numbers.reshape(-1, width)[:, places[0]])
-    return np.concatenate(found)
 
 
 def _numbers(element: Element) -> FloatArray:

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from dualarm_cli.files.source.text_source import quote
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import FloatArray
 
 STL_HEADER, _STL_TRIANGLE = 84, 50
 _STL_ROWS = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -68,25 +68,6 @@ def mesh_number(word: bytes, where: str) -> float:
         shown = quote(word.decode("latin-1"))
         raise MeshError(f"{where} holds {shown}, which is not a finite number")
     return value
-
-
-def check_numbers_of_corners(numbers: IntArray, count: int) -> None:
-    """Makes sure that faces name corners that there are.
-
-    Args:
-        numbers: as the faces name them, counted from 0.
-        count: how many corners there are.
-
-    Raises:
-        MeshError: no face, or a number of no corner.
-    """
-    if not len(numbers):
-        raise MeshError("has no face")
-    wrong = numbers[(numbers < 0) | (numbers >= count)]
-    if len(wrong):
-        raise MeshError(
-            f"has a face with corner number {wrong[0]}, of {count} corners counted from 0"
-        )
 
 
 def stl_corners(data: bytes) -> FloatArray:
@@ -161,7 +142,12 @@ def obj_corners(data: bytes) -> FloatArray:
                 )
             numbers.extend(_obj_number(word, len(values) // 3, line) for word in words[1:])
     corners = np.array(values).reshape(-1, 3)
-    check_numbers_of_corners(np.array(numbers, dtype=np.int64), len(corners))
+    if not numbers:
+        raise MeshError("has no face")
+    if (last := max(numbers)) >= len(corners):
+        raise MeshError(
+            f"has a face with corner number {last}, of {len(corners)} corners counted from 0"
+        )
     return corners
 
 
