@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.geometry.elementary import arctan2, cos, sin
+from dualarm_cli.geometry.elementary import arctan2, cos, cube, sin
 from dualarm_cli.geometry.products import norm, product
 
 SMALL = 1e-6
 """Angles below this are taken by their series [rad]."""
-NEAR = 0.03
-"""Angles below which factors of rates are taken by their series [rad]."""
 
 
 def skew(vector: FloatArray) -> FloatArray:
@@ -39,39 +37,12 @@ def right_jacobian(vector: FloatArray) -> FloatArray:
 
     Angular velocities are in the turned frame; shape (..., 3, 3).
     """
-    one, two, _, _ = (factor[..., None] for factor in _jacobian_factors(vector))
+    angle = norm(vector, axis=-1)[..., None, None]
+    safe = np.where(angle < SMALL, 1.0, angle)
+    one = np.where(angle < SMALL, 0.5, (1.0 - cos(safe)) / np.square(safe))
+    two = np.where(angle < SMALL, 1.0 / 6.0, (safe - sin(safe)) / cube(safe))
     K = skew(vector)
     return np.eye(3) - one * K + two * product(K, K)
-
-
-def jacobian_rate(vector: FloatArray, rate: FloatArray) -> FloatArray:
-    """Compute the angular acceleration of rotation vectors (..., 3) at constant rates."""
-    _, two, three, four = _jacobian_factors(vector)
-    once, along = np.cross(vector, rate), (vector * rate).sum(axis=-1, keepdims=True)
-    twice = np.cross(vector, once)
-    return np.asarray(two * np.cross(rate, once) + along * (four * twice - three * once))
-
-
-def _jacobian_factors(vector: FloatArray) -> tuple[FloatArray, ...]:
-    """Return the factors of `right_jacobian` and of its change, each (..., 1)."""
-    angle = norm(vector, axis=-1, keepdims=True)
-    small, square = angle < NEAR, np.square(angle)
-    safe = np.where(small, 1.0, angle)
-    one = (1.0 - cos(safe)) / np.square(safe)
-    two = (safe - sin(safe)) / (safe * np.square(safe))
-    three, four = (
-        (sin(safe) / safe - 2.0 * one) / np.square(safe),
-        (one - 3.0 * two) / np.square(safe),
-    )
-    series = (
-        0.5 - square / 24.0 + square * square / 720.0,
-        1.0 / 6.0 - square / 120.0 + square * square / 5040.0,
-        -1.0 / 12.0 + square / 180.0,
-        -1.0 / 60.0 + square / 1260.0,
-    )
-    return tuple(
-        np.where(small, *pair) for pair in zip(series, (one, two, three, four), strict=True)
-    )
 
 
 def rpy_angles(R: FloatArray) -> FloatArray:

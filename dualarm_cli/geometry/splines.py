@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.linear_systems import inverse, solve_banded
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.geometry.rotations import exp_rotation, jacobian_rate, log_rotation, right_jacobian
+from dualarm_cli.geometry.rotations import exp_rotation, log_rotation, right_jacobian
 from dualarm_cli.records import dataclass
 
 DEGREE = 5
@@ -19,8 +19,8 @@ AROUND = 48
 
 The effect of their ends is below the last digit within.
 """
-ROUNDS, SETTLED = 30, 1e-13
-"""Maximum number of rounds for turning rates, and their relative tolerance."""
+ROUNDS, SETTLED, STEP = 30, 1e-12, 1e-4
+"""Maximum rounds for turning rates, relative tolerance, and step of differences [rad]."""
 Rates = Sequence[tuple[int, FloatArray]]
 """Orders of derivatives at an end, ascending, and their values (d,)."""
 
@@ -155,7 +155,10 @@ def _natural(knots: FloatArray, ways: FloatArray, *, turning: bool) -> CubicStep
     rate, last = np.zeros((n, 3)), np.zeros((n - 1, 3))
     for _ in range(ROUNDS if turning else 1):
         right = given.copy()
-        right[1:] -= jacobian_rate(ways, last) if turning else 0.0
+        if turning:
+            step = STEP / max(float(norm(last)), STEP)
+            change = right_jacobian(ways + step * last) - right_jacobian(ways - step * last)
+            right[1:] -= np.einsum("kij,kj->ki", change, last) / (2.0 * step)
         before, rate = rate, solve_banded(rows, right.reshape(-1, 1)).reshape(n, 3)
         last = np.einsum("kij,kj->ki", back, rate[1:])
         if norm(rate - before) <= SETTLED * norm(rate):

@@ -126,14 +126,16 @@ class KindPlanning:
     """Appends a section from where the robot is, with the next one known as well; None for tasks not done alone."""
     opens: Callable[[Section], float] = lambda section: 0.0
     """When such a section may begin at the earliest [s]."""
-    ends: Callable[[Job, Section], tuple[ToolPoses, ToolPoses]] = lambda job, section: ({}, {})
-    """Where the tools are when such a section begins, and when it ends."""
     along: Callable[[Job, Section, float], ToolPoses] = lambda job, section, share: {}
-    """Tool poses at a share of such a section, 0 to 1."""
+    """Known tool poses at a share of such a section, 0 to 1; at its ends those of its lines' outer ends."""
     least_transfer: Callable[[Job, Section], float] = lambda job, section: 0.0
     """How long the transfer to such a section, with what belongs to it, takes at least by the file [s]."""
     least: Callable[[Job, Section], float] = lambda job, section: 0.0
     """What no plan of such a section can beat [s]."""
+
+    def ends(self, job: Job, section: Section) -> tuple[ToolPoses, ToolPoses]:
+        """Return the known tool poses where such a section begins and ends."""
+        return self.along(job, section, 0.0), self.along(job, section, 1.0)
 
 
 def kinds_of(job: Job) -> list[KindPlanning]:

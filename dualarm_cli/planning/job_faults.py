@@ -17,7 +17,7 @@ import pinocchio as pin
 from dualarm_cli.clearing.blocked import grip_faults, reaches_into, start_faults
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.kinds.planning import Section, ToolPoses, kind_of, with_needs
+from dualarm_cli.kinds.planning import Section, kind_of, with_needs
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH
 from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
@@ -122,34 +122,26 @@ class _Faults:
     def of_sections(self) -> Iterator[Refusal]:
         """Iterate over faults of paths and seams: at their ends, else between."""
         for section in self.job.sections():
-            kind = kind_of(section)
-            if kind is None:
-                continue
-            ends = zip(
-                ("section_begins", "section_ends"), kind.ends(self.job, section), strict=True
-            )
-            faults = [one for what, poses in ends for one in self._of_poses(section, what, poses)]
+            faults = [*self._at(section, "section_begins", 0.0)]
+            faults += self._at(section, "section_ends", 1.0)
             if not faults:
-                middle = [
-                    replace(one, more={**one.more, "share": share})
-                    for share in _shares(section[0].path)
-                    for one in self._of_poses(
-                        section, "section_passes", kind.along(self.job, section, share)
-                    )
-                ]
-                faults = sorted(middle, key=lambda one: -(one.measured or 0.0))[:1]
+                shares = _shares(section[0].path)
+                faults = [one for s in shares for one in self._at(section, "section_passes", s)]
+                faults = sorted(faults, key=lambda one: -(one.measured or 0.0))[:1]
             yield from faults
 
-    def _of_poses(self, section: Section, what: str, poses: ToolPoses) -> Iterator[Refusal]:
-        """Iterate over the faults at one place of a path or seam."""
+    def _at(self, section: Section, what: str, share: float) -> Iterator[Refusal]:
+        """Iterate over the faults at a share of a path or seam."""
+        kind = kind_of(section)
+        poses = {} if kind is None else kind.along(self.job, section, share)
         for task in (one for one in section if one.arm in poses):
             stop = replace(task.stops[0], target=poses[task.arm], approach=0.0, retract=0.0)
-            slack, turn = ROUNDING, 0.0
-            if (work := task.path) is not None:
-                slack = work.tolerance + work.blend
-                turn = slack / TURN_LENGTH
+            path = task.path
+            slack = ROUNDING if path is None else path.tolerance + path.blend
+            turn = 0.0 if path is None else slack / TURN_LENGTH
             if cause := self._unreached(task.arm, task, stop, slack, turn):
-                yield _impossible(what, task.arm, task, stop, cause)
+                fault = _impossible(what, task.arm, task, stop, cause)
+                yield replace(fault, more={**fault.more, "share": share})
 
     def _fault(self, arm: str, task: Task, stop: Stop) -> Refusal | None:
         """Return the proven reason against a stop of an arm, with remedies, or None."""

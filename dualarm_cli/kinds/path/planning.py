@@ -203,11 +203,6 @@ def default_follower(context: PathContext) -> str:
     return "arm_angle" if context.closed_form else "manipulability"
 
 
-def path_ends(job: Job, section: Section) -> tuple[ToolPoses, ToolPoses]:
-    """Returns the tools' poses where a path begins and where it ends, of the arms that follow it."""
-    return path_poses(job, section, 0.0), path_poses(job, section, 1.0)
-
-
 def path_poses(job: Job, section: Section, share: float) -> ToolPoses:
     """Return the tools' poses at a share of a path, 0 to 1."""
     work = section[0].path
@@ -230,7 +225,6 @@ PLANNING = KindPlanning(
     check=check_paths,
     notes=lambda job, settings, motion: path_job_notes(job, settings.platform, motion),
     add=add_path,
-    ends=path_ends,
     along=path_poses,
     least=least_time,
 )

@@ -116,23 +116,11 @@ def seam_opens(section: Section) -> float:
     return max(0.0, work.not_before - work.dwell_start)
 
 
-def seam_ends(job: Job, section: Section) -> tuple[ToolPoses, ToolPoses]:
-    """Returns the tools' poses where the approach to a seam begins, and where the retract from it ends.
-
-    Both are empty where the file does not give the part's pose; the slave is missing where its tool may lean.
-    """
-    work = section[0].seam
-    assert work is not None
-    first, last = (
-        seam_poses(job, section, *at) for at in ((0.0, work.approach), (1.0, work.retract))
-    )
-    return first, last
-
-
-def seam_poses(job: Job, section: Section, share: float, line: float = 0.0) -> ToolPoses:
+def seam_poses(job: Job, section: Section, share: float) -> ToolPoses:
     """Return the known tool poses at a share of a seam.
 
-    The slave's is drawn back by `line` [m].
+    At its ends the slave's are where the approach begins and the retract ends. Without the part's pose nothing is
+    known, and nothing of a slave whose tool may lean.
     """
     work = section[0].seam
     assert work is not None
@@ -145,6 +133,7 @@ def seam_poses(job: Job, section: Section, share: float, line: float = 0.0) -> T
         flange = part * work.part.inverse()
         found[work.master] = PoseTarget(flange * job.cell.tools[work.master].tcp)
     if work.tool.tilt == 0.0:
+        line = {0.0: work.approach, 1.0: work.retract}.get(share, 0.0)
         back = np.array([0.0, 0.0, -work.tool.standoff - line])
         tool = part * _pose(*work.tool_frames(np.array([share]))) * pin.SE3(np.eye(3), back)
         found[work.slave] = PoseTarget(tool, free_yaw=work.tool.free_spin)
@@ -179,7 +168,6 @@ PLANNING = KindPlanning(
     notes=lambda job, settings, motion: [SEAMS_KEPT],
     add=add_seam_section,
     opens=seam_opens,
-    ends=seam_ends,
     along=seam_poses,
     least_transfer=least_entry,
     least=least_time,
