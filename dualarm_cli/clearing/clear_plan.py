@@ -101,7 +101,7 @@ def quickest_clear(
     progress: Callable[[str], None],
     *,
     clear: bool = True,
-    crossing: bool = True,
+    alone: str | None = None,
     for_stops: bool = False,
 ) -> ClearedPlan:
     """Returns the quickest plan of a method that is collision-free, see `_quickest_with_stops`.
@@ -115,7 +115,7 @@ def quickest_clear(
         timing: how motions are timed.
         progress: receives what is being done.
         clear: whether anything has to be collision-free.
-        crossing: whether arms have to be clear of one another.
+        alone: the only arm that has to be clear, and not of the other one; None for all arms.
         for_stops: whether postures are chosen as if tools stopped at all lines' ends; it ends as that plan does.
 
     Raises:
@@ -124,7 +124,7 @@ def quickest_clear(
     holding = None
     if clear:
         # What no plan of these arms can repair is refused before one is looked for.
-        holding = Holding.of(problem.job, crossing=crossing)
+        holding = Holding.of(problem.job, alone=alone)
         if faults := grip_faults(problem.job):
             raise InfeasibleError(*faults)
     if not has_blends(problem):

@@ -40,8 +40,8 @@ class CellClearance:
     """Columns of each arm's joints among the robot's."""
     parts: tuple[str, ...]
     """Names of all that is ever held, see `Held.name`; the first one is nothing, tools come before parts in them."""
-    crossing: bool = True
-    """Whether arms have to be clear of one another; else each is looked at by itself."""
+    alone: str | None = None
+    """The only arm that is tested, and not against the other one; None for all arms."""
     skew: float = 0.0
     """Delay of either arm with which motions have to be clear as well [s]."""
     rooms: tuple[PartRoom, ...] = ()
@@ -140,6 +140,8 @@ class CellClearance:
             held: what it holds, shape (n,).
             ground: whether what it reaches into with a part on a line counts as well; that takes longer.
         """
+        if self.alone not in (None, self.arms[a]):
+            return np.full(len(position), np.inf)
         found = np.empty(len(position))
         scene, base = held // self.size, held % self.size
         for number in distinct(base).tolist():
@@ -218,7 +220,7 @@ class CellClearance:
             position: all joints of the robot [rad], shape (n, columns).
             held: what each arm holds, shape (n, arms).
         """
-        if not self.crossing:
+        if self.alone:
             return np.full(len(position), np.inf)
         if len(self.parts) == 1:
             return self.test.margins(self.test.cross(), position)
@@ -258,8 +260,10 @@ class CellClearance:
     def _pairs(self, held: IntArray) -> list[Pair]:
         """Returns all pairs that must keep apart while the arms hold things of some numbers, shape (arms,)."""
         parts = [self.part_of(number) for number in held.tolist()]
-        found = list(self._cross(held.tolist()).pairs)
+        found = [] if self.alone else list(self._cross(held.tolist()).pairs)
         for a, (arm, part, number) in enumerate(zip(self.arms, parts, held.tolist(), strict=True)):
+            if self.alone not in (None, arm):
+                continue
             found += self.own_pairs(a, number)
             found += self.own_pairs(a, number, touching=True)
             found += self.test.ground(arm, part).pairs if number % 2 else ()

@@ -6,8 +6,8 @@ part is still there; of the other arm's parts all count that are there at some t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import field, replace
 
 from dualarm_cli.collision.rooms import PartRoom, RoomKey
 from dualarm_cli.model.job import Job, StopKey, Task
@@ -81,28 +81,35 @@ def stage_scenes(job: Job, rooms: Sequence[PartRoom]) -> tuple[Scene, ...]:
 
 
 def timed_scenes(
-    job: Job, rooms: Sequence[PartRoom], visits: Sequence[Visit], coming: Mapping[StopKey, int]
+    job: Job,
+    rooms: Sequence[PartRoom],
+    visits: Sequence[Visit],
+    coming: Mapping[StopKey, int],
+    spans: Sequence[tuple[int, Collection[str]]],
 ) -> tuple[Scene, ...]:
-    """List what lies before each of some visits that follow one another, and after all of them.
+    """List what lies in each of some spans of time.
 
     Args:
         job: decided.
         rooms: of its parts, and of those that lie beside it.
         visits: picks and places in the order in which they change what lies.
         coming: number of the first visit that comes after the tool is on its way to a pick, by the pick.
+        spans: for each the number of visits before it, and the arms that are on the retract of their last one.
     """
     number: dict[StopKey, int] = {(t.arm, t.id, s.action): k for k, (t, s) in enumerate(visits)}
-    spans, fixed = _spans(job, visits, rooms, number, lambda key: 2 * coming[key])
+    taken, fixed = _spans(job, visits, rooms, number, lambda key: 2 * coming[key])
     arms = [arm.name for arm in job.cell.robot.arms]
     scenes: list[Scene] = []
-    for k in range(len(visits) + 1):
-        now = [r for r, span in spans.items() if span.at(2 * k)]
+    for k, leaving in spans:
+        now = [r for r, span in taken.items() if span.at(2 * k)]
         row = {}
         for arm in arms:
             before = [visit for visit in visits[:k] if visit[0].arm == arm]
             after = [visit for visit in visits[k:] if visit[0].arm == arm]
             visited = after[0] if after else None, before[-1] if before else None
-            row[arm] = _met(arm, visited, now, fixed, spans, (2 * k, 2 * k))
+            row[arm] = _met(arm, visited, now, fixed, taken, (2 * k, 2 * k))
+            if arm in leaving:
+                row[arm] = replace(row[arm], here=row[arm].left, left={})
         scenes.append(row)
     return tuple(scenes)
 

@@ -69,6 +69,7 @@ def plan_by_own_clocks(
     order = OrderModel.of(problem.model, problem.job, clear=planner.clear)
     check_reach(order)
     orders = free_orders(order, settings.effort, settings.seed, watch)
+    turns = bool(problem.model.platform_columns)
     best: Schedule | None = None
     total = np.inf
     for number, one in enumerate(_worth_planning(orders)):
@@ -84,7 +85,7 @@ def plan_by_own_clocks(
         if best is None or found.duration < best.duration:
             best = replace(found, order_grid_gap=grid_gap(orders.bound, one.total))
             total = one.total
-            watch.keep(_noted(best, free_notes(orders, total, None)))
+            watch.keep(_noted(best, free_notes(orders, total, None, turns=turns)))
     epochs, rail = None, problem.model.platform.is_rail
     if (best is None or not watch.stop()) and _turns(problem.model):
         most = np.inf if best is None else (1.0 + PROMISING) * orders.found[0].total
@@ -102,7 +103,7 @@ def plan_by_own_clocks(
                 best, epochs = found, several
                 watch.keep(_noted(best, epoch_notes(several, None, rail=rail)))
     together = None
-    why = [_why_together(best)]
+    why = [_why_together(best, turns=turns)]
     if best is None or (not watch.enough() and _may_be_quicker(problem.model, best)):
         watch.tell("planning both arms in synchronous stages")
         try:
@@ -115,7 +116,7 @@ def plan_by_own_clocks(
         assert together is not None
         return _noted(together, why)
     if epochs is None:
-        return _noted(best, free_notes(orders, total, together))
+        return _noted(best, free_notes(orders, total, together, turns=turns))
     return _noted(best, epoch_notes(epochs, together, rail=rail))
 
 
@@ -129,16 +130,18 @@ def _turns(model: CellModel) -> bool:
     return model.platform.is_chosen and len(model.arms) > 1
 
 
-def _why_together(own: Schedule | None) -> str:
+def _why_together(own: Schedule | None, *, turns: bool) -> str:
     """Returns why both arms go from stage to stage together although each could go by its own clock."""
     if own is None:
+        stands = " (the platform stands while tools work there)" if turns else ""
         return (
-            "mode: free: no plan was found in which the arms run asynchronously (the platform stands while tools "
-            "work there); both start each stage together"
+            f"mode: free: no plan was found in which the arms run asynchronously{stands}; "
+            "both start each stage together"
         )
+    stands = ", for which the platform has to stand" if turns else ""
     return (
-        "mode: free: both arms start each stage together, as that is faster than asynchronous arms, for which the "
-        f"platform has to stand ({own.duration:.3f} s)"
+        "mode: free: both arms start each stage together, as that is faster than asynchronous arms"
+        f"{stands} ({own.duration:.3f} s)"
     )
 
 
@@ -192,18 +195,19 @@ def _together_notes(together: Schedule | None) -> list[str]:
     return [f"mode: free: synchronous stages would take {together.duration:.3f} s"]
 
 
-def free_notes(orders: FreeOrders, total: float, together: Schedule | None) -> list[str]:
+def free_notes(
+    orders: FreeOrders, total: float, together: Schedule | None, *, turns: bool
+) -> list[str]:
     """Returns what a reader should know of a plan with a standing platform.
 
     Args:
         orders: what the search found.
         total: of the order that was planned, by the search's own times [s].
         together: a plan in which both arms go from stage to stage together, if there is one.
+        turns: whether there is a platform.
     """
-    notes = [
-        f"mode: free: the platform stands while tools work, and the arms run asynchronously; {total:.2f} s by "
-        f"{ESTIMATE}"
-    ]
+    stands = "the platform stands while tools work, and " if turns else ""
+    notes = [f"mode: free: {stands}the arms run asynchronously; {total:.2f} s by {ESTIMATE}"]
     notes += _together_notes(together)
     if orders.exact and total <= orders.found[0].total:
         notes.append(

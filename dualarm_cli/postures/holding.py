@@ -38,19 +38,21 @@ class Holding:
     """How much slower than at full speed everything moves; times chosen for full speed are multiplied by it."""
 
     @classmethod
-    def of(cls, job: Job, *, crossing: bool = True, cell: CellClearance | None = None) -> Holding:
+    def of(
+        cls, job: Job, *, alone: str | None = None, cell: CellClearance | None = None
+    ) -> Holding:
         """Prepares a job.
 
         Args:
             job: what is to be done.
             cell: its cell with all that it carries, where that is at hand.
-            crossing: whether arms have to be clear of one another; else each is looked at by itself.
+            alone: the only arm that is tested, and not against the other one; None for all arms.
         """
         cell = cell or CellClearance.of_job(job)
         cell = replace(
             cell.in_scenes(stage_scenes(job, cell.rooms)),
-            crossing=crossing,
-            skew=job.skew if crossing else 0.0,
+            alone=alone,
+            skew=0.0 if alone else job.skew,
         )
         holds = {arm: job.held_at_start(arm) for arm in cell.arms}
         rows = []

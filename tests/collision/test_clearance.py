@@ -71,15 +71,14 @@ def test_margins_of_mixed_rows_are_those_of_each_row_alone(clearance, postures):
     assert (together < nothing - 0.01).any()
 
 
-def test_arms_that_need_not_keep_clear_of_one_another_are_looked_at_by_themselves(
-    clearance, postures
-):
-    """The least of what each of them has of its own."""
+def test_of_an_arm_alone_only_its_own_margins_count(clearance, postures):
+    """Neither those from the other arm nor those of the other arm, wherever that stands."""
     held = np.random.default_rng(4).integers(0, 6, (40, 2))
-    apart = dataclasses.replace(clearance, crossing=False)
+    apart = dataclasses.replace(clearance, alone="left")
     assert (apart.cross_margins(postures, held) == np.inf).all()
-    own = [clearance.own_margins(a, postures, held[:, a], ground=True) for a in (0, 1)]
-    np.testing.assert_array_equal(apart.margins(postures, held), np.minimum(*own))
+    own = clearance.own_margins(0, postures, held[:, 0], ground=True)
+    np.testing.assert_array_equal(apart.margins(postures, held), own)
+    assert all("right" not in pair[0] + pair[1] for pair in apart.lacking(postures[0], held[0]))
     assert np.isfinite(clearance.cross_margins(postures, held)).all()
 
 

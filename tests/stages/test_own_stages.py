@@ -197,7 +197,7 @@ def test_a_stage_with_less_than_the_margin_of_nodes_everywhere_keeps_collision_f
     """Half a degree of shared angles, and a margin below SLACK at all of them."""
     cell = replace(packing.cell, obstacles=())
     job, (low, high) = narrow(replace(packing, cell=cell), np.radians(0.5))
-    problem = sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job, crossing=True))
+    problem = sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job))
     assert problem.clearance is not None
     thin: Any = _Margins(problem.clearance.cell, margin)
     problem = replace(problem, clearance=replace(problem.clearance, cell=thin))
@@ -251,7 +251,7 @@ def test_a_stage_whose_nodes_touch_at_all_angles_of_the_grid_gets_others(
     planned = plan_without_bound(job, PlanSettings(effort="quick"))
     assert len(asked) == 1
     assert verify(planned, job, clearance=True).passed
-    problem = sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job, crossing=True))
+    problem = sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job))
     found = search(problem, [], "quick", 0)
     assert found is not None
     assert not found.hopeless
@@ -307,7 +307,7 @@ def test_a_stage_that_is_clear_by_less_than_nodes_must_be_stays_as_it_is(
     found = search(sequence_problem(model, job), [], "quick", 0)
     assert found is not None
     unchecked = found.best.decisions
-    problem = sequence_problem(model, job, Holding.of(job, crossing=True))
+    problem = sequence_problem(model, job, Holding.of(job))
     near = search_near(problem, unchecked, touching, "quick", 0, local=False)
     assert near is not None
     assert near.decisions.angle[1] == unchecked.angle[1]
@@ -321,7 +321,7 @@ def test_a_stage_that_is_known_to_touch_does_not_stay_as_it_is(packing: Job) -> 
     model = CellModel.from_cell(job.cell)
     found = search(sequence_problem(model, job), [], "normal", 0)
     assert found is not None
-    problem = sequence_problem(model, job, Holding.of(job, crossing=True))
+    problem = sequence_problem(model, job, Holding.of(job))
     assert not plan_clearance(problem, found.best).stops.all()
     near = search_near(problem, found.best.decisions, [1], "normal", 0, local=False)
     assert near is not None
@@ -340,7 +340,7 @@ def test_in_a_long_sequence_a_stage_that_has_to_touch_gets_the_plan_that_touches
     found = search(sequence_problem(model, job), [], "quick", 0)
     assert found is not None
     unchecked = found.best.decisions
-    problem = sequence_problem(model, job, Holding.of(job, crossing=True))
+    problem = sequence_problem(model, job, Holding.of(job))
     asked: tuple[Any, ...] = (problem, unchecked, [1], "quick", 0)
     assert search_near(*asked, local=True) is None
     monkeypatch.setattr(search_module, "FEWEST_IN_PARTS", problem.stages)
@@ -407,7 +407,7 @@ def test_a_beam_in_which_all_the_best_steps_touch_looks_at_the_others(
         for _ in range(3)
     ]
     job = stage_job(replace(packing, cell=replace(packing.cell, obstacles=())), stages)
-    problem = sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job, crossing=True))
+    problem = sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job))
     tables = tuple(StopTable.of(work) for work in problem.arms)
     monkeypatch.setattr(beam, "WAYS", 1)
     monkeypatch.setattr(beam, "MORE", 1)

@@ -162,7 +162,7 @@ class FreePlanner:
                 self.timing,
                 lambda _: None,
                 clear=self.clear,
-                crossing=False,
+                alone=name,
             )
             motion = found.cleared.motion
         return OwnWay(self._clock(problem, name, motion), problem, found)
@@ -221,7 +221,7 @@ class FreePlanner:
             self.timing,
             lambda _: None,
             clear=self.clear,
-            crossing=False,
+            alone=name,
         )
         both = MotionBuilder()
         both.append(motion)

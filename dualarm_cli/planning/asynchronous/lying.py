@@ -55,12 +55,20 @@ def with_motion_scenes(
         if (e.arm, e.task, e.action) in stops and e.action in ("pick", "place")
     }
     changes = np.array(list(events.values()))
-    begins = dict(events)
+    begins, leaves = dict(events), dict(events)
     for part in motion.segments:
         key = part.arm, part.task, part.action
         if part.kind == "approach" and key in begins:
             begins[key] = min(begins[key], part.start)
+        if part.kind == "retract" and part.action == "place" and key in leaves:
+            leaves[key] = part.end
     first = np.searchsorted(changes, np.array(list(begins.values())) - SAME_TIME, side="right")
     coming = dict(zip(begins, first.tolist(), strict=True))
-    scenes = timed_scenes(job, cell.rooms, [stops[key] for key in events], coming)
-    return cell.in_scenes(scenes), np.searchsorted(changes, time + SAME_TIME, side="right")
+    # A scene also ends where a retract does: the tool may touch there what it has placed.
+    bounds = np.unique(np.concatenate([[-np.inf], changes, np.array(list(leaves.values()))]))
+    spans = []
+    for begin, done in zip(bounds, np.searchsorted(changes, bounds, side="right"), strict=True):
+        leaving = {key[0] for key in events if events[key] <= begin < leaves[key]}
+        spans.append((int(done), leaving))
+    scenes = timed_scenes(job, cell.rooms, [stops[key] for key in events], coming, spans)
+    return cell.in_scenes(scenes), np.searchsorted(bounds, time + SAME_TIME, side="right") - 1
