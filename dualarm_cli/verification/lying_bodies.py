@@ -206,12 +206,15 @@ class Played:
         if solid.bolted:
             during = carrying_spans(self.schedule, self.job, solid)
         touching: list[tuple[float | None, list[Span]]] = []
-        for key in dict.fromkeys((lying.key, lying.until)):
-            if key is None or solid.joint != self._flange(key[0], model).parentJoint:
-                continue
-            lines, between = self._at_stop(key)
+        stops = {
+            key: self._at_stop(key)
+            for key in (lying.key, lying.until)
+            if key is not None and solid.joint == self._flange(key[0], model).parentJoint
+        }
+        lines = sorted(line for line, _ in stops.values())
+        for key, (_, between) in stops.items():
             depth = self._depth(lying, shape, key, solid, model)
-            touching.append((depth, overlaps(without([between], [lines]), during)))
+            touching.append((depth, overlaps(without([between], lines), during)))
             during = without(during, [between])
         return [(None, during), *touching]
 
