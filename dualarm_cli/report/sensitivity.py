@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
-from dualarm_cli.geometry.elementary import cbrt, cos, cube, power
+from dualarm_cli.geometry.elementary import cbrt, cos, power
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import DURATION, Schedule
@@ -16,7 +16,7 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.stage_parts import PLATFORM, StageParts, is_handover, overlap, stage_parts
 from dualarm_cli.timing.rest_to_rest import RestToRest
-from dualarm_cli.timing.shapes import differentiation_matrix, lagrange_basis, symmetric_grid
+from dualarm_cli.timing.shapes import symmetric_grid
 from dualarm_cli.timing.spline import largest_rates
 from dualarm_cli.timing.stage_length import stage_length
 
@@ -168,17 +168,7 @@ def _shape_times(path: FloatArray, limits: JointLimits) -> FloatArray:
 @lru_cache(maxsize=1)
 def _operators() -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns matrices from path samples to q', q'', q''' in unit time at all instants of all shapes."""
-    s, sd, sdd, sddd = (values.ravel() for values in SHAPES.within_phases(PER_PHASE))
-    nodes = _nodes()
-    D = differentiation_matrix(nodes)
-    at = lagrange_basis(nodes, s)
-    first, second, third = product(at, D), product(at, D, D), product(at, D, D, D)
-    sd, sdd, sddd = sd[:, None], sdd[:, None], sddd[:, None]
-    return (
-        sd * first,
-        sdd * first + np.square(sd) * second,
-        sddd * first + 3.0 * sd * sdd * second + cube(sd) * third,
-    )
+    return SHAPES.path_rates(PER_PHASE, _nodes())
 
 
 SHARE = 0.1

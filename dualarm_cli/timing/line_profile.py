@@ -18,13 +18,13 @@ import numpy as np
 
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.geometry.elementary import cbrt, cube
+from dualarm_cli.geometry.elementary import cbrt
 from dualarm_cli.geometry.products import product
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.problem import LineProblem
-from dualarm_cli.timing.shapes import differentiation_matrix, lagrange_basis, symmetric_grid
+from dualarm_cli.timing.shapes import symmetric_grid
 
 SPEED_MARGIN = 1e-4
 """Share of a tool-speed cap kept free, since the spline follows the path only nearly."""
@@ -118,17 +118,7 @@ def _distinct(operator: FloatArray) -> tuple[FloatArray, IntArray]:
 @lru_cache(maxsize=8)
 def estimate_operators(samples: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns matrices from path samples to q', q'', q''' in unit time at all instants."""
-    s, sd, sdd, sddd = (values.ravel() for values in ESTIMATE_SHAPES.within_phases(2))
-    nodes = np.linspace(0.0, 1.0, samples)
-    D = differentiation_matrix(nodes)
-    at = lagrange_basis(nodes, s)
-    first, second, third = product(at, D), product(at, D, D), product(at, D, D, D)
-    sd, sdd, sddd = sd[:, None], sdd[:, None], sddd[:, None]
-    return (
-        sd * first,
-        sdd * first + np.square(sd) * second,
-        sddd * first + 3.0 * sd * sdd * second + cube(sd) * third,
-    )
+    return ESTIMATE_SHAPES.path_rates(2, np.linspace(0.0, 1.0, samples))
 
 
 def path_of(problem: LineProblem) -> trajectories.Path:

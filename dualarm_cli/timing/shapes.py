@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.elementary import cube
+from dualarm_cli.geometry.products import product
 from dualarm_cli.records import dataclass
 
 
@@ -123,6 +125,26 @@ class Shapes:
             speed.reshape(g, -1),
             acceleration.reshape(g, -1),
             np.repeat(jerk[..., 0], per_phase, axis=1),
+        )
+
+    def path_rates(
+        self, per_phase: int, nodes: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Compute matrices from path samples at nodes to three derivatives in unit time.
+
+        Args:
+            per_phase: number of instants per phase, as of `within_phases`; rows are all instants of all shapes.
+            nodes: shares of the path at which it is sampled, shape (m,).
+        """
+        s, sd, sdd, sddd = (values.ravel() for values in self.within_phases(per_phase))
+        D = differentiation_matrix(nodes)
+        at = lagrange_basis(nodes, s)
+        first, second, third = product(at, D), product(at, D, D), product(at, D, D, D)
+        sd, sdd, sddd = sd[:, None], sdd[:, None], sddd[:, None]
+        return (
+            sd * first,
+            sdd * first + np.square(sd) * second,
+            sddd * first + 3.0 * sd * sdd * second + cube(sd) * third,
         )
 
 

@@ -12,9 +12,9 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
-from dualarm_cli.geometry.elementary import arctan2, cos, cube, power, sin
+from dualarm_cli.geometry.elementary import arctan2, cos, power
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.geometry.rotations import exp_rotation, log_rotation
+from dualarm_cli.geometry.rotations import exp_rotation, log_rotation, right_jacobian
 from dualarm_cli.geometry.splines import PoseSpline
 from dualarm_cli.model.curves.arc_length import ArcLength
 from dualarm_cli.records import dataclass
@@ -35,10 +35,6 @@ SHARPEST = cos(np.deg2rad(135.0))
 """Cosine of the largest change of direction that is rounded; beyond it the bend is tighter than a stop is slow."""
 SHORTEST_REST = 1e-9
 """Share of a straight piece between two rounded corners that counts as nothing."""
-SMALL_ANGLE = 1e-3
-"""Rotation below which a series is exact enough [rad]."""
-TINY_ANGLE = 1e-9
-"""Rotation below which it is none [rad]."""
 ROUNDED_NODES = 33
 """Points with which measuring the length of a rounded corner begins."""
 QUINTIC = np.array([comb(5, k) for k in range(6)], dtype=np.float64)
@@ -256,16 +252,7 @@ class RoundedCorner:
         rate = product(
             5.0 * (weights * power(1.0 - u[:, None], powers[::-1])), np.diff(self._points, axis=0)
         )
-        vector = self._bezier(u)[:, 3:]
-        # Angular velocity in the tool's frame: the right Jacobian of the rotation vector.
-        angle = norm(vector, axis=1, keepdims=True)
-        once = np.cross(vector, rate[:, 3:])
-        second = np.where(angle < SMALL_ANGLE, 1.0 / 6.0, 0.0)
-        large = np.maximum(angle, SMALL_ANGLE)
-        half = np.maximum(angle, TINY_ANGLE) / 2.0
-        first = 0.5 * np.square(sin(half) / half)
-        second += np.where(angle < SMALL_ANGLE, 0.0, (large - sin(large)) / cube(large))
-        turning = rate[:, 3:] - first * once + second * np.cross(vector, once)
+        turning = np.einsum("kij,kj->ki", right_jacobian(self._bezier(u)[:, 3:]), rate[:, 3:])
         found: FloatArray = np.maximum(
             norm(rate[:, :3], axis=1), TURN_LENGTH * norm(turning, axis=1)
         )
