@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +10,14 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinds.path.checks import along_path, followed_work
 from dualarm_cli.kinds.path.context import PathContext
-from dualarm_cli.kinds.reporting import KindMeasures, joint_ways, room_words, travel_words
+from dualarm_cli.kinds.reporting import (
+    KindMeasures,
+    joint_use,
+    least_clearance,
+    methods_table,
+    room_words,
+    travel_words,
+)
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.elbow_circle import least_elbow_distance
 from dualarm_cli.kinematics.manipulability import manipulability
@@ -22,9 +28,6 @@ from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.tool_model import ToolModel
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 
 def path_lines(report: dict[str, Any]) -> list[str]:
@@ -78,48 +81,31 @@ def _small(length: float) -> str:
     return f"{length * 1e9:.0f} nm" if length >= 1e-9 else "< 1 nm"
 
 
-def paths_table(section: dict[str, Any]) -> Table | None:
+def paths_table(section: dict[str, Any]) -> Any:
     """Returns the table of how each method follows a task file's paths; None where it has none.
 
     Args:
         section: one member of the comparison's `comparisons`.
     """
-    from rich.markup import escape
-    from rich.table import Table
+    methods = len({row["method"] for row in section["rows"] if row["paths"]}) > 1
 
-    rows = [row for row in section["rows"] if row["paths"]]
-    if not rows:
-        return None
-    methods = len({row["method"] for row in rows}) > 1
-    names = {path["task"] for row in rows for path in row["paths"]}
-    what = "paths" if len(names) > 1 else f"path {next(iter(names))}"
-    table = Table(title=escape(f"{section['tasks']}: {what}"), title_justify="left")
-    texts = [*(["path"] if len(names) > 1 else []), *(["method"] if methods else []), "follower"]
-    for name in texts:
-        table.add_column(name, no_wrap=True)
-    columns = ("tool", "elbow mm", "least", "M", "least M", "travel °", "room")
-    for name in (*columns, "speed", "clear mm"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for row in rows:
-        for path in row["paths"]:
-            elbows = list(path["elbow_distance"].values())
-            least = list((path["least_elbow_distance"] or {}).values())
-            clear = path["clearance"]
-            table.add_row(
-                *([escape(path["task"])] if len(names) > 1 else []),
-                *([row["method"]] if methods else []),
-                path["method"],
-                _small(path["tool_error"]),
-                f"{sum(elbows) / len(elbows) * 1e3:.1f}",
-                f"{sum(least) / len(least) * 1e3:.1f}" if least else "–",
-                f"{path['manipulability_together']:.4g}",
-                f"{path['least_manipulability_together']:.4g}",
-                f"{math.degrees(path['joint_travel']):.0f}",
-                room_words(path),
-                f"{path['speed_share']:.0%}",
-                "–" if clear is None else f"{clear * 1e3:.1f}",
-            )
-    return table
+    def cells(row: dict[str, Any], path: dict[str, Any]) -> list[str]:
+        elbows = list(path["elbow_distance"].values())
+        least = list((path["least_elbow_distance"] or {}).values())
+        return [
+            *([row["method"]] if methods else []),
+            path["method"],
+            _small(path["tool_error"]),
+            f"{sum(elbows) / len(elbows) * 1e3:.1f}",
+            f"{sum(least) / len(least) * 1e3:.1f}" if least else "–",
+            f"{path['manipulability_together']:.4g}",
+            f"{path['least_manipulability_together']:.4g}",
+        ]
+
+    texts = [*(["method"] if methods else []), "follower"]
+    return methods_table(
+        section, "path", texts, ("tool", "elbow mm", "least", "M", "least M"), cells
+    )
 
 
 CURVE = 101
@@ -327,11 +313,6 @@ def path_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     return found
 
 
-def _idle_joints(job: Job, path: PathSamples) -> list[str]:
-    """Returns the joints of arms that do not follow."""
-    return [j for arm in job.cell.robot.arms if arm.name not in path.arms for j in arm.joints]
-
-
 def path_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     """Returns what is measured of every path, JSON-ready; m, rad, s.
 
@@ -343,20 +324,14 @@ def path_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     if not samples:
         return []
     model = ToolModel(schedule)
-    limits = job.cell.robot.limits.scaled(job.speed)
-    clearances = schedule.verification.clearances if schedule.verification is not None else ()
+    robot = job.cell.robot
     found = []
     for path in samples:
         segments = [s for s in schedule.segments if s.kind == "path" and s.task == path.task]
         along = [along_path(schedule, model, s, path.work.paths[s.arm]) for s in segments]
-        room = np.minimum(path.position - limits.lower, limits.upper - path.position).min(axis=0)
-        room[job.cell.robot.columns(_idle_joints(job, path))] = np.inf
-        nearest = int(np.argmin(room))
-        speed = (np.abs(path.velocity) / limits.velocity).max(axis=0)
-        fastest = int(np.argmax(speed))
+        idle = {j for arm in robot.arms if arm.name not in path.arms for j in arm.joints}
+        counted = [k for k, joint in enumerate(robot.joints) if joint not in idle]
         numbers = [k for k, stage in enumerate(schedule.stages) if path.task in stage.tasks]
-        clear = [c.clearance for c in clearances if c.stage in numbers]
-        travel = np.abs(np.diff(path.position, axis=0)).sum(axis=0)
         found.append(
             {
                 "task": path.task,
@@ -383,13 +358,8 @@ def path_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
                 ),
                 "manipulability_together": float(path.together.mean()),
                 "least_manipulability_together": float(path.together.min()),
-                **joint_ways(job.cell.robot, travel),
-                "limit_room": float(room[nearest]),
-                "limit_joint": limits.joints[nearest],
-                "limit_slides": limits.joints[nearest] in job.cell.robot.sliding,
-                "speed_share": float(speed[fastest]),
-                "speed_joint": limits.joints[fastest],
-                "clearance": min(clear, default=None),
+                **joint_use(job, path.position, path.velocity, counted),
+                "clearance": least_clearance(schedule, numbers),
             }
         )
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +11,13 @@ import pinocchio as pin
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import log_rotation
-from dualarm_cli.kinds.reporting import KindMeasures, joint_ways, room_words
+from dualarm_cli.kinds.reporting import (
+    KindMeasures,
+    joint_use,
+    least_clearance,
+    methods_table,
+    room_words,
+)
 from dualarm_cli.kinds.seam.checks import OnSeam, on_seam
 from dualarm_cli.kinematics.manipulability import manipulability
 from dualarm_cli.kinematics.whole_body import WholeBody
@@ -20,9 +26,6 @@ from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.tool_model import ToolModel
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 STANDS_WAY, STANDS_TURN = 1e-6, 1e-6
 """A part that moves and turns less stands [m, rad]."""
@@ -79,46 +82,29 @@ def part_words(seam: dict[str, Any]) -> str:
     return f"the part moves {way:.0f} mm and turns {turn:.0f} deg from {where}"
 
 
-def seams_table(section: dict[str, Any]) -> Table | None:
+def seams_table(section: dict[str, Any]) -> Any:
     """Returns the table of how each solver works a task file's seams; None where it has none.
 
     Args:
         section: one member of the comparison's `comparisons`.
     """
-    from rich.markup import escape
-    from rich.table import Table
 
-    rows = [row for row in section["rows"] if row["seams"]]
-    if not rows:
-        return None
-    names = {seam["task"] for row in rows for seam in row["seams"]}
-    what = "seams" if len(names) > 1 else f"seam {next(iter(names))}"
-    table = Table(title=escape(f"{section['tasks']}: {what}"), title_justify="left")
-    for name in [*(["seam"] if len(names) > 1 else []), "solver"]:
-        table.add_column(name, no_wrap=True)
-    columns = ("mm/s", "s", "part mm", "part °", "chain um", "M master", "M slave", "travel °")
-    for name in (*columns, "room", "speed", "clear mm"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for row in rows:
-        for seam in row["seams"]:
-            least, clear = seam["least_manipulability"], seam["clearance"]
-            master = least.get(seam["master"])
-            table.add_row(
-                *([escape(seam["task"])] if len(names) > 1 else []),
-                seam["method"],
-                f"{seam['speed'] * 1e3:.4g}",
-                f"{seam['duration']:.3f}",
-                f"{seam['part_way'] * 1e3:.0f}",
-                f"{math.degrees(seam['part_turn']):.0f}",
-                f"{seam['residual'] * 1e6:.2f}",
-                "–" if master is None else f"{master:.3g}",
-                f"{least[seam['slave']]:.3g}",
-                f"{math.degrees(seam['joint_travel']):.0f}",
-                room_words(seam),
-                f"{seam['speed_share']:.0%}",
-                "–" if clear is None else f"{clear * 1e3:.1f}",
-            )
-    return table
+    def cells(_: dict[str, Any], seam: dict[str, Any]) -> list[str]:
+        least = seam["least_manipulability"]
+        master = least.get(seam["master"])
+        return [
+            seam["method"],
+            f"{seam['speed'] * 1e3:.4g}",
+            f"{seam['duration']:.3f}",
+            f"{seam['part_way'] * 1e3:.0f}",
+            f"{math.degrees(seam['part_turn']):.0f}",
+            f"{seam['residual'] * 1e6:.2f}",
+            "–" if master is None else f"{master:.3g}",
+            f"{least[seam['slave']]:.3g}",
+        ]
+
+    numbers = ("mm/s", "s", "part mm", "part °", "chain um", "M master", "M slave")
+    return methods_table(section, "seam", ["solver"], numbers, cells)
 
 
 SPACING = 0.005
@@ -226,24 +212,12 @@ def seam_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
         schedule: the plan, with its verification where there is one.
         job: what it was planned for.
     """
-    limits = job.cell.robot.limits.scaled(job.speed)
-    clearances = schedule.verification.clearances if schedule.verification is not None else ()
-    return [
-        _measured(schedule, job, seam, limits, clearances) for seam in seam_samples(schedule, job)
-    ]
+    return [_measured(schedule, job, seam) for seam in seam_samples(schedule, job)]
 
 
-def _measured(
-    schedule: Schedule, job: Job, seam: SeamSamples, limits: Any, clearances: Any
-) -> dict[str, Any]:
+def _measured(schedule: Schedule, job: Job, seam: SeamSamples) -> dict[str, Any]:
     on, robot = seam.on, job.cell.robot
     working = [j for arm in robot.arms if arm.name in seam.work.arms for j in arm.joints]
-    columns = robot.columns(working)
-    room = np.minimum(seam.position - limits.lower, limits.upper - seam.position).min(axis=0)
-    nearest = columns[int(np.argmin(room[columns]))]
-    share = (np.abs(seam.velocity) / limits.velocity).max(axis=0)
-    fastest = int(np.argmax(share))
-    travel = np.abs(np.diff(seam.position, axis=0)).sum(axis=0)
     speed = seam.speed
     steady = np.flatnonzero(speed >= STEADY * speed.max())
     steps = log_rotation(product(np.swapaxes(on.R_part[:-1], -1, -2), on.R_part[1:]))
@@ -252,7 +226,6 @@ def _measured(
         for k, stage in enumerate(schedule.stages)
         if seam.task in stage.tasks and stage.start <= seam.span[0] < stage.end
     ]
-    clear = [c.clearance for c in clearances if c.stage in numbers]
     return {
         "task": seam.task,
         "method": seam.method,
@@ -272,13 +245,8 @@ def _measured(
         "part_rpy": pin.rpy.matrixToRpy(on.R_part[0]).tolist(),
         "least_manipulability": {arm: float(m.min()) for arm, m in seam.alone.items()},
         "manipulability": {arm: float(m.mean()) for arm, m in seam.alone.items()},
-        **joint_ways(robot, travel),
-        "limit_room": float(room[nearest]),
-        "limit_joint": limits.joints[nearest],
-        "limit_slides": limits.joints[nearest] in robot.sliding,
-        "speed_share": float(share[fastest]),
-        "speed_joint": limits.joints[fastest],
-        "clearance": min(clear, default=None),
+        **joint_use(job, seam.position, seam.velocity, robot.columns(working)),
+        "clearance": least_clearance(schedule, numbers),
     }
 
 
