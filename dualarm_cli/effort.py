@@ -27,6 +27,9 @@ SHORT = 12
 LEAST_ROUNDS = 3
 """Least rounds of polishing of a short sequence, before they are multiplied."""
 
+LEAST_CYCLES = 2
+"""Least cycles of polishing a short sequence for motion through the ends of lines."""
+
 FULL_STAGES = 24
 """Up to so many stages as many orders are polished as an effort says."""
 
@@ -120,6 +123,7 @@ class SearchEffort:
             meshes=self.meshes if more < FEW else (*self.meshes, *self.for_few),
             trial_rounds=self.trial_rounds * min(more, 2),
             rounds=more * (max(self.rounds, LEAST_ROUNDS) if stages <= SHORT else self.rounds),
+            cycles=max(self.cycles, LEAST_CYCLES) if stages <= SHORT else self.cycles,
             random_steps=self.random_steps * more,
             local_rounds=self.local_rounds * more,
             plans=self.plans * more,

@@ -86,8 +86,6 @@ UNLUCKY = 0.03
 elsewhere."""
 LITTLE_GAIN = 0.03
 """Share of the cycle time; where blending gains less, the plan that is searched for with stops competes."""
-PUT_BACK = 2
-"""So often stages that collide are put back as they were in a plan without collisions."""
 ALIKE = 0.03
 """Share of the cycle time with stops; a plan that takes longer by more is hardly shorter when both are blended."""
 ROUNDS, MOST_ROUNDS = 3, 12
@@ -106,8 +104,8 @@ def quickest_clear(
 ) -> ClearedPlan:
     """Returns the quickest plan of a method that is collision-free, see `_quickest_with_stops`.
 
-    Where the problem allows it, tools then pass the outer ends of lines in motion; the method keeps joints so far from
-    their limits of position that they can.
+    Where the problem allows it, tools then pass the outer ends of lines in motion; the method plans with joints so
+    far from their limits of position that they can, as well or only.
 
     Args:
         problem: what the method is asked.
@@ -142,11 +140,7 @@ def quickest_clear(
     roomy = with_room(problem, solve)
     found = _quickest_with_stops(problem, roomy, timing, progress, holding)
     progress("blending lines and transfers")
-    blended = shortest_blended(problem, found, timing)
-    candidates = [blended]
-    if again := _without_room(problem, blended, solve, timing):
-        candidates.append(shortest_blended(problem, again, timing))
-    best = min(candidates, key=_duration)
+    best = shortest_blended(problem, found, timing)
     if (best.cleared.motion.gain or 0.0) > LITTLE_GAIN * _duration(best):
         return best
     # Where blending gains little, postures chosen for stops may be quicker.
@@ -155,43 +149,6 @@ def quickest_clear(
 
 def _duration(found: ClearedPlan) -> float:
     return found.cleared.motion.trajectory.duration
-
-
-def _without_room(
-    problem: MethodProblem,
-    found: ClearedPlan,
-    solve: Callable[[MethodProblem], Decided],
-    timing: TimingSolver,
-) -> ClearedPlan | None:
-    """Search again for a plan in which joints need not keep away from their limits of position.
-
-    Stages that collide are put back, with their neighbours the next time.
-
-    Args:
-        problem: what the method was asked.
-        found: its plan with room to pass the ends of lines, blended.
-        solve: the method.
-        timing: how motions are timed.
-
-    Returns:
-        A collision-free plan with stops that is shorter by the method's estimate, or None.
-    """
-    roomy = found.stopping or found.cleared
-    asked = replace(problem, roomy=replace(found.decided, stages=roomy.plans))
-    clearing, back = found.clearing(problem, timing), set[int]()
-    for beside in range(PUT_BACK + 1):
-        try:
-            decided = solve(asked)
-            plans, motion = _timed(problem, decided, timing, found.known)[0]
-        except InfeasibleError:
-            return None
-        touching = clearing.touching(plans, motion) if clearing is not None else []
-        if not touching:
-            cleared = Cleared(plans, motion, ())
-            return replace(found, decided=decided, cleared=cleared, rivals=(), stopping=None)
-        back |= {k + d for k in touching for d in range(-beside, beside + 1)}
-        asked = replace(asked, unchecked=tuple(plans), touching=tuple(sorted(back)))
-    return None
 
 
 def _quickest_with_stops(

@@ -41,12 +41,9 @@ class MethodProblem:
     Thorough effort, and methods that look at no plan, heed it not."""
     start: Decisions | None = None
     """A plan to begin a search with: that which an order was chosen by."""
-    roomy: Decided | None = None
-    """What was found with joints that keep away from their limits of position: another plan is only asked for if it is
-    shorter by estimate. Methods that make no estimate answer all the same."""
     own: MethodProblem | None = None
-    """The same with the robot's own limits, where this one keeps joints away from them; it is asked where there is no
-    plan on the method's own grid, so that nothing else is tried then. None where these are the robot's own."""
+    """The same with the robot's own limits, where this one keeps joints away from them: the method may plan with both,
+    or is asked it where there is no plan on its grid, so that nothing else is tried then. None where these are own."""
     blend: bool = False
     """Whether tools may pass the outer ends of lines in motion."""
     patient: bool = True
@@ -88,5 +85,3 @@ class Decided:
     """Whether something has to touch at a stop whatever the method does: the plan only shows what."""
     simpler: Callable[[], list[list[StagePlan]]] | None = None
     """Simpler methods' plans, for where avoiding collisions costs much; None where they were tried."""
-    grid_total: float | None = None
-    """Length of the best plan on the method's own grid [s]; None without a grid and where something had to be clear."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.effort import EFFORTS, WHOLE, evening
+from dualarm_cli.effort import EFFORTS, SHORT, WHOLE, evening
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -33,7 +33,6 @@ from dualarm_cli.stages.search.search import (
     search_in_parts,
     search_near,
 )
-from dualarm_cli.stages.search.second_search import search_again
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.serving import FIXED
 from dualarm_cli.stages.stage_by_stage import (
@@ -180,12 +179,11 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     spares, roomy = EFFORTS[problem.effort].spares, tuple[ArmWork, ...]()
     long = numbers.stages >= FEWEST_IN_PARTS and not numbers.returns
     in_parts = spares and problem.closed_forms and long
-    if in_parts and problem.own is not None:
-        # Where a part has no plan with narrower limits it gets one without, by itself.
+    if problem.own is not None and (in_parts or numbers.ways is not None):
+        # Plans with narrower limits are candidates of the search with the robot's own ones.
         model, job, roomy = problem.own.model, problem.own.job, numbers.arms
-        numbers = _numbers(replace(problem, model=model, job=job))
-    if problem.roomy is not None:
-        return _again(problem, numbers, problem.roomy)
+        problem = replace(problem, model=model, job=job, own=None)
+        numbers = _numbers(problem)
     nearby: list[list[StagePlan]] = []
     # Long orders were chosen by a plan that simpler methods, which take long themselves, do not come near.
     given = problem.start is not None and len(job.stages()) > LONG and spares
@@ -200,7 +198,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
             problem.effort,
             problem.seed,
             local=job.tool_speed is not None,
-            roomy=roomy,
+            roomy=roomy if in_parts or numbers.stages <= SHORT else (),
         )
         if near is not None:
             nearby.append(stage_plans(model, job, numbers, near.decisions, "sequence"))
@@ -226,7 +224,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     if in_parts and problem.holding is None:
         found = search_in_parts(numbers, roomy, decided, problem.effort, problem.seed)
     if found is None:
-        found = search(numbers, decided, problem.effort, problem.seed, simpler_starts)
+        found = search(numbers, decided, problem.effort, problem.seed, simpler_starts, roomy)
     if found is None and nearby:
         return Decided(nearby[0])
     if found is None and general:
@@ -245,27 +243,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     # With clearance the plan on the grid counts what that costs, which the grid's bound does not know.
     gap = _grid_gap(found) if problem.holding is None else None
     simpler = (lambda: _simpler(problem)) if general else None
-    total = found.grid_total if problem.holding is None else None
-    return Decided(stages, gap, (*nearby, *alternatives), simpler=simpler, grid_total=total)
-
-
-def _again(problem: MethodProblem, numbers: SequenceProblem, roomy: Decided) -> Decided:
-    """Returns a plan that is shorter than a known one by estimate, or one with stages that touch as they are there.
-
-    Raises:
-        InfeasibleError: no shorter one is found.
-    """
-    model, job = problem.model, problem.job
-    known = decisions_of(numbers, model, roomy.stages)
-    if problem.unchecked:
-        back = np.array([k for k in problem.touching if 0 <= k < numbers.stages], dtype=np.int64)
-        decisions = decisions_of(numbers, model, list(problem.unchecked)).put(back, known)
-    else:
-        found = search_again(numbers, known, roomy.grid_total, problem.effort, problem.seed)
-        if found is None:
-            raise InfeasibleError(Refusal("no_plan_on_grid"))
-        decisions = found.decisions
-    return Decided(stage_plans(model, job, numbers, decisions, "sequence"), roomy.grid_gap)
+    return Decided(stages, gap, (*nearby, *alternatives), simpler=simpler)
 
 
 def _numbers(problem: MethodProblem) -> SequenceProblem:

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from dualarm_cli.beside import halves
-from dualarm_cli.effort import EFFORTS, WHOLE, Mesh, SearchEffort
+from dualarm_cli.effort import EFFORTS, SHORT, WHOLE, Mesh, SearchEffort
 from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
@@ -62,6 +62,7 @@ def search(
     effort: str,
     seed: int,
     further: Callable[[bool], Sequence[Decisions]] = lambda _: (),
+    roomy: Sequence[ArmWork] = (),
 ) -> FoundSequence | None:
     """Returns the fastest plan found, None if there is none at all.
 
@@ -69,7 +70,9 @@ def search(
     guided by it. The beams' plans and the given ones are polished a little and combined stage by stage; so are those of
     finer grids around the best plan so far, where the effort has them. The last combination is polished thoroughly, and
     at last as lines' ends are passed in motion, where they may be. Without that the result is never slower, in
-    closed-form times, than any of the starts.
+    closed-form times, than any of the starts. A short sequence whose lines' ends are passed is also searched, on one
+    grid, with room to come to rest beyond them; of both plans, with the ways that go best with each, the shorter one is
+    polished once more.
 
     Args:
         problem: the sequence.
@@ -77,8 +80,28 @@ def search(
         effort: one of EFFORTS.
         seed: of the random steps of polishing.
         further: gives plans of simpler methods that take their time, told whether there is a plan on the grids.
+        roomy: the arms with limits of position that leave room to pass lines' ends in motion; none where that is not
+            asked for.
     """
-    how, asked, problem = search_effort(problem, effort), problem, replace(problem, ways=None)
+    how = search_effort(problem, effort)
+    others: list[Decisions] = []
+    if roomy and problem.ways is not None and problem.stages <= SHORT:
+        one_grid = replace(how, meshes=how.meshes[:1], local_rounds=0, rivals=0)
+        narrow = _searched(next(_with_room(problem, roomy)), (), one_grid, seed)
+        others = [] if narrow is None or narrow.hopeless else [narrow.best.decisions]
+    return _searched(problem, (*starts, *others), how, seed, further, others)
+
+
+def _searched(
+    problem: SequenceProblem,
+    starts: Sequence[Decisions],
+    how: SearchEffort,
+    seed: int,
+    further: Callable[[bool], Sequence[Decisions]] = lambda _: (),
+    others: Sequence[Decisions] = (),
+) -> FoundSequence | None:
+    """Search with one set of limits of position, see `search`; `others` are plans that were polished in motion."""
+    asked, problem = problem, replace(problem, ways=None)
     tables = tuple(StopTable.of(work) for work in problem.arms)
     exact = ExactStages(problem, tables)
     made = halves(
@@ -108,9 +131,9 @@ def search(
         if best.total > (1.0 - LITTLE) * before:
             break
     rivals = _apart(problem, best, tried)[: how.rivals] if asked.ways is not None else []
-    return FoundSequence(
-        polished_thoroughly(asked, tables, best, how, seed, rivals=rivals), bound, total
-    )
+    given = [evaluate(problem, tables, decisions) for decisions in others]
+    best = polished_thoroughly(asked, tables, best, how, seed, rivals=rivals, others=given)
+    return FoundSequence(best, bound, total)
 
 
 def _apart(
@@ -137,6 +160,7 @@ def polished_thoroughly(
     seed: int,
     loose: BoolArray | None = None,
     rivals: Sequence[Evaluated] = (),
+    others: Sequence[Evaluated] = (),
 ) -> Evaluated:
     """Returns a plan polished thoroughly: from rest to rest, and then as its lines' ends are passed, if they may be.
 
@@ -148,6 +172,7 @@ def polished_thoroughly(
         seed: of the random steps.
         loose: stages in which something may change, shape (n,); all by default.
         rivals: plans that may be as short when lines' ends are passed; what is best of all of them is taken.
+        others: plans that compete with these, polished as lines' ends are passed already.
     """
     at_rest = replace(problem, ways=None)
     best = polish(at_rest, tables, best, how.rounds, how.random_steps, seed, loose)
@@ -155,7 +180,8 @@ def polished_thoroughly(
         return best
     polished = partial(polished_in_motion, problem, tables, how, seed, loose)
     found = halves(partial(polished, range(how.cycles)), [best, *rivals])
-    if not rivals:
+    found += others
+    if len(found) == 1:
         return found[0]
     moving = [with_best_ways(problem, tables, plan) for plan in found]
     k = min(range(len(moving)), key=lambda k: _worth(*moving[k]))
