@@ -60,7 +60,8 @@ class Mesh:
 
 
 NEAR = Mesh(np.radians(6.0), 24, 1500, 40, 4, around=3)
-"""The grid around a plan that collides, at normal effort; others vary it."""
+"""The grid around a plan that collides, at normal effort, which others vary; and around the best plan of sequences of
+WHOLE stages or more: at 24 stages plans are 0.8 to 3.5 % shorter than with a grid as narrow as LOCAL."""
 LOCAL = Mesh(np.radians(3.0), 36, 1500, 40, 4, around=1)
 
 
@@ -91,7 +92,7 @@ class SearchEffort:
     for_few: tuple[Mesh, ...]
     """Further grids for short sequences."""
     local: Mesh
-    """The grid around the best plan so far."""
+    """The grid around the best plan so far, in sequences of fewer than WHOLE stages."""
     local_rounds: int = 1
     """How often there is such a grid, at most; arms without closed forms have one in any case."""
     plans: int = 1
@@ -111,12 +112,13 @@ class SearchEffort:
     def for_stages(self, stages: int) -> SearchEffort:
         """Returns more of all for short sequences, where it takes little time, and fewer nodes for long ones."""
         more = min(MOST, max(1, WHOLE // stages))
+        local = NEAR if stages >= WHOLE else self.local
         if stages > WHOLE and self.spares:
             share = max(LEAST_NODES, evening(stages))
             return replace(
                 self,
                 meshes=tuple(mesh.thinned(share) for mesh in self.meshes),
-                local=self.local.thinned(share),
+                local=local.thinned(share),
             )
         return replace(
             self,
@@ -125,6 +127,7 @@ class SearchEffort:
             rounds=more * (max(self.rounds, LEAST_ROUNDS) if stages <= SHORT else self.rounds),
             cycles=max(self.cycles, LEAST_CYCLES) if stages <= SHORT else self.cycles,
             random_steps=self.random_steps * more,
+            local=local,
             local_rounds=self.local_rounds * more,
             plans=self.plans * more,
         )

@@ -179,7 +179,8 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     spares, roomy = EFFORTS[problem.effort].spares, tuple[ArmWork, ...]()
     long = numbers.stages >= FEWEST_IN_PARTS and not numbers.returns
     in_parts = spares and problem.closed_forms and long
-    if problem.own is not None and (in_parts or numbers.ways is not None):
+    short = numbers.stages <= SHORT and numbers.ways is not None
+    if problem.own is not None and (in_parts or short):
         # Plans with narrower limits are candidates of the search with the robot's own ones.
         model, job, roomy = problem.own.model, problem.own.job, numbers.arms
         problem = replace(problem, model=model, job=job, own=None)
@@ -198,7 +199,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
             problem.effort,
             problem.seed,
             local=job.tool_speed is not None,
-            roomy=roomy if in_parts or numbers.stages <= SHORT else (),
+            roomy=roomy,
         )
         if near is not None:
             nearby.append(stage_plans(model, job, numbers, near.decisions, "sequence"))

@@ -85,7 +85,7 @@ def search(
     """
     how = search_effort(problem, effort)
     others: list[Decisions] = []
-    if roomy and problem.ways is not None and problem.stages <= SHORT:
+    if roomy and problem.stages <= SHORT:
         one_grid = replace(how, meshes=how.meshes[:1], local_rounds=0, rivals=0)
         narrow = _searched(next(_with_room(problem, roomy)), (), one_grid, seed)
         others = [] if narrow is None or narrow.hopeless else [narrow.best.decisions]
@@ -179,14 +179,13 @@ def polished_thoroughly(
     if problem.ways is None:
         return best
     polished = partial(polished_in_motion, problem, tables, how, seed, loose)
-    found = halves(partial(polished, range(how.cycles)), [best, *rivals])
-    found += others
+    found = [*halves(partial(polished, range(how.cycles)), [best, *rivals]), *others]
     if len(found) == 1:
         return found[0]
     moving = [with_best_ways(problem, tables, plan) for plan in found]
     k = min(range(len(moving)), key=lambda k: _worth(*moving[k]))
-    others = [plan.decisions for plan in found[:k] + found[k + 1 :]]
-    best = best_combination(moving[k][0], tables, moving[k][1], others)
+    beside = [plan.decisions for plan in found[:k] + found[k + 1 :]]
+    best = best_combination(moving[k][0], tables, moving[k][1], beside)
     # The ways that go best with it are known.
     return polished(range(1, how.cycles), [evaluate(at_rest, tables, best.decisions)])[0]
 
