@@ -27,9 +27,6 @@ SHORT = 12
 LEAST_ROUNDS = 3
 """Least rounds of polishing of a short sequence, before they are multiplied."""
 
-LEAST_CYCLES = 2
-"""Least cycles of polishing a short sequence for motion through the ends of lines."""
-
 FULL_STAGES = 24
 """Up to so many stages as many orders are polished as an effort says."""
 
@@ -85,6 +82,8 @@ class SearchEffort:
     cycles: int
     """How often a plan is polished for motion through the outer ends of lines, where tools may pass them: first with
     one way of passing all, from the second time on with those that go best with it."""
+    cycles_in_long: int
+    """The same in sequences of more than SHORT stages."""
     passing_rounds: int
     """Rounds of polishing each time."""
     rivals: int
@@ -118,6 +117,7 @@ class SearchEffort:
             return replace(
                 self,
                 meshes=tuple(mesh.thinned(share) for mesh in self.meshes),
+                cycles=self.cycles_in_long,
                 local=local.thinned(share),
             )
         return replace(
@@ -125,7 +125,7 @@ class SearchEffort:
             meshes=self.meshes if more < FEW else (*self.meshes, *self.for_few),
             trial_rounds=self.trial_rounds * min(more, 2),
             rounds=more * (max(self.rounds, LEAST_ROUNDS) if stages <= SHORT else self.rounds),
-            cycles=max(self.cycles, LEAST_CYCLES) if stages <= SHORT else self.cycles,
+            cycles=self.cycles if stages <= SHORT else self.cycles_in_long,
             random_steps=self.random_steps * more,
             local=local,
             local_rounds=self.local_rounds * more,
@@ -143,6 +143,7 @@ class SearchEffort:
             meshes=(self.for_few if few else self.meshes)[:1],
             trial_rounds=max(1, self.trial_rounds // 2),
             rounds=max(self.rounds, LEAST_ROUNDS),
+            cycles=self.cycles if stages <= SHORT else self.cycles_in_long,
             plans=max(2, self.plans),
             local_rounds=max(1, self.local_rounds),
         )
@@ -311,7 +312,8 @@ EFFORTS: Mapping[str, EffortSettings] = {
             trial_rounds=2,
             rounds=2,
             random_steps=0,
-            cycles=1,
+            cycles=2,
+            cycles_in_long=1,
             passing_rounds=2,
             rivals=0,
             for_few=(),
@@ -340,6 +342,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             rounds=3,
             random_steps=0,
             cycles=2,
+            cycles_in_long=2,
             passing_rounds=2,
             rivals=0,
             for_few=(
@@ -373,6 +376,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             rounds=6,
             random_steps=4,
             cycles=4,
+            cycles_in_long=4,
             passing_rounds=4,
             rivals=6,
             for_few=(),
