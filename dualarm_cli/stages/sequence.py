@@ -240,7 +240,8 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     # Where the search is begun again from its plan it seldom loses against simpler ones.
     blends = numbers.ways is not None
     few = EFFORTS[problem.effort].search.refined if blends else FEW_STAGES
-    alternatives = _rivals(problem, starts, found, few)
+    roomy_ones = (stage_plans(model, job, numbers, one, "sequence") for one in found.roomy)
+    alternatives = *_rivals(problem, starts, found, few), *roomy_ones
     # With clearance the plan on the grid counts what that costs, which the grid's bound does not know.
     gap = _grid_gap(found) if problem.holding is None else None
     simpler = (lambda: _simpler(problem)) if general else None

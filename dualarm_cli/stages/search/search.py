@@ -54,6 +54,8 @@ class FoundSequence:
     """The best plan found on the nodes, before polishing [s]."""
     hopeless: bool = False
     """Whether something has to touch at a stop, on all nodes: the plan only shows what."""
+    roomy: tuple[Decisions, ...] = ()
+    """The plan with room to come to rest beyond lines, if there is one: it may be clear where the best one is not."""
 
 
 def search(
@@ -89,7 +91,8 @@ def search(
         one_grid = replace(how, meshes=how.meshes[:1], local_rounds=0, rivals=0)
         narrow = _searched(next(_with_room(problem, roomy)), (), one_grid, seed)
         others = [] if narrow is None or narrow.hopeless else [narrow.best.decisions]
-    return _searched(problem, (*starts, *others), how, seed, further, others)
+    found = _searched(problem, (*starts, *others), how, seed, further, others)
+    return None if found is None else replace(found, roomy=tuple(others))
 
 
 def _searched(
