@@ -135,7 +135,7 @@ def _searched(
             break
     rivals = _apart(problem, best, tried)[: how.rivals] if asked.ways is not None else []
     given = [evaluate(problem, tables, decisions) for decisions in others]
-    best = polished_thoroughly(asked, tables, best, how, seed, rivals=rivals, others=given)
+    best = polished_thoroughly(asked, tables, best, how, seed, rivals=(rivals, given))
     return FoundSequence(best, bound, total)
 
 
@@ -162,8 +162,7 @@ def polished_thoroughly(
     how: SearchEffort,
     seed: int,
     loose: BoolArray | None = None,
-    rivals: Sequence[Evaluated] = (),
-    others: Sequence[Evaluated] = (),
+    rivals: tuple[Sequence[Evaluated], Sequence[Evaluated]] = ((), ()),
 ) -> Evaluated:
     """Returns a plan polished thoroughly: from rest to rest, and then as its lines' ends are passed, if they may be.
 
@@ -174,15 +173,16 @@ def polished_thoroughly(
         how: how hard is searched.
         seed: of the random steps.
         loose: stages in which something may change, shape (n,); all by default.
-        rivals: plans that may be as short when lines' ends are passed; what is best of all of them is taken.
-        others: plans that compete with these, polished as lines' ends are passed already.
+        rivals: plans that may be as short when lines' ends are passed, those to be polished for that and those that
+            were; what is best of all of them is taken.
     """
     at_rest = replace(problem, ways=None)
     best = polish(at_rest, tables, best, how.rounds, how.random_steps, seed, loose)
     if problem.ways is None:
         return best
     polished = partial(polished_in_motion, problem, tables, how, seed, loose)
-    found = [*halves(partial(polished, range(how.cycles)), [best, *rivals]), *others]
+    unpolished, others = rivals
+    found = [*halves(partial(polished, range(how.cycles)), [best, *unpolished]), *others]
     if len(found) == 1:
         return found[0]
     moving = [with_best_ways(problem, tables, plan) for plan in found]
