@@ -65,30 +65,24 @@ class RobotFilePlace:
     """What it is to the cell: robot, robot.left or robot.right."""
 
 
-def load_robot(name_or_path: str | Path, relative_to: Path | None = None) -> LoadedRobot:
+def load_robot(name_or_path: str | Path) -> LoadedRobot:
     """Returns a bundled robot, or the robot that a robot file describes.
 
     Args:
         name_or_path: a bundled robot's name, or the path of a robot file.
-        relative_to: the file that names it; its folder is then what a path is relative to, and its
-            project is what the path may not leave.
 
     Raises:
         InputError: there is no such robot, or its files are wrong; every error at once.
     """
     reference = str(name_or_path)
     try:
-        if relative_to is not None:
-            place = find_robot(Project.of(relative_to), reference, relative_to, str(relative_to))
-        elif isinstance(name_or_path, Path) or _is_path(reference):
+        if isinstance(name_or_path, Path) or _is_path(reference):
             path = Path(reference)
             place = RobotFilePlace(Project.of(path), path, reference)
         else:
             place = _find_bundled(Project(Path.cwd()), reference)
     except BadReferenceError as error:
-        raise InputError(
-            [Diagnostic(str(relative_to or reference), 0, 0, "E500", str(error))]
-        ) from None
+        raise InputError([Diagnostic(reference, 0, 0, "E500", str(error))]) from None
     robot, notes = build_robot(place)
     return LoadedRobot(robot, dict(place.project.inputs), notes)
 

@@ -40,29 +40,40 @@ class Contour(Protocol):
 
 
 @dataclass(frozen=True)
-class Saddle:
-    """Where a branch pipe meets a main pipe: [Qin2024] Eq. 12.
-
-    The main pipe's axis is z. The branch pipe's frame is shifted by the eccentricity along y, then turned about y, so
-    that its axis leans from z towards x; the normal is the main pipe's.
-    """
+class _Branch:
+    """A branch pipe that meets another body."""
 
     main_radius: float
-    """R [m]."""
+    """Radius of the other body, R [m]."""
     branch_radius: float
-    """r [m], at most R less the eccentricity."""
+    """Radius of the branch pipe, r [m]."""
     angle: float
-    """Between the pipes' axes, alpha [rad]."""
+    """Turn of the branch pipe's axis, alpha [rad]."""
     eccentricity: float
-    """Distance between the pipes' axes, e [m]."""
+    """Distance of its axis from the other body's axis or centre, e [m]."""
     start: float
-    """Angle about the branch pipe where it begins, beta [rad]."""
+    """Angle about the branch pipe where the contour begins, beta [rad]."""
     end: float
     """Angle about the branch pipe where it ends [rad]; below the start it goes the other way round."""
 
     def _beta(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns cosine and sine of the angle about the branch pipe."""
         beta = self.start + t * (self.end - self.start)
         return cos(beta), sin(beta)
+
+    @property
+    def nodes(self) -> FloatArray:
+        """Even ones."""
+        return EVEN
+
+
+@dataclass(frozen=True)
+class Saddle(_Branch):
+    """Where a branch pipe meets a main pipe: [Qin2024] Eq. 12.
+
+    The main pipe's axis is z. The branch pipe's frame is shifted by the eccentricity along y, then turned about y, so
+    that its axis leans from z towards x; the normal is the main pipe's. r is at most R less the eccentricity.
+    """
 
     def point(self, t: FloatArray) -> FloatArray:
         """Returns points (k, 3) [m] at parameters (k,)."""
@@ -115,11 +126,6 @@ class Saddle:
         found: FloatArray = np.sqrt(np.square(dddx) + np.square(r) + np.square(dddz)) * cube(turn)
         return found
 
-    @property
-    def nodes(self) -> FloatArray:
-        """Even ones."""
-        return EVEN
-
     def normal(self, t: FloatArray) -> FloatArray:
         """Returns the main pipe's outward normals (k, 3)."""
         found: FloatArray = self.point(t) * np.array([1.0, 1.0, 0.0])
@@ -127,24 +133,11 @@ class Saddle:
 
 
 @dataclass(frozen=True)
-class SphereArc:
+class SphereArc(_Branch):
     """Where a branch pipe meets a sphere: [Qin2024] Eq. 11, with the sphere in place of its third coordinate.
 
     The pipe's frame is shifted by the eccentricity along x, then turned about x; with no eccentricity it is a circle.
     """
-
-    main_radius: float
-    """Of the sphere, R [m]."""
-    branch_radius: float
-    """r [m]."""
-    angle: float
-    """Turn of the pipe's axis about x, alpha [rad]."""
-    eccentricity: float
-    """Distance of the pipe's axis from the sphere's centre, e [m]."""
-    start: float
-    """Angle about the pipe where it begins, beta [rad]."""
-    end: float
-    """Angle about the pipe where it ends [rad]."""
 
     def _turned(self, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
         ca, sa = cos(self.angle), sin(self.angle)
@@ -152,17 +145,15 @@ class SphereArc:
 
     def point(self, t: FloatArray) -> FloatArray:
         """Returns points (k, 3) [m] at parameters (k,)."""
-        beta = self.start + t * (self.end - self.start)
-        x = self.branch_radius * cos(beta) + self.eccentricity
-        y = self.branch_radius * sin(beta)
+        c, s = self._beta(t)
+        x, y = self.branch_radius * c + self.eccentricity, self.branch_radius * s
         return self._turned(
             x, y, np.sqrt(np.square(self.main_radius) - np.square(x) - np.square(y))
         )
 
     def rate(self, t: FloatArray) -> FloatArray:
         """Returns their derivatives by the parameter (k, 3) [m]."""
-        beta = self.start + t * (self.end - self.start)
-        c, s = cos(beta), sin(beta)
+        c, s = self._beta(t)
         x, y = self.branch_radius * c + self.eccentricity, self.branch_radius * s
         dx, dy = -self.branch_radius * s, self.branch_radius * c
         dz = -(x * dx + y * dy) / np.sqrt(np.square(self.main_radius) - np.square(x) - np.square(y))
@@ -171,8 +162,8 @@ class SphereArc:
 
     def second(self, t: FloatArray) -> FloatArray:
         """Returns their second derivatives by the parameter (k, 3) [m]."""
-        beta = self.start + t * (self.end - self.start)
-        r, e, c, s = self.branch_radius, self.eccentricity, cos(beta), sin(beta)
+        c, s = self._beta(t)
+        r, e = self.branch_radius, self.eccentricity
         z = np.sqrt(np.square(self.main_radius) - np.square(r) - np.square(e) - 2.0 * r * e * c)
         # z² = R² - r² - e² - 2 r e cos beta, so that z' = r e sin beta / z.
         ddz = r * e * c / z - np.square(r * e * s) / cube(z)
@@ -185,14 +176,14 @@ class SphereArc:
         With q = z²: z''' = q''' / 2z - 3 q' q'' / 4z³ + 3 q'³ / 8z⁵.
         """
         turn = abs(self.end - self.start)
-        beta = self.start + t * (self.end - self.start)
+        c, s = self._beta(t)
         r, e = self.branch_radius, abs(self.eccentricity)
-        sine = np.minimum(np.abs(sin(beta)) + half * turn, 1.0)
+        sine = np.minimum(np.abs(s) + half * turn, 1.0)
         square = (
             np.square(self.main_radius)
             - np.square(r)
             - np.square(e)
-            - 2.0 * r * self.eccentricity * cos(beta)
+            - 2.0 * r * self.eccentricity * c
         )
         least = np.square(self.main_radius) - np.square(r + e)
         z = np.sqrt(np.maximum(square - 2.0 * r * e * sine * half * turn, least))
@@ -203,11 +194,6 @@ class SphereArc:
         )
         found: FloatArray = np.hypot(r, dddz) * cube(turn)
         return found
-
-    @property
-    def nodes(self) -> FloatArray:
-        """Even ones."""
-        return EVEN
 
     def normal(self, t: FloatArray) -> FloatArray:
         """Returns the sphere's outward normals (k, 3)."""
