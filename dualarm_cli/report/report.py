@@ -184,7 +184,11 @@ def skew_sentence(verification: Verification | None, job: Job) -> str | None:
     if all(one.lacking is None and one.clear == delays[0].clear for one in delays):
         delays = (replace(delays[0], arm="either"),)
     text = ", ".join(map(str, delays))
-    together = dict.fromkeys(task.id for task in job.tasks if task.seam or task.handover)
+    together = dict.fromkeys(
+        task.id
+        for task in job.tasks
+        if task.handover or (task.seam and (task.seam.master or task.seam.touches))
+    )
     if together:
         text += f"; both arms work together in {', '.join(together)}, which needs them in step"
     if any(one.fed for one in lying_parts(job, [(t, s) for t in job.tasks for s in t.stops])):

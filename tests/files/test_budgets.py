@@ -47,6 +47,21 @@ def test_budgets_are_read_with_their_units_and_places(
     assert load_job("tasks.yaml").budget is None
 
 
+def test_a_delay_between_arms_needs_two_of_them(project: Path) -> None:
+    """A cell of one arm has nothing to be late against, neither to plan for nor to compare with."""
+    write(project, "{skew: 20 ms}")
+    (project / "cell.yaml").write_text("dualarm: cell/1\nrobot: iiwa7\n")
+    timed = (
+        (project / "tasks.yaml").read_text().replace("tasks:\n", "timing: {skew: 20 ms}\ntasks:\n")
+    )
+    (project / "tasks.yaml").write_text(timed)
+    with pytest.raises(InputError) as caught:
+        load_job("tasks.yaml")
+    refused = "E300 no other arm to be late against: KUKA LBR iiwa 7 R800 has one arm; remove it"
+    for place in ("3:16", "4:16"):
+        assert f"tasks.yaml:{place}: {refused}" in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("budget", "place", "words"),
     [

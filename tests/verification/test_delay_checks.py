@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import coal
@@ -163,6 +164,15 @@ def test_a_figure_that_was_not_proven_to_the_end_says_so():
     assert str(ArmDelay("left", 0.5, None, None, None)) == "left arm clear up to 500 ms late"
     found = ArmDelay("right", 0.02899, 0.02901, ("a", "b"), 1.5)
     assert str(found) == "right arm clear up to 28.9 ms late (not 29.1 ms: a and b at 1.500 s)"
+
+
+@pytest.mark.parametrize(("master", "named"), [("left", True), (None, False)])
+def test_only_seams_of_both_arms_need_them_in_step(schedule, job, master, named):
+    """On a part that stands in the cell one arm works alone."""
+    seam = SimpleNamespace(master=master, touches=())
+    tasks = (replace(job.tasks[0], seam=seam), *job.tasks[1:])
+    text = skew_sentence(schedule.verification, replace(job, tasks=tasks))
+    assert ("both arms work together in l" in text) == named
 
 
 def test_parts_that_are_fed_are_named_as_not_counted(schedule, job):

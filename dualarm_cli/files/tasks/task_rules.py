@@ -104,6 +104,15 @@ def check_start(document: Document, cell: Cell, findings: Findings) -> None:
         findings.add(document, ("start",), message)
 
 
+def check_skew(document: Document, cell: Cell, findings: Findings) -> None:
+    """Notes a delay of one arm against the other in a cell of one arm."""
+    for section in ("timing", "budget"):
+        given = document.data.get(section)
+        if isinstance(given, dict) and "skew" in given and len(cell.robot.arms) == 1:
+            message = f"no other arm to be late against: {cell.robot.name} has one arm; remove it"
+            findings.add(document, (section, "skew"), message)
+
+
 def _check_any(document: Document, index: int, task: TaskSection, findings: Findings) -> None:
     """Notes what does not go with arm: any."""
     if task.arm != "any":

@@ -22,6 +22,7 @@ from dualarm_cli.files.tasks.schema_tasks import TaskSection, TasksFile, read_bu
 from dualarm_cli.files.tasks.task_reader import Schemas, TaskReader, schemas_of
 from dualarm_cli.files.tasks.task_rules import (
     check_settings,
+    check_skew,
     check_start,
     check_tasks,
 )
@@ -103,6 +104,7 @@ def load_job(
     if loaded is not None:
         cell, notes = loaded
         check_start(document, cell, findings)
+        check_skew(document, cell, findings)
         if model is not None:
             for kind in kinds:
                 kind.check_cell(document, model, cell, findings)
