@@ -89,7 +89,7 @@ def search(
     others: list[Decisions] = []
     if roomy and problem.stages <= SHORT:
         one_grid = replace(how, meshes=how.meshes[:1], local_rounds=0, rivals=0)
-        narrow = _searched(next(_with_room(problem, roomy)), (), one_grid, seed)
+        narrow = _searched(next(_with_room(problem, roomy)), starts, one_grid, seed)
         others = [] if narrow is None or narrow.hopeless else [narrow.best.decisions]
     found = _searched(problem, (*starts, *others), how, seed, further, others)
     return None if found is None else replace(found, roomy=tuple(others))
