@@ -155,7 +155,7 @@ _MISFIT_HELPS = (
 _SAME_ROOM = "parts are in each other's way, whatever the arms do"
 _SAME_ROOM_HELPS = (
     "what helps: other targets; `touches` for parts that lie on or against each other; `leaves: true` for a part that "
-    "is taken out of the cell; a clearance of its own (`clearances`) for the two; another order"
+    "is taken out of the cell; a clearance of its own (`clearances`) for the two"
 )
 _CLEAR_HELPS = (
     "what helps: other targets or tasks in that stage (two arms whose targets are that near need an order in "
@@ -259,7 +259,7 @@ _CLEARANCE = {
     "in_the_way": "task '{task}': where it has to {action}, '{body}' {how:*} '{part}' of task '{other}', which {verb} "
     "there in the given order ({there})",
     "room_overlap": "reaches {measured:mm} into",
-    "room_gap": "is {measured:mm} from, and needs {allowed:mm} to,",
+    "room_gap": "is {measured:mm} from, and needs {allowed:mm} ({spare:mm} more than required) to,",
     "grip_touches": "task '{task}': {where} {one} and {other} lack {measured:mm} of clearance",
     "not_clear": _NOT_CLEAR,
     "stage_touches": "task '{task}'{beside:*}: {one} and {other} lack {measured:mm} of clearance {when:.2f} s into "
@@ -419,7 +419,7 @@ HEADS: Mapping[str, str] = {
     "part_reaches_into": _MISFIT,
     "tool_reaches_into": _MISFIT,
     "same_room": _SAME_ROOM,
-    "in_the_way": _SAME_ROOM,
+    "in_the_way": "parts are in each other's way in the given order",
     "grip_touches": "no posture avoids that tools and part are too close to each other in a hand-over",
     "stage_touches": _NOT_CLEAR + "{tried:*}",
     "stage_lacks_skew": _NOT_CLEAR + "{tried:*}",
@@ -438,7 +438,7 @@ HELPS: Mapping[str, str] = {
     "part_reaches_into": _MISFIT_HELPS,
     "tool_reaches_into": _MISFIT_HELPS,
     "same_room": _SAME_ROOM_HELPS,
-    "in_the_way": _SAME_ROOM_HELPS,
+    "in_the_way": _SAME_ROOM_HELPS + "; another order",
     "grip_touches": "what helps: another `grip`, a longer `approach` or `retract`, or a clearance of its own "
     "(`clearances`) for the two",
     "stage_touches": _CLEAR_HELPS,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.collision.crowding import Crowded, crowded_stops, is_same_spot
 from dualarm_cli.collision.rooms import held_part, pinned
 from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
@@ -139,7 +140,7 @@ def _refusal(what: str, crowded: Crowded) -> Refusal:
         "other": room.task.id,
         "there": room.stop.place,
         "verb": "waits" if room.stop.action == "pick" else "lies",
-        "how": [Refusal(how, measured=abs(apart), allowed=crowded.needed)],
+        "how": [Refusal(how, measured=abs(apart), allowed=crowded.needed, more={"spare": SLACK})],
     }
     return Refusal(what, crowded.stop.place, task.id, task.arm, more=more)
 

@@ -49,13 +49,16 @@ def bodies(job: Job) -> dict[str, Any]:
     if without:
         text += f"; without shapes, so not checked for collisions: {', '.join(without)}"
     loose = [
-        f"the part of {t.id}"
+        f"the part of {t.id} where it {'lies' if s.action == 'place' else 'waits'}"
         for t in job.tasks
-        if cell.parts.get(t.part) and any(isinstance(s.target, JointTarget) for s in t.stops)
+        for s in t.stops
+        if cell.parts.get(t.part)
+        and isinstance(s.target, JointTarget)
+        and not (t.leaves and s.action == "place")
     ]
     loose += [f"the {arm} arm's tools at their stands" for arm in cell.tool_changes]
     if loose:
-        text += f"; no bodies while no arm holds them: {listed(list(dict.fromkeys(loose)))}"
+        text += f"; no bodies: {listed(list(dict.fromkeys(loose)))}"
     return {"text": text, "checked": list(names), "without_shape": missing, "without_part": parts}
 
 

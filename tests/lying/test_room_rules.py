@@ -9,6 +9,7 @@ from dualarm_cli.collision.rooms import rooms_of
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.planning.room_rules import RoomRules
+from dualarm_cli.refusals import told
 from dualarm_cli.verification import verify
 
 from .conftest import PALM, TABLE
@@ -68,7 +69,7 @@ def test_a_gap_is_measured_from_side_to_side(job_of, task):
 
     assert refusal(job(0.0721)) == []
     [found] = refusal(job(0.0701))
-    assert "is 10.1 mm from, and needs 12.0 mm to," in str(found)
+    assert "is 10.1 mm from, and needs 12.0 mm (2.0 mm more than required) to," in str(found)
     own = "clearances: [{between: [cube, cube], clearance: 5 mm}]"
     assert refusal(job(0.0701, cell=own)) == []
     contact = "allowed_contacts: [[cube, cube]]"
@@ -85,12 +86,17 @@ def test_a_cube_stands_on_the_one_that_its_task_names(job_of, task):
     assert list(ruled.notes) == ["order: upper comes after lower, as its part would be in the way"]
     [found] = refusal(job_of(upper, lower))
     assert (found.what, found.task) == ("in_the_way", "lower")
+    said = told([found])
+    assert said.startswith("parts are in each other's way in the given order:")
+    assert said.endswith("; another order")
     made = plan(job, QUICK)
     assert [e.task for e in made.events if e.action == "place"] == ["lower", "upper"]
     assert verify(made, job, clearance=True).passed
     # Without the key the two may not touch.
     plain = job_of(lower, upper.replace(", touches: [lower]", ""))
-    assert refusal(plain)[0].what == "same_room"
+    found = refusal(plain)[0]
+    assert found.what == "same_room"
+    assert "another order" not in told([found])
 
 
 def test_touching_is_no_leave_to_reach_into_one_another(job_of, task):
@@ -154,7 +160,7 @@ def test_a_part_in_a_changed_tool_is_where_that_tool_is(job_of, task):
     middles = [room.shapes[0].pose.translation for room in rooms_of(job)]
     assert [middle[2] for middle in middles] == pytest.approx([TABLE + CUBE - 0.055] * 4)
     [found] = refusal(job)
-    assert "is 10.1 mm from, and needs 12.0 mm to," in str(found)
+    assert "is 10.1 mm from, and needs 12.0 mm (2.0 mm more than required) to," in str(found)
 
 
 def test_a_part_at_any_yaw_takes_a_round_room(job_of, task):

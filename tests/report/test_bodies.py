@@ -31,7 +31,7 @@ def test_bodies_with_and_without_shapes_are_told(tasks_folder):
     assert sorted(changed["without_part"]) == ["plate-1", "plate-2", *screws]
     assert changed["text"].endswith(
         "without shapes, so not checked for collisions: the parts of "
-        f"{', '.join(changed['without_part'])} (no `part`); no bodies while no arm holds them: "
+        f"{', '.join(changed['without_part'])} (no `part`); no bodies: "
         "the left arm's tools at their stands"
     )
 
@@ -46,7 +46,7 @@ def test_parts_at_joint_positions_are_named_as_no_bodies(tasks_folder):
     waiting = len(job.tasks)
     assert bodies(job)["text"].endswith(
         f"parts where they wait ({waiting}) and lie ({waiting - 1}); "
-        f"no bodies while no arm holds them: the part of {first.id}"
+        f"no bodies: the part of {first.id} where it lies"
     )
 
 
