@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import PurePosixPath
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.lying import lying_parts
-from dualarm_cli.model.schedule import WORK_ENDS, Schedule, Stage
+from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment, Stage
 from dualarm_cli.model.verification import Verification
 from dualarm_cli.records import field_values
 from dualarm_cli.report.bodies import bodies, cell_notes
@@ -211,14 +212,18 @@ def verification_document(verification: Verification | None) -> dict[str, Any] |
 
 def _stage_rows(schedule: Schedule) -> list[dict[str, Any]]:
     parts = stage_parts(schedule) if schedule.stages else []
-    return [_stage_row(one.stage, _work(one, schedule)) for one in parts]
+    timed = {(part.task, part.action) for part in schedule.segments}
+    # With a free start and without lines and dwell a stop takes no time.
+    untimed = [e for e in schedule.events if timed and (e.task, e.action) not in timed]
+    return [_stage_row(one.stage, _work(one, schedule, untimed)) for one in parts]
 
 
-def _work(parts: StageParts, schedule: Schedule) -> list[dict[str, str]]:
+def _work(parts: StageParts, schedule: Schedule, untimed: Sequence[Event]) -> list[dict[str, str]]:
     """Returns what each arm does in a stage; an arm that only waits is left out."""
     found = []
     for arm in schedule.robot.arms:
-        own = [part for part in parts.arms.get(arm, ()) if part.task]
+        own: list[Segment | Event] = [part for part in parts.arms.get(arm, ()) if part.task]
+        own = own or [e for e in untimed if e.arm == arm and e.task in parts.stage.tasks]
         found += [{"arm": arm, "action": part.action, "task": part.task} for part in own[-1:]]
     return found
 

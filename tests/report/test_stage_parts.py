@@ -10,6 +10,7 @@ import pytest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan
+from dualarm_cli.report.report import build_report
 from dualarm_cli.report.stage_parts import stage_parts
 
 
@@ -84,3 +85,17 @@ def test_a_schedule_that_states_nothing_has_no_parts_but_its_way(schedule):
     (part,) = stage_parts(empty)
     assert (part.stage.start, part.stage.end) == (0.0, schedule.duration)
     assert part.length("left", "return") == pytest.approx(schedule.duration, abs=1e-6)
+
+
+def test_a_stop_that_takes_no_time_is_work(tmp_path):
+    """With a free start and without lines and dwell an arm picks at time 0, and the report says so."""
+    (tmp_path / "cell.yaml").write_text("dualarm: cell/1\nrobot: iiwa7\n")
+    (tmp_path / "tasks.yaml").write_text(
+        "dualarm: tasks/1\ncell: cell.yaml\nstart: free\ntasks:\n  - id: p\n    arm: left\n"
+        "    pick: {xyz: [0.5, 0.1, 0.3], rpy: [180 deg, 0, 0]}\n"
+        "    place: {xyz: [0.5, -0.1, 0.3], rpy: [180 deg, 0, 0]}\n"
+    )
+    job = load_job(tmp_path / "tasks.yaml")
+    stages = build_report(plan(job, PlanSettings(effort="quick")), job)["stages"]
+    work = [[(one["action"], one["task"]) for one in stage["work"]] for stage in stages]
+    assert work == [[("pick", "p")], [("place", "p")]]
