@@ -21,6 +21,7 @@ from dualarm_cli.files.source.fields import (
     SpeedFraction,
     StraightLine,
     StraightPart,
+    Vector3,
     refuse,
 )
 from dualarm_cli.files.source.quantity_schemas import quantity_schema
@@ -103,6 +104,9 @@ Dwell = Annotated[DwellSection, ShortForm("gripper")]
 class TargetSection(FramedPose):
     """Where the tool centre point shall be: a pose, or joint configurations of the arm."""
 
+    xyz: Vector3 | None = Field(
+        default=None, description="Translation [m]; every pose has one, [0, 0, 0] at the frame."
+    )
     at: Name | None = Field(
         default=None, description="Named frame that the pose is given in; same as `in`."
     )
@@ -135,7 +139,9 @@ class TargetSection(FramedPose):
                 if getattr(self, "in_" if key == "in" else key) is not None:
                     raise refuse(f"'{key}' does not go with '{self.by_joints}'; keep one", key)
         elif self.xyz is None:
-            raise refuse("no target; give xyz, with rpy or quat, joints or posture")
+            raise refuse(
+                "no target; give xyz ([0, 0, 0] at the frame), with rpy or quat, joints or posture"
+            )
         if self.in_ is not None and self.at is not None:
             raise refuse("'in' and 'at' both name the frame; keep one", "in")
         return self
