@@ -30,17 +30,27 @@ _DENIED = {
     "tkill": 200, "tgkill": 234, "rt_sigqueueinfo": 129, "rt_tgsigqueueinfo": 297, "pidfd_send_signal": 424,
     "pidfd_getfd": 438, "process_vm_readv": 310, "process_vm_writev": 311, "socket": 41, "socketpair": 53,
     "io_uring_setup": 425, "bpf": 321, "mount": 165, "unshare": 272, "setns": 308, "keyctl": 250, "prlimit64": 302,
-    # Changes of files, with or without Landlock; openat2 and handles because their flags are not in a register.
-    "creat": 85, "openat2": 437, "unlink": 87, "unlinkat": 263, "rename": 82, "renameat": 264, "renameat2": 316,
+    # Signals by fcntl's owner of a pipe, priorities, and what processes of a user share.
+    "fcntl": 72, "setpriority": 141, "ioprio_set": 251, "sched_setparam": 142, "sched_setscheduler": 144,
+    "sched_setattr": 314, "sched_setaffinity": 203, "perf_event_open": 298, "add_key": 248, "request_key": 249,
+    "shmget": 29, "shmat": 30, "shmctl": 31, "semget": 64, "semop": 65, "semctl": 66, "semtimedop": 220, "msgget": 68,
+    "msgsnd": 69, "msgrcv": 70, "msgctl": 71, "mq_open": 240, "mq_unlink": 241, "memfd_create": 319,
+    # Changes of files, with or without Landlock; openat2 because its flags are not in a register.
+    "creat": 85, "openat2": 437, "open_by_handle_at": 304,
+    "unlink": 87, "unlinkat": 263, "rename": 82, "renameat": 264, "renameat2": 316,
     "link": 86, "linkat": 265, "symlink": 88, "symlinkat": 266, "mkdir": 83, "mkdirat": 258, "rmdir": 84, "mknod": 133,
     "mknodat": 259, "chmod": 90, "fchmod": 91, "fchmodat": 268, "fchmodat2": 452, "chown": 92, "fchown": 93,
     "lchown": 94, "fchownat": 260, "utime": 132, "utimes": 235, "futimesat": 261, "utimensat": 280, "setxattr": 188,
     "lsetxattr": 189, "fsetxattr": 190, "removexattr": 197, "lremovexattr": 198, "fremovexattr": 199, "truncate": 76,
 }  # fmt: skip
 """Numbers of the system calls that are refused, on x86-64."""
+_UNKNOWN = 463
+"""Number from which all calls are refused: those of newer kernels, and of x32."""
 _OPEN, _OPENAT, _WRITING = 2, 257, 0o1103
 """Numbers of calls that open files, and flags refused in them."""
 _LANDLOCK = {"create": 444, "add": 445, "restrict": 446}
+_CAPABILITIES = 0x20080522, 0b110
+"""Version of the kernel's sets of capabilities, and those that root keeps: access to files of other users."""
 _READ = 0b1100
 """Landlock's rights to read files and to list folders."""
 
@@ -132,6 +142,11 @@ def _confine(folders: Sequence[str]) -> None:
     """
     libc = _libc()
     _must(libc.prctl(38, 1, 0, 0, 0))  # PR_SET_NO_NEW_PRIVS
+    rights_version, kept = _CAPABILITIES
+    header, sets = (ctypes.c_uint32 * 2)(rights_version, 0), (ctypes.c_uint32 * 6)()
+    _must(libc.capget(header, sets))
+    # Effective, permitted and inheritable ones, then the same of higher numbers.
+    _must(libc.capset(header, (ctypes.c_uint32 * 6)(*(number & kept for number in sets[:3]))))
     version = landlock_version()
     if version > 0:
         # Every right that this version knows is taken: 13 of the first one, then moving and cutting files.
@@ -165,7 +180,7 @@ class _Program(ctypes.Structure):
 
 
 def _filters() -> bytes:
-    """Build the seccomp program that refuses _DENIED and opening files to write."""
+    """Build the seccomp program that refuses _DENIED, unknown calls and opening files to write."""
 
     def step(code: int, value: int, then: int = 0, otherwise: int = 0) -> bytes:
         row = (code | then << 16 | otherwise << 24, value)
@@ -175,7 +190,7 @@ def _filters() -> bytes:
     refuse, allow, kill = 0x00050001, 0x7FFF0000, 0x80000000
     count = len(_DENIED)
     steps = [step(load, 4), step(equal, 0xC000003E, 1), step(end, kill), step(load, 0)]
-    steps.append(step(above, 0x40000000, count + 8))
+    steps.append(step(above, _UNKNOWN, count + 8))
     steps += [step(equal, number, count + 7 - k) for k, number in enumerate(_DENIED.values())]
     steps += [step(equal, _OPEN, 2), step(equal, _OPENAT, 3), step(end, allow)]
     # The flags are open's second argument and openat's third.

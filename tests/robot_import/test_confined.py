@@ -70,6 +70,16 @@ def test_a_xacro_file_reaches_no_program_no_process_and_no_network(
         "signal": system_call(129, "__import__('os').getppid()", "0", "bytes(128)"),
         "look": system_call(310, "__import__('os').getppid()", "None", "0", "None", "0", "0"),
         "memory": "len(bytes(10**10))",
+        "memory-file": "__import__('os').memfd_create('a')",
+        "limit": system_call(160, "9", "bytes([255]) * 16"),
+        "root": "__import__('os').chroot('/')",
+        "signal-of-a-pipe": "__import__('fcntl').fcntl(__import__('os').pipe()[0], 8, __import__('os').getppid())",
+        "priority": "__import__('os').setpriority(0, 0, __import__('os').getpriority(0, 0))",
+        "processors": "__import__('os').sched_setaffinity(0, __import__('os').sched_getaffinity(0))",
+        "shared-memory": system_call(29, "0x1234", "0", "0"),
+        "messages": system_call(68, "0x1234", "0"),
+        "queue": system_call(240, "b'none'", "0", "0", "None"),
+        "key": system_call(249, "b'user'", "b'none'", "None", "0"),
     }
     found = told(tmp_path, attempts | {"token": "__import__('os').environ['TOKEN']"})
     assert found.pop("token") == "KeyError"
@@ -112,9 +122,12 @@ def test_a_xacro_file_reads_its_folder_and_writes_nothing(
         "rights": f"__import__('os').chmod('{secret}', 0o777)",
         "time": f"__import__('os').utime('{secret}', (0, 0))",
         "mark": f"__import__('os').setxattr('{secret}', 'user.mark', b'1')",
+        "mark-at": system_call(463, "-100", f"b'{secret}'", "0", "b'user.mark'", "None", "0"),
+        "handle": system_call(304, "-100", "bytes(64)", "1"),
+        "unknown": system_call(1000),
     }
     before = secret.stat()
-    assert len(attempts) == 21
+    assert len(attempts) == 24
     found = told(tmp_path, attempts)
     assert found.pop("own") == "done"
     reading = {found.pop(name) for name in ("above", "system", "process", "list")}
