@@ -16,6 +16,7 @@ from dualarm_cli.collision.solids import WORLD, Solid, shape_solid
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
+from dualarm_cli.model.lying import lying_label
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.records import dataclass
 
@@ -47,8 +48,7 @@ class PartRoom:
 
     def solids(self, cell: Cell) -> list[Solid]:
         """Return its solids as the robot's root link sees them."""
-        part = self.task.part
-        label = f"{part.partition('@')[0]} of {self.task.id}"
+        part, label = self.task.part, lying_label(self.task)
         found = [shape_solid(part, WORLD, cell.base.inverse(), shape) for shape in self.shapes]
         return [replace(solid, lying=label) for solid in found]
 

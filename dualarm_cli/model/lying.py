@@ -54,12 +54,16 @@ class LyingPart:
     @property
     def label(self) -> str:
         """Name for messages."""
-        part = self.task.part.partition("@")[0]
-        return f"{part} of {self.task.id}"
+        return lying_label(self.task)
 
 
 Visit = tuple[Task, Stop]
 """A stop with its task."""
+
+
+def lying_label(task: Task) -> str:
+    """Name a task's part where it waits or lies, for messages."""
+    return f"{task.part.partition('@')[0]} of {task.id}"
 
 
 def lying_parts(job: Job, visits: Sequence[Visit]) -> tuple[LyingPart, ...]:

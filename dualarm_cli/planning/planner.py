@@ -29,7 +29,7 @@ from dualarm_cli.orders.watch import SeenEnoughError, Watch
 from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.job_faults import job_faults
 from dualarm_cli.planning.redundancy_choice import check_follower
-from dualarm_cli.planning.room_rules import RoomRules
+from dualarm_cli.planning.room_rules import RoomRules, planned_around
 from dualarm_cli.planning.section_plans import quickest_of_sections
 from dualarm_cli.postures import REDUNDANCY_SOLVERS
 from dualarm_cli.refusals import Refusal
@@ -282,7 +282,10 @@ def _planned(
         # The searches for orders are many modules, which jobs in the order of their file do without.
         from dualarm_cli.planning.ordered_plan import plan_in_best_order
 
-        return plan_in_best_order(one, settings, model, watch, decided, keep, clear=clear)
+        return planned_around(
+            one,
+            lambda job: plan_in_best_order(job, settings, model, watch, decided, keep, clear=clear),
+        )
 
     own = job
     for kind in kinds_of(job):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.collision.crowding import Crowded, crowded_stops, is_same_spot
 from dualarm_cli.collision.rooms import held_part, pinned
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
+from dualarm_cli.model.lying import lying_label
+from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
@@ -68,6 +72,67 @@ class RoomRules:
             for one, other in news
         ]
         return replace(job, tasks=tuple(tasks), notes=(*job.notes, *self.notes, *orders))
+
+
+def planned_around(job: Job, plan: Callable[[Job], Schedule]) -> Schedule:
+    """Plan a job of open order; turn two tasks round where the part of one is in the way of the other.
+
+    The rules of a job are of tools and parts: that a part is in the way of a link, only a plan tells.
+
+    Args:
+        job: what is to be done.
+        plan: plans it.
+
+    Raises:
+        InfeasibleError: that of the job as it is, where no order of such tasks has a plan.
+    """
+    first: InfeasibleError | None = None
+    ruled, tried = job, set[tuple[str, str]]()
+    while True:
+        try:
+            found = plan(ruled)
+        except InfeasibleError as error:
+            first = first or error
+            pairs = _in_the_way(job, error)
+            rules = [rule for pair in pairs for rule in (pair, pair[::-1]) if rule not in tried]
+            if job.order == "given" or not rules:
+                raise first from None
+            tried.add(rules[0])
+            ruled = _with_rule(ruled, *rules[0])
+            continue
+        if not tried:
+            return found
+        # Nothing is known of the orders that such a rule excludes.
+        notes = tuple(
+            note
+            for note in found.notes
+            if note in ruled.notes or not note.startswith(("order: ", "order bound: "))
+        )
+        return replace(found, order_grid_gap=None, notes=notes)
+
+
+def _in_the_way(job: Job, error: InfeasibleError) -> list[tuple[str, str]]:
+    """List tasks that one arm cannot do, each with the task whose part is in its way."""
+    owners = {lying_label(task): task.id for task in job.tasks if task.part}
+    found = []
+    for refusal in error.refusals:
+        cause = refusal.more.get("cause")
+        bodies = (cause if isinstance(cause, Refusal) else refusal).more
+        owner = owners.get(str(bodies.get("other")), refusal.task)
+        if owner != refusal.task and not bodies.get("beside"):
+            found.append((refusal.task, owner))
+    return found
+
+
+def _with_rule(job: Job, one: str, other: str) -> Job:
+    """Return a job in which one task comes before another one, and no longer after it."""
+    tasks = []
+    for task in job.tasks:
+        after = [name for name in task.after if (name, task.id) != (other, one)]
+        tasks.append(replace(task, after=(*after, one) if task.id == other else tuple(after)))
+    note = f"order: {other} comes after {one}, as a part would be in the way"
+    notes = [text for text in job.notes if not text.startswith(f"order: {one} comes after {other}")]
+    return replace(job, tasks=tuple(tasks), notes=(*notes, note))
 
 
 def _rules(job: Job) -> Rules:

@@ -6,10 +6,11 @@ import pytest
 
 from dualarm_cli.collision.crowding import crowded_stops
 from dualarm_cli.collision.rooms import rooms_of
+from dualarm_cli.errors import BlockedError
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan
-from dualarm_cli.planning.room_rules import RoomRules
-from dualarm_cli.refusals import told
+from dualarm_cli.planning.room_rules import RoomRules, planned_around
+from dualarm_cli.refusals import Refusal, told
 from dualarm_cli.verification import verify
 
 from .conftest import PALM, TABLE
@@ -199,3 +200,60 @@ def test_a_part_is_no_obstacle_to_the_task_that_takes_it_away(job_of, task):
     assert refusal(job) == []
     assert RoomRules.of(job).ruled() == job
     assert {(one.task.id, one.room.key) for one in crowded_stops(job)} == {("one", ("two", "pick"))}
+
+
+@pytest.mark.parametrize("order", ["optimise", "given"])
+@pytest.mark.parametrize("cause", [True, False])
+def test_a_part_in_the_way_of_a_link_turns_two_tasks_round(job_of, task, order, cause):
+    """Only a plan tells that a link meets a part: the next one has the two the other way round, if that is open."""
+    job = job_of(
+        *(
+            task(name, (0.45, y, CUBE), (0.45, y + 0.3, CUBE))
+            for name, y in (("a", 0.1), ("b", 0.4))
+        ),
+        head=f"order: {order}",
+    )
+    bodies = {"one": "left_link_5", "other": f"{job.tasks[0].part} of a"}
+    touches = Refusal("every_posture_touches", arm="left", measured=0.01, more=bodies)
+    fault = Refusal(
+        "no_posture", task="b", arm="left", more={"cause": touches} if cause else bodies
+    )
+    asked = []
+
+    def planned(one):
+        asked.append({one.id: one.after for one in one.tasks})
+        if one.tasks[0].after != ("b",):
+            raise BlockedError(fault, stages=(0,))
+        return plan(one, QUICK)
+
+    if order == "given":
+        with pytest.raises(BlockedError):
+            planned_around(job, planned)
+        assert len(asked) == 1
+        return
+    found = planned_around(job, planned)
+    assert asked == [{"a": (), "b": ()}, {"a": ("b",), "b": ()}]
+    assert [e.task for e in found.events] == ["b", "b", "a", "a"]
+    assert found.order_grid_gap is None and not any("order bound" in note for note in found.notes)
+
+
+def test_tasks_that_are_in_each_other_s_way_are_refused_as_they_are(job_of, task):
+    """Neither order has a plan: the refusal is that of the job without rules."""
+    job = job_of(
+        *(
+            task(name, (0.45, y, CUBE), (0.45, y + 0.3, CUBE))
+            for name, y in (("a", 0.1), ("b", 0.4))
+        ),
+        head="order: optimise",
+    )
+    asked = []
+
+    def planned(one):
+        asked.append([task.after for task in one.tasks])
+        more = {"one": "left_link_5", "other": f"{job.tasks[0].part} of a", "number": len(asked)}
+        raise BlockedError(Refusal("no_posture", task="b", arm="left", more=more), stages=(0,))
+
+    with pytest.raises(BlockedError) as caught:
+        planned_around(job, planned)
+    assert caught.value.refusals[0].more["number"] == 1
+    assert asked == [[(), ()], [("b",), ()], [(), ("a",)]]
