@@ -42,8 +42,8 @@ class MethodProblem:
     start: Decisions | None = None
     """A plan to begin a search with: that which an order was chosen by."""
     own: MethodProblem | None = None
-    """The same with the robot's own limits, where this one keeps joints away from them: the method may plan with both,
-    or is asked it where there is no plan on its grid, so that nothing else is tried then. None where these are own."""
+    """The same problem with the robot's own limits, where this one keeps joints away from them; None where it does not.
+    A method may plan with both. Where it finds no plan on its grid it tries nothing else: this one is solved next."""
     blend: bool = False
     """Whether tools may pass the outer ends of lines in motion."""
     patient: bool = True

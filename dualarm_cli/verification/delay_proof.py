@@ -51,7 +51,7 @@ class DelaySearch:
     precision: float = 5e-4
     """Largest gap between proven and refuted delay that ends the search [s]."""
     share: float = 0.01
-    """Relative form of `tolerance`; the greater one counts."""
+    """Relative form of `precision`; the greater one counts."""
     distances: int = 1_000_000
     """Maximum number of measured distances; bundled jobs need up to 80,000.
 

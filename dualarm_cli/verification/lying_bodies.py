@@ -1,9 +1,9 @@
 """Parts that wait before their pick or lie after their place, as bodies that nothing may touch.
 
 A part is where the tool is at the event that picks or places it, measured on the motion. The tool that picks or places
-it may touch it on its lines; from there to its neighbouring stops it must not reach into it, or no deeper than where
-the line there begins or ends. Parts of which one's
-task names the other's in `touches` must not reach into one another.
+it may touch it on its lines; from there to its neighbouring stops it must not reach into it deeper than where the line
+there begins or ends, or without a line at the grip. Parts of which one's task names the other's in `touches` must not
+reach into one another.
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ class Played:
     def asked(
         self, lying: LyingPart, shape: Shape, solid: Solid, model: pin.Model
     ) -> list[tuple[float | None, list[Span]]]:
-        """Return when a solid must keep its clearance from a part that lies, and when only not reach deeper into it.
+        """List the depths to which a solid may reach into a lying part, with spans.
 
         Args:
             lying: the part.
@@ -190,7 +190,7 @@ class Played:
             model: of the robot.
 
         Returns:
-            The depth to which it may reach [m], None for the clearance, with the spans [s].
+            Depths [m], None where the clearance is required, and the spans [s] of each.
         """
         if solid.carrier and not solid.bolted:
             tasks = [t for t in self.job.tasks if t.arm == solid.carrier and t.tool == solid.tool]
