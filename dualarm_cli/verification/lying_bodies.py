@@ -28,7 +28,7 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import Job, StopKey
 from dualarm_cli.model.lying import LyingPart, Visit, lying_parts, may_touch
-from dualarm_cli.model.schedule import Event, Schedule
+from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
@@ -224,11 +224,14 @@ class Played:
         ]
 
     def _at_stop(self, key: StopKey) -> tuple[Span, Span]:
-        """Return when a tool is on the lines of a stop, and from the stop before it to the one after it [s]."""
+        """Return when a tool is on the lines of a stop, and from the work before it to that after it [s]."""
         start, end = self.whole
         event, own = self.events[key], [e for e in self.schedule.events if e.arm == key[0]]
         before = [e.changes_held for e in own if e.changes_held < event.time]
         after = [e.time for e in own if e.time > event.changes_held]
+        # A path or seam has its event at its end.
+        works = [s for s in self.schedule.segments if s.arm == key[0] and s.kind in WORK_ENDS]
+        after += [s.start for s in works if s.start >= event.changes_held]
         [span, *_] = spans_of(self.spans, *key)
         between = max(before, default=start), min(after, default=end)
         return (span.start, span.end), between

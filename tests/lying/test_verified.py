@@ -272,3 +272,21 @@ def test_a_part_that_is_placed_and_taken_again_may_be_gripped_on_both_lines(job_
     job = job_of(first, again, tool=tool)
     made = plan_without_bound(job, replace(QUICK, blend="none"))
     assert verify(made, job, clearance=True).passed
+
+
+def test_on_a_path_after_its_place_a_tool_keeps_the_clearance_from_the_part(job_of, task):
+    """1 mm over the cube, whose top is at 105 mm; the tool ends 30 mm above its centre point."""
+    through = ", ".join(f"{{xyz: [0.45, {y}, {TABLE + 0.076}]}}" for y in (0.35, 0.45))
+    through = through.replace("]}", "], rpy: [180 deg, 0, 0]}", 1)
+    path = f"{{id: path, arm: left, path: {{speed: 0.1, through: [{through}]}}}}"
+    job = job_of(task("one", (0.45, 0.10, CUBE), (0.45, 0.40, CUBE)), path)
+    with pytest.raises(InfeasibleError):
+        plan_without_bound(job, replace(QUICK, blend="none"))
+    blind = replace(
+        job, cell=replace(job.cell, parts={}), tasks=tuple(replace(t, part="") for t in job.tasks)
+    )
+    verdict = verify(plan_without_bound(blind, replace(QUICK, blend="none")), job, clearance=True)
+    [failed] = [check for check in verdict.checks if check.verdict == "failed"]
+    assert "left_tool and cube of one" in failed.detail
+    worst = min(verdict.clearances, key=lambda one: one.margin)
+    assert (worst.required, worst.margin) == (0.005, pytest.approx(-0.004, abs=1e-3))
