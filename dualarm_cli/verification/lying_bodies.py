@@ -231,7 +231,7 @@ class Played:
         after = [e.time for e in own if e.time > event.changes_held]
         # A path or seam has its event at its end.
         works = [s for s in self.schedule.segments if s.arm == key[0] and s.kind in WORK_ENDS]
-        after += [s.start for s in works if s.start >= event.changes_held]
+        after += [s.start for s in works if s.start > event.time]
         [span, *_] = spans_of(self.spans, *key)
         between = max(before, default=start), min(after, default=end)
         return (span.start, span.end), between
