@@ -88,13 +88,15 @@ def planned_around(job: Job, plan: Callable[[Job], Schedule]) -> Schedule:
     """
     first: InfeasibleError | None = None
     ruled, tried = job, set[tuple[str, str]]()
+    given = {(name, task.id) for task in job.tasks for name in task.after}
     while True:
         try:
             found = plan(ruled)
         except InfeasibleError as error:
             first = first or error
             pairs = _in_the_way(job, error)
-            rules = [rule for pair in pairs for rule in (pair, pair[::-1]) if rule not in tried]
+            open_pairs = [pair for pair in pairs if not given & {pair, pair[::-1]}]
+            rules = [r for pair in open_pairs for r in (pair, pair[::-1]) if r not in tried]
             if job.order == "given" or not rules:
                 raise first from None
             tried.add(rules[0])

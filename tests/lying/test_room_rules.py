@@ -257,3 +257,22 @@ def test_tasks_that_are_in_each_other_s_way_are_refused_as_they_are(job_of, task
         planned_around(job, planned)
     assert caught.value.refusals[0].more["number"] == 1
     assert asked == [[(), ()], [("b",), ()], [(), ("a",)]]
+
+
+def test_an_order_of_the_file_is_not_turned_round(job_of, task):
+    """The file has b after a, whose part is in the way: no plan with b before a is looked for."""
+    job = job_of(
+        task("a", (0.45, 0.1, CUBE), (0.45, 0.4, CUBE)),
+        task("b", (0.45, 0.4, CUBE), (0.45, 0.7, CUBE), ", after: [a]"),
+        head="order: optimise",
+    )
+    asked = []
+
+    def planned(one):
+        asked.append([task.after for task in one.tasks])
+        more = {"one": "left_link_5", "other": f"{job.tasks[0].part} of a"}
+        raise BlockedError(Refusal("no_posture", task="b", arm="left", more=more), stages=(0,))
+
+    with pytest.raises(BlockedError):
+        planned_around(job, planned)
+    assert asked == [[(), ("a",)]]
