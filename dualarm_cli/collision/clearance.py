@@ -204,10 +204,11 @@ class CellClearance:
                 touched[:-1] = [may_touch(own.carries, r.task) for r in self.rooms]
             there[-1] = not touching
             counts = there[room] & np.where(part, touched[room] == touching, not touching)
-            for r, visit in (*own.left.items(), *own.here.items()):
+            for r in {**own.left, **own.here}:
                 on_line = bool(number % 2) and r in own.here
+                visits = [side[r] for side in (own.left, own.here) if r in side]
                 for k in np.flatnonzero(there[room] & tool & (room == r)).tolist():
-                    needed = self.test.needed(group.pairs[k], arm, visit)
+                    needed = min(self.test.needed(group.pairs[k], arm, one) for one in visits)
                     counts[k] = not on_line and group.pairs[k].required == needed
             lists.append(np.flatnonzero(counts))
         first = np.cumsum([0, *(len(row) for row in lists)])

@@ -212,8 +212,12 @@ class Played:
             if key is not None and solid.joint == self._flange(key[0], model).parentJoint
         }
         lines = sorted(line for line, _ in stops.values())
-        for key, (_, between) in stops.items():
-            depth = self._depth(lying, shape, key, solid, model)
+        depths = [
+            (self._depth(lying, shape, key, solid, model), between)
+            for key, (_, between) in stops.items()
+        ]
+        # Between two of its stops it may reach as deep as at either line's end.
+        for depth, between in sorted(depths, reverse=True):
             touching.append((depth, overlaps(without([between], lines), during)))
             during = without(during, [between])
         return [(None, during), *touching]

@@ -264,11 +264,15 @@ def test_a_tool_without_lines_reaches_no_deeper_into_its_part_than_at_the_grip(j
     assert deepest(made) <= max(0.0, deep) + 0.0005
 
 
-def test_a_part_that_is_placed_and_taken_again_may_be_gripped_on_both_lines(job_of, task):
-    """The tool is 8 mm in the cube at the place and, right after it, at the pick, and clear of it in between."""
+@pytest.mark.parametrize(("retract", "approach"), [(60, 60), (60, 3), (3, 60)])
+def test_a_part_that_is_placed_and_taken_again_may_be_gripped_on_both_lines(
+    job_of, task, retract, approach
+):
+    """The tool is 8 mm in the cube at the place and, right after it, at the pick; at 3 mm from there 5 mm."""
     tool = "shapes: [{box: [0.04, 0.04, 0.113], xyz: [0, 0, 0.0765]}]"
-    first = task("one", (0.45, 0.15, CUBE), (0.45, 0.45, CUBE))
-    again = task("two", (0.45, 0.45, CUBE), (0.60, 0.45, CUBE))
+    lines = f", retract: {retract} mm", f", approach: {approach} mm"
+    first = task("one", (0.45, 0.15, CUBE), (0.45, 0.45, CUBE), lines[0])
+    again = task("two", (0.45, 0.45, CUBE), (0.60, 0.45, CUBE), lines[1])
     job = job_of(first, again, tool=tool)
     made = plan_without_bound(job, replace(QUICK, blend="none"))
     assert verify(made, job, clearance=True).passed
