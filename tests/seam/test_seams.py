@@ -311,6 +311,7 @@ def test_an_entry_shorter_than_what_it_holds_is_refused(tmp_path: Path) -> None:
     [found] = refused.value.diagnostics
     assert (Path(found.file).name, found.line) == ("tasks.yaml", 15)
     assert "the dwell of 0.5 s does not fit into 0.3 s" in found.message
+    assert dict(found.about) == {"task": "two", "value": 0.3, "allowed": 0.5}
     slow = job_of(tmp_path, SDA10F, *tasks, head="start: free\nspeed: 50%\n")
     kind = kind_of(job.sections()[0])
     assert (len(kind.check(job)), kind.check(slow)) == (1, [])

@@ -16,7 +16,8 @@ LONGEST = 1800.0
 def seam_faults(job: Job) -> list[Diagnostic]:
     """Find unknown methods of seams, too short entries and too long seams."""
     findings = []
-    for work in (section[0].seam for section in job.sections()):
+    for task in (section[0] for section in job.sections()):
+        work = task.seam
         if work is None:
             continue
         where = (work.place.file, work.place.line, work.place.column, "E300")
@@ -31,14 +32,14 @@ def seam_faults(job: Job) -> list[Diagnostic]:
                 f"entry: the dwell of {work.dwell_start:g} s does not fit into {entry / job.speed:g} s, the entry's "
                 "duration; raise or remove the duration, or shorten the dwell"
             )
-            about = {"value": entry / job.speed, "allowed": work.dwell_start}
+            about = {"task": task.id, "value": entry / job.speed, "allowed": work.dwell_start}
             findings.append(Diagnostic(*where, message, about=about))
         least = seam_bound(work, job.speed)
         if least > LONGEST:
             message = (
                 f"the seam takes {least:.4g} s; at most {LONGEST:g} s are planned: raise the speed"
             )
-            about = {"value": least, "allowed": LONGEST}
+            about = {"task": task.id, "value": least, "allowed": LONGEST}
             findings.append(Diagnostic(*where, message, about=about))
     return findings
 
