@@ -35,9 +35,9 @@ from dualarm_cli.timing.launch import Launch, reversed_in_time, solve_launch
 from dualarm_cli.timing.problem import LineProblem
 
 LINE_TOLERANCE = 5e-5
-"""How far the tool may leave its line [m] and its orientation [rad]: half of what is verified."""
+"""Largest distance from a line [m] and turn on it [rad], half of what is verified."""
 PATH_SAMPLES = 65
-"""Exact inverse kinematics along a line."""
+"""Samples of a line with exact inverse kinematics."""
 KNOTS = (12, 24, 48, 96, 192, 384)
 """Numbers of knots that are tried until the tool stays within the tolerance."""
 CHECKS_PER_KNOT = 4

@@ -33,7 +33,7 @@ ALIKE = 0.9
 UNLIKELY = 10.0
 """What counts for an order in which arms touch at their stops as it stands [s]: it is one to try at last."""
 SHIFTS = np.concatenate([[0.0], np.outer([0.003, 0.01, 0.03, 0.1, 0.3], [1.0, -1.0]).ravel()])
-"""What is added to the arm angles of a stop [rad]."""
+"""Shifts of a stop's arm angles that repairs try [rad]."""
 SWINGS = (1.0, 0.95, 0.8, 0.5, 0.0)
 """Shares of the arm angle's change along the lines."""
 
