@@ -97,7 +97,8 @@ def planned_around(job: Job, plan: Callable[[Job], Schedule]) -> Schedule:
             pairs = _in_the_way(job, error)
             open_pairs = [pair for pair in pairs if not given & {pair, pair[::-1]}]
             rules = [r for pair in open_pairs for r in (pair, pair[::-1]) if r not in tried]
-            if job.order == "given" or not rules:
+            # Each costs a whole plan.
+            if job.order == "given" or not rules or len(tried) == len(job.tasks):
                 raise first from None
             tried.add(rules[0])
             ruled = _with_rule(ruled, *rules[0])
