@@ -203,9 +203,14 @@ def unit_of(joint: str, unit: str, sliding: Collection[str]) -> str:
 
 
 def judge(name: str, measured: float, allowed: float, unit: str, where: str) -> Check:
-    """Returns a check that passes if `measured` is at most `allowed`; a NaN fails."""
+    """Returns a check that passes if `measured` is at most `allowed`; a NaN fails.
+
+    A value that passes is rounded to 1e-12 of its unit: the last digits of pinocchio's sines are the processor's.
+    """
     passed = bool(measured <= allowed)
     value = float(measured) if np.isfinite(measured) else None
+    if passed and value is not None:
+        value = round(value, 12) + 0.0
     return Check(name, "passed" if passed else "failed", value, float(allowed), unit, where)
 
 

@@ -186,7 +186,7 @@ def test_a_start_out_of_reach_says_by_how_much(tmp_path: Path) -> None:
     away = away.replace("via: {xyz: [0.63, 0.25", "via: {xyz: [3.15, 0.25").replace(
         "0.58, 0.30", "3.1, 0.30"
     )
-    with pytest.raises(InfeasibleError, match=r"begins the target is \d+\.\d mm beyond"):
+    with pytest.raises(InfeasibleError, match=r"begins: the target is \d+\.\d mm beyond"):
         planned(job_of(tmp_path, away, head="start: free\n"))
 
 

@@ -304,11 +304,18 @@ KINDS = ("transfer", "approach", "dwell", "retract", "wait", "return", "path", "
 def test_no_name_of_a_segment_makes_room_for_a_part(schedule, packing, kind):
     """Every segment called something else, alone and all together: the same distance, the same pair and time.
 
-    Where a part may lie on something follows from its events and the motion.
+    Where a part may lie on something follows from its events and the motion. Paths and seams end the time in which a
+    tool may touch its own part: their names find more.
     """
     job = _short_of_clearance(packing)
     expected, _ = collisions(schedule, job)
     assert expected.verdict == "failed"
+
+    def is_kept(segments) -> bool:
+        found, _ = collisions(dataclasses.replace(schedule, segments=segments), job)
+        stricter = kind in ("path", "seam") and found.measured > expected.measured
+        return found == expected or stricter
+
     segments = schedule.segments
     for k in range(len(segments)):
         named = tuple(
@@ -318,9 +325,8 @@ def test_no_name_of_a_segment_makes_room_for_a_part(schedule, packing, kind):
         # The name itself is a finding, too.
         assert verify(relabelled, job).passed == (segments[k].kind == kind)
         if k % 7 == 0:
-            assert collisions(relabelled, job)[0] == expected
-    alike = tuple(dataclasses.replace(s, kind=kind) for s in segments)
-    assert collisions(dataclasses.replace(schedule, segments=alike), job)[0] == expected
+            assert is_kept(named)
+    assert is_kept(tuple(dataclasses.replace(s, kind=kind) for s in segments))
     assert collisions(dataclasses.replace(schedule, segments=()), job)[0] == expected
 
 
