@@ -14,6 +14,7 @@ from dualarm_cli.beside import Beside
 from dualarm_cli.bound.bound import LowerBound
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import clearance_notes
+from dualarm_cli.effort import less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError, InputError, UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
@@ -46,6 +47,8 @@ from dualarm_cli.timing import TIMING_SOLVERS
 
 NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
 """Message where the user had seen enough once there was a plan."""
+SHORT_STOPS = 24
+"""Jobs of so many stops or fewer are planned with less effort as well, in a second process: it takes seconds."""
 FAR_SLOWER = 0.08
 """By more than this share the file's order is slower by far, as the search times it."""
 OF_THE_FILE = "order: that of the file, whose plan is faster than those of the orders found"
@@ -67,13 +70,44 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
     blended = settings.blend != "none"
     # Both processes need them: loaded by each, they would take the time of two.
     of_kinds("planning")
-    with Beside(lambda: job_bound(job, settings.effort, blended=blended)) as bounding:
-        schedule = plan_without_bound(job, settings, watch)
+    schedule: Schedule | None = None
+    blocked: BlockedError | None = None
+    with Beside(
+        lambda: (job_bound(job, settings.effort, blended=blended), _of_less_effort(job, settings))
+    ) as beside:
+        try:
+            schedule = plan_without_bound(job, settings, watch)
+        except BlockedError as error:
+            blocked = error
         watch.tell("computing the lower bound")
-        bound = _until_seen_enough(watch, bounding.result) or LowerBound(None, (NOT_BOUNDED,))
+        found = _until_seen_enough(watch, beside.result)
+    bound, easier = found or (LowerBound(None, (NOT_BOUNDED,)), None)
+    if easier is not None and (schedule is None or easier.duration < schedule.duration):
+        schedule = replace(
+            easier, provenance=replace(easier.provenance, settings=settings.as_dict())
+        )
+    if schedule is None:
+        assert blocked is not None  # nothing else leaves none
+        raise blocked
     unneeded = (UNLIMITED,) if job.is_decided and settings.time_limit is not None else ()
     notes = (*schedule.notes, *unneeded, *bound.assumptions)
     return replace(schedule, lower_bound=bound.value, notes=notes)
+
+
+def _of_less_effort(job: Job, settings: PlanSettings) -> Schedule | None:
+    """Plan a short job with less effort, whose search takes other ways and may end at a quicker plan.
+
+    None for long jobs, searches with a time limit, the least effort, and where no plan is found.
+    """
+    less = less_effort(settings.effort)
+    long = sum(len(task.stops) for task in job.tasks) > SHORT_STOPS
+    if less is None or long or settings.time_limit is not None:
+        return None
+    easier = replace(settings, effort=less)
+    with suppress(InfeasibleError):
+        found, other = plan_without_bound(job, easier), _of_less_effort(job, easier)
+        return found if other is None or found.duration <= other.duration else other
+    return None
 
 
 def _until_seen_enough(watch: Watch, made: Callable[[], T]) -> T | None:
