@@ -1,0 +1,91 @@
+"""Short jobs are planned with less effort as well: the shorter plan is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pytest
+
+from dualarm_cli.bound.bound import LowerBound
+from dualarm_cli.errors import BlockedError
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.model.schedule import Provenance
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning import planner
+from dualarm_cli.refusals import Refusal
+
+
+@dataclass
+class Plan:
+    """As much of a schedule as the choice looks at."""
+
+    duration: float
+    provenance: Provenance
+    notes: tuple[str, ...] = ()
+    lower_bound: float | None = None
+
+
+@pytest.fixture
+def chosen(monkeypatch: pytest.MonkeyPatch):
+    """Plans a job whose plans take as long as is said by effort, None for none; says which were made as well."""
+
+    def found(job: Any, durations: Mapping[str, float | None], settings: PlanSettings):
+        asked = []
+
+        def made(_: Any, own: PlanSettings, watch: Any = None) -> Plan:
+            asked.append(own.effort)
+            duration = durations[own.effort]
+            if duration is None:
+                raise BlockedError(Refusal("not_clear"), stages=(0,))
+            return Plan(duration, Provenance("", {}, own.as_dict(), 0))
+
+        monkeypatch.setattr(planner, "plan_without_bound", made)
+        monkeypatch.setattr(planner, "job_bound", lambda *_, **__: LowerBound(1.0, ()))
+        return planner.plan(job, settings), asked
+
+    return found
+
+
+@pytest.fixture(scope="module")
+def job(tasks_folder):
+    """A short job."""
+    return load_job(tasks_folder / "01_first_pick" / "tasks.yaml")
+
+
+@pytest.mark.parametrize(
+    ("durations", "effort", "expected"),
+    [
+        ({"quick": 3.0, "normal": 2.0}, "normal", 2.0),
+        ({"quick": 2.0, "normal": 3.0}, "normal", 2.0),
+        ({"quick": 2.0, "normal": None}, "normal", 2.0),
+        ({"quick": None, "normal": 3.0}, "normal", 3.0),
+        ({"quick": 2.0, "normal": 4.0, "thorough": 3.0}, "thorough", 2.0),
+        ({"quick": 4.0, "normal": 2.0, "thorough": 3.0}, "thorough", 2.0),
+        ({"quick": 2.0}, "quick", 2.0),
+    ],
+)
+def test_the_shortest_plan_is_taken_and_says_the_effort_asked_for(
+    chosen, job, durations, effort, expected
+):
+    """Each effort up to the one asked for is tried, with the bound of the one asked for."""
+    plan, asked = chosen(job, durations, PlanSettings(effort=effort))
+    assert (plan.duration, plan.lower_bound) == (expected, 1.0)
+    assert plan.provenance.settings["effort"] == effort
+    assert sorted(asked) == sorted(durations)
+
+
+def test_without_any_plan_the_refusal_is_that_of_the_effort_asked_for(chosen, job):
+    """No plan at either effort."""
+    with pytest.raises(BlockedError):
+        chosen(job, {"quick": None, "normal": None}, PlanSettings(effort="normal"))
+
+
+@pytest.mark.parametrize(("more", "limit"), [(13, None), (1, 10.0)])
+def test_long_jobs_and_searches_with_a_time_limit_are_planned_once(chosen, job, more, limit):
+    """A task has two stops at least: thirteen times as many are more than 24."""
+    long = replace(job, tasks=job.tasks * more)
+    durations = {"quick": 2.0, "normal": 3.0}
+    plan, asked = chosen(long, durations, PlanSettings(effort="normal", time_limit=limit))
+    assert (plan.duration, asked) == (3.0, ["normal"])
