@@ -48,7 +48,7 @@ from dualarm_cli.timing import TIMING_SOLVERS
 NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
 """Message where the user had seen enough once there was a plan."""
 SHORT_STOPS = 24
-"""Jobs of so many stops or fewer are planned with less effort as well, in a second process: it takes seconds."""
+"""Jobs of so many stops or fewer are planned with less effort as well, in another process: it takes seconds."""
 FAR_SLOWER = 0.08
 """By more than this share the file's order is slower by far, as the search times it."""
 OF_THE_FILE = "order: that of the file, whose plan is faster than those of the orders found"
@@ -72,16 +72,17 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
     of_kinds("planning")
     schedule: Schedule | None = None
     blocked: BlockedError | None = None
-    with Beside(
-        lambda: (job_bound(job, settings.effort, blended=blended), _of_less_effort(job, settings))
-    ) as beside:
+    with (
+        Beside(lambda: job_bound(job, settings.effort, blended=blended)) as bounding,
+        Beside(lambda: _of_less_effort(job, settings)) as beside,
+    ):
         try:
             schedule = plan_without_bound(job, settings, watch)
         except BlockedError as error:
             blocked = error
         watch.tell("computing the lower bound")
-        found = _until_seen_enough(watch, beside.result)
-    bound, easier = found or (LowerBound(None, (NOT_BOUNDED,)), None)
+        bound = _until_seen_enough(watch, bounding.result) or LowerBound(None, (NOT_BOUNDED,))
+        easier = None if watch.stopped else _until_seen_enough(watch, beside.result)
     if easier is not None and (schedule is None or easier.duration < schedule.duration):
         schedule = replace(
             easier, provenance=replace(easier.provenance, settings=settings.as_dict())

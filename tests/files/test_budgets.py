@@ -96,7 +96,7 @@ def test_a_skew_is_asked_for_in_a_budget_and_of_the_planner(project: Path) -> No
     text = TASKS.replace("budget: BUDGET", "timing: {skew: 0.3}")
     (project / "tasks.yaml").write_text(text)
     assert load_job("tasks.yaml").skew == 0.3
-    for wrong, words in (("20", "at most 10"), ("0 s", "must be positive"), ("5 mm", "unit 'mm'")):
+    for wrong, words in (("20", "at most 1"), ("0 s", "must be positive"), ("5 mm", "unit 'mm'")):
         (project / "tasks.yaml").write_text(text.replace("0.3", wrong))
         with pytest.raises(InputError) as raised:
             load_job("tasks.yaml")
