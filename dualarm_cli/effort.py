@@ -395,7 +395,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         widths=6,
     ),
 }
-"""By the words of `--effort`; more of everything gives a shorter plan as a rule, not always."""
+"""Settings of each word of `--effort`; more of everything gives a shorter plan as a rule, not always."""
 
 
 def less_effort(effort: str) -> str | None:
