@@ -174,6 +174,20 @@ def test_a_part_on_a_belt_in_the_way_is_refused_with_the_bodies(job_of):
     assert "of clearance" in str(refused.value)
 
 
+def test_the_next_lines_are_none_of_a_part_on_a_belt(job_of):
+    """30 mm behind the target the rod ends, 5 mm below it the cube begins: 15 mm too deep, 5 mm of clearance missing."""
+    pose = "xyz: [0.6, {}], rpy: [180 deg, 0, 0]"
+    job = job_of(
+        "{id: first, arm: left, pick: {xyz: [0.35, 0.55, 0.6], rpy: [180 deg, 0, 0]}, "
+        f"place: {{{pose.format('0.35, 0.6')}, conveyor: belt, passes: 1 s, within: 0.6 m}}}}",
+        f"{{id: next, arm: left, approach: 60 mm, retract: 60 mm, move: {{{pose.format('0.02, 0.55')}}}}}",
+        cell="conveyors: {belt: {velocity: [0, -150 mm/s, 0]}}",
+    )
+    with pytest.raises(InfeasibleError) as refused:
+        plan_without_bound(job, QUICK)
+    assert "left_tool and cube of first lack 20.0 mm of clearance" in str(refused.value)
+
+
 def test_a_part_on_a_belt_is_where_the_belt_has_it(job_of):
     """150 mm/s from its pose at `passes` on: the tool is as far from it as brute force finds."""
     job = on_belt(job_of, 4.0)

@@ -9,7 +9,7 @@ from dualarm_cli.clearing.stage_samples import KEPT, StageSamples, stage_samples
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.collision.quick_test import OVERLAP
 from dualarm_cli.collision.rooms import RoomKey, rooms_of
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.job import Job
 from dualarm_cli.motion.waiting import SAME_TIME
 from dualarm_cli.refusals import Refusal
@@ -47,7 +47,8 @@ def touched_on_belt(job: Job, found: ClearedPlan) -> Refusal | None:
             gone = (time - room.stop.belt.at)[:, None] * room.stop.belt.conveyor.velocity
             shift = np.einsum("ij,nj->ni", job.cell.base.rotation.T, gone)
             own = event.arm if stage_of[room.key] in (k, k - 1) else ""
-            if worst := _worst(cell, r, samples, there, shift, own):
+            own_lines = stage_of[room.key] == k
+            if worst := _worst(cell, r, samples, there, shift, own, own_lines):
                 one, other, lack, row = worst
                 more = {"one": one, "other": other, "when": float(time[row] - stage.start)}
                 more |= {"stage": k + 1, "beside": [], "standing": [], "tried": []}
@@ -61,13 +62,14 @@ def _worst(
     cell: CellClearance,
     r: int,
     samples: StageSamples,
-    there: FloatArray,
+    there: BoolArray,
     shift: FloatArray,
     own: str,
+    own_lines: bool,
 ) -> tuple[str, str, float, int] | None:
     """Find the bodies that lack most clearance, the lack [m] and the row.
 
-    None where all is clear.
+    None where all is clear. The arm of the part (own) may touch it, on its lines (own_lines: of this stage) at will.
     """
     for a, arm in enumerate(cell.arms):
         held = samples.held[:, a] % cell.size
@@ -80,7 +82,7 @@ def _worst(
                 if arm == own and cell.test.is_on_flange(pair, arm):
                     room = cell.rooms[r]
                     needed = min(-OVERLAP, cell.test.needed(pair, arm, (room.task, room.stop)))
-                    least = -np.inf if number % 2 else needed - pair.required
+                    least = -np.inf if own_lines and number % 2 else needed - pair.required
                 k = int(np.argmin(margin))
                 if margin[k] < least:
                     return *cell.test.labels(pair), max(0.0, -float(margin[k])), int(rows[k])
