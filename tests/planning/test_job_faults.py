@@ -247,6 +247,39 @@ def test_the_elbow_of_a_posture_within_limits_is_found_near_its_pose(job):
     assert _elbow_fits(arm, R, wrist - R @ arm.geometry.p_flange_wrist, moved, turned).all()
 
 
+def test_limits_a_whole_turn_on_say_the_same_of_the_elbow(job):
+    """Where an encoder counts from is no matter of where the elbow can be."""
+    made = job(GOOD, "", "dualarm: cell/1\nrobot: sda10f\n")
+    arm, random = CellModel.from_cell(made.cell).arms["left"].kinematics, np.random.default_rng(8)
+    R, p = arm.forward(random.uniform(-np.pi, np.pi, (500, 7)))
+    still = np.zeros((2, 500))
+    fits = _elbow_fits(arm, R, p, *still)
+    assert 50 < fits.sum() < 450
+    turns = 2.0 * np.pi * np.array([0, 1, 0, 0, 0, -1, 0])
+    turned = dataclasses.replace(arm, lower=arm.lower + turns, upper=arm.upper + turns)
+    np.testing.assert_array_equal(_elbow_fits(turned, R, p, *still), fits)
+
+
+def test_a_platform_is_examined_within_its_limits_only(job):
+    """A target behind the robot needs half a turn of its waist."""
+    made = job(
+        f"  - {{id: back, arm: left, move: {{xyz: [-0.85, 0, 1.0], {DOWN}}}}}\n",
+        "",
+        "dualarm: cell/1\nrobot: sda10f\n",
+    )
+    robot, wide = made.cell.robot, made.cell.robot.limits
+    waist = wide.joints.index(robot.platform[0])
+    assert wide.upper[waist] > 2.5
+    for most, reached in ((wide.upper[waist], True), (0.5, False)):
+        lower, upper = wide.lower.copy(), wide.upper.copy()
+        lower[waist], upper[waist] = -most, most
+        narrow = dataclasses.replace(wide, lower=lower, upper=upper)
+        cell = dataclasses.replace(made.cell, robot=dataclasses.replace(robot, limits=narrow))
+        model, start, task = CellModel.from_cell(cell), np.array(made.start_joints), made.tasks[0]
+        stop = stop_problems(model, made, start, {"left": (task, task.stops[0])})["left"]
+        assert (out_of_reach(model, start, stop) is None) == reached
+
+
 def test_a_path_that_leaves_reach_on_its_way_is_a_fault_there(job):
     """Both ends 0.65 m before the shoulder; the corner, half way, at (1, 0, 0.116) m; what its blend may save is not.
 

@@ -51,6 +51,29 @@ def test_steps_cost_what_the_plan_of_which_they_are_is_charged(shelves):
     assert 2 < touched < problem.stages
 
 
+def test_who_touches_at_a_target_may_come_after_the_other_but_not_in_a_hand_over(shelves):
+    """Both arms at rest where they reach into each other: turns, or nothing helps."""
+    problem, _, plans, _ = shelves
+    test = problem.clearance
+    arms = [column for columns in test.cell.columns for column in columns]
+    random, touching = np.random.default_rng(0), plans[0].end[None].copy()
+    while test.cell.cross_margins(touching, test.at_targets[:1])[0] > -0.02:
+        touching[0, arms] = random.uniform(-1.5, 1.5, len(arms))
+    rows = (touching,) * 4
+    taken = dataclasses.replace(
+        test, settled=frozenset(), handing=np.zeros(problem.stages, dtype=bool)
+    )
+    given = dataclasses.replace(taken, handing=np.ones(problem.stages, dtype=bool))
+    settled = frozenset({0})
+    [turns] = step_waits(dataclasses.replace(taken, settled=settled), 0, *rows)
+    assert np.isfinite(turns)
+    assert turns >= TURNS
+    [never] = step_waits(given, 0, *rows)
+    assert np.isinf(never)
+    [known] = step_waits(dataclasses.replace(given, settled=settled), 0, *rows)
+    assert known == turns
+
+
 def test_known_costs_count_for_moves_that_are_alike_and_for_no_others(shelves):
     """A barred stage makes its own move impossible; half a radian away, or in another stage, nothing is known."""
     problem, _, plans, _ = shelves

@@ -21,6 +21,7 @@ from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.report import skew_sentence
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.budget_checks import judge_budget
+from dualarm_cli.verification.delay_checks import _to_the_ends
 
 CELL = """\
 dualarm: cell/1
@@ -92,6 +93,12 @@ def least(schedule, job, late, delay, times):
                 )
                 found = min(found, here)
     return found
+
+
+def test_only_spans_at_an_end_of_the_motion_go_on_beyond_it(schedule):
+    last = schedule.trajectory.time[-1]
+    spans = [(0.0, 0.1), (0.2, 0.3), (0.4, last)]
+    assert _to_the_ends(schedule, spans) == [(-np.inf, 0.1), (0.2, 0.3), (0.4, np.inf)]
 
 
 def test_arms_that_take_turns_are_clear_up_to_what_is_said_and_not_beyond(schedule, job):
