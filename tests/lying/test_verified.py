@@ -175,7 +175,7 @@ def test_a_part_on_a_belt_in_the_way_is_refused_with_the_bodies(job_of):
 
 
 def test_the_next_lines_are_none_of_a_part_on_a_belt(job_of):
-    """30 mm behind the target the rod ends, 5 mm below it the cube begins: 15 mm too deep, 5 mm of clearance missing."""
+    """The rod ends 30 mm behind the target, the cube begins 5 mm below it: 15 mm too deep, and 5 mm of clearance."""
     pose = "xyz: [0.6, {}], rpy: [180 deg, 0, 0]"
     job = job_of(
         "{id: first, arm: left, pick: {xyz: [0.35, 0.55, 0.6], rpy: [180 deg, 0, 0]}, "
