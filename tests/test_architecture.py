@@ -201,7 +201,7 @@ FREE = {
 OWNERS = {
     "kinds/seam/closed_chain/program.py": "products of scipy's sparse matrices, which are loops",
     "model/study.py": "powers of ten of figures that are shown",
-    "robot_import/description.py": "powers of ten of figures that are shown",
+    "robot_import/importing.py": "powers of ten of figures that are shown",
     "compiled/decimals.py": "powers of ten, which are exact",
     "verification/driven_motion.py": "a fit of logged samples, which decides nothing about a plan",
 }

@@ -1,9 +1,23 @@
-"""The text of a URDF or SRDF: as it is, or as xacro expands it."""
+"""The text of a URDF or SRDF: as it is, or as xacro expands it.
+
+Xacro in a confined process, because a xacro file is a program.
+
+The process has a limit of processor time, of memory and of what it writes, no variables of the environment but those of
+ROS, and no way to change files or to reach other programs, processes or networks (seccomp). It reads no file outside
+the given folders (Landlock, Linux 5.13 and later).
+"""
 
 from __future__ import annotations
 
+import ctypes
+import json
 import os
 import re
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,7 +27,6 @@ from dualarm_cli.files.robots.urdf_tree import parse_xml
 from dualarm_cli.files.source.projects import MARKERS
 from dualarm_cli.files.source.text_source import TextSource, read_text
 from dualarm_cli.records import dataclass
-from dualarm_cli.robot_import.confined import ConfinedError, expanded
 
 
 @dataclass(frozen=True)
@@ -78,3 +91,190 @@ def _readable(file: Path) -> list[Path]:
         Path(str(folder).partition("/install/")[0]) for folder in ros if "/install/" in str(folder)
     ]
     return [own, *ros, *spaces]
+
+
+SECONDS, BYTES, OUTPUT = 30, 4_000_000_000, 20_000_000
+"""Limits of xacro: processor time [s], address space [B], result [B]."""
+KEPT = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH", "ROS_DISTRO", "ROS_VERSION", "LD_LIBRARY_PATH")
+"""Environment variables that the process gets: where packages and libraries are."""
+_START = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
+    "from dualarm_cli.robot_import.expanded_text import main; main(sys.argv[2], sys.argv[3:])"
+)
+_DENIED = {
+    "execve": 59, "execveat": 322, "fork": 57, "vfork": 58, "clone": 56, "clone3": 435, "ptrace": 101, "kill": 62,
+    "tkill": 200, "tgkill": 234, "rt_sigqueueinfo": 129, "rt_tgsigqueueinfo": 297, "pidfd_send_signal": 424,
+    "pidfd_getfd": 438, "process_vm_readv": 310, "process_vm_writev": 311, "socket": 41, "socketpair": 53,
+    "io_uring_setup": 425, "bpf": 321, "mount": 165, "unshare": 272, "setns": 308, "keyctl": 250, "prlimit64": 302,
+    # Signals by fcntl's owner of a pipe, priorities, and what processes of a user share.
+    "fcntl": 72, "setpriority": 141, "ioprio_set": 251, "sched_setparam": 142, "sched_setscheduler": 144,
+    "sched_setattr": 314, "sched_setaffinity": 203, "perf_event_open": 298, "add_key": 248, "request_key": 249,
+    "shmget": 29, "shmat": 30, "shmctl": 31, "semget": 64, "semop": 65, "semctl": 66, "semtimedop": 220, "msgget": 68,
+    "msgsnd": 69, "msgrcv": 70, "msgctl": 71, "mq_open": 240, "mq_unlink": 241, "memfd_create": 319,
+    # Changes of files, with or without Landlock; openat2 because its flags are not in a register.
+    "creat": 85, "openat2": 437, "open_by_handle_at": 304,
+    "unlink": 87, "unlinkat": 263, "rename": 82, "renameat": 264, "renameat2": 316,
+    "link": 86, "linkat": 265, "symlink": 88, "symlinkat": 266, "mkdir": 83, "mkdirat": 258, "rmdir": 84, "mknod": 133,
+    "mknodat": 259, "chmod": 90, "fchmod": 91, "fchmodat": 268, "fchmodat2": 452, "chown": 92, "fchown": 93,
+    "lchown": 94, "fchownat": 260, "utime": 132, "utimes": 235, "futimesat": 261, "utimensat": 280, "setxattr": 188,
+    "lsetxattr": 189, "fsetxattr": 190, "removexattr": 197, "lremovexattr": 198, "fremovexattr": 199, "truncate": 76,
+}  # fmt: skip
+"""Numbers of the system calls that are refused, on x86-64."""
+_UNKNOWN = 463
+"""Number from which all calls are refused: those of newer kernels, and of x32."""
+_OPEN, _OPENAT, _WRITING = 2, 257, 0o1103
+"""Numbers of calls that open files, and flags refused in them."""
+_LANDLOCK = {"create": 444, "add": 445, "restrict": 446}
+_CAPABILITIES = 0x20080522, 0b110
+"""Version of the kernel's sets of capabilities, and those that root keeps: access to files of other users."""
+_READ = 0b1100
+"""Landlock's rights to read files and to list folders."""
+
+
+class ConfinedError(Exception):
+    """Xacro came to no result; the text says why."""
+
+
+def expanded(file: Path, folders: Sequence[Path]) -> tuple[str, bool]:
+    """Expand a xacro file in a process of its own.
+
+    Args:
+        file: the file.
+        folders: folders that it may read, besides those of Python.
+
+    Returns:
+        The expanded text, and whether it could read those folders only: not every kernel can say so.
+
+    Raises:
+        ConfinedError: xacro, or a limit, ended it.
+    """
+    path = [entry for entry in sys.path if entry and Path(entry).exists()]
+    command = [sys.executable, "-I", "-c", _START, json.dumps(path), str(file), *map(str, folders)]
+    environment = {name: os.environ[name] for name in KEPT if name in os.environ}
+    with tempfile.TemporaryFile() as result:
+        try:
+            ended = subprocess.run(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=result,
+                stderr=subprocess.DEVNULL,
+                env=environment,
+                cwd=file.parent,
+                start_new_session=True,
+                timeout=4 * SECONDS,
+                check=False,
+            ).returncode
+        except subprocess.TimeoutExpired:
+            raise ConfinedError(f"it takes longer than {4 * SECONDS} s") from None
+        result.seek(0)
+        data = result.read(OUTPUT)
+    try:
+        answer = json.loads(data)
+        text, error = answer.get("text"), answer.get("error")
+    except (ValueError, AttributeError, RecursionError):
+        text = error = None
+    if not isinstance(text, str):
+        limits = f"limits are {SECONDS} s, {BYTES / 1e9:g} GB and {OUTPUT / 1e6:g} MB of text"
+        raise ConfinedError(str(error) if error else f"its process ended with {ended}; {limits}")
+    return text, landlock_version() > 0
+
+
+def main(file: str, folders: Sequence[str]) -> None:
+    """Confine this process, expand a file and print the result as JSON."""
+    import xml.dom.expatbuilder  # noqa: F401  what is needed later may not be found then
+
+    import xacro
+    import yaml  # noqa: F401
+
+    for what, most in (
+        (resource.RLIMIT_CPU, SECONDS),
+        (resource.RLIMIT_AS, BYTES),
+        (resource.RLIMIT_FSIZE, OUTPUT),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        resource.setrlimit(what, (most, most))
+    _confine([*sys.path, sys.prefix, sys.base_prefix, *folders])
+    try:
+        answer = {"text": xacro.process_file(file).toxml()}
+    except Exception as error:  # whatever its macros raise
+        answer = {"error": str(error) or type(error).__name__}
+    sys.stdout.write(json.dumps(answer))
+
+
+def landlock_version() -> int:
+    """Return the version of Landlock in this kernel; -1 where there is none."""
+    return int(_libc().syscall(_LANDLOCK["create"], None, ctypes.c_size_t(0), 1))
+
+
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
+
+
+def _confine(folders: Sequence[str]) -> None:
+    """Drop this process's rights beyond reading some folders.
+
+    Raises:
+        OSError: the kernel refuses what it has.
+    """
+    libc = _libc()
+    _must(libc.prctl(38, 1, 0, 0, 0))  # PR_SET_NO_NEW_PRIVS
+    rights_version, kept = _CAPABILITIES
+    header, sets = (ctypes.c_uint32 * 2)(rights_version, 0), (ctypes.c_uint32 * 6)()
+    _must(libc.capget(header, sets))
+    # Effective, permitted and inheritable ones, then the same of higher numbers.
+    _must(libc.capset(header, (ctypes.c_uint32 * 6)(*(number & kept for number in sets[:3]))))
+    version = landlock_version()
+    if version > 0:
+        # Every right that this version knows is taken: 13 of the first one, then moving and cutting files.
+        rights = (1 << min(12 + version, 15)) - 1
+        ruleset = _must(
+            libc.syscall(
+                _LANDLOCK["create"], ctypes.byref(ctypes.c_uint64(rights)), ctypes.c_size_t(8), 0
+            )
+        )
+        for folder in dict.fromkeys(folders):
+            if not Path(folder).is_dir():
+                continue
+            handle = os.open(folder, os.O_PATH | os.O_CLOEXEC)
+            rule = _READ.to_bytes(8, "little") + handle.to_bytes(4, "little")
+            _must(libc.syscall(_LANDLOCK["add"], ruleset, 1, rule, 0))
+            os.close(handle)
+        _must(libc.syscall(_LANDLOCK["restrict"], ruleset, 0))
+    filters = _filters()
+    program = ctypes.create_string_buffer(filters, len(filters))
+    _must(
+        libc.prctl(
+            22, 2, ctypes.byref(_Program(len(filters) // 8, ctypes.addressof(program))), 0, 0
+        )
+    )
+
+
+class _Program(ctypes.Structure):
+    """A program of classic BPF: its length in instructions, and where it is."""
+
+    _fields_ = (("length", ctypes.c_ushort), ("instructions", ctypes.c_void_p))
+
+
+def _filters() -> bytes:
+    """Build the seccomp program that refuses _DENIED, unknown calls and opening files to write."""
+
+    def step(code: int, value: int, then: int = 0, otherwise: int = 0) -> bytes:
+        row = (code | then << 16 | otherwise << 24, value)
+        return b"".join(part.to_bytes(4, "little") for part in row)
+
+    load, equal, above, has, jump, end = 0x20, 0x15, 0x35, 0x45, 0x05, 0x06
+    refuse, allow, kill = 0x00050001, 0x7FFF0000, 0x80000000
+    count = len(_DENIED)
+    steps = [step(load, 4), step(equal, 0xC000003E, 1), step(end, kill), step(load, 0)]
+    steps.append(step(above, _UNKNOWN, count + 8))
+    steps += [step(equal, number, count + 7 - k) for k, number in enumerate(_DENIED.values())]
+    steps += [step(equal, _OPEN, 2), step(equal, _OPENAT, 3), step(end, allow)]
+    # The flags are open's second argument and openat's third.
+    steps += [step(load, 24), step(jump, 1), step(load, 32), step(has, _WRITING, 1)]
+    return b"".join([*steps, step(end, allow), step(end, refuse)])
+
+
+def _must(result: int) -> int:
+    if result < 0:
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+    return result

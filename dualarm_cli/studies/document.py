@@ -1,29 +1,40 @@
 """The document of `dualarm sweep`: rows best first, Pareto set, what failed and why, what matters.
 
 Nothing in it was measured by a clock, and nothing depends on processes or on what a store knew.
+
+How much each parameter of a study matters for an objective, from the plans that there are.
+
+Three views, as none tells all:
+
+* Main effects: the mean of the objective at each level of a parameter. `effect` is the largest of these means minus the
+  least; `share` is the part of the objective's variance that they explain. On a whole grid shares add up with those of
+  interactions to 1 (analysis of variance, exact as there is no noise). Otherwise a parameter explains something by
+  chance alone; what chance explains on average is taken off (epsilon squared).
+* Standardised regression: the coefficients of a linear fit by least squares, in standard deviations of the objective
+  per standard deviation of the parameter, with a level of its own for each word; `linear_share` (R^2) says how much of
+  the variance the fit explains.
+* Rank correlation (Spearman): whether the objective rises with the parameter, along whatever monotone curve.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import field
+from itertools import combinations
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dualarm_cli import __version__
 from dualarm_cli.files.source.diagnostics import MAX_SHOWN
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.model.study import Amount, Objective, Parameter, Study
+from dualarm_cli.records import dataclass
 from dualarm_cli.studies.requests import input_problems
 from dualarm_cli.studies.rows import TOGETHER, Ranking, StudyRow, rank
-from dualarm_cli.studies.sensitivity import (
-    Factor,
-    StudySensitivity,
-    numeric_factor,
-    sensitivity,
-    word_factor,
-)
 
 FORMAT = "dualarm.sweep/1"
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
@@ -213,3 +224,256 @@ def _factor(parameter: Parameter, k: int, rows: Sequence[StudyRow]) -> Factor:
     known = [level.number for level in parameter.levels if isinstance(level, Amount)]
     numbers = [level.number for level in levels if isinstance(level, Amount)]
     return numeric_factor(parameter.name, np.array(numbers, dtype=np.float64), known)
+
+
+BINS = 4
+"""Into how many equal parts a range without steps is cut for main effects, at most."""
+PER_BIN = 4
+"""Plans that a part should have on average."""
+FEW = 5
+"""Plans per parameter below which the numbers are hints."""
+STRAIGHT = 0.7
+"""Part of the variance that a linear fit must explain, so that slopes say something."""
+SAME = 1e-9
+"""Spread relative to the values below which an objective counts as the same everywhere."""
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A parameter as columns of numbers: what each plan had of it."""
+
+    name: str
+    """Its name."""
+    levels: IntArray
+    """Which of its values each plan had, shape (n,); for ranges without steps which part."""
+    count: int
+    """How many values or parts there are."""
+    numbers: FloatArray | None
+    """The values as numbers, shape (n,); None where they are words."""
+
+
+@dataclass(frozen=True)
+class Influence:
+    """How much one parameter matters."""
+
+    parameter: str
+    """Its name."""
+    effect: float | None
+    """Largest minus least mean of the objective over the parameter's values, in the objective's unit."""
+    share: float | None
+    """Part of the objective's variance that is the parameter's own."""
+    slope: float | None
+    """Standardised coefficient of regression; None where it is not a number, or not separable from others."""
+    rank_correlation: float | None
+    """Spearman's; None where the parameter is not a number or does not vary."""
+
+
+@dataclass(frozen=True)
+class StudySensitivity:
+    """What an objective depends on."""
+
+    plans: int
+    """How many plans this rests on."""
+    is_grid: bool
+    """Whether these are a whole grid of the values that occur, so that shares are exact."""
+    influences: tuple[Influence, ...]
+    """By parameter, the one with the largest share first."""
+    pairs: tuple[tuple[str, str, float], ...]
+    """On a whole grid: shares of the interactions of two parameters, the largest first."""
+    linear_share: float | None
+    """Part of the variance that a linear fit explains."""
+    notes: tuple[str, ...] = field(default=())
+    """How far this can be relied on."""
+
+
+def numeric_factor(name: str, numbers: ArrayLike, levels: Sequence[float]) -> Factor:
+    """Returns a parameter with numbers for values.
+
+    Args:
+        name: what it is called.
+        numbers: what each plan had, shape (n,).
+        levels: its values; empty for a range without steps, which is cut into parts.
+    """
+    values = np.asarray(numbers, dtype=np.float64)
+    if len(levels):
+        known = np.asarray(levels, dtype=np.float64)
+        nearest = np.abs(values[:, None] - known[None, :]).argmin(axis=1)
+        return Factor(name, nearest, len(known), values)
+    parts = int(np.clip(len(values) // PER_BIN, 1, BINS))
+    span = np.ptp(values) if len(values) else 0.0
+    shares = (values - values.min()) / span if span > 0.0 else np.zeros(len(values))
+    bins = np.minimum((shares * parts).astype(np.int64), parts - 1)
+    return Factor(name, bins, parts, values)
+
+
+def word_factor(name: str, chosen: Sequence[int], count: int) -> Factor:
+    """Returns a parameter with words for values.
+
+    Args:
+        name: what it is called.
+        chosen: which value each plan had.
+        count: how many values there are.
+    """
+    return Factor(name, np.asarray(chosen, dtype=np.int64), count, None)
+
+
+def sensitivity(
+    factors: Sequence[Factor], values: FloatArray, stepped: bool, step: float = 0.0
+) -> StudySensitivity:
+    """Returns what an objective depends on.
+
+    Args:
+        factors: the parameters, all with n plans.
+        values: the objective, shape (n,).
+        stepped: whether all parameters have steps: with a plan for every combination of those that occur, shares are
+            exact for these.
+        step: spread of the objective up to which it counts as the same in all plans.
+    """
+    count = len(values)
+    grid = stepped and _is_grid(factors, count)
+    whole = grid and count == int(np.prod([factor.count for factor in factors]))
+    varied = [factor for factor in factors if len(np.unique(factor.levels)) > 1]
+    spread = float(np.ptp(values)) if count else 0.0
+    if count < 2 or spread <= max(step, SAME * float(np.abs(values).max())):
+        why = "fewer than two plans" if count < 2 else "it is the same in all plans"
+        none = tuple(
+            Influence(f.name, 0.0 if count > 1 else None, None, None, None) for f in factors
+        )
+        return StudySensitivity(count, grid, none, (), None, (f"no sensitivity: {why}",))
+    slopes, linear_share = _regression(factors, values)
+    influences = [
+        Influence(
+            factor.name,
+            _effect(factor, values),
+            _share(factor, values, grid),
+            slopes.get(factor.name),
+            _rank_correlation(factor, values),
+        )
+        for factor in factors
+    ]
+    influences.sort(key=lambda one: -(one.share or 0.0))
+    pairs = _pairs(varied, values) if grid else ()
+    notes = _notes(count, factors, linear_share, grid, whole)
+    return StudySensitivity(count, grid, tuple(influences), pairs, linear_share, notes)
+
+
+def _is_grid(factors: Sequence[Factor], count: int) -> bool:
+    """Returns whether there is one plan for every combination of the values that occur."""
+    if count == 0:
+        return False
+    present = [len(np.unique(factor.levels)) for factor in factors]
+    combinations_there = np.unique(np.column_stack([f.levels for f in factors]), axis=0)
+    return count == int(np.prod(present)) == len(combinations_there)
+
+
+def level_means(factor: Factor, values: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
+    """Returns the levels that plans have, the objective's mean at each, and how many plans each has."""
+    sums = np.bincount(factor.levels, values, factor.count)
+    counts = np.bincount(factor.levels, minlength=factor.count)
+    there = np.flatnonzero(counts)
+    return there, sums[there] / counts[there], counts[there]
+
+
+def _effect(factor: Factor, values: FloatArray) -> float | None:
+    _, means, _ = level_means(factor, values)
+    return float(np.ptp(means)) if len(means) > 1 else None
+
+
+def _share(factor: Factor, values: FloatArray, grid: bool) -> float | None:
+    """Returns the part of the variance between the parameter's levels, less what chance explains off a grid."""
+    _, means, counts = level_means(factor, values)
+    if len(means) < 2:
+        return None
+    total = float(((values - values.mean()) ** 2).sum())
+    between = float((counts * (means - values.mean()) ** 2).sum())
+    freedom = len(values) - len(means)
+    if not grid:
+        if freedom < 1:
+            return None
+        between -= (len(means) - 1) * (total - between) / freedom
+    return float(np.clip(between / total, 0.0, 1.0))
+
+
+def _pairs(factors: Sequence[Factor], values: FloatArray) -> tuple[tuple[str, str, float], ...]:
+    """Returns the shares of interactions of two parameters on a whole grid, the largest first."""
+    total = float(((values - values.mean()) ** 2).sum())
+    found = []
+    for one, other in combinations(factors, 2):
+        both = Factor("", one.levels * other.count + other.levels, one.count * other.count, None)
+        _, means, counts = level_means(both, values)
+        between = float((counts * (means - values.mean()) ** 2).sum()) / total
+        own = (_share(one, values, True) or 0.0) + (_share(other, values, True) or 0.0)
+        found.append((one.name, other.name, float(np.clip(between - own, 0.0, 1.0))))
+    return tuple(sorted(found, key=lambda pair: -pair[2]))
+
+
+def _regression(
+    factors: Sequence[Factor], values: FloatArray
+) -> tuple[dict[str, float], float | None]:
+    """Returns standardised coefficients by parameter, and the part of the variance that the fit explains.
+
+    Nothing where there are too few plans, or where the plans vary parameters only together.
+    """
+    columns: list[tuple[str, FloatArray]] = []
+    for factor in factors:
+        if factor.numbers is not None:
+            columns.append((factor.name, factor.numbers))
+        else:
+            # Words have a column each but one, so that the slopes of numbers are what is left beside them.
+            columns += [
+                ("", (factor.levels == level).astype(np.float64))
+                for level in np.unique(factor.levels)[1:]
+            ]
+    columns = [(name, x) for name, x in columns if np.ptp(x) > 0.0]
+    if not columns or len(values) < len(columns) + 2:
+        return {}, None
+    x = np.column_stack([(c - c.mean()) / c.std() for _, c in columns])
+    y = (values - values.mean()) / values.std()
+    if np.linalg.matrix_rank(x, tol=1e-6 * len(values)) < x.shape[1]:
+        return {}, None
+    coefficients = np.linalg.lstsq(x, y, rcond=None)[0]
+    share = 1.0 - float(((y - x @ coefficients) ** 2).sum()) / float((y**2).sum())
+    slopes = {name: float(b) for (name, _), b in zip(columns, coefficients, strict=True) if name}
+    return slopes, float(np.clip(share, 0.0, 1.0))
+
+
+def _rank_correlation(factor: Factor, values: FloatArray) -> float | None:
+    if factor.numbers is None or np.ptp(factor.numbers) <= 0.0:
+        return None
+    x, y = _ranks(factor.numbers), _ranks(values)
+    x, y = x - x.mean(), y - y.mean()
+    scale = float(np.sqrt((x @ x) * (y @ y)))
+    return float(np.clip((x @ y) / scale, -1.0, 1.0)) if scale > 0.0 else None
+
+
+def _ranks(values: FloatArray) -> FloatArray:
+    """Returns ranks from 0; equal values share the mean of theirs. Rounding does not make values differ."""
+    scale = float(np.abs(values).max()) or 1.0
+    _, inverse, counts = np.unique(
+        np.round(values / scale, 9), return_inverse=True, return_counts=True
+    )
+    before = np.cumsum(counts) - counts
+    return (before + (counts - 1) / 2.0)[inverse]
+
+
+def _notes(
+    count: int, factors: Sequence[Factor], linear_share: float | None, grid: bool, whole: bool
+) -> tuple[str, ...]:
+    notes = []
+    if count < FEW * len(factors):
+        notes.append(
+            f"{count} plans for {len(factors)} parameter{'s' * (len(factors) > 1)}: the result is only an indication"
+        )
+    if grid and not whole:
+        notes.append("values at which nothing has a plan are left out")
+    if not grid:
+        notes.append("shares are estimates, as the plans do not fill the grid")
+        if linear_share is not None and linear_share >= STRAIGHT:
+            notes.append(
+                f"a linear fit explains {linear_share:.0%}: slopes are more reliable than shares"
+            )
+    if linear_share is not None and linear_share < STRAIGHT:
+        notes.append(
+            f"a linear fit explains {linear_share:.0%} only: use the main effects instead of the slopes"
+        )
+    return tuple(notes)

@@ -1,28 +1,48 @@
-"""Tolerated delay of one arm, as proven and as required."""
+"""Tolerated delay of one arm, as proven and as required.
+
+Proof of the least delay of one arm at which clearance is lost.
+
+Where both stand on the same base or platform, the solids of each arm depend on its own clock alone. Squares of the
+plane of both clocks are halved in both directions until the boxes about all that two solids pass, or the distance at
+the centre less how far both can move, prove them clear, or until a centre lacks clearance; small delays come first.
+Our own; the bound is that of `clearance_proof`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 
+import coal
 import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.solids import (
     Pair,
+    Solid,
     bodies_without_shape,
     cell_solids,
     pairs_that_must_keep_apart,
 )
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
+from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import LONGEST_DELAY, ArmDelay, Check, Verdict
+from dualarm_cli.records import dataclass
+from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.clearance_checks import touching_spans
-from dualarm_cli.verification.delay_proof import ALWAYS, ArmPair, DelayProof, Spans
+from dualarm_cli.verification.clearance_proof import (
+    NUMERICAL,
+    interval_speeds,
+    reaches,
+    speeds_within,
+)
 from dualarm_cli.verification.holding_spans import carrying_spans
 from dualarm_cli.verification.line_spans import LineSpan
 from dualarm_cli.verification.motion_checks import not_checked
+from dualarm_cli.verification.tool_model import tool_chain
 
 SKEW = "skew"
 """Name of the check; it is there only where the job asks for it."""
@@ -110,3 +130,317 @@ def _to_the_ends(schedule: Schedule, spans: Spans) -> Spans:
         (-np.inf if begin <= first else begin, np.inf if end >= last else end)
         for begin, end in spans
     ]
+
+
+Spans = Sequence[tuple[float, float]]
+"""From when to when [s]."""
+ALWAYS = ((-np.inf, np.inf),)
+"""Spans of what is there all the time."""
+
+
+@dataclass(frozen=True)
+class DelaySearch:
+    """Settings of the search for the least delay that lacks clearance."""
+
+    grid: float = 0.02
+    """Shortest stretch of a bounding box [s], longer beyond `most` stretches."""
+    most: int = 8_000
+    """Greatest number of such stretches."""
+    levels: int = 5
+    """Number of halvings from the first squares to those of one stretch."""
+    boxes: int = 3
+    """Number of halvings before distances are measured as well."""
+    shortest: float = 5e-5
+    """Side below which squares are not halved [s]."""
+    precision: float = 5e-4
+    """Largest gap between proven and refuted delay that ends the search [s]."""
+    share: float = 0.01
+    """Relative form of `precision`; the greater one counts."""
+    distances: int = 1_000_000
+    """Maximum number of measured distances; bundled jobs need up to 80,000.
+
+    Beyond it nothing more is proven.
+    """
+
+
+@dataclass(frozen=True)
+class ArmPair:
+    """A solid of each arm."""
+
+    pair: Pair
+    """Their numbers, that of the first arm first, and the required distance."""
+    there: tuple[Spans, Spans] = (ALWAYS, ALWAYS)
+    """Spans in which each one exists, by its own arm's clock [s]."""
+    excused: Spans = ()
+    """Spans in which they touch by design, by either clock [s]."""
+
+    @property
+    def counts_always(self) -> bool:
+        """Flag of pairs that count at any time."""
+        return self.there == (ALWAYS, ALWAYS) and not self.excused
+
+    def counts_at(self, clocks: Sequence[float]) -> bool:
+        """Return whether it counts at an instant of each clock [s]."""
+        return all(
+            any(start <= clock <= end for start, end in there)
+            and not any(start <= clock <= end for start, end in self.excused)
+            for clock, there in zip(clocks, self.there, strict=True)
+        )
+
+
+@dataclass(frozen=True)
+class DelayBracket:
+    """The least delay that lacks clearance, from below and from above."""
+
+    proven: float
+    """Every delay up to it is clear [s]."""
+    broken: float = np.inf
+    """A delay that lacks clearance [s]; infinite where none was found."""
+    pair: int = -1
+    """Number of the pair that lacks it; -1 for none."""
+    time: float = 0.0
+    """Instant by the clock of the punctual arm [s]."""
+
+
+@dataclass(frozen=True)
+class _Squares:
+    """Squares of one size in the plane of both clocks, with pairs."""
+
+    first: IntArray
+    """Numbers along the first arm's clock, shape (n,)."""
+    second: IntArray
+    """Numbers along the second arm's clock, shape (n,)."""
+    pair: IntArray
+    """Numbers of the pairs, shape (n,)."""
+    side: float
+    """Length of a side [s]."""
+    late: int
+    """The arm that is late, 0 or 1."""
+
+    @property
+    def delay(self) -> IntArray:
+        """Delay at the centres, in sides."""
+        return self.first - self.second if self.late else self.second - self.first
+
+    @property
+    def low(self) -> FloatArray:
+        """Least delay in each square [s]."""
+        return np.maximum(self.delay - 1, 0) * self.side
+
+    def select(self, which: BoolArray) -> _Squares:
+        """Select some squares."""
+        return replace(
+            self, first=self.first[which], second=self.second[which], pair=self.pair[which]
+        )
+
+    def halved(self) -> _Squares:
+        """Halve the squares in both directions."""
+        first = (2 * self.first[:, None] + np.array([0, 0, 1, 1])).ravel()
+        second = (2 * self.second[:, None] + np.array([0, 1, 0, 1])).ravel()
+        return _Squares(first, second, np.repeat(self.pair, 4), 0.5 * self.side, self.late)
+
+
+class DelayProof:
+    """Distances of two arms along one motion, one of them late."""
+
+    def __init__(
+        self,
+        model: pin.Model,
+        trajectory: Trajectory,
+        solids: Sequence[Solid],
+        pairs: Sequence[ArmPair],
+        longest: float,
+        search: DelaySearch | None = None,
+    ) -> None:
+        """Bounds all that solids pass in stretches of time by boxes.
+
+        Args:
+            model: of the robot's URDF; both arms hang on the same joint.
+            trajectory: finite, with rising times; its joints are the model's, in any order.
+            solids: of the cell.
+            pairs: which of them must keep apart, at least one.
+            longest: the longest delay that counts [s].
+            search: how finely to look.
+        """
+        self._trajectory, self._longest = trajectory, longest
+        self._search, self._measured = search or DelaySearch(), 0
+        self._speeds = interval_speeds(trajectory)
+        both = np.array([(one.pair.first, one.pair.second) for one in pairs])
+        numbers = distinct(both.ravel())
+        self._solids, bodies = [solids[k] for k in numbers.tolist()], np.searchsorted(numbers, both)
+        self._chains = [
+            tool_chain(model, solid.joint, pin.SE3.Identity(), [solid.pose], trajectory.joints)
+            for solid in self._solids
+        ]
+        one, other = (self._chains[body].columns for body in bodies[0].tolist())
+        self._carrying = sorted(set(one) & set(other))
+        self._levers = np.array([self._levers_of(model, solid) for solid in self._solids])
+        # Where only one of the arms moves a delay changes nothing, but for what is there for a while.
+        moves = np.asarray(self._levers.any(axis=1))
+        always = np.array([one.counts_always for one in pairs])
+        self._rows = np.flatnonzero(moves[bodies].all(axis=1) | ~always)
+        self._pairs = [pairs[k] for k in self._rows.tolist()]
+        self._bodies = bodies[self._rows].T
+        self._required = np.array([one.pair.required for one in self._pairs])
+        levels, whole = self._search.levels, trajectory.duration + longest
+        grid = max(self._search.grid, (whole + longest) / self._search.most)
+        self._side = grid * 2**levels
+        self._before = int(np.ceil(longest / self._side))
+        self._after = int(np.ceil(whole / self._side))
+        self._boxes = [self._finest_boxes(grid)]
+        for _ in range(levels):
+            low, high = self._boxes[0]
+            low = np.minimum(low[:, ::2], low[:, 1::2])
+            self._boxes.insert(0, (low, np.maximum(high[:, ::2], high[:, 1::2])))
+
+    def bracket(self, late: int, asked: Sequence[float] = ()) -> DelayBracket:
+        """Find the least delay that lacks clearance.
+
+        Args:
+            late: the arm that is late, 0 or 1 as in the pairs.
+            asked: delays that are not to stay between the ends of the bracket [s].
+        """
+        search, level, found = self._search, 0, DelayBracket(self._longest)
+        offsets = np.arange(int(np.ceil(self._longest / self._side)) + 1)
+        axes = np.arange(self._after), offsets, np.arange(len(self._pairs))
+        number, offset, pair = (grid.ravel() for grid in np.meshgrid(*axes, indexing="ij"))
+        squares = _Squares(
+            number - (1 - late) * offset, number - late * offset, pair, self._side, late
+        )
+        while True:
+            squares = squares.select(squares.low < min(found.proven, found.broken))
+            squares = squares.select((squares.delay >= 0) & self._counts(squares))
+            if level < len(self._boxes):
+                squares = squares.select(self._near(squares, level))
+            room = level < search.boxes or self._measured + len(squares.pair) <= search.distances
+            if level >= search.boxes and room:
+                margin, moved = self._margins(squares)
+                found = self._lowered(found, squares, margin)
+                # A distance that is no number proves nothing.
+                clear = margin - moved >= NUMERICAL - tol.CLEARANCE_SLACK
+                squares = squares.select(~clear & (squares.low < found.broken))
+            if not len(squares.pair):
+                return replace(found, proven=min(found.proven, found.broken))
+            low = float(squares.low.min())
+            near = low > found.broken - max(search.precision, search.share * found.broken)
+            near &= not any(low < one <= found.broken for one in asked)
+            if near or not room or squares.side < 2.0 * search.shortest:
+                return replace(found, proven=min(found.proven, low))
+            squares, level = squares.halved(), level + 1
+
+    def _counts(self, squares: _Squares) -> BoolArray:
+        """Return whether a pair may count somewhere in each square."""
+        counts = np.ones(len(squares.pair), dtype=np.bool_)
+        for number, one in enumerate(self._pairs):
+            if one.counts_always:
+                continue
+            rows = np.flatnonzero(squares.pair == number)
+            for clock, there in zip((squares.first, squares.second), one.there, strict=True):
+                begin, end = clock[rows] * squares.side, (clock[rows] + 1) * squares.side
+                exists = np.zeros(len(rows), dtype=np.bool_)
+                for start, stop in there:
+                    exists |= (begin <= stop) & (end >= start)
+                for start, stop in one.excused:
+                    exists &= (begin < start) | (end > stop)
+                counts[rows] &= exists
+        return counts
+
+    def _near(self, squares: _Squares, level: int) -> BoolArray:
+        """Return whether boxes of pairs are nearer than required, by square."""
+        (low, high), shift = self._boxes[level], self._before << level
+        one, i = self._bodies[0, squares.pair], squares.first + shift
+        other, j = self._bodies[1, squares.pair], squares.second + shift
+        gap = np.maximum(low[one, i] - high[other, j], low[other, j] - high[one, i])
+        apart = np.sqrt(np.square(np.maximum(gap, 0.0)).sum(axis=1))
+        found: BoolArray = apart < np.maximum(self._required[squares.pair], 0.0) + NUMERICAL
+        return found
+
+    def _margins(self, squares: _Squares) -> tuple[FloatArray, FloatArray]:
+        """Measure margins at squares' centres by coal, and bound their change [m]."""
+        side, pair, moved = squares.side, squares.pair, np.zeros(len(squares.pair))
+        places: list[FloatArray] = []
+        for clock, bodies in zip((squares.first, squares.second), self._bodies, strict=True):
+            numbers = distinct(clock)
+            rows, body = np.searchsorted(numbers, clock), bodies[pair]
+            moved += (
+                0.5 * side * (self._fastest(numbers, side)[rows] * self._levers[body]).sum(axis=1)
+            )
+            R, p = np.empty((len(pair), 3, 3)), np.empty((len(pair), 3))
+            for k in distinct(body).tolist():
+                own = np.flatnonzero(body == k)
+                R[own], p[own] = self._poses(k, clock[own], side)
+            places += [R, p]
+        self._measured += len(pair)
+        forms = [solid.geometry for solid in self._solids]
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        T1, T2, distance = coal.Transform3s(), coal.Transform3s(), np.empty(len(pair))
+        for row, (one, other, R1, p1, R2, p2) in enumerate(
+            zip(*self._bodies[:, pair].tolist(), *places, strict=True)
+        ):
+            T1.setRotation(R1)
+            T1.setTranslation(p1)
+            T2.setRotation(R2)
+            T2.setTranslation(p2)
+            result.clear()
+            distance[row] = coal.distance(forms[one], T1, forms[other], T2, request, result)
+        return distance - self._required[pair], moved
+
+    def _lowered(self, found: DelayBracket, squares: _Squares, margin: FloatArray) -> DelayBracket:
+        """Lower the refuted delay to the least one at squares' centres."""
+        delay = squares.delay * squares.side
+        # Coal's iteration fails now and then where faces touch: bodies never overlap by metres.
+        lacks = (margin < -tol.CLEARANCE_SLACK) & (margin > -10.0) & (delay < found.broken)
+        rows = np.flatnonzero(lacks)
+        for row in rows[np.argsort(delay[rows], kind="stable")].tolist():
+            clocks = [
+                (clock[row] + 0.5) * squares.side for clock in (squares.first, squares.second)
+            ]
+            number = int(squares.pair[row])
+            if self._pairs[number].counts_at(clocks):
+                return replace(
+                    found,
+                    broken=float(delay[row]),
+                    pair=int(self._rows[number]),
+                    time=float(max(clocks)),
+                )
+        return found
+
+    def _finest_boxes(self, grid: float) -> tuple[FloatArray, FloatArray]:
+        """Compute corners of boxes swept in short stretches [m], (solids, stretches, 3)."""
+        numbers = np.arange(
+            -self._before << self._search.levels, self._after << self._search.levels
+        )
+        moved = 0.5 * grid * np.einsum("nk,sk->sn", self._fastest(numbers, grid), self._levers)
+        centre, half = np.empty((2, len(self._solids), len(numbers), 3))
+        for k, solid in enumerate(self._solids):
+            solid.geometry.computeLocalAABB()
+            low, high = solid.geometry.aabb_local.min_, solid.geometry.aabb_local.max_
+            R, p = self._poses(k, numbers, grid)
+            centre[k] = p + np.einsum("nij,j->ni", R, 0.5 * (low + high))
+            half[k] = np.einsum("nij,j->ni", np.abs(R), 0.5 * (high - low))
+        half += moved[:, :, None]
+        return centre - half, centre + half
+
+    def _levers_of(self, model: pin.Model, solid: Solid) -> FloatArray:
+        """Compute the lever of each joint on a solid [m/rad], shape (joints,)."""
+        found = np.zeros(len(self._trajectory.joints))
+        for joint, reach in reaches(model, solid).items():
+            found[self._trajectory.joints.index(model.names[joint])] = reach
+        found[self._carrying] = 0.0
+        return np.where(self._speeds.max(axis=0) > 0.0, found, 0.0)
+
+    def _poses(self, body: int, numbers: IntArray, side: float) -> tuple[FloatArray, FloatArray]:
+        """Compute a solid's rotations and positions [m] at the middle of stretches.
+
+        Joints that carry both arms are held at 0: they do not move one arm against the other.
+        """
+        q = self._trajectory.at((numbers.astype(np.float64) + 0.5) * side)[0]
+        q[:, self._carrying] = 0.0
+        return self._chains[body].poses(q)
+
+    def _fastest(self, numbers: IntArray, side: float) -> FloatArray:
+        """Compute the greatest joint speeds in stretches [rad/s], shape (n, joints)."""
+        begin, end = (number.astype(np.float64) * side for number in (numbers, numbers + 1))
+        knots = self._trajectory.time
+        moves = (end > knots[0]) & (begin < knots[-1])
+        return np.where(moves[:, None], speeds_within(knots, self._speeds, begin, end), 0.0)

@@ -9,9 +9,14 @@ import pytest
 
 from dualarm_cli.cli.run import run
 from dualarm_cli.errors import InputError
-from dualarm_cli.robot_import import confined, expanded_text
-from dualarm_cli.robot_import.confined import ConfinedError, expanded, landlock_version
-from dualarm_cli.robot_import.expanded_text import program_notes, read_expanded
+from dualarm_cli.robot_import import expanded_text
+from dualarm_cli.robot_import.expanded_text import (
+    ConfinedError,
+    expanded,
+    landlock_version,
+    program_notes,
+    read_expanded,
+)
 
 ROOT = '<robot name="odd" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 LANDLOCK = pytest.mark.skipif(landlock_version() < 1, reason="this kernel has no Landlock")
@@ -93,10 +98,8 @@ def test_a_xacro_file_reads_its_folder_and_writes_nothing(
 ) -> None:
     """Beside it, above it and elsewhere; without Landlock it reads what the user can, and changes as little."""
     if not landlock:
-        off = (
-            "import dualarm_cli.robot_import.confined as c; c.landlock_version = lambda: -1; main("
-        )
-        monkeypatch.setattr(confined, "_START", confined._START.replace("main(", off))
+        off = "import dualarm_cli.robot_import.expanded_text as c; c.landlock_version = lambda: -1; main("
+        monkeypatch.setattr(expanded_text, "_START", expanded_text._START.replace("main(", off))
     secret = tmp_path / "secret"
     secret.write_text("mine")
     home = tmp_path / "home"
@@ -164,7 +167,7 @@ def test_what_a_package_includes_is_read_and_what_is_outside_is_named(tmp_path: 
 def test_without_landlock_it_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "arm.urdf.xacro"
     file.write_text(f'{ROOT}<xacro:property name="a" value="1"/></robot>')
-    monkeypatch.setattr(confined, "landlock_version", lambda: -1)
+    monkeypatch.setattr(expanded_text, "landlock_version", lambda: -1)
     [note] = program_notes(read_expanded(file))
     assert "is a program: xacro ran it able to read all your files" in note
 
@@ -178,7 +181,7 @@ def test_a_program_that_ends_its_process_or_does_not_end_is_no_crash(
         InputError, match="E400 xacro cannot expand it: its process ended with 7; limits"
     ):
         read_expanded(file)
-    monkeypatch.setattr(confined, "SECONDS", 0.5)
+    monkeypatch.setattr(expanded_text, "SECONDS", 0.5)
     file.write_text(program("while True: pass"))
     with pytest.raises(InputError, match=r"it takes longer than 2\.0 s"):
         expanded_text.read_expanded(file)

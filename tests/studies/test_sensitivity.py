@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dualarm_cli.model.study import Sampling
-from dualarm_cli.studies.points import sample_shares
-from dualarm_cli.studies.sensitivity import (
+from dualarm_cli.studies.document import (
     StudySensitivity,
     numeric_factor,
     sensitivity,
     word_factor,
 )
+from dualarm_cli.studies.points import sample_shares
 
 
 def _grid(function, *levels) -> StudySensitivity:

@@ -11,7 +11,7 @@ import pytest
 
 from dualarm_cli.collision.solids import Pair, Solid, geometry_model
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.verification.delay_proof import ALWAYS, ArmPair, DelayProof, DelaySearch
+from dualarm_cli.verification.delay_checks import ALWAYS, ArmPair, DelayProof, DelaySearch
 
 RADIUS = 0.05
 """Radius of both balls [m]."""

@@ -1,21 +1,37 @@
-"""Mesh files: read by ourselves within limits, as convex hulls."""
+"""Mesh files: read by ourselves within limits, as convex hulls.
+
+COLLADA (DAE) to the corners of what its scene shows, all or none, and the unit that they are in.
+
+Faces are not read, as a hull needs none. The upward axis that the file states is not applied: the tools of ROS show
+robots without it.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.errors import InputError
-from dualarm_cli.files.robots.mesh_collada import dae_corners
-from dualarm_cli.files.robots.mesh_formats import MeshError, obj_corners, ply_corners, stl_corners
+from dualarm_cli.files.robots.mesh_formats import (
+    MeshError,
+    mesh_number,
+    obj_corners,
+    ply_corners,
+    stl_corners,
+)
 from dualarm_cli.files.robots.packages import MeshFinder
 from dualarm_cli.files.robots.urdf import Urdf, mesh_elements
-from dualarm_cli.files.robots.urdf_tree import Element, UrdfFindings
+from dualarm_cli.files.robots.urdf_tree import Element, UrdfFindings, parse_xml
 from dualarm_cli.files.source.projects import BadReferenceError
-from dualarm_cli.files.source.text_source import quote, read_bytes
+from dualarm_cli.files.source.text_source import TextSource, quote, read_bytes
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.shape import Hull, Shape
 from dualarm_cli.records import dataclass
 
@@ -217,3 +233,198 @@ def _pose(solid: Element) -> pin.SE3:
 def _vector(element: Element, attribute: str, default: float) -> FloatArray:
     words = element.get(attribute).split()
     return np.array([float(word) for word in words]) if words else np.full(3, default)
+
+
+_PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
+_TRANSFORMS = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
+"""Elements that move a node, and how many numbers they hold."""
+_UNREAD = ("lookat", "skew", "instance_controller")
+"""What may move or shape a mesh and is not read."""
+_MOST_NODES, _DEEPEST = 10_000, 100
+"""Most nodes that a scene may show, each as often as it is instantiated, and how deep within one another."""
+_T = TypeVar("_T")
+
+
+@dataclass
+class _Scene:
+    """What a file shows."""
+
+    nodes: dict[str, Element]
+    """Nodes that may be instantiated, by id."""
+    corners: dict[str, FloatArray]
+    """Corners of each geometry, by id."""
+    left: int
+    """How many corners may still be found."""
+    visited: int = 0
+    """How many nodes have been gone through."""
+    found: list[FloatArray] = field(default_factory=list)
+    """Corners in the scene."""
+
+
+def dae_corners(data: bytes, most: int) -> tuple[FloatArray, float]:
+    """Returns the corners of what a COLLADA file's scene shows, shape (n, 3), and their unit [m].
+
+    Args:
+        data: the whole file.
+        most: how many corners it may have, each as often as it is instantiated.
+
+    Raises:
+        MeshError: it is damaged, too large, or has what is not read: skinned meshes, files elsewhere.
+    """
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise MeshError("is not UTF-8") from None
+    try:
+        root = parse_xml(TextSource("", text, ""))
+    except InputError as error:
+        found = error.diagnostics[0]
+        raise MeshError(f"line {found.line}: {found.message}") from None
+    if root.tag != "COLLADA":
+        raise MeshError(f"line {root.line}: root element must be <COLLADA>, not <{root.tag}>")
+    geometries = {
+        geometry.get("id"): _geometry_corners(geometry)
+        for library in root.all("library_geometries")
+        for geometry in library.all("geometry")
+        if geometry.find("mesh") is not None
+    }
+    nodes = {
+        element.get("id"): element
+        for tag in ("library_nodes", "library_visual_scenes")
+        for library in root.all(tag)
+        for element in _below(library)
+        if element.tag in ("node", "visual_scene")
+    }
+    scene = _Scene(nodes, geometries, most)
+    shown = [one for part in root.all("scene") for one in part.all("instance_visual_scene")]
+    if len(shown) != 1:
+        raise MeshError(f"must have one <instance_visual_scene>, not {len(shown)}")
+    _show(_target(shown[0], nodes), np.eye(4), scene, 0)
+    if not scene.found:
+        raise MeshError("shows no geometry with faces")
+    return np.concatenate(scene.found), _unit(root)
+
+
+def _unit(root: Element) -> float:
+    """Returns the unit that a file states [m]; 1 where it states none."""
+    asset = root.find("asset")
+    element = asset.find("unit") if asset is not None else None
+    if element is None:
+        return 1.0
+    where = f"line {element.line}: <unit>"
+    unit = mesh_number(element.get("meter", "1").encode(), where)
+    if unit <= 0.0:
+        raise MeshError(f"{where} must be above 0 m, not {unit:g} m")
+    return unit
+
+
+def _below(element: Element) -> Iterator[Element]:
+    for child in element.children:
+        yield child
+        yield from _below(child)
+
+
+def _target(instance: Element, known: Mapping[str, _T]) -> _T:
+    """Returns what an instance's url names."""
+    url = instance.get("url")
+    if not url.startswith("#") or url[1:] not in known:
+        raise MeshError(
+            f"line {instance.line}: <{instance.tag}> names {quote(url)}, which is not in the file"
+        )
+    return known[url[1:]]
+
+
+def _show(node: Element, T_scene_parent: FloatArray, scene: _Scene, depth: int) -> None:
+    """Adds the corners of a node's geometries, and of the nodes within it."""
+    scene.visited += 1
+    if scene.visited > _MOST_NODES or depth > _DEEPEST:
+        raise MeshError(
+            f"line {node.line}: more nodes than are read ({_MOST_NODES}, {_DEEPEST} deep)"
+        )
+    T_scene_node = T_scene_parent
+    for part in node.children:
+        if part.tag in _TRANSFORMS:
+            T_scene_node = product(T_scene_node, _transform(part))
+    for part in node.children:
+        if part.tag == "node":
+            _show(part, T_scene_node, scene, depth + 1)
+        elif part.tag == "instance_node":
+            _show(_target(part, scene.nodes), T_scene_node, scene, depth + 1)
+        elif part.tag == "instance_geometry":
+            corners = _target(part, scene.corners)
+            scene.left -= len(corners)
+            if scene.left < 0:
+                raise MeshError(f"line {part.line}: more corners than are read")
+            scene.found.append(product(corners, T_scene_node[:3, :3].T) + T_scene_node[:3, 3])
+        elif part.tag in _UNREAD:
+            raise MeshError(
+                f"line {part.line}: <{part.tag}> is not read; export the mesh as it stands, with its nodes' matrices"
+            )
+
+
+def _transform(element: Element) -> FloatArray:
+    """Returns the matrix of one step of a node, shape (4, 4)."""
+    values = _numbers(element)
+    if len(values) != _TRANSFORMS[element.tag]:
+        raise MeshError(
+            f"line {element.line}: <{element.tag}> needs {_TRANSFORMS[element.tag]} numbers, not {len(values)}"
+        )
+    if element.tag == "matrix":
+        return values.reshape(4, 4)
+    T = np.eye(4)
+    if element.tag == "translate":
+        T[:3, 3] = values
+    elif element.tag == "scale":
+        T[:3, :3] = np.diag(values)
+    elif (length := norm(values[:3])) > 0.0:
+        T[:3, :3] = pin.AngleAxis(math.radians(values[3]), values[:3] / length).matrix()
+    return T
+
+
+def _geometry_corners(geometry: Element) -> FloatArray:
+    """Returns all corners of a geometry, shape (n, 3)."""
+    (mesh, *_) = geometry.all("mesh")
+    sources = {source.get("id"): source for source in mesh.all("source")}
+    vertices, positions = mesh.find("vertices"), None
+    for one in vertices.all("input") if vertices is not None else ():
+        if one.get("semantic") == "POSITION":
+            positions = sources.get(one.get("source").removeprefix("#"))
+    if vertices is None or positions is None:
+        raise MeshError(f"line {mesh.line}: <mesh> has no <vertices> with positions")
+    if not any(part.tag in _PRIMITIVES for part in mesh.children):
+        # Lines only: nothing that has a surface.
+        return np.empty((0, 3))
+    return _positions(positions)
+
+
+def _positions(source: Element) -> FloatArray:
+    """Returns the points of a source, shape (n, 3)."""
+    array, technique = source.find("float_array"), source.find("technique_common")
+    accessor = technique.find("accessor") if technique is not None else None
+    if array is None or accessor is None:
+        raise MeshError(f"line {source.line}: <source> needs <float_array> and <accessor>")
+    values = _numbers(array)
+    count, stride, offset = (
+        _whole(accessor, name, default)
+        for name, default in (("count", ""), ("stride", "1"), ("offset", "0"))
+    )
+    if stride < 3 or count > len(values) or offset + count * stride > len(values):
+        raise MeshError(
+            f"line {accessor.line}: <accessor> asks for {count} times {stride} numbers "
+            f"from {offset} on, but its array has {len(values)}"
+        )
+    return values[offset : offset + count * stride].reshape(count, stride)[:, :3]
+
+
+def _numbers(element: Element) -> FloatArray:
+    where = f"line {element.line}: <{element.tag}>"
+    return np.array(
+        [mesh_number(word, where) for word in element.text.encode().split()], dtype=np.float64
+    )
+
+
+def _whole(element: Element, name: str, default: str) -> int:
+    text = element.get(name, default)
+    if not (text.isascii() and text.isdigit()) or len(text) > 9:
+        raise MeshError(f"line {element.line}: {name} must be a whole number, not {quote(text)}")
+    return int(text)

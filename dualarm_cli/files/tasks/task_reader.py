@@ -1,4 +1,7 @@
-"""The tasks of a file, read with what each kind of work adds to them."""
+"""The tasks of a file, read with what each kind of work adds to them.
+
+Targets of tasks: poses in the world, or joint configurations within the arm's limits.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,15 @@ from dataclasses import replace
 from functools import cache
 from typing import Annotated, Any
 
+import numpy as np
+import pinocchio as pin
 from pydantic import create_model, model_validator
 
+from dualarm_cli.files.cells.cell_frames import frame_pose
+from dualarm_cli.files.robots.robot_joints import joint_position
+from dualarm_cli.files.robots.urdf import UrdfJoint
 from dualarm_cli.files.source.diagnostics import Findings
-from dualarm_cli.files.source.fields import refuse
+from dualarm_cli.files.source.fields import FramedPose, refuse, to_se3
 from dualarm_cli.files.source.short_forms import ShortForm
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
@@ -25,11 +33,22 @@ from dualarm_cli.files.tasks.schema_tasks import (
     TaskSection,
     TasksFile,
 )
-from dualarm_cli.files.tasks.targets import TargetReader
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.job import ANY, Action, Dwell, Job, Stop, Task
+from dualarm_cli.model.job import (
+    ANY,
+    Action,
+    Dwell,
+    Job,
+    JointTarget,
+    PoseTarget,
+    Stop,
+    Target,
+    Task,
+)
 from dualarm_cli.model.place import Place
+from dualarm_cli.model.robot import Robot
 from dualarm_cli.records import dataclass
 
 ACTIONS: tuple[Action, ...] = ("pick", "place", "move")
@@ -365,3 +384,93 @@ class TaskReader:
             section.retract if section.retract is not None else retract,
             Dwell(dwell.gripper, dwell.settle, dwell.handshake),
         )
+
+
+class TargetReader:
+    """Turns the targets of one task file into data."""
+
+    def __init__(self, document: Document, cell: Cell, findings: Findings) -> None:
+        """Prepares for a file and its cell.
+
+        Args:
+            document: the task file.
+            cell: where frames and arms come from.
+            findings: where errors are noted.
+        """
+        self._document, self._findings = document, findings
+        self._frames = dict(cell.frames)
+        self._robot = cell.robot
+        self._joints = {arm.name: _arm_joints(cell.robot, arm.joints) for arm in cell.robot.arms}
+
+    def target(self, section: TargetSection, loc: Loc, arm: str) -> Target | None:
+        """Returns a target, or None after noting what is wrong.
+
+        Args:
+            section: the target as the file has it; a posture is one that the robot has.
+            loc: where it stands.
+            arm: the arm that goes there.
+        """
+        if section.posture is not None:
+            return JointTarget(self._of_posture(section.posture, arm))
+        if section.joints is not None:
+            return self._configurations(section.joints, (*loc, "joints"), self._joints[arm])
+        pose = self.pose(section, section.at, loc)
+        if pose is None:
+            return None
+        return PoseTarget(pose, section.free == "yaw", section.symmetry or 1)
+
+    def _of_posture(self, name: str, arm: str) -> FloatArray:
+        """Returns an arm's joint positions in a posture of the robot, shape (1, n)."""
+        columns = [self._robot.joints.index(joint.name) for joint in self._joints[arm]]
+        return self._robot.postures[name][None, columns]
+
+    def pose(self, section: FramedPose, at: str | None, loc: Loc) -> pin.SE3 | None:
+        """Returns a pose in the world, or None after noting a frame that there is not.
+
+        Args:
+            section: the pose as the file has it.
+            at: its frame where that is not named by `in`.
+            loc: where it stands.
+        """
+        key, name = ("at", at) if at is not None else ("in", section.in_)
+        T_world_frame = frame_pose(self._document, (*loc, key), name, self._frames, self._findings)
+        return None if T_world_frame is None else T_world_frame * to_se3(section)
+
+    def _configurations(
+        self, values: list[object], loc: Loc, joints: list[UrdfJoint]
+    ) -> Target | None:
+        """Returns alternatives to choose from; a flat list is one."""
+        if not any(isinstance(value, list) for value in values):
+            rows = [self._configuration(values, loc, joints)]
+        else:
+            rows = [self._configuration(row, (*loc, k), joints) for k, row in enumerate(values)]
+        good = [row for row in rows if row is not None]
+        return JointTarget(np.array(good)) if len(good) == len(rows) else None
+
+    def _configuration(self, row: object, loc: Loc, joints: list[UrdfJoint]) -> list[float] | None:
+        if not isinstance(row, list):
+            message = f"must be a list of {len(joints)} joint positions, not {quote(row)}"
+            self._findings.add(self._document, loc, message, "E200")
+            return None
+        if len(row) != len(joints):
+            names = ", ".join(joint.name for joint in joints)
+            message = f"{len(row)} joint positions; the arm has {len(joints)} joints: {names}"
+            self._findings.add(self._document, loc, message)
+            return None
+        positions = [
+            joint_position(self._document, (*loc, k), value, joint, self._findings)
+            for k, (value, joint) in enumerate(zip(row, joints, strict=True))
+        ]
+        good = [position for position in positions if position is not None]
+        return good if len(good) == len(row) else None
+
+
+def _arm_joints(robot: Robot, names: tuple[str, ...]) -> list[UrdfJoint]:
+    """Returns an arm's joints with their limits."""
+    limits = robot.limits.select(names)
+    return [
+        UrdfJoint(name, name in robot.sliding, float(low), float(high), float(velocity))
+        for name, low, high, velocity in zip(
+            names, limits.lower, limits.upper, limits.velocity, strict=True
+        )
+    ]
