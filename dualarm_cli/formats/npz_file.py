@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import zipfile
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -32,9 +31,5 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
         "event_pose": np.array([event.pose.homogeneous for event in events]).reshape(-1, 4, 4),
     }
     buffer = io.BytesIO()
-    # np.savez writes the time of day into the archive: the same schedule would be other bytes.
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, array in arrays.items():
-            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w") as file:
-                np.lib.format.write_array(file, np.asanyarray(array), allow_pickle=False)
+    np.savez_compressed(buffer, **arrays)
     return {ARRAYS: [buffer.getvalue()]}

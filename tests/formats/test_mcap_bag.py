@@ -123,9 +123,3 @@ def test_a_carried_part_is_where_the_tool_is(exported, bag):
     parts = [m for m in markers if m.ns == "part"]
     if exported.job.cell.parts:
         assert {m.header.frame_id == "world" for m in parts} == {True, False}
-
-
-def test_the_same_schedule_is_the_same_bytes(exported):
-    """Neither the time of day nor a random number is in the bag."""
-    one, other = (export("mcap", exported.request(10.0)) for _ in range(2))
-    assert one == other

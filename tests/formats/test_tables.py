@@ -34,11 +34,6 @@ def test_the_archive_is_the_schedule_at_its_times(exported):
     np.testing.assert_array_equal(arrays["event_pose"], poses)
 
 
-def test_the_archive_is_the_same_bytes_again(exported):
-    """It carries no time of day."""
-    assert content(exported, "npz", "schedule.npz") == content(exported, "npz", "schedule.npz")
-
-
 def test_parquet_has_a_column_for_each_rate_with_its_unit(exported):
     """Values equal the schedule's to the last digit."""
     schedule = exported.schedule

@@ -6,16 +6,20 @@ import dataclasses
 import importlib
 import math
 import pkgutil
+import sys
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import dualarm_cli.model
+from dualarm_cli.kinds.path.reading import PathSection
 from dualarm_cli.model.conveyor import Conveyor, OnBelt
 from dualarm_cli.model.job import Dwell, PoseTarget, Stop
 from dualarm_cli.model.place import NOWHERE
+from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.shape import Hull, Shape
+from dualarm_cli.model.study import Amount
 from dualarm_cli.model.touches import TouchSide
 
 BELT = Conveyor("belt", np.array([0.3, 0.0, -0.4]))
@@ -77,29 +81,31 @@ def test_points_are_read_where_every_joint_is_and_measured_where_every_coordinat
     assert TouchSide(None, np.zeros(3), np.zeros((3, 1)), xyz).read.all()
 
 
+PATH = PathSection.model_fields
+LIMITS = JointLimits(("j",), *np.array([[-1.0], [1.0], [2.0], [3.0], [5.0]]), ("",))
 NEUTRAL = {
-    ("Job", "speed"): 1.0,
-    ("Task", "not_after"): math.inf,
-    ("Stop", "straight"): math.inf,
-    ("PoseTarget", "symmetry"): 1,
-    ("Amount", "factor"): 1.0,
-    ("PathWork", "tolerance"): 1e-4,
-    ("PathWork", "stiffness"): 10.0,
+    ("Job", "speed"): lambda speed: (LIMITS.scaled(speed).jerk == LIMITS.jerk).all(),
+    ("Task", "not_after"): lambda last: last > sys.float_info.max,
+    ("Stop", "straight"): lambda length: min(length, sys.float_info.max) == sys.float_info.max,
+    ("PoseTarget", "symmetry"): lambda poses: math.isclose(math.cos(math.tau / poses), 1.0),
+    ("Amount", "factor"): lambda factor: Amount(7.0, factor=factor).si == 7.0,
+    ("PathWork", "tolerance"): lambda tolerance: tolerance == PATH["tolerance"].default,
+    ("PathWork", "stiffness"): lambda stiffness: stiffness == PATH["stiffness"].default,
 }
-"""Numbers of nouns that are not 0 where nobody names them: full speed, any time, no symmetry, the documented ones."""
+"""Fields of nouns that are not 0 by themselves, with the effect that nobody asked for anything has."""
 
 
 def test_what_nobody_names_is_not_asked_for() -> None:
     """Lengths, times and angles of all nouns are 0 by themselves, freedoms are false."""
     seen = set()
-    for found in pkgutil.iter_modules(dualarm_cli.model.__path__):
-        module = importlib.import_module(f"dualarm_cli.model.{found.name}")
-        for noun in vars(module).values():
+    for found in pkgutil.walk_packages(dualarm_cli.model.__path__, "dualarm_cli.model."):
+        for noun in vars(importlib.import_module(found.name)).values():
             if not dataclasses.is_dataclass(noun):
                 continue
             for field in dataclasses.fields(noun):
                 if isinstance(field.default, (int, float)):
-                    assert field.default == NEUTRAL.get((noun.__name__, field.name), 0)
-                    seen.add((noun.__name__, field.name))
-    assert seen >= set(NEUTRAL)
+                    key = (noun.__name__, field.name)
+                    assert NEUTRAL.get(key, lambda value: value == 0)(field.default), key
+                    seen.add(key)
+    assert seen >= {*NEUTRAL, ("Ellipse", "outward")}
     assert not any((NOWHERE.file, NOWHERE.line, NOWHERE.column))
