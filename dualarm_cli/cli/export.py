@@ -23,6 +23,7 @@ from dualarm_cli.cli.parts.output import (
     stdout_console,
 )
 from dualarm_cli.errors import UsageError
+from dualarm_cli.formats import FORMATS, export
 
 if TYPE_CHECKING:
     from dualarm_cli.formats.sampling import JointLoss
@@ -33,16 +34,10 @@ RATE = 100.0
 """Samples per second by default [1/s]."""
 
 
-class Format(StrEnum):
-    """Where the plan goes."""
-
-    ros2 = "ros2"
-    mcap = "mcap"
-    csv = "csv"
-    npz = "npz"
-    parquet = "parquet"
-    perfetto = "perfetto"
-    gltf = "gltf"
+if TYPE_CHECKING:
+    Format = StrEnum
+else:
+    Format = StrEnum("Format", list(FORMATS))
 
 
 class PlatformGroup(StrEnum):
@@ -104,15 +99,14 @@ def export_command(
     from dualarm_cli.exporting.schedule_reader import read_schedule
     from dualarm_cli.exporting.whole_files import replace_all
     from dualarm_cli.files.tasks.tasks import load_job
-    from dualarm_cli.formats import FORMATS, ExportRequest, export, lost
-    from dualarm_cli.formats.request import MOST_SAMPLES, check_rate, columns_named
+    from dualarm_cli.formats.request import ExportLoss, ExportRequest, check_rate, columns_named
     from dualarm_cli.model.schedule import ScheduleRobot
     from dualarm_cli.verification import verify
     from dualarm_cli.verification.robot_checks import unusable
 
     check_rate(rate, "--rate")
     chosen = columns_named(columns.split(","), "--columns")
-    if to is not Format.csv and columns != COLUMNS:
+    if to.value != "csv" and columns != COLUMNS:
         raise UsageError(f"--columns goes with --to csv; leave it out with --to {to.value}")
     schedule = read_schedule(plan)
     home = plan if plan.is_dir() else plan.parent
@@ -123,25 +117,23 @@ def export_command(
             f"--platform-with {platform.value}: the robot has no such arm: {', '.join(arms)}"
         )
     job = None
-    if FORMATS[to.value].needs_job or tasks is not None:
+    form = FORMATS[to.value]
+    if form.needs_job or tasks is not None:
         job = load_job(tasks if tasks is not None else tasks_of(schedule, home))
     judged = verify(schedule, job)
     if wrong := unusable(schedule, job, judged.failures):
         raise UsageError(f"{plan}: cannot be exported: {wrong.detail}")
-    if FORMATS[to.value].motion and schedule.duration * rate > MOST_SAMPLES:
-        raise UsageError(
-            f"--rate {rate:g}: {schedule.duration:,.0f} s would have {schedule.duration * rate:,.0f} samples; "
-            f"at most {MOST_SAMPLES:,} are written: ask for at most {MOST_SAMPLES / schedule.duration:.3g} Hz"
-        )
     if job is not None:
         schedule = replace(schedule, robot=ScheduleRobot.of_job(job))
     request = ExportRequest(
         schedule, job, rate, interpolation.value, platform.value, chosen, uniform
     )
+    if reason := form.why_unsupported(request):
+        raise UsageError(f"{plan}: cannot be exported to {to.value}: {reason}")
     refuse_folder(str(folder) if out is None else out, (REPORT,), force)
     files = export(to.value, request)
     refuse_folder(str(folder), tuple(files), force)
-    found = lost(to.value, request)
+    found = ExportLoss.of(form.motion, request) if form.motion else None
     document: dict[str, Any] = {"format": "dualarm.export/1", "to": to.value}
     document["files"] = list(files)
     if found is not None:
@@ -162,7 +154,7 @@ def export_command(
             stdout_console().print(_table(rows, found.interpolation, schedule.robot.sliding))
             over = [row.joint for row in rows if not row.within_limits]
             # Samples and scenes are for people and programs, not for controllers.
-            if over and FORMATS[to.value].motion == "trajectories":
+            if over and form.motion == "trajectories":
                 knots = uniform and found.interpolation == "cubic"
                 advice = f"raise --rate{', or leave out --uniform' if knots else ''}"
                 print_message(

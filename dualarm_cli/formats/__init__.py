@@ -2,30 +2,61 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from dualarm_cli.formats.request import ExportRequest
-from dualarm_cli.formats.sampling import JointLoss, losses
-from dualarm_cli.geometry.interpolation import Interpolation
 from dualarm_cli.records import dataclass
+
+if TYPE_CHECKING:
+    # The command line lists the formats in its help, and that loads no numpy.
+    from dualarm_cli.formats.request import ExportRequest
+
+MOST_SAMPLES = 250_000
+"""Most samples of an export: a gigabyte of memory for fifteen joints."""
+
+
+def _always_supported(_: ExportRequest) -> str | None:
+    return None
+
+
+def _without_controllers(request: ExportRequest) -> str | None:
+    nameless = [name for name, arm in request.schedule.robot.arms.items() if not arm.joints]
+    if not nameless:
+        return None
+    return (
+        f"robot.arms.{nameless[0]}.joints is missing in the schedule; plan again with this version"
+    )
 
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """A format, written by the module of its name here: `files(request)` returns contents by file name."""
+    """A format, written by `files(request)` of a module, which returns contents by file name."""
 
     module: str
-    """Of this folder; imported when it is asked for, with the libraries that it needs."""
+    """Module of this folder, imported on use together with its libraries."""
     needs_job: bool = False
-    """Whether it shows the cell, which the schedule alone does not know."""
+    """Whether the format shows the cell, which the schedule alone does not know."""
     motion: str = ""
-    """What it holds of the motion: trajectories, samples or frames; empty for none."""
+    """Contents of motion: trajectories, samples or frames; empty for none."""
+    refuses: Callable[[ExportRequest], str | None] = _always_supported
+    """A reason of its own why a request is outside this format, or None."""
+
+    def why_unsupported(self, request: ExportRequest) -> str | None:
+        """State why a request is outside this format, or None."""
+        duration = request.schedule.duration
+        if self.needs_job and request.job is None:
+            return "the format shows the cell; name the task file"
+        if self.motion and duration * request.rate > MOST_SAMPLES:
+            return (
+                f"{duration:,.0f} s at a rate of {request.rate:g} Hz have {duration * request.rate:,.0f} samples; "
+                f"at most {MOST_SAMPLES:,} are written: ask for at most {MOST_SAMPLES / duration:.3g} Hz"
+            )
+        return self.refuses(request)
 
 
 FORMATS: Mapping[str, ExportFormat] = {
-    "ros2": ExportFormat("ros2_files", motion="trajectories"),
+    "ros2": ExportFormat("ros2_files", motion="trajectories", refuses=_without_controllers),
     "mcap": ExportFormat("mcap_bag", needs_job=True, motion="trajectories"),
     "csv": ExportFormat("tables", motion="samples"),
     "npz": ExportFormat("npz_file", motion="samples"),
@@ -37,62 +68,16 @@ FORMATS: Mapping[str, ExportFormat] = {
 
 
 def export(name: str, request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
-    """Returns the files of one format, by their names.
+    """Make the files of one format, by their names.
 
     Args:
-        name: of the format, one of FORMATS.
+        name: of the format, one of FORMATS; it supports the request.
         request: what is exported.
 
     Raises:
         MissingDependencyError: a library of the extra `export` is not installed.
     """
-    found = FORMATS[name]
-    assert request.job is not None or not found.needs_job
-    module: Any = import_module(f"{__name__}.{found.module}")
-    return module.files(request)
-
-
-@dataclass(frozen=True)
-class ExportLoss:
-    """What is lost between samples under one interpolation."""
-
-    interpolation: Interpolation
-    """The receiver's."""
-    samples: Mapping[str, int]
-    """How many there are, by the controller's group; of all joints together under `all`."""
-    joints: Mapping[str, Sequence[JointLoss]]
-    """What each joint loses, by the same names."""
-
-    def worst(self) -> list[JointLoss]:
-        """Returns each joint once, as the group has it that exceeds limits or else deviates most."""
-        found: dict[str, JointLoss] = {}
-        for row in (row for rows in self.joints.values() for row in rows):
-            other = found.setdefault(row.joint, row)
-            if (not row.within_limits, row.deviation) > (not other.within_limits, other.deviation):
-                found[row.joint] = row
-        return list(found.values())
-
-
-def lost(name: str, request: ExportRequest) -> ExportLoss | None:
-    """Returns what a format loses between its samples; None of one that holds no motion.
-
-    Args:
-        name: of the format.
-        request: what is exported.
-    """
-    motion = FORMATS[name].motion
-    if not motion:
-        return None
-    # Viewers turn and shift frames linearly between samples.
-    kind: Interpolation = "linear" if motion == "frames" else request.interpolation
-    samples = {"all": request.samples()}
-    if motion == "trajectories":
-        samples = {group: request.points(joints) for group, joints in request.groups().items()}
-    return ExportLoss(
-        kind,
-        {group: len(own.nanoseconds) for group, own in samples.items()},
-        {group: losses(request.schedule, own, kind) for group, own in samples.items()},
-    )
-
-
-__all__ = ["FORMATS", "ExportFormat", "ExportLoss", "ExportRequest", "export", "lost"]
+    module: Any = import_module(f"{__name__}.{FORMATS[name].module}")
+    files: Mapping[str, Iterable[bytes]] = module.files(request)
+    assert files, f"{name} has no files for a request that it supports"
+    return files

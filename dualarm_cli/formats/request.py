@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from dualarm_cli.errors import UsageError
-from dualarm_cli.formats.sampling import NANO, Samples, sampled
+from dualarm_cli.formats.sampling import NANO, JointLoss, Samples, losses, sampled
 from dualarm_cli.geometry.interpolation import Interpolation
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
@@ -20,8 +20,6 @@ Column = Literal["position", "velocity", "acceleration"]
 COLUMNS: tuple[Column, ...] = ("position", "velocity", "acceleration")
 LEAST_RATE, MAX_RATE = 0.001, 10_000.0
 """Sampling rates that are allowed [Hz]."""
-MOST_SAMPLES = 250_000
-"""Most samples of an export: a gigabyte of memory for fifteen joints."""
 BOTH = "both_arms"
 """Name of the group of all arms."""
 PLATFORM = "platform"
@@ -56,17 +54,8 @@ class ExportRequest:
         return sampled(self.schedule, self.rate, joints, knots=not self.uniform)
 
     def groups(self) -> dict[str, tuple[str, ...]]:
-        """List the joints of each controller by the name of its group.
-
-        Raises:
-            UsageError: the schedule does not say which joints an arm has.
-        """
+        """List the joints of each controller by the name of its group."""
         robot = self.schedule.robot
-        for name, arm in robot.arms.items():
-            if not arm.joints:
-                raise UsageError(
-                    f"robot.arms.{name}.joints: is missing in the schedule; a controller's joints are exported"
-                )
         found: dict[str, tuple[str, ...]] = {}
         if len(robot.arms) > 1:
             found[BOTH] = tuple(joint for arm in robot.arms.values() for joint in arm.joints)
@@ -77,6 +66,46 @@ class ExportRequest:
                 holder = next(iter(robot.arms))
             found[holder] = (*robot.platform, *found.get(holder, ()))
         return found
+
+
+@dataclass(frozen=True)
+class ExportLoss:
+    """Loss of motion between samples under one interpolation."""
+
+    interpolation: Interpolation
+    """Interpolation of the receiver."""
+    samples: Mapping[str, int]
+    """Number of samples by the controller's group; of all joints together under `all`."""
+    joints: Mapping[str, Sequence[JointLoss]]
+    """Loss of each joint, by the same names."""
+
+    @classmethod
+    def of(cls, motion: str, request: ExportRequest) -> ExportLoss:
+        """Measure what a format loses between its samples.
+
+        Args:
+            motion: what the format holds of the motion: trajectories, samples or frames.
+            request: what is exported.
+        """
+        # Viewers turn and shift frames linearly between samples.
+        kind: Interpolation = "linear" if motion == "frames" else request.interpolation
+        samples = {"all": request.samples()}
+        if motion == "trajectories":
+            samples = {group: request.points(joints) for group, joints in request.groups().items()}
+        return cls(
+            kind,
+            {group: len(own.nanoseconds) for group, own in samples.items()},
+            {group: losses(request.schedule, own, kind) for group, own in samples.items()},
+        )
+
+    def worst(self) -> list[JointLoss]:
+        """Select for each joint the group in which it exceeds limits, or else deviates most."""
+        worst: dict[str, JointLoss] = {}
+        for row in (row for rows in self.joints.values() for row in rows):
+            other = worst.setdefault(row.joint, row)
+            if (not row.within_limits, row.deviation) > (not other.within_limits, other.deviation):
+                worst[row.joint] = row
+        return list(worst.values())
 
 
 def check_rate(rate: float, option: str = "rate") -> None:

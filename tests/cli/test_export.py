@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from dualarm_cli.cli.export import Format, PlatformGroup
+from dualarm_cli.cli.export import PlatformGroup
 from dualarm_cli.cli.parts.options import ReceiverInterpolation
 from dualarm_cli.cli.run import run
 from dualarm_cli.formats import FORMATS
@@ -27,7 +27,6 @@ def planned(tmp_path_factory, tasks_folder):
 
 def test_the_choices_of_the_command_are_those_of_the_lists():
     """One literal list each."""
-    assert [one.value for one in Format] == list(FORMATS)
     assert tuple(one.value for one in ReceiverInterpolation) == INTERPOLATIONS
     assert tuple(one.value for one in PlatformGroup) == PLATFORM_CONTROLLERS
 
@@ -68,6 +67,26 @@ def test_a_missing_library_names_its_extra(planned, tmp_path, capsys, monkeypatc
     out = tmp_path / "out"
     assert run(["export", str(planned), "--to", name, "--out", str(out)]) == 2
     assert f"{library} is not installed: pip install 'dualarm[export]'" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_format_that_cannot_hold_the_plan_says_why(planned, tmp_path, capsys):
+    """Controllers need the names of the arms' joints."""
+    plan = shutil.copytree(planned, tmp_path / "nameless")
+    document = json.loads((plan / "schedule.json").read_text())
+    document["robot"]["arms"]["right"]["joints"] = []
+    (plan / "schedule.json").write_text(json.dumps(document))
+    out = tmp_path / "out"
+    assert run(["export", str(plan), "--to", "ros2", "--out", str(out)]) == 2
+    assert "cannot be exported to ros2: robot.arms.right.joints" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_format_without_files_for_a_plan_it_supports_is_a_fault(planned, tmp_path, monkeypatch):
+    """It is not written as an empty folder."""
+    monkeypatch.setattr("dualarm_cli.formats.perfetto_trace.files", lambda request: {})
+    out = tmp_path / "out"
+    assert run(["export", str(planned), "--to", "perfetto", "--out", str(out)]) == 4
     assert not out.exists()
 
 

@@ -14,7 +14,8 @@ from dualarm_cli.errors import InputError
 from dualarm_cli.exporting.files import write_schedule_set
 from dualarm_cli.exporting.schedule_reader import read_schedule
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.formats import ExportRequest, export
+from dualarm_cli.formats import export
+from dualarm_cli.formats.request import ExportRequest
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.verification import verify

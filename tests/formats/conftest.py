@@ -8,7 +8,7 @@ import pytest
 
 from dualarm_cli.files.source.bundled import bundled_tasks
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.formats import ExportRequest
+from dualarm_cli.formats.request import ExportRequest
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 

@@ -17,7 +17,9 @@ def test_an_export_a_day_later_has_the_same_bytes(exported, name, monkeypatch):
     """Neither the time of day nor a random number is in a file."""
 
     def exported_files():
-        return {file: b"".join(parts) for file, parts in export(name, exported.request(5.0)).items()}
+        return {
+            file: b"".join(parts) for file, parts in export(name, exported.request(5.0)).items()
+        }
 
     today = exported_files()
     seconds, nanoseconds = time.time, time.time_ns
