@@ -15,6 +15,7 @@ from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.clearance_checks import edges_of, watched_pairs
 
+PALM = "shapes: [{box: [160 mm, 160 mm, 40 mm], xyz: [0, 0, 95 mm]}]"
 TABLE = 0.48
 """Height of the table's top [m]."""
 CUBE = 0.11
@@ -186,6 +187,19 @@ def test_the_next_lines_are_none_of_a_part_on_a_belt(job_of):
     with pytest.raises(InfeasibleError) as refused:
         plan_without_bound(job, QUICK)
     assert "left_tool and cube of first lack 20.0 mm of clearance" in str(refused.value)
+
+
+def test_a_tool_leaves_a_part_on_a_belt_from_within_the_clearance(job_of):
+    """The palm is 10 mm over the cube, 12 mm when its line ends, of 15 mm required: the next stage begins there."""
+    job = job_of(
+        "{id: first, arm: left, retract: 2 mm, pick: {xyz: [0.35, 0.55, 0.6], rpy: [180 deg, 0, 0]}, place: "
+        "{xyz: [0.6, 0.35, 0.6], rpy: [180 deg, 0, 0], conveyor: belt, passes: 1 s, within: 0.6 m}}",
+        "{id: next, arm: left, move: {xyz: [0.45, 0.55, 0.8], rpy: [180 deg, 0, 0]}}",
+        cell="conveyors: {belt: {velocity: [0, -150 mm/s, 0]}}",
+        tool=PALM,
+        clearance="15 mm",
+    )
+    assert verify(plan_without_bound(job, QUICK), job, clearance=True).passed
 
 
 def test_a_part_on_a_belt_is_where_the_belt_has_it(job_of):
