@@ -26,6 +26,10 @@ from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 ROUNDS = 12
 """Newton steps along the seam to the place that is nearest to the tool."""
+RATE_STEP = 2e-4
+"""Half the interval of the differences that measure speed and acceleration along a seam [s]."""
+MOST_RATES = 20_000
+"""Largest number of instants with measured rates, about."""
 
 
 @dataclass(frozen=True)
@@ -48,51 +52,80 @@ class OnSeam:
     """Positions of the part [m], shape (k, 3)."""
 
 
-def on_seam(
-    schedule: Schedule, job: Job, model: ToolModel, work: SeamWork, segment: Segment
-) -> OnSeam:
-    """Returns where tool and part are during a segment of kind seam.
+@dataclass(frozen=True)
+class SeamMotion:
+    """A motion as one seam's tool and part see it."""
 
-    The part hangs on the master's flange, or stands in the world; the tool's pose is taken in its frame. The place on
-    the seam is looked for near where the way that the working point has gone would have it.
-    """
-    time = dense_times(schedule.trajectory.time, segment.start, segment.end)
-    return placed(schedule, job, model, work, time, None)
+    schedule: Schedule
+    """The motion."""
+    job: Job
+    """Cell and tasks."""
+    model: ToolModel
+    """Forward kinematics of the tools."""
+    work: SeamWork
+    """The seam."""
 
+    def during(self, segment: Segment) -> OnSeam:
+        """Locate tool and part during a segment of kind seam."""
+        motion = self.schedule.trajectory.time
+        return self.near(dense_times(motion, segment.start, segment.end), None)
 
-def placed(
-    schedule: Schedule,
-    job: Job,
-    model: ToolModel,
-    work: SeamWork,
-    time: FloatArray,
-    guess: FloatArray | None,
-) -> OnSeam:
-    """Returns where tool and part are at instants (k,) [s], near places on the seam (k,) [m] if these are known."""
-    position = schedule.trajectory.at(time)[0]
-    R, p = model.poses(work.slave, position)
-    R_part, p_part = (
-        np.tile(work.part.rotation, (len(time), 1, 1)),
-        np.tile(work.part.translation, (len(time), 1)),
-    )
-    if work.master is not None:
-        R_tool, p_tool = model.poses(work.master, position)
-        T: pin.SE3 = job.cell.tools[work.master].tcp.inverse() * work.part
-        R_part, p_part = product(R_tool, T.rotation), p_tool + product(R_tool, T.translation)
-    tip = p + work.tool.standoff * R[:, :, 2]
-    inside = product((tip - p_part)[:, None], R_part)[:, 0]
-    if guess is None:
-        gone = np.concatenate([[0.0], np.cumsum(norm(np.diff(inside, axis=0), axis=1))])
-        guess = gone * (work.length / max(gone[-1], 1e-12))
-    s = np.clip(guess, 0.0, work.length)
-    for _ in range(ROUNDS):
-        along = ((inside - work.curve.at(s)[1]) * work.curve.directions(s)).sum(axis=1)
-        s = np.clip(s + along, 0.0, work.length)
-    R_seam, p_seam = work.curve.at(s)
-    E = product(np.swapaxes(product(R_part, R_seam, work.tool.R_curve_tool), -1, -2), R)
-    distance = norm(inside - p_seam, axis=1)
-    lean = arctan2(np.hypot(E[:, 0, 2], E[:, 1, 2]), E[:, 2, 2])
-    return OnSeam(time, s, distance, _turned_away(E, lean, work), lean, R_part, p_part)
+    def near(self, time: FloatArray, guess: FloatArray | None) -> OnSeam:
+        """Locate tool and part at instants near given places on the seam.
+
+        The part hangs on the master's flange, or stands in the world; the tool's pose is taken in its frame. Without
+        a guess the place on the seam is searched from the distance that the working point has covered.
+
+        Args:
+            time: instants [s], shape (k,).
+            guess: places on the seam [m], shape (k,), or None.
+        """
+        work, position = self.work, self.schedule.trajectory.at(time)[0]
+        R, p = self.model.poses(work.slave, position)
+        R_part, p_part = (
+            np.tile(work.part.rotation, (len(time), 1, 1)),
+            np.tile(work.part.translation, (len(time), 1)),
+        )
+        if work.master is not None:
+            R_tool, p_tool = self.model.poses(work.master, position)
+            T: pin.SE3 = self.job.cell.tools[work.master].tcp.inverse() * work.part
+            R_part, p_part = product(R_tool, T.rotation), p_tool + product(R_tool, T.translation)
+        tip = p + work.tool.standoff * R[:, :, 2]
+        inside = product((tip - p_part)[:, None], R_part)[:, 0]
+        if guess is None:
+            gone = np.concatenate([[0.0], np.cumsum(norm(np.diff(inside, axis=0), axis=1))])
+            guess = gone * (work.length / max(gone[-1], 1e-12))
+        s = np.clip(guess, 0.0, work.length)
+        for _ in range(ROUNDS):
+            along = ((inside - work.curve.at(s)[1]) * work.curve.directions(s)).sum(axis=1)
+            s = np.clip(s + along, 0.0, work.length)
+        R_seam, p_seam = work.curve.at(s)
+        E = product(np.swapaxes(product(R_part, R_seam, work.tool.R_curve_tool), -1, -2), R)
+        distance = norm(inside - p_seam, axis=1)
+        lean = arctan2(np.hypot(E[:, 0, 2], E[:, 1, 2]), E[:, 2, 2])
+        return OnSeam(time, s, distance, _turned_away(E, lean, work), lean, R_part, p_part)
+
+    def tool_in_part(self, time: FloatArray) -> FloatArray:
+        """Compute the tool centre point in the part's frame at instants (k,) [s], (k, 3) [m]."""
+        _, p = self.model.poses(self.work.slave, self.schedule.trajectory.at(time)[0])
+        at = self.near(time, np.zeros(len(time)))
+        inside: FloatArray = product((p - at.p_part)[:, None], at.R_part)[:, 0]
+        return inside
+
+    def rates(self, seam: OnSeam) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Measure instants (k,) [s], speed (k,) [m/s] and acceleration (k,) [m/s²] along the seam.
+
+        By differences of the place on the seam over so little time that they are good to a millionth.
+        """
+        step = min(RATE_STEP, float(seam.time[-1] - seam.time[0]) / 100.0)
+        inner = np.clip(seam.time, seam.time[0] + step, seam.time[-1] - step)
+        middle = distinct(inner)[:: max(1, len(inner) // MOST_RATES)]
+        behind, here, ahead = (
+            self.near(time, np.interp(time, seam.time, seam.length)).length
+            for time in (middle - step, middle, middle + step)
+        )
+        speed = (ahead - behind) / (2.0 * step)
+        return middle, speed, (ahead - 2.0 * here + behind) / np.square(step)
 
 
 def _turned_away(E: FloatArray, lean: FloatArray, work: SeamWork) -> FloatArray:
@@ -135,10 +168,6 @@ NAMES = (
     "seam_downhand",
 )
 """The checks."""
-RATE_STEP = 2e-4
-"""Time over which speed and acceleration along a seam are measured, to both sides [s]."""
-MOST_RATES = 20_000
-"""Instants at which they are, at most about."""
 STEADY = 0.999
 """Share of the largest speed from which on the tool counts as at its steady speed."""
 
@@ -180,7 +209,7 @@ def check_seams(
             message = f"{task}: it needs one segment of kind seam for each arm that works, at the same time"
             worst["seam_progress"].add(np.inf, message)
             continue
-        _judge(worst, schedule, job, model, work, own[0], lines)
+        SeamJudge(worst, SeamMotion(schedule, job, model, work), own[0], lines).judge()
     nothing = "no seam asks for it"
     return [
         worst["seam_distance"].judge(NAMES[0], tol.CHAIN_DISTANCE, "m", ""),
@@ -194,85 +223,103 @@ def check_seams(
     ]
 
 
-def _judge(
-    worst: dict[str, Worst],
-    schedule: Schedule,
-    job: Job,
-    model: ToolModel,
-    work: SeamWork,
-    segment: Segment,
-    lines: Sequence[LineSpan],
-) -> None:
-    """Adds what one seam measures."""
-    found = on_seam(schedule, job, model, work, segment)
-    task = segment.task
+@dataclass(frozen=True)
+class SeamJudge:
+    """Worst figures of the seam checks, with the motion of one seam that adds to them."""
 
-    def add(name: str, values: FloatArray, time: FloatArray = found.time) -> None:
+    worst: dict[str, Worst]
+    """Figures by check."""
+    motion: SeamMotion
+    """The motion and the seam."""
+    segment: Segment
+    """Segment of kind seam."""
+    lines: Sequence[LineSpan]
+    """Spans of the job's stops."""
+
+    def judge(self) -> None:
+        """Measure the seam."""
+        work, seam = self.motion.work, self.motion.during(self.segment)
+        self._add("seam_distance", seam.distance, seam.time)
+        self._add("seam_angle", seam.angle, seam.time)
+        back = np.maximum.accumulate(seam.length) - seam.length
+        back[0] = max(back[0], seam.length[0])
+        back[-1] = max(back[-1], work.length - seam.length[-1])
+        self._add("seam_progress", back, seam.time)
+        self._judge_rates(seam)
+        self._judge_entry()
+        if work.master is not None and (work.hold.given or work.hold.stands):
+            self._add("seam_part", _part_off(seam, work), seam.time)
+        self._judge_ends(seam)
+        if work.downhand is not None:
+            R, _ = work.curve.at(seam.length)
+            up = product(seam.R_part, R)[:, 2, 2]
+            lean = arccos(np.clip(up, -1.0, 1.0))
+            self._add("seam_downhand", lean - work.downhand, seam.time)
+
+    def _add(self, name: str, values: FloatArray, time: FloatArray) -> None:
         k = int(np.argmax(values))
         value = float(values[k])
-        worst[name].add(value if not value < 0.0 else 0.0, f"{task} at {time[k]:.3f} s")
+        where = f"{self.segment.task} at {time[k]:.3f} s"
+        self.worst[name].add(value if not value < 0.0 else 0.0, where)
 
-    def add_stands(end: int, start: float, over: float) -> FloatArray:
-        time = dense_times(schedule.trajectory.time, start, over)
-        at = placed(schedule, job, model, work, time, np.zeros(len(time)))
-        away = norm(at.p_part - found.p_part[end], axis=1)
-        turned = rotation_angle(product(found.R_part[end].T, at.R_part))
-        add("seam_part", np.maximum(away, turned), time)
+    def _judge_rates(self, seam: OnSeam) -> None:
+        """Measure speed, steadiness, duration and acceleration."""
+        work, pace, task = self.motion.work, self.motion.job.speed, self.segment.task
+        middle, speed, acceleration = self.motion.rates(seam)
+        if work.speed is not None:
+            self._add("seam_speed", speed / (work.speed * pace) - 1.0, middle)
+        else:
+            self.worst["seam_speed"].add(0.0, task)
+        dip, where = _unsteady(speed)
+        self.worst["seam_steady"].add(dip, f"{task} at {middle[where]:.3f} s")
+        taken, asked = self.segment.end - self.segment.start, self.worst["seam_as_asked"]
+        if work.duration is not None:
+            late = taken / (work.duration / pace) - 1.0
+            asked.add(max(0.0, -late) if work.slower else abs(late), task)
+        elif not work.slower:
+            assert work.speed is not None
+            asked.add(max(0.0, 1.0 - float(speed.max()) / (work.speed * pace)), task)
+            longest = work.length / (work.speed * pace) + longest_ramp(work, pace)
+            asked.add(max(0.0, taken / longest - 1.0), task)
+        if work.acceleration is not None:
+            allowed = work.acceleration * np.square(pace)
+            self._add("seam_as_asked", np.abs(acceleration) / allowed - 1.0, middle)
+
+    def _judge_entry(self) -> None:
+        """Judge the start of the seam, and the time of the transfer to it."""
+        work, start, task = self.motion.work, self.segment.start, self.segment.task
+        if work.not_before > start + tol.SAME_TIME:
+            message = f"{task} begins before {work.not_before:g} s"
+            self.worst["seam_as_asked"].add(np.inf, message)
+        if work.entry_duration is not None:
+            asked = work.entry_duration / self.motion.job.speed
+            taken = start - _free_from(self.motion.schedule, task, self.lines, start)
+            waits = work.not_before >= start - tol.SAME_TIME
+            if taken < asked - tol.SAME_TIME or (taken > asked + tol.SAME_TIME and not waits):
+                message = f"{task}: the way to it takes {taken:.6g} s, not {asked:g} s"
+                self.worst["seam_as_asked"].add(np.inf, message)
+
+    def _judge_ends(self, seam: OnSeam) -> None:
+        """Judge that the part stands still while the tool approaches, dwells and retracts."""
+        motion = self.motion
+        for end, action in ((0, "seam_start"), (-1, "seam_end")):
+            [stop] = spans_of(self.lines, motion.work.slave, self.segment.task, action)
+            for start, over in ((stop.start, stop.event.time), (stop.over, stop.end)):
+                if over > start:
+                    self._add_still_part(seam, end, start, over)
+            if stop.event.dwell > 0.0:
+                time = self._add_still_part(seam, end, stop.event.time, stop.over)
+                there = motion.tool_in_part(np.array([seam.time[end]]))
+                self._add("seam_distance", norm(motion.tool_in_part(time) - there, axis=1), time)
+
+    def _add_still_part(self, seam: OnSeam, end: int, start: float, over: float) -> FloatArray:
+        """Measure the part against its pose at an end of the seam; return the instants [s]."""
+        time = dense_times(self.motion.schedule.trajectory.time, start, over)
+        at = self.motion.near(time, np.zeros(len(time)))
+        away = norm(at.p_part - seam.p_part[end], axis=1)
+        turned = rotation_angle(product(seam.R_part[end].T, at.R_part))
+        self._add("seam_part", np.maximum(away, turned), time)
         return time
-
-    add("seam_distance", found.distance)
-    add("seam_angle", found.angle)
-    back = np.maximum.accumulate(found.length) - found.length
-    back[0] = max(back[0], found.length[0])
-    back[-1] = max(back[-1], work.length - found.length[-1])
-    add("seam_progress", back)
-    middle, speed, acceleration = _rates(schedule, job, model, work, found)
-    top = float(speed.max())
-    if work.speed is not None:
-        add("seam_speed", speed / (work.speed * job.speed) - 1.0, middle)
-    else:
-        worst["seam_speed"].add(0.0, task)
-    worst_dip, where = _unsteady(speed)
-    worst["seam_steady"].add(worst_dip, f"{task} at {middle[where]:.3f} s")
-    taken = segment.end - segment.start
-    if work.duration is not None:
-        late = taken / (work.duration / job.speed) - 1.0
-        worst["seam_as_asked"].add(max(0.0, -late) if work.slower else abs(late), task)
-    elif not work.slower:
-        assert work.speed is not None
-        asked = work.speed * job.speed
-        worst["seam_as_asked"].add(max(0.0, 1.0 - top / asked), task)
-        longest = work.length / asked + longest_ramp(work, job.speed)
-        worst["seam_as_asked"].add(max(0.0, taken / longest - 1.0), task)
-    if work.not_before > segment.start + tol.SAME_TIME:
-        worst["seam_as_asked"].add(np.inf, f"{task} begins before {work.not_before:g} s")
-    if work.entry_duration is not None:
-        asked = work.entry_duration / job.speed
-        way = segment.start - _free_from(schedule, task, lines, segment.start)
-        waits = work.not_before >= segment.start - tol.SAME_TIME
-        if way < asked - tol.SAME_TIME or (way > asked + tol.SAME_TIME and not waits):
-            message = f"{task}: the way to it takes {way:.6g} s, not {asked:g} s"
-            worst["seam_as_asked"].add(np.inf, message)
-    if work.acceleration is not None:
-        allowed = work.acceleration * np.square(job.speed)
-        add("seam_as_asked", np.abs(acceleration) / allowed - 1.0, middle)
-    if work.master is not None and (work.hold.given or work.hold.stands):
-        add("seam_part", _part_off(found, work))
-    for end, action in ((0, "seam_start"), (-1, "seam_end")):
-        [stop] = spans_of(lines, work.slave, task, action)
-        # While the tool comes, dwells and leaves the part stands as where the seam begins, or ends.
-        for start, over in ((stop.start, stop.event.time), (stop.over, stop.end)):
-            if over > start:
-                add_stands(end, start, over)
-        if stop.event.dwell > 0.0:
-            time = add_stands(end, stop.event.time, stop.over)
-            there = _tool_in_part(schedule, job, model, work, np.array([found.time[end]]))
-            off = _tool_in_part(schedule, job, model, work, time) - there
-            add("seam_distance", norm(off, axis=1), time)
-    if work.downhand is not None:
-        R, _ = work.curve.at(found.length)
-        up = product(found.R_part, R)[:, 2, 2]
-        add("seam_downhand", arccos(np.clip(up, -1.0, 1.0)) - work.downhand)
 
 
 def _free_from(schedule: Schedule, task: str, lines: Sequence[LineSpan], begin: float) -> float:
@@ -327,35 +374,6 @@ def _wrong_order(schedule: Schedule, work: SeamWork, task: str) -> str:
         if not ends.get(kind, 0.0) <= tol.SAME_TIME:
             return f"its {kind} ({action}) is not at its event"
     return ""
-
-
-def _tool_in_part(
-    schedule: Schedule, job: Job, model: ToolModel, work: SeamWork, time: FloatArray
-) -> FloatArray:
-    """Returns the tool centre point in the part's frame at instants (k,) [s], (k, 3) [m]."""
-    position = schedule.trajectory.at(time)[0]
-    _, p = model.poses(work.slave, position)
-    at = placed(schedule, job, model, work, time, np.zeros(len(time)))
-    found: FloatArray = product((p - at.p_part)[:, None], at.R_part)[:, 0]
-    return found
-
-
-def _rates(
-    schedule: Schedule, job: Job, model: ToolModel, work: SeamWork, found: OnSeam
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns instants (k,) [s], and speed (k,) [m/s] and acceleration (k,) [m/s²] along the seam there.
-
-    By differences of the place on the seam over so little time that they are good to a millionth.
-    """
-    step = min(RATE_STEP, float(found.time[-1] - found.time[0]) / 100.0)
-    inner = np.clip(found.time, found.time[0] + step, found.time[-1] - step)
-    middle = distinct(inner)[:: max(1, len(inner) // MOST_RATES)]
-    three = []
-    for time in (middle - step, middle, middle + step):
-        guess = np.interp(time, found.time, found.length)
-        three.append(placed(schedule, job, model, work, time, guess).length)
-    behind, here, ahead = three
-    return middle, (ahead - behind) / (2.0 * step), (ahead - 2.0 * here + behind) / np.square(step)
 
 
 def _unsteady(speed: FloatArray) -> tuple[float, int]:
