@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import field
 from functools import partial
 
 import numpy as np
@@ -15,6 +16,7 @@ from dualarm_cli.kinds.path.following import PATH_SOLVERS
 from dualarm_cli.kinds.path.messages import path_job_notes, path_notes, why_not
 from dualarm_cli.kinds.path.motion import (
     FollowedPath,
+    Follower,
     Refused,
     TrialBudget,
     is_clear,
@@ -31,10 +33,13 @@ from dualarm_cli.kinds.planning import (
     add_transfer,
 )
 from dualarm_cli.kinematics.dynamics import Dynamics
+from dualarm_cli.kinematics.whole_body import Reached
 from dualarm_cli.model.job import Job, PoseTarget, Task
+from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.motion.builder import MotionBuilder
 from dualarm_cli.postures.holding import Holding
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 LONGEST = 1800.0
@@ -120,67 +125,93 @@ def add_path(
     """
     work = section[0].path
     assert work is not None
-    task = section[0].id
     context = PathContext.of(tools.problem.model, tools.problem.job)
     name = tools.settings.follower or work.redundancy or default_follower(context)
-    follower = PATH_SOLVERS[name]
-    tools.progress(f"following {task} ({name})")
-    home = np.array(tools.problem.job.cell.robot.postures["home"])
-    start = home if here is None else here
-    holding = Holding.of(tools.part((), start).job) if tools.clear else None
-    refusals: list[Refused] = []
-    looked_at, budget = 0, TrialBudget()
-    best: tuple[ClearedPlan | None, FollowedPath] | None = None
-    clear = None if holding is None else partial(is_clear, holding)
-    starts = path_starts(context, work, start, tools.problem.seed, clear)
-    stuck: list[tuple[float, FloatArray]] = []
-    # From all starts first at full speed or as much less as limits tell; then slower from those where only
-    # trying tells how much slower it has to be.
-    for halve in (False, True):
-        ready = starts.configurations[:MOST_STARTS]
-        if halve:
-            ready = [q for _, q in sorted(stuck, key=lambda one: -one[0])[:MOST_STUCK]]
-        for q in ready:
-            found = quickest_path(context, work, follower, q, budget, halve)
-            if isinstance(found, Refused):
-                refusals.append(found)
-                if found.remedy == "slower" and np.isinf(found.excess):
-                    stuck.append((found.share, q))
-                if _always_there(refusals) or budget.spent:
-                    break
-                continue
-            touching = None if holding is None else touching_path(holding, found)
-            if touching is not None:
-                refusals.append(touching)
-                continue
-            transfer = None
-            if here is not None and np.abs(q - here).max() > 0.0:
-                try:
-                    transfer = tools.transfer(here, q)
-                except InfeasibleError as error:
-                    reason = Refusal("no_way_to_path", more={"cause": error})
-                    refusals.append(Refused(reason, 0.0, "clear"))
-                    continue
-            if best is None or _time(transfer, found) < _time(*best):
-                best = transfer, found
-            looked_at += 1
-            dear = transfer is not None and (transfer.cost or 0.0) > CHEAP
-            effort = EFFORTS[tools.problem.effort]
-            if looked_at >= effort.section_starts or (effort.spares and not dear):
-                break
-        if best is not None or budget.spent or not work.slower:
-            break
-    if best is None:
+    tools.progress(f"following {section[0].id} ({name})")
+    search = PathSearch(tools, context, work, PATH_SOLVERS[name], here)
+    nearest = search.run()
+    if search.best is None:
         raise InfeasibleError(
-            why_not(section, work, name, refusals, starts.nearest, context.limits)
+            why_not(section, work, name, search.refusals, nearest, context.limits)
         )
-    transfer, found = best
+    transfer, path = search.best
     begin = record.clock
     if transfer is not None:
         add_transfer(record, transfer.cleared.motion, section)
         record.count(transfer)
-    add_followed(record, context, section, found, name, begin)
-    record.notes += path_notes(context, task, found, name)
+    add_followed(record, context, section, path, name, begin)
+    record.notes += path_notes(context, section[0].id, path, name)
+
+
+@dataclass
+class PathSearch:
+    """Search for the start that makes a path and the transfer to it quickest."""
+
+    tools: SectionTools
+    """Planner of transfers."""
+    context: PathContext
+    """The job."""
+    work: PathWork
+    """The path."""
+    follower: Follower
+    """Method that follows it."""
+    here: FloatArray | None
+    """Joints before the path [rad or m], shape (n,); None for any."""
+    best: tuple[ClearedPlan | None, FollowedPath] | None = None
+    """Quickest path with the transfer to its start."""
+    accepted: int = 0
+    """Number of starts with a collision-free path and transfer."""
+    budget: TrialBudget = field(default_factory=TrialBudget)
+    """What may still be tried."""
+    refusals: list[Refused] = field(default_factory=list)
+    """Failed trials."""
+    stuck: list[tuple[float, FloatArray]] = field(default_factory=list)
+    """Starts that a lower but unknown speed may help, with the share of the path that they follow."""
+
+    def run(self) -> Reached:
+        """Try starts at the speed that limits tell, then stuck ones slower; return the nearest posture."""
+        problem = self.tools.problem
+        start = (
+            np.array(problem.job.cell.robot.postures["home"]) if self.here is None else self.here
+        )
+        holding = Holding.of(self.tools.part((), start).job) if self.tools.clear else None
+        clear = None if holding is None else partial(is_clear, holding)
+        starts = path_starts(self.context, self.work, start, problem.seed, clear)
+        for q in starts.configurations[:MOST_STARTS]:
+            if self._try(q, holding, halve=False):
+                break
+        if self.best is None and not self.budget.spent and self.work.slower:
+            for _, q in sorted(self.stuck, key=lambda trial: -trial[0])[:MOST_STUCK]:
+                if self._try(q, holding, halve=True):
+                    break
+        return starts.nearest
+
+    def _try(self, q: FloatArray, holding: Holding | None, *, halve: bool) -> bool:
+        """Follow the path from a start; return whether the search is over."""
+        path = quickest_path(self.context, self.work, self.follower, q, self.budget, halve)
+        if isinstance(path, Refused):
+            self.refusals.append(path)
+            if path.remedy == "slower" and np.isinf(path.excess):
+                self.stuck.append((path.share, q))
+            return _always_there(self.refusals) or self.budget.spent
+        touching = None if holding is None else touching_path(holding, path)
+        if touching is not None:
+            self.refusals.append(touching)
+            return False
+        transfer = None
+        if self.here is not None and np.abs(q - self.here).max() > 0.0:
+            try:
+                transfer = self.tools.transfer(self.here, q)
+            except InfeasibleError as error:
+                reason = Refusal("no_way_to_path", more={"cause": error})
+                self.refusals.append(Refused(reason, 0.0, "clear"))
+                return False
+        if self.best is None or _time(transfer, path) < _time(*self.best):
+            self.best = transfer, path
+        self.accepted += 1
+        effort = EFFORTS[self.tools.problem.effort]
+        cheap = transfer is None or (transfer.cost or 0.0) <= CHEAP
+        return self.accepted >= effort.section_starts or (effort.spares and cheap)
 
 
 def _always_there(refusals: list[Refused]) -> bool:
