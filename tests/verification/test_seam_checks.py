@@ -13,7 +13,7 @@ from scipy.special import erf
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.seam.checks import (
     NAMES,
-    SeamMotion,
+    MeasuredSeam,
     _part_off,
     _turned_away,
     _unsteady,
@@ -236,7 +236,7 @@ def test_distances_and_angles_are_those_by_pinocchio(which, request):
     job = with_work(one.job, part=one.job.tasks[0].seam.part * aside)
     work = job.tasks[0].seam
     segment = next(s for s in one.schedule.segments if s.kind == "seam")
-    found = SeamMotion(one.schedule, job, ToolModel(one.schedule), work).during(segment)
+    found = MeasuredSeam(one.schedule, job, ToolModel(one.schedule), work).during(segment)
     some = np.linspace(0, len(found.time) - 1, 9).astype(int)[1:-1]
     for k, (part, tool) in zip(
         some, poses(job, one.schedule.trajectory.at(found.time[some])[0]), strict=True
@@ -737,10 +737,10 @@ def test_a_part_that_stands_in_the_world_is_where_the_arm_that_stands_holds_it(l
     """The same tool, places and angles whether an arm holds the part still or nothing does."""
     [segment] = [s for s in line.schedule.segments if (s.kind, s.arm) == ("seam", "right")]
     model, work = ToolModel(line.schedule), line.job.tasks[0].seam
-    held = SeamMotion(line.schedule, line.job, model, work).during(segment)
+    held = MeasuredSeam(line.schedule, line.job, model, work).during(segment)
     part = pin.SE3(held.R_part[0], held.p_part[0])
     alone = dataclasses.replace(work, master=None, part=part)
-    stands = SeamMotion(line.schedule, line.job, model, alone).during(segment)
+    stands = MeasuredSeam(line.schedule, line.job, model, alone).during(segment)
     np.testing.assert_allclose(stands.length, held.length, atol=1e-8)
     np.testing.assert_allclose(stands.distance, held.distance, atol=1e-8)
     np.testing.assert_allclose(stands.angle, held.angle, atol=1e-7)

@@ -53,7 +53,7 @@ class OnSeam:
 
 
 @dataclass(frozen=True)
-class SeamMotion:
+class MeasuredSeam:
     """A motion as one seam's tool and part see it."""
 
     schedule: Schedule
@@ -209,7 +209,7 @@ def check_seams(
             message = f"{task}: it needs one segment of kind seam for each arm that works, at the same time"
             worst["seam_progress"].add(np.inf, message)
             continue
-        SeamJudge(worst, SeamMotion(schedule, job, model, work), own[0], lines).judge()
+        SeamJudge(worst, MeasuredSeam(schedule, job, model, work), own[0], lines).judge()
     nothing = "no seam asks for it"
     return [
         worst["seam_distance"].judge(NAMES[0], tol.CHAIN_DISTANCE, "m", ""),
@@ -229,7 +229,7 @@ class SeamJudge:
 
     worst: dict[str, Worst]
     """Figures by check."""
-    motion: SeamMotion
+    motion: MeasuredSeam
     """The motion and the seam."""
     segment: Segment
     """Segment of kind seam."""

@@ -18,7 +18,7 @@ from dualarm_cli.kinds.reporting import (
     methods_table,
     room_words,
 )
-from dualarm_cli.kinds.seam.checks import OnSeam, SeamMotion
+from dualarm_cli.kinds.seam.checks import MeasuredSeam, OnSeam
 from dualarm_cli.kinematics.manipulability import manipulability
 from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.job import Job
@@ -197,7 +197,7 @@ def _sampled(
         methods[0] if methods else "",
         work,
         (segment.start, segment.end),
-        SeamMotion(schedule, job, model, work).during(segment),
+        MeasuredSeam(schedule, job, model, work).during(segment),
         time - segment.start,
         q,
         qd,
