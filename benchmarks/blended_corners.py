@@ -30,6 +30,7 @@ from dualarm_cli.effort import EFFORTS
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.stop_motion import PATH_SAMPLES
@@ -42,7 +43,6 @@ from dualarm_cli.timing.composition import concatenate
 from dualarm_cli.timing.launch import reversed_in_time, solve_launch
 from dualarm_cli.timing.line_ends import Passings, quickest_pair, refined_pair
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.ruckig_ import solve_moving_transfer
 from dualarm_cli.verification.motion_checks import check_agreement, check_limits
 

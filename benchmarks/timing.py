@@ -19,12 +19,12 @@ from dualarm_cli.kinematics.srs.srs_geometry import SrsGeometry
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.timing.composition import concatenate, hold, merge
 from dualarm_cli.timing.line_profile import estimate_line_durations
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 JOINTS = ("s", "l", "e", "u", "r", "b", "t")
 VELOCITY = np.deg2rad([170.0, 170, 170, 170, 200, 200, 400])

@@ -136,6 +136,23 @@ def test_every_room_is_on_the_map():
         assert ast.get_docstring(parsed(init)), init
 
 
+def test_limits_have_one_law_and_a_job_one_pace():
+    """`JointLimits.law` and `Job.limits` alone compute what follows from limits and from a job's speed."""
+    found = set()
+    for name, path in modules().items():
+        for node in nodes(path):
+            if isinstance(node, ast.Call):
+                call = ast.unparse(node)
+                if re.search(r"limits\.scaled\(.*\bspeed\)$", call) or re.match(
+                    r"RestToRest\((\w+)\.velocity, \1\.acceleration, \1\.jerk\)$", call
+                ):
+                    found.add((name.removeprefix("dualarm_cli."), call))
+    assert found == {
+        ("model.job", "self.cell.robot.limits.scaled(self.speed)"),
+        ("model.robot", "RestToRest(self.velocity, self.acceleration, self.jerk)"),
+    }
+
+
 TEXT_METHODS = {"search", "match", "fullmatch", "findall", "finditer", "split", "sub"}
 
 

@@ -11,9 +11,9 @@ from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.postures.platform_reach import AngleCells
 from dualarm_cli.records import dataclass
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 ROUNDING = 1e-6
 """What enclosures are widened by, since they are computed in floating point [rad]; the compiled ones as well."""

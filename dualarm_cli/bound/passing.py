@@ -20,9 +20,9 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import cube
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import SequenceProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 AT_ONCE = 1e12
 """Acceleration limit that costs no time worth a digit, per speed limit [1/s]."""

@@ -107,7 +107,7 @@ def quickest_curve(
     """
     arm, way = context.model.arms[name], context.ways[name]
     start, goal = context.plan.start[arm.columns], context.plan.arrival[arm.columns]
-    limits = context.job.cell.robot.limits.scaled(context.job.speed).select(arm.arm.joints)
+    limits = context.job.limits.select(arm.arm.joints)
     pace = 1.0 / context.job.speed
     least = way.arrival * context.samples.step
     points = start + np.linspace(0.0, 1.0, ROUNDS[0])[:, None] * (goal - start)

@@ -23,7 +23,6 @@ from dualarm_cli.registry import Registry
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import drawn_out
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 HERE = "(where the section before ended)"
 """Name of the posture in which a section starts."""
@@ -74,9 +73,8 @@ class SectionTools:
     def transfer(self, here: FloatArray, there: FloatArray) -> ClearedPlan:
         """Returns the motion of all joints from one configuration (n,) to another [rad or m] that is collision-free."""
         problem = self.part((), here)
-        limits = problem.job.cell.robot.limits.scaled(problem.job.speed)
-        law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
-        duration = float(law.duration(there - here))
+        limits = problem.job.limits
+        duration = float(limits.law.duration(there - here))
         stage = StagePlan(here, there, there, {}, "transfer", duration)
         return quickest_clear(
             problem, lambda _: Decided([stage]), self.timing, self.progress, clear=self.clear

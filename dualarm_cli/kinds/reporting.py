@@ -54,7 +54,7 @@ def joint_use(
         velocity: likewise [rad/s or m/s].
         columns: joints whose distance from a limit counts.
     """
-    robot, limits = job.cell.robot, job.cell.robot.limits.scaled(job.speed)
+    robot, limits = job.cell.robot, job.limits
     travel = np.abs(np.diff(position, axis=0)).sum(axis=0)
     ways = dict(zip(robot.joints, travel.tolist(), strict=True))
     turning = [joint for joint in robot.platform if joint not in robot.sliding]

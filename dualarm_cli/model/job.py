@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import field, replace
+from functools import cached_property
 from typing import Literal, TypeVar
 
 import pinocchio as pin
@@ -17,6 +18,7 @@ from dualarm_cli.model.conveyor import OnBelt
 from dualarm_cli.model.handover import Handover
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.place import NOWHERE, Place
+from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
@@ -327,6 +329,11 @@ class Job:
     job, whose start is then only a name."""
     start_place: Place = field(default=NOWHERE, compare=False)
     """Place of the start in its file, or the file that leaves it out."""
+
+    @cached_property
+    def limits(self) -> JointLimits:
+        """Limits of all joints at the job's pace."""
+        return self.cell.robot.limits.scaled(self.speed)
 
     def blended(self) -> Job:
         """Returns the job for tools that stop where they have to only.

@@ -17,6 +17,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.geometry.elementary import cube
 from dualarm_cli.model.place import NOWHERE, Place
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.records import dataclass
 
@@ -91,6 +92,11 @@ class JointLimits:
             self.jerk * cube(speed),
             self.source,
         )
+
+    @cached_property
+    def law(self) -> RestToRest:
+        """Least times of the joints from rest to rest, computed once."""
+        return RestToRest(self.velocity, self.acceleration, self.jerk)
 
     def select(self, joints: Sequence[str]) -> JointLimits:
         """Returns the limits of the named joints, in the order of the names."""

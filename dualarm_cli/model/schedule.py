@@ -100,7 +100,7 @@ class ScheduleRobot:
                 arm.name: ScheduleArm(arm.flange, cell.tools[arm.name].tcp, arm.joints)
                 for arm in robot.arms
             },
-            limits=robot.limits.scaled(job.speed),
+            limits=job.limits,
             platform=robot.platform,
             tool_speed=job.tool_speed,
         )

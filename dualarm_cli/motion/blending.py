@@ -29,7 +29,6 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.timing.launch import Launch
 from dualarm_cli.timing.line_ends import Passings, quickest_pair, refined_pair
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.ruckig_ import MovingTransfer
 
 WORTH = 1e-4
@@ -147,8 +146,7 @@ def platform_time(drive: Drive, before: StagePlan | None, plan: StagePlan) -> fl
     if leaving.any() or arriving.any():
         problem = TransferProblem(limits.joints, start, goal, limits)
         return MovingTransfer(problem).duration(leaving, arriving)
-    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
-    return float(law.duration(goal - start))
+    return float(limits.law.duration(goal - start))
 
 
 def _ends_stage(plan: StagePlan, name: str) -> bool:
@@ -187,7 +185,7 @@ def _ways(
     if len(retract.ways) == len(approach.ways) == 1 or np.array_equal(start, goal):
         return None
     problem = TransferProblem(limits.joints, start, goal, limits, platform)
-    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+    law = limits.law
     rest = max(platform, float(law.duration(goal - start)))
     if retract.rates[0].any() or approach.rates[0].any():
         rest = MovingTransfer(problem).duration(retract.rates[0], approach.rates[0])
@@ -204,7 +202,7 @@ def _giver_time(drive: Drive, plan: StagePlan, name: str) -> float:
         return 0.0
     index = drive.columns[pair[0].arm]
     limits = drive.own_limits[pair[0].arm]
-    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+    law = limits.law
     return float(law.duration(plan.arrival[index] - plan.start[index]))
 
 

@@ -26,7 +26,6 @@ from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, tool_s
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.problem import TransferProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.ruckig_ import MovingTransfer
 
 FACTORS = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0)
@@ -119,7 +118,7 @@ class _Corner:
         drive, plan, after = self.drive, self.plan, self.after
         index = [column for group in groups for column in drive.columns[group]]
         limits = drive.limits.select([name for group in groups for name in drive.joints(group)])
-        law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+        law = limits.law
         least = [0.0, 0.0]
         if PLATFORM not in groups:
             least = [

@@ -14,6 +14,7 @@ from dualarm_cli.geometry.arrays import FloatArray, distinct
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job, Stop
+from dualarm_cli.model.rest_to_rest import rest_to_rest_duration
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import TOOL_SPEED
 from dualarm_cli.model.trajectory import Trajectory
@@ -22,7 +23,6 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.problem import TransferProblem
-from dualarm_cli.timing.rest_to_rest import rest_to_rest_duration
 from dualarm_cli.timing.ruckig_ import solve_moving_transfer
 
 PLATFORM = "platform"
@@ -109,7 +109,7 @@ class Drive:
         columns = {PLATFORM: model.platform_columns} if robot.platform else {}
         columns |= {name: arm.columns for name, arm in model.arms.items()}
         known = Known() if known is None else known
-        return Drive(model, columns, robot.limits.scaled(job.speed), timing, job.tool_speed, known)
+        return Drive(model, columns, job.limits, timing, job.tool_speed, known)
 
     @cached_property
     def own_limits(self) -> Mapping[str, JointLimits]:

@@ -12,12 +12,11 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, Task
-from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.postures import StopProblem
 from dualarm_cli.postures.clear_postures import KeepClear
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.line_profile import estimate_line_durations
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 
 @dataclass(frozen=True)
@@ -47,14 +46,14 @@ class Clock:
     def of(cls, model: CellModel, job: Job) -> Clock:
         """Returns the times of a job's robot."""
         robot = job.cell.robot
-        limits = robot.limits.scaled(job.speed)
+        limits = job.limits
         arms = {}
         for name, arm in model.arms.items():
             own = limits.select(arm.arm.joints)
             T = arm.T_flange_tcp.inverse()
             line_time = partial(estimate_line_durations, limits=own)
-            arms[name] = ArmClock(_law(own), line_time, T.rotation, T.translation)
-        platform = _law(limits.select(robot.platform)) if robot.platform else None
+            arms[name] = ArmClock(own.law, line_time, T.rotation, T.translation)
+        platform = limits.select(robot.platform).law if robot.platform else None
         return cls(platform, arms)
 
     def platform_times(self, moved: FloatArray) -> FloatArray:
@@ -62,10 +61,6 @@ class Clock:
         if self.platform is None:
             return np.zeros(moved.shape[:-1])
         return self.platform.duration(moved)
-
-
-def _law(limits: JointLimits) -> RestToRest:
-    return RestToRest(limits.velocity, limits.acceleration, limits.jerk)
 
 
 def stop_problems(

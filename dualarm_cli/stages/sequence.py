@@ -260,7 +260,7 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
         return numbers
     if problem.own is not None:
         own = problem.own.job
-        limits = own.cell.robot.limits.scaled(own.speed)
+        limits = own.limits
         arms = (replace(work, own=limits.select(work.limits.joints)) for work in numbers.arms)
         numbers = replace(numbers, arms=tuple(arms))
     return replace(numbers, ways=middling_ways(numbers))

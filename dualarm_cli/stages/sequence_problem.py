@@ -15,7 +15,6 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.plans.clearance import Barred, SequenceClearance
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem, StopTarget
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 
 def sequence_problem(
@@ -71,7 +70,7 @@ def _problem(
     model: CellModel, job: Job, stops: Mapping[str, Sequence[StopTarget | None]]
 ) -> SequenceProblem:
     robot = job.cell.robot
-    limits = robot.limits.scaled(job.speed)
+    limits = job.limits
     start = np.array(job.start_joints)
     arms = tuple(
         _arm_work(arm, limits.select(arm.arm.joints), tuple(stops[name]), start[arm.columns])
@@ -80,7 +79,7 @@ def _problem(
     law, span = None, (0.0, 0.0)
     if model.platform.is_chosen:
         platform = limits.select(robot.platform)
-        law = _law(platform)
+        law = platform.law
         span = (float(platform.lower[0]), float(platform.upper[0]))
     return SequenceProblem(
         platform=model.platform,
@@ -109,10 +108,6 @@ def _clearance(
     )
 
 
-def _law(limits: JointLimits) -> RestToRest:
-    return RestToRest(limits.velocity, limits.acceleration, limits.jerk)
-
-
 def _arm_work(
     arm: ArmModel, limits: JointLimits, stops: tuple[StopTarget | None, ...], start: np.ndarray
 ) -> ArmWork:
@@ -121,7 +116,7 @@ def _arm_work(
         name=arm.arm.name,
         kinematics=arm.kinematics,
         limits=limits,
-        law=_law(limits),
+        law=limits.law,
         R_tool_flange=T_tool_flange.rotation,
         p_tool_flange=T_tool_flange.translation,
         stops=stops,

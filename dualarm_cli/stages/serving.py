@@ -13,7 +13,6 @@ from dualarm_cli.model.job import ANY, JointTarget
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.stages.method import MethodProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 CLOSED_FORMS, NUMERIC = "arm_angle", "numeric"
 """Redundancy solvers: of arms with closed forms, and of any arms."""
@@ -121,10 +120,9 @@ def with_stopping_room(problem: MethodProblem) -> MethodProblem:
     """
     job, robot = problem.job, problem.job.cell.robot
     limits = robot.limits
-    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
     span = limits.upper - limits.lower
     way = np.where(np.isfinite(span), span, 0.0) + 1.0
-    ramps = law.per_joint(way * 1e3) - way * 1e3 / limits.velocity
+    ramps = limits.law.per_joint(way * 1e3) - way * 1e3 / limits.velocity
     room = np.minimum(ROOM * 0.5 * limits.velocity * ramps, MOST_ROOM * span)
     room[problem.model.platform_columns] = 0.0
     lower, upper = limits.lower + room, limits.upper - room

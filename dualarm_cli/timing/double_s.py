@@ -7,11 +7,11 @@ import numpy as np
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.geometry.elementary import cbrt, cube
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.problem import TransferProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 PHASES = 7
 """Phases of a double S; those that a motion does not need have no length."""
@@ -72,7 +72,7 @@ def solve_transfer(problem: TransferProblem) -> Trajectory:
     shorter than in the joint's fastest motion.
     """
     distance, limits = problem.goal - problem.start, problem.limits
-    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+    law = limits.law
     duration = max(float(law.duration(distance)), problem.minimum_duration)
     if not distance.any():
         return hold(problem.joints, problem.start, duration)

@@ -17,7 +17,6 @@ from dualarm_cli.timing import double_s
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.double_s import PHASES, Phases, transfer_trajectory
 from dualarm_cli.timing.problem import TransferProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 SAME_DURATION = 1e-9
 """Relative difference up to which ruckig's duration is the closed form's."""
@@ -49,7 +48,7 @@ def solve_transfer(problem: TransferProblem) -> Trajectory:
     moving = np.flatnonzero(problem.start != problem.goal).astype(np.int64)
     if moving.size == 0:
         return hold(problem.joints, problem.start, problem.minimum_duration)
-    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+    law = limits.law
     duration = max(float(law.duration(problem.goal - problem.start)), problem.minimum_duration)
     profiles = _calculate(problem, moving, duration)
     phases = np.zeros((3, len(problem.joints), PHASES))

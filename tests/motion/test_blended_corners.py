@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from dualarm_cli.compiled import trajectories
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.timing.launch import COMPARED, CUTS, PROFILES, launches
 from dualarm_cli.timing.line_ends import RANGES, Passings, quickest_pair, refined_pair
 from dualarm_cli.timing.line_profile import path_of
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.ruckig_ import MovingTransfer
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"

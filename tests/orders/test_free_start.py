@@ -8,11 +8,11 @@ from itertools import pairwise, permutations
 import numpy as np
 import pytest
 
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.orders.asynchronous.problem import ArmTasks, SequencingProblem
 from dualarm_cli.orders.paired.changes import closed
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder
 from dualarm_cli.orders.paired.times import with_angles
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 LAW = RestToRest(np.array([1.0]), np.array([1e6]), np.array([np.inf]))
 """A joint that goes 1 rad/s at once."""

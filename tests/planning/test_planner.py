@@ -12,10 +12,10 @@ from dualarm_cli.errors import InfeasibleError, UnknownSolverError, UnsupportedE
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import PoseTarget
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan, plan_without_bound
 from dualarm_cli.stages.method import MethodProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.verification import verify
 
 JOBS = [

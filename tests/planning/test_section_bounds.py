@@ -20,13 +20,13 @@ from dualarm_cli.model.curves.tool_path import Line, ToolPath
 from dualarm_cli.model.job import Dwell, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.place import NOWHERE
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.seam import Hold, SeamTool, SeamWork
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.job_bound import OPEN_PATH_BOUND, PATH_BOUND, job_bound
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.console import bound_line
 from dualarm_cli.report.report import build_report
-from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.verification import verify
 
 ARMS = ("left", "right")

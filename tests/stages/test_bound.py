@@ -14,6 +14,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells, turned
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable, flange_poses
@@ -24,7 +25,6 @@ from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing.line_profile import estimate_line_durations
-from dualarm_cli.timing.rest_to_rest import RestToRest
 from tests.posture_cells_numpy import within_reach
 
 Problems = Callable[..., SequenceProblem]

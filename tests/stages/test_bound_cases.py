@@ -18,6 +18,7 @@ from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.model.job import Dwell, Job, JointTarget, Place, PoseTarget, Stop, Task
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
@@ -25,7 +26,6 @@ from dualarm_cli.stages.search.potentials import transfer_table
 from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.search.transfer_table import TransferTable
 from dualarm_cli.stages.sequence_problem import sequence_problem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 from tests.posture_cells_numpy import within_reach
 
 Problems = Callable[..., SequenceProblem]

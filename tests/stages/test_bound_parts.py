@@ -12,9 +12,9 @@ from dualarm_cli.bound.cells import Cells, LineToTarget, pose_cells
 from dualarm_cli.effort import Resolution
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells
 from dualarm_cli.stages.plans.problem import SequenceProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 from tests import posture_cells_numpy as in_numpy
 from tests.posture_cells_numpy import one_cell, smallest_rotation
 from tests.ranges_numpy import Range, half, turning

@@ -13,6 +13,7 @@ import pytest
 from dualarm_cli.bound.bound import lower_bound
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable, flange_poses
 from dualarm_cli.stages.plans.times import evaluate
@@ -20,7 +21,6 @@ from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.stage_by_stage import choose_stages
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 Problems = Callable[..., SequenceProblem]
 

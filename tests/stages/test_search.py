@@ -11,6 +11,7 @@ from dualarm_cli.effort import EFFORTS, Mesh
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.stages import sequence
@@ -31,7 +32,6 @@ from dualarm_cli.stages.search.variables import FIELDS, Variables, slopes
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.stage_by_stage import choose_stages
-from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.verification import verify
 
 Problems = Callable[..., SequenceProblem]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.timing.double_s import fastest_phases, solve_transfer
 from dualarm_cli.timing.problem import TransferProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 INF = np.inf
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.timing.line_profile import (
     ESTIMATE_SHAPES,
@@ -14,7 +15,6 @@ from dualarm_cli.timing.line_profile import (
     joint_line_durations,
 )
 from dualarm_cli.timing.problem import LineProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.spline import largest_rates
 
 JOINTS = ("s", "l", "e", "u", "r", "b", "t")

@@ -59,7 +59,7 @@ static void derivative(const double *values, int64_t samples, int64_t width, int
     }
 }
 
-/* Least time of one joint from rest to rest, see timing/rest_to_rest.py. */
+/* Least time of one joint from rest to rest, see model/rest_to_rest.py. */
 static double rest_to_rest(double distance, double velocity, double acceleration, double jerk)
 {
     const double ramp = acceleration / jerk, half = 0.5 * acceleration * ramp;

@@ -349,7 +349,7 @@ class ConveyorMeeting:
         shift = velocity * (time - belt.at)
         seen = arm_stop.problem
         problem = replace(seen, p_base_tool=seen.p_base_tool + shift)
-        limits = job.cell.robot.limits.scaled(job.speed)
+        limits = job.limits
         asked = Tracking(
             problem,
             arm_stop.posture,

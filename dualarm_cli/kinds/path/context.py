@@ -22,10 +22,10 @@ from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH, Poses, ToolPath
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.path_work import PathWork
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.double_s import fastest_phases
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 RAMP = 0.2
 """Time in which the speed is reached at constant acceleration, where the file gives no acceleration [s]."""
@@ -294,7 +294,7 @@ class PathContext:
             model,
             WholeBody(job.cell),
             job,
-            job.cell.robot.limits.scaled(job.speed),
+            job.limits,
             Dynamics(job.cell) if torque else None,
         )
 

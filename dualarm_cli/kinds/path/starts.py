@@ -16,7 +16,6 @@ from dualarm_cli.kinematics.whole_body import Reached, reach
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 PLATFORMS = 24
 """Platform angles at which starts are looked for."""
@@ -117,8 +116,7 @@ def _near(context: PathContext, work: PathWork, q: FloatArray, here: FloatArray)
 
 def _time_to(context: PathContext, here: FloatArray, q: FloatArray) -> float:
     limits = context.limits
-    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
-    return float(law.duration(q - here))
+    return float(limits.law.duration(q - here))
 
 
 def _easiest(context: PathContext, work: PathWork, here: FloatArray) -> list[_Way]:

@@ -34,7 +34,6 @@ from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.problem import LineProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 SEAM_LINE_SAMPLES = 65
 """Places along a line at which joints are solved for."""
@@ -317,7 +316,7 @@ class SeamPlanner:
         )
         return SeamProblem(
             chain=chain,
-            limits=robot.limits.scaled(self.job.speed),
+            limits=self.job.limits,
             start=start.here,
             near=near,
             begin=start.begin,
@@ -335,9 +334,8 @@ class SeamPlanner:
         """Returns how long straight transfers from a configuration take."""
         if self.free_start:
             return None
-        limits = self.job.cell.robot.limits.scaled(self.job.speed)
-        law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
-        return lambda position: np.array([float(law.duration(q - here)) for q in position])
+        limits = self.job.limits
+        return lambda position: np.array([float(limits.law.duration(q - here)) for q in position])
 
     def _solvers(self, task: str, problem: SeamProblem) -> list[str]:
         """Returns the solver that was asked for, or the first one that serves.

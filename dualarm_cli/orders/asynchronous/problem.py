@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.orders.rules.stores import Stores
 from dualarm_cli.orders.rules.tool_stands import ToolStands, between_with_changes
 from dualarm_cli.records import dataclass
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 CHUNK = 2_000_000
 """Pairs of postures whose times are computed at once."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.orders.model.buffer_numbers import job_stores
 from dualarm_cli.orders.model.meeting import handovers_of, meeting_costs, met_postures
 from dualarm_cli.orders.model.order_model import OrderModel
@@ -18,7 +19,6 @@ from dualarm_cli.orders.rules.tool_stands import NO_TOOL
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import Nodes
 from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 WIDTHS = (1, 1, 2, 4, 8, 16)
 """So many more postures of every stop and angle are looked at in each round; in the end the last number again."""

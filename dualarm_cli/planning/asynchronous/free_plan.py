@@ -37,7 +37,6 @@ from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import concatenate, hold
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 SPREADS = (1, 2, 4)
 """By how many steps what is blocked is made larger, one after the other, until all is collision-free."""
@@ -217,8 +216,7 @@ class FreePlanner:
         placed = lying_beside(problem.job, problem.job.tasks, ())
         beside = (*problem.job.beside, *placed)
         alone = replace(problem.job, cell=cell, begin=here, tasks=(), returns=False, beside=beside)
-        limits = cell.robot.limits.scaled(alone.speed)
-        law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+        law = alone.limits.law
         back = StagePlan(here, there, there, {}, "return", float(law.duration(there - here)))
         found = quickest_clear(
             replace(problem, model=replace(problem.model, cell=cell), job=alone),

@@ -13,7 +13,6 @@ from dualarm_cli.errors import UsageError
 from dualarm_cli.model.schedule import DURATION, TOOL_SPEED, Schedule
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.stage_parts import StageParts, overlap, stage_parts
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 KINDS = (("transfer", "return"), ("approach",), ("dwell",), ("retract",), ("path",), ("seam",))
 """Parts of an arm's work, by what they are called together."""
@@ -165,8 +164,7 @@ def _least_time(version: Version, joint: str, way: float | None) -> float | None
     one = limits.select([joint])
     if not (np.isfinite(one.velocity[0]) and np.isfinite(one.acceleration[0])):
         return None
-    law = RestToRest(one.velocity, one.acceleration, one.jerk)
-    return float(law.duration(np.array([way])))
+    return float(one.law.duration(np.array([way])))
 
 
 def _cause(a: Version, b: Version, joint: str, difference: float, moved: list[float | None]) -> str:

@@ -146,7 +146,7 @@ def _draw_manipulability(axes: Any, path: PathSamples, *, together: bool = False
 
 def _draw_joints(axes: Any, path: PathSamples, job: Job, what: str) -> None:
     """Draws one rate of all joints that follow as a share of its limits, -1 to 1."""
-    limits = job.cell.robot.limits.scaled(job.speed)
+    limits = job.limits
     values = getattr(path, what)
     if what == "position":
         middle = (limits.lower + limits.upper) / 2.0

@@ -11,10 +11,10 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.clearance import SequenceClearance
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 from dualarm_cli.beside import halves
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.linear_programs import least_cost
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans import passing
 from dualarm_cli.stages.plans.candidates import CandidatePostures
@@ -22,7 +23,6 @@ from dualarm_cli.stages.plans.times import (
     start_joints,
 )
 from dualarm_cli.stages.search.variables import Slopes, Variables, slopes
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 
 @dataclass

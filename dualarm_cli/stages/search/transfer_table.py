@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from dualarm_cli.compiled.transfer_times import Laws, boxes, gap_times
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.records import dataclass
-from dualarm_cli.timing.rest_to_rest import RestToRest
 
 SAME_LAW = 0.03
 """Laws whose constants differ by less than this share are taken as one, the quickest."""
