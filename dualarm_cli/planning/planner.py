@@ -25,6 +25,7 @@ from dualarm_cli.model.joint_motion import lean
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.builder import Motion
+from dualarm_cli.motion.waiting import SAME_TIME
 from dualarm_cli.orders.decided_jobs import file_order, stage_by_stage
 from dualarm_cli.orders.watch import SeenEnoughError, Watch
 from dualarm_cli.planning.job_bound import job_bound
@@ -47,6 +48,8 @@ from dualarm_cli.timing import TIMING_SOLVERS
 
 NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
 """Message where the user had seen enough once there was a plan."""
+NOT_EASIER = "effort: less effort might give a shorter plan; its search was interrupted"
+"""Message where the user had seen enough before the plan of less effort was there."""
 SHORT_STOPS = 24
 """Jobs of so many stops or fewer are planned with less effort as well, in another process: it takes seconds."""
 FAR_SLOWER = 0.08
@@ -70,45 +73,76 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
     blended = settings.blend != "none"
     # Both processes need them: loaded by each, they would take the time of two.
     of_kinds("planning")
-    schedule: Schedule | None = None
-    blocked: BlockedError | None = None
+    notes: list[str] = []
     with (
         Beside(lambda: job_bound(job, settings.effort, blended=blended)) as bounding,
         Beside(lambda: _of_less_effort(job, settings)) as beside,
     ):
         try:
             schedule = plan_without_bound(job, settings, watch)
-        except BlockedError as error:
-            blocked = error
+            is_found = True
+        except InfeasibleError:
+            watch.end()
+            watch.tell("planning with less effort")
+            easier = None if watch.enough() else beside.result()
+            if easier is None:
+                raise
+            schedule = _as_asked(easier, settings)
+            watch.keep(schedule)
+            is_found = False
         watch.tell("computing the lower bound")
         bound = _until_seen_enough(watch, bounding.result) or LowerBound(None, (NOT_BOUNDED,))
-        easier = None if watch.stopped else _until_seen_enough(watch, beside.result)
-    if easier is not None and (schedule is None or easier.duration < schedule.duration):
-        schedule = replace(
-            easier, provenance=replace(easier.provenance, settings=settings.as_dict())
-        )
-    if schedule is None:
-        assert blocked is not None  # nothing else leaves none
-        raise blocked
-    unneeded = (UNLIMITED,) if job.is_decided and settings.time_limit is not None else ()
-    notes = (*schedule.notes, *unneeded, *bound.assumptions)
-    return replace(schedule, lower_bound=bound.value, notes=notes)
+        if is_found and _less_efforts(job, settings):
+            watch.tell("planning with less effort")
+            easier = None if watch.enough() else _until_seen_enough(watch, beside.result)
+            if easier is None and watch.enough():
+                notes.append(NOT_EASIER)
+            elif easier is not None and easier.duration < schedule.duration - SAME_TIME:
+                schedule = _as_asked(easier, settings, schedule.duration)
+    if job.is_decided and settings.time_limit is not None:
+        notes.append(UNLIMITED)
+    notes = [*schedule.notes, *notes, *bound.assumptions]
+    return replace(schedule, lower_bound=bound.value, notes=tuple(notes))
+
+
+def _less_efforts(job: Job, settings: PlanSettings) -> list[str]:
+    """List the words of `--effort` with which a short job is planned as well; none where a time limit ends searches."""
+    if sum(len(task.stops) for task in job.tasks) > SHORT_STOPS:
+        return []
+    if settings.time_limit is not None and not job.is_decided:
+        return []
+    efforts = []
+    less = less_effort(settings.effort)
+    while less is not None:
+        efforts.append(less)
+        less = less_effort(less)
+    return efforts
 
 
 def _of_less_effort(job: Job, settings: PlanSettings) -> Schedule | None:
-    """Plan a short job with less effort, whose search takes other ways and may end at a quicker plan.
+    """Plan a short job with each lesser effort, whose searches take other ways; return the quickest plan or None."""
+    plans = []
+    for effort in _less_efforts(job, settings):
+        with suppress(InfeasibleError):
+            plans.append(plan_without_bound(job, replace(settings, effort=effort)))
+    return min(plans, key=lambda schedule: schedule.duration, default=None)
 
-    None for long jobs, searches with a time limit, the least effort, and where no plan is found.
+
+def _as_asked(easier: Schedule, settings: PlanSettings, duration: float | None = None) -> Schedule:
+    """Return a plan of less effort as that of the effort asked for, with a note.
+
+    Args:
+        easier: the plan.
+        settings: as they were asked for.
+        duration: of the plan with the effort asked for [s]; None where it has none.
     """
-    less = less_effort(settings.effort)
-    long = sum(len(task.stops) for task in job.tasks) > SHORT_STOPS
-    if less is None or long or settings.time_limit is not None:
-        return None
-    easier = replace(settings, effort=less)
-    with suppress(InfeasibleError):
-        found, other = plan_without_bound(job, easier), _of_less_effort(job, easier)
-        return found if other is None or found.duration <= other.duration else other
-    return None
+    made = easier.provenance.settings
+    why = f"{settings.effort} found none"
+    if duration is not None:
+        why = f"it is {duration - easier.duration:.2g} s shorter than that of {settings.effort}"
+    note = f"effort: the plan of {made['effort']} effort was taken, as {why}"
+    provenance = replace(easier.provenance, settings={**made, "effort": settings.effort})
+    return replace(easier, provenance=provenance, notes=(*easier.notes, note))
 
 
 def _until_seen_enough(watch: Watch, made: Callable[[], T]) -> T | None:
@@ -120,8 +154,13 @@ def _until_seen_enough(watch: Watch, made: Callable[[], T]) -> T | None:
         return found
     except SeenEnoughError:
         watch.catching = False
+        if not watch.enough():
+            raise  # this is the plan of less effort, and who watches the other one has seen enough
         watch.stop()
         return None
+    except InfeasibleError:
+        watch.catching = False
+        raise
 
 
 def _in_time(schedule: Schedule, job: Job) -> Schedule:

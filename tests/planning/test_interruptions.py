@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -56,7 +57,7 @@ def job(request, tmp_path):
 class Interrupted:
     """A job that is planned, with Ctrl-C at the n-th line of the watched files."""
 
-    def __init__(self, job, at):
+    def __init__(self, job, at, settings=SETTINGS):
         """Plans it."""
         self.lines, self.at, self.had, self.kept = 0, at, False, None
         self.watch = Watch()
@@ -66,7 +67,7 @@ class Interrupted:
         before = sys.gettrace()
         sys.settrace(self.calls)
         try:
-            self.schedule = plan(job, SETTINGS, self.watch)
+            self.schedule = plan(job, settings, self.watch)
         except KeyboardInterrupt:
             pass
         finally:
@@ -87,12 +88,12 @@ class Interrupted:
         return self.line
 
 
-def check(job, at, whole):
+def check(job, at, whole, settings=SETTINGS):
     """Interrupts a job at a line: without anything found it is given up, else there is a plan that passes.
 
     It says that it was interrupted, unless all was done then that is done without.
     """
-    seen = Interrupted(job, at)
+    seen = Interrupted(job, at, settings)
     if seen.schedule is None:
         assert not seen.had, f"line {at}: what was found is lost"
         return
@@ -113,6 +114,14 @@ def every(job, count):
 
 def test_what_was_found_is_planned_and_verified_wherever_it_is_interrupted(job):
     every(job, 4)
+
+
+def test_the_plan_of_less_effort_is_interrupted_as_any_other(job):
+    """On one core this process makes it, after the one asked for: that one is kept."""
+    settings = replace(SETTINGS, effort="normal")
+    whole = Interrupted(job, 0, settings)
+    for share in (0.6, 0.7):
+        check(job, round(share * whole.lines), whole.schedule, settings)
 
 
 @pytest.mark.slow

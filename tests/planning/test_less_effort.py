@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from dualarm_cli.bound.bound import LowerBound
-from dualarm_cli.errors import BlockedError
+from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.schedule import Provenance
 from dualarm_cli.model.settings import PlanSettings
@@ -39,7 +39,8 @@ def chosen(monkeypatch: pytest.MonkeyPatch):
             duration = durations[own.effort]
             if duration is None:
                 raise BlockedError(Refusal("not_clear"), stages=(0,))
-            return Plan(duration, Provenance("", {}, own.as_dict(), 0))
+            # As where a solver is replaced that does not serve the robot.
+            return Plan(duration, Provenance("", {}, own.as_dict() | {"redundancy": "numeric"}, 0))
 
         monkeypatch.setattr(planner, "plan_without_bound", made)
         monkeypatch.setattr(planner, "job_bound", lambda *_, **__: LowerBound(1.0, ()))
@@ -63,6 +64,7 @@ def job(tasks_folder):
         ({"quick": None, "normal": 3.0}, "normal", 3.0),
         ({"quick": 2.0, "normal": 4.0, "thorough": 3.0}, "thorough", 2.0),
         ({"quick": 4.0, "normal": 2.0, "thorough": 3.0}, "thorough", 2.0),
+        ({"quick": 2.0, "normal": None, "thorough": 3.0}, "thorough", 2.0),
         ({"quick": 2.0}, "quick", 2.0),
     ],
 )
@@ -73,7 +75,24 @@ def test_the_shortest_plan_is_taken_and_says_the_effort_asked_for(
     plan, asked = chosen(job, durations, PlanSettings(effort=effort))
     assert (plan.duration, plan.lower_bound) == (expected, 1.0)
     assert plan.provenance.settings["effort"] == effort
+    assert plan.provenance.settings["redundancy"] == "numeric"
     assert sorted(asked) == sorted(durations)
+
+
+@pytest.mark.parametrize(
+    ("durations", "expected"),
+    [
+        ({"quick": 2.5, "normal": 3.0}, ["it is 0.5 s shorter than that of normal"]),
+        ({"quick": 2.5, "normal": None}, ["normal found none"]),
+        ({"quick": 3.0, "normal": 3.0}, []),
+        ({"quick": 3.0 - 1e-12, "normal": 3.0}, []),
+    ],
+)
+def test_a_plan_of_less_effort_says_that_it_is_one(chosen, job, durations, expected):
+    """With the reason; rounding is none."""
+    plan, _ = chosen(job, durations, PlanSettings(effort="normal"))
+    taken = "effort: the plan of quick effort was taken, as "
+    assert list(plan.notes) == [taken + reason for reason in expected]
 
 
 def test_without_any_plan_the_refusal_is_that_of_the_effort_asked_for(chosen, job):
@@ -82,10 +101,31 @@ def test_without_any_plan_the_refusal_is_that_of_the_effort_asked_for(chosen, jo
         chosen(job, {"quick": None, "normal": None}, PlanSettings(effort="normal"))
 
 
+def test_a_task_in_time_at_less_effort_alone_is_planned(chosen, job, monkeypatch):
+    """Whatever the refusal is: here a window that closes too early."""
+
+    def late(job: Any, settings: PlanSettings, watch: Any = None) -> Plan:
+        if settings.effort == "normal":
+            raise InfeasibleError(Refusal("late"))
+        return Plan(2.0, Provenance("", {}, settings.as_dict(), 0))
+
+    chosen(job, {"quick": 2.0}, PlanSettings(effort="quick"))
+    monkeypatch.setattr(planner, "plan_without_bound", late)
+    assert planner.plan(job, PlanSettings(effort="normal")).duration == 2.0
+
+
 @pytest.mark.parametrize(("more", "limit"), [(13, None), (1, 10.0)])
 def test_long_jobs_and_searches_with_a_time_limit_are_planned_once(chosen, job, more, limit):
     """A task has two stops at least: thirteen times as many are more than 24."""
-    long = replace(job, tasks=job.tasks * more)
+    long = replace(job, tasks=job.tasks * more, order="optimise")
     durations = {"quick": 2.0, "normal": 3.0}
     plan, asked = chosen(long, durations, PlanSettings(effort="normal", time_limit=limit))
     assert (plan.duration, asked) == (3.0, ["normal"])
+
+
+def test_a_time_limit_has_no_effect_where_the_file_fixes_the_order(chosen, job):
+    """As the plan's note says."""
+    durations = {"quick": 2.0, "normal": 3.0}
+    plan, _ = chosen(job, durations, PlanSettings(effort="normal", time_limit=10.0))
+    assert plan.duration == 2.0
+    assert planner.UNLIMITED in plan.notes
