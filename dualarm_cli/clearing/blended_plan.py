@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection
 from dataclasses import replace
 
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
-from dualarm_cli.clearing.repairs import Cleared, Clearing
+from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.job import Job
@@ -74,7 +74,7 @@ def shortest_blended(
             other = blended_plan(problem, plan, timing)
         except InfeasibleError:
             continue
-        best = min(best, other, key=lambda one: one.cleared.motion.trajectory.duration)
+        best = min(best, other, key=lambda one: one.cleared.duration)
     return best
 
 
@@ -137,7 +137,7 @@ def blended_plan(
         for stage, other in zip(motion.stages, before.stages, strict=True)
     )
     motion = replace(motion, stages=stages, gain=gain)
-    return replace(found, cleared=Cleared(plans, motion, ()), stopping=found.cleared)
+    return replace(found, cleared=TimedPlan(plans, motion), stopping=found.cleared)
 
 
 def _with_detours_in_motion(

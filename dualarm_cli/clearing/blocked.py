@@ -6,14 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.clearing.repairs import Cleared, Clearing
+from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.clearing.stage_samples import stage_samples
 from dualarm_cli.collision.lying import too_near
 from dualarm_cli.errors import BlockedError
 from dualarm_cli.model.job import ANY, Job, JointTarget, Stop, Task
-from dualarm_cli.motion.builder import Motion
 from dualarm_cli.postures.holding import Holding
-from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.refusals import Refusal
 
 MOST_PAIRS = 30
@@ -90,23 +88,22 @@ def grip_faults(job: Job) -> list[Refusal]:
     return found
 
 
-def refuse_touching_lines(clearing: Clearing, plans: list[StagePlan], motion: Motion) -> None:
-    """Refuses many stages in which both arms' lines touch: no repairing helps them as much as another order.
+def refuse_touching_lines(clearing: Clearing, plan: TimedPlan) -> None:
+    """Refuse many stages in which both arms' lines touch: another order helps more than repairs.
 
     Args:
-        clearing: the job.
-        plans: its stages.
-        motion: theirs.
+        clearing: collision checks of the job.
+        plan: its stages and their motion.
 
     Raises:
         BlockedError: with those stages.
     """
-    apart = tuple(clearing.side_by_side(plans, clearing.touching(plans, motion)))
-    if len(apart) > max(1.0, MANY * len(plans)):
-        raise BlockedError(*why_blocked(clearing, Cleared(plans, motion, apart)), stages=apart)
+    apart = tuple(clearing.side_by_side(plan.plans, clearing.touching(plan.plans, plan.motion)))
+    if len(apart) > max(1.0, MANY * len(plan.plans)):
+        raise BlockedError(*why_blocked(clearing, replace(plan, blocked=apart)), stages=apart)
 
 
-def why_blocked(clearing: Clearing, found: Cleared | None) -> list[Refusal]:
+def why_blocked(clearing: Clearing, found: TimedPlan | None) -> list[Refusal]:
     """Returns which stages collide, with the pair of bodies and what is missing."""
     if found is None:
         return [Refusal("not_clear")]
@@ -153,7 +150,7 @@ def _tried(clearing: Clearing) -> list[Refusal]:
     return [Refusal("tried", more={"ways": ways})] if ways else []
 
 
-def _standing(job: Job, found: Cleared) -> list[Refusal]:
+def _standing(job: Job, found: TimedPlan) -> list[Refusal]:
     """Returns which arms stand where they started in stages that collide, as their work begins later."""
     standing = []
     for arm in job.cell.robot.arms:

@@ -1,9 +1,18 @@
-"""A method's quickest collision-free plan: first without collision checking, then with it."""
+"""Clearance loop: turn a planning method's proposals into the shortest collision-free plan.
+
+Start here if avoiding collisions makes a plan too long, or if a job is refused because stages stay blocked.
+
+The method first plans without collision checking. If that plan is collision-free, or if repairs cost next to nothing,
+it is the result. Otherwise the method plans again with collision checking; stages that no repair fixes become no-goods
+of the next round. If clearance still costs much, plans of simpler methods and of the next lower effort compete.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import field, replace
+from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 
@@ -19,77 +28,49 @@ from dualarm_cli.clearing.blocked import (
     why_blocked,
 )
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
-from dualarm_cli.clearing.repairs import Cleared, Clearing
+from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.clearing.stage_samples import StageSamples, alone_clear, stage_samples
 from dualarm_cli.effort import less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
-from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import Known
 from dualarm_cli.motion.waiting import transfer_ends
 from dualarm_cli.postures.holding import Holding
-from dualarm_cli.postures.stage_plan import StagePlan, same_postures
+from dualarm_cli.postures.stage_plan import same_postures
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.plans.clearance import Barred
 from dualarm_cli.timing import TimingSolver
 
-COSTLY = 1.5
-"""What repairing a stage costs that is worth looking for another one, at full speed [s]."""
+
+@dataclass(frozen=True)
+class ClearanceSettings:
+    """Thresholds of the clearance loop.
+
+    Costs of clearance are fractions of the unchecked plan's duration.
+    """
+
+    negligible_cost: float = 0.005
+    """Cost of clearance up to which the repaired unchecked plan is final [fraction]."""
+    repairable_stages: float = 0.34
+    """Largest fraction of colliding stages at which an unchecked plan is repaired."""
+    rounds: int = 3
+    """Rounds with collision checking."""
+    rounds_while_blocked: int = 12
+    """Maximum number of rounds as long as no plan is collision-free."""
+    expensive_repair: float = 1.5
+    """Added time from which a repaired stage becomes a no-good, at full speed [s]."""
+    compare_less_effort: float = 0.03
+    """Cost of clearance above which the plan of the next lower effort competes [fraction]."""
+    compare_simpler: float = 0.08
+    """Cost of clearance above which plans of simpler methods compete [fraction]."""
+    blending_rival: float = 0.03
+    """Largest lag of an unchecked plan that may be the shortest when blended [fraction]."""
+    sufficient_gain: float = 0.03
+    """Gain of blending above which postures chosen for stops do not compete [fraction of the blended plan]."""
 
 
-def bars_of(clearing: Clearing, tried: Cleared) -> list[Barred]:
-    """Returns what a plan's blocked stages have to be different in, and what its repaired ones really cost."""
-    found = []
-    everything = tuple(range(len(clearing.job.cell.robot.joints)))
-    # With a cap on the tools' speed all takes longer than the search thinks.
-    thought = sum(plan.duration for plan in tried.plans) / clearing.holding.pace
-    slow = clearing.holding.pace
-    if thought > 0.0:
-        slow = max(slow, tried.motion.trajectory.duration / thought)
-    for k, (plan, stage) in enumerate(zip(tried.plans, tried.motion.stages, strict=True)):
-        if not plan.detours and not plan.waits:
-            continue
-        straight = clearing.alone(replace(plan, detours={}, waits={}))
-        cost = stage.end - stage.start - straight.trajectory.duration
-        if cost > COSTLY * slow:
-            found.append(Barred(k, everything, plan.start, plan.arrival, cost))
-    for k in tried.blocked:
-        plan, stage = tried.plans[k], tried.motion.stages[k]
-        samples = stage_samples(tried.motion, k, k, clearing.holding)
-        margins = clearing.holding.cell.margins(samples.position, samples.held)
-        ends = transfer_ends(tried.motion.segments, stage.start, stage.end)
-        length = stage.end - stage.start
-        arrived = (min(ends, default=stage.end) - stage.start) / length if length > 0 else 0.0
-        worst = int(np.argmin(margins)) / (len(margins) - 1)
-        start = None if plan.stops and worst >= arrived else plan.start
-        found.append(Barred(k, _joints_at_fault(clearing, samples), start, plan.arrival))
-    return found
-
-
-def _joints_at_fault(clearing: Clearing, samples: StageSamples) -> tuple[int, ...]:
-    """Returns the columns of the arm that collides by itself, or else of all joints."""
-    model, cell = clearing.model, clearing.holding.cell
-    for a, name in enumerate(cell.arms):
-        if not alone_clear(cell, samples, a):
-            return (*model.platform_columns, *model.arms[name].columns)
-    return tuple(range(samples.position.shape[1]))
-
-
-NEGLIGIBLE = 0.005
-"""Share of the cycle time; where repairing the unchecked plan costs no more, no other plan is looked for."""
-FEW = 0.34
-"""Share of stages; an unchecked plan in which more of them collide is not repaired."""
-RIVALS = 0.08
-"""Share of the cycle time; where avoiding collisions costs more, simpler methods' plans may do better."""
-UNLUCKY = 0.03
-"""Share of the cycle time; where avoiding collisions costs more, the plan of less effort may do better: it starts
-elsewhere."""
-LITTLE_GAIN = 0.03
-"""Share of the cycle time; where blending gains less, the plan that is searched for with stops competes."""
-ALIKE = 0.03
-"""Share of the cycle time with stops; a plan that takes longer by more is hardly shorter when both are blended."""
-ROUNDS, MOST_ROUNDS = 3, 12
-"""Rounds in which a method re-plans without blocked stages, and the most where no plan is collision-free."""
+SETTINGS = ClearanceSettings()
 
 
 def quickest_clear(
@@ -102,10 +83,10 @@ def quickest_clear(
     alone: str | None = None,
     for_stops: bool = False,
 ) -> ClearedPlan:
-    """Returns the quickest plan of a method that is collision-free, see `_quickest_with_stops`.
+    """Plan a job without collisions, blended where the problem allows it.
 
-    Where the problem allows it, tools then pass the outer ends of lines in motion; the method plans with joints so
-    far from their limits of position that they can, as well or only.
+    For blending, the method keeps joints away from their position limits: tools need that room to pass the outer ends
+    of lines in motion. If blending gains little, postures that are chosen for stops compete.
 
     Args:
         problem: what the method is asked.
@@ -125,227 +106,265 @@ def quickest_clear(
         holding = Holding.of(problem.job, alone=alone)
         if faults := grip_faults(problem.job):
             raise InfeasibleError(*faults)
+    loop = ClearanceLoop(problem, solve, timing, progress, holding)
     if not has_blends(problem):
-        return _quickest_with_stops(problem, solve, timing, progress, holding)
+        return loop.run()
 
     def chosen_for_stops() -> ClearedPlan:
-        stopping = replace(problem, blend=False)
-        found = _quickest_with_stops(stopping, solve, timing, progress, holding)
+        plan = replace(loop, problem=replace(problem, blend=False)).run()
         progress("blending lines and transfers")
-        return found
+        return plan
 
     if for_stops:
         # Its rivals may end elsewhere.
         return blended_plan(problem, chosen_for_stops(), timing)
-    roomy = with_room(problem, solve)
-    found = _quickest_with_stops(problem, roomy, timing, progress, holding)
+    stopping = replace(loop, solve=with_room(problem, solve)).run()
     progress("blending lines and transfers")
-    best = shortest_blended(problem, found, timing)
-    if (best.cleared.motion.gain or 0.0) > LITTLE_GAIN * _duration(best):
-        return best
+    blended = shortest_blended(problem, stopping, timing)
+    plan = blended.cleared
+    if (plan.motion.gain or 0.0) > SETTINGS.sufficient_gain * plan.duration:
+        return blended
     # Where blending gains little, postures chosen for stops may be quicker.
-    return min(best, shortest_blended(problem, chosen_for_stops(), timing), key=_duration)
+    rival = shortest_blended(problem, chosen_for_stops(), timing)
+    return min(blended, rival, key=attrgetter("cleared.duration"))
 
 
-def _duration(found: ClearedPlan) -> float:
-    return found.cleared.motion.trajectory.duration
+@dataclass
+class ClearanceLoop:
+    """Search for a method's shortest collision-free plan with stops at all lines' ends.
 
-
-def _quickest_with_stops(
-    problem: MethodProblem,
-    solve: Callable[[MethodProblem], Decided],
-    timing: TimingSolver,
-    progress: Callable[[str], None],
-    holding: Holding | None,
-) -> ClearedPlan:
-    """Returns the quickest plan of a method that is collision-free, with all tools stopping at both ends of lines.
-
-    The method decides without collision checking. Where that plan is collision-free, or repairing it costs next to
-    nothing, it is the plan. Otherwise the method decides anew with collision checking, and again without stages that
-    collide when they are timed, whatever is done about them.
-
-    Args:
-        problem: what the method is asked.
-        solve: the method.
-        timing: how motions are timed.
-        progress: receives what is being done.
-        holding: what has to be collision-free; None: nothing.
-
-    Raises:
-        InfeasibleError: no posture reaches a target, or nothing that was found is collision-free.
+    `run` is the whole loop: propose, repair, re-plan round by round, compare.
     """
-    unchecked = solve(problem)
-    progress("timing the motion")
-    known = Known()
-    timed = _timed(problem, unchecked, timing, known)
-    reference = timed[0][1].trajectory.duration
-    if holding is None:
-        return ClearedPlan(
-            unchecked,
-            Cleared(*timed[0], ()),
-            reference,
-            replanned=False,
-            holding=None,
-            known=known,
-            rivals=tuple(
-                Cleared(*one, ())
-                for one in timed[1:]
-                if problem.blend and one[1].trajectory.duration <= (1.0 + ALIKE) * reference
-            ),
+
+    problem: MethodProblem
+    """What the method is asked."""
+    solve: Callable[[MethodProblem], Decided]
+    """The method: proposes stages."""
+    timing: TimingSolver
+    """Solver that times motions."""
+    progress: Callable[[str], None]
+    """Receives a message at the beginning of each step."""
+    holding: Holding | None
+    """Bodies that must not collide; None disables collision checking."""
+    known: Known = field(default_factory=Known, init=False)
+    """Motions timed so far."""
+    best: ClearedPlan | None = field(default=None, init=False)
+    """Best plan so far; stages of it may be blocked."""
+    unchecked: Decided = field(init=False)
+    """The method's proposal without collision checking."""
+    proposals: list[TimedPlan] = field(init=False)
+    """That proposal and its alternatives, timed, fastest first."""
+
+    def run(self) -> ClearedPlan:
+        """Run all steps and return the shortest plan.
+
+        Raises:
+            InfeasibleError: a target is out of reach, or every plan collides.
+        """
+        self.unchecked = self.solve(self.problem)
+        self.progress("timing the motion")
+        self.proposals = self._time(self.unchecked)
+        if self.holding is None:
+            fastest, *others = self.proposals
+            plan = self._cleared(self.unchecked, fastest)
+            return replace(plan, rivals=tuple(filter(self._may_win_blended, others)))
+        if final := self._repair_unchecked():
+            return final
+        decided, failure = self._replan()
+        best = self._compare_simpler(decided)
+        if best is None or best.cleared.blocked:
+            raise failure or self._explain_blocked()
+        return self._compare_less_effort(best)
+
+    @cached_property
+    def clearing(self) -> Clearing:
+        """Collision checks and repairs."""
+        assert self.holding is not None  # else `run` has ended
+        model, job, seed = self.problem.model, self.problem.job, self.problem.seed
+        return Clearing(model, job, self.holding, self.timing, seed, self.known)
+
+    def _time(self, decided: Decided) -> list[TimedPlan]:
+        """Time a proposal and its alternatives; sort them by duration."""
+        model, job = self.problem.model, self.problem.job
+        plans = [
+            TimedPlan(stages, realise(model, job, stages, self.timing, self.known))
+            for stages in (decided.stages, *decided.alternatives)
+            if stages
+        ]
+        return sorted(plans, key=attrgetter("duration"))
+
+    def _touching(self, plan: TimedPlan) -> list[int]:
+        """Return the stages of a plan that collide."""
+        return self.clearing.touching(plan.plans, plan.motion)
+
+    def _cleared(
+        self, decided: Decided, plan: TimedPlan, *, replanned: bool = False
+    ) -> ClearedPlan:
+        """Join a plan with the proposal that it came from."""
+        reference = self.proposals[0].duration
+        return ClearedPlan(decided, plan, reference, replanned, self.holding, self.known)
+
+    def _may_win_blended(self, plan: TimedPlan) -> bool:
+        """Return whether an unchecked plan may be the shortest one when blended."""
+        limit = (1.0 + SETTINGS.blending_rival) * self.proposals[0].duration
+        return self.problem.blend and plan.duration <= limit
+
+    def _repair_unchecked(self) -> ClearedPlan | None:
+        """Repair the unchecked plans, fastest first; return the best if it is final."""
+        best, collision_free = None, list[TimedPlan]()
+        for plan in self.proposals:
+            is_slower = best is not None and best.is_done_within(plan.duration)
+            if is_slower and not self._may_win_blended(plan):
+                break
+            touching = self._touching(plan)
+            is_repairable = len(touching) <= max(1, SETTINGS.repairable_stages * len(plan.plans))
+            if not touching:
+                collision_free.append(plan)
+                best = _better(best, plan)
+            elif not is_slower and is_repairable:
+                self.progress("avoiding collisions")
+                best = _better(best, self.clearing.repaired(plan, touching, give_up=True))
+        if best is None:
+            return None
+        self.best = self._cleared(self.unchecked, best)
+        if self.best.costs_more_than(SETTINGS.negligible_cost):
+            return None
+        return replace(self.best, rivals=tuple(plan for plan in collision_free if plan is not best))
+
+    def _replan(self) -> tuple[Decided, InfeasibleError | None]:
+        """Plan with collision checking, round by round, until nothing new is learned.
+
+        Returns:
+            The method's last proposal, and its refusal if the last round failed.
+        """
+        decided, asked = self.unchecked, self._near(self.problem, self.proposals[0])
+        for round_ in range(SETTINGS.rounds_while_blocked):
+            if round_ >= SETTINGS.rounds and self.best and not self.best.cleared.blocked:
+                break
+            self.progress("choosing postures again, avoiding collisions")
+            is_cheap = self.best and not self.best.costs_more_than(SETTINGS.compare_less_effort)
+            try:
+                decided = self.solve(replace(asked, only_near=bool(is_cheap)))
+            except InfeasibleError as failure:
+                return decided, failure
+            if (following := self._next_problem(asked, decided)) is None:
+                break
+            asked = following
+        return decided, None
+
+    def _near(
+        self, problem: MethodProblem, plan: TimedPlan, no_goods: Sequence[Barred] = ()
+    ) -> MethodProblem:
+        """Return a problem with collision checking near a plan that collides, without its no-goods."""
+        return replace(
+            problem,
+            holding=self.holding,
+            barred=(*problem.barred, *no_goods),
+            unchecked=tuple(plan.plans),
+            touching=(*self._touching(plan), *(no_good.stage for no_good in no_goods)),
         )
-    clearing = Clearing(problem.model, problem.job, holding, timing, problem.seed, known)
-    best, clear_plans = None, list[Cleared]()
-    for plans, motion in timed:
-        done = best is not None and best.is_done_within(motion.trajectory.duration)
-        near = motion.trajectory.duration <= (1.0 + ALIKE) * reference
-        if done and not (problem.blend and near):
-            break
-        touching = clearing.touching(plans, motion)
-        if not touching:
-            clear_plans.append(Cleared(plans, motion, ()))
-            best = _better(best, clear_plans[-1])
-        elif not done and len(touching) <= max(1, FEW * len(plans)):
-            progress("avoiding collisions")
-            best = _better(best, clearing.cleared(plans, motion, touching, give_up=True))
-    if best is not None and not best.blocked:
-        cost = best.motion.trajectory.duration - reference
-        if cost <= NEGLIGIBLE * reference:
-            rivals = tuple(one for one in clear_plans if one is not best)
-            return ClearedPlan(
-                unchecked,
-                best,
-                reference,
-                replanned=False,
-                known=known,
-                holding=holding,
-                rivals=rivals,
-            )
-    found = None
-    if best is not None:
-        found = ClearedPlan(
-            unchecked, best, reference, replanned=False, known=known, holding=holding
-        )
-    unchecked_plan = timed[0]
-    asked = replace(
-        problem,
-        holding=holding,
-        unchecked=tuple(unchecked_plan[0]),
-        touching=tuple(clearing.touching(*unchecked_plan)),
-    )
-    failure: InfeasibleError | None = None
-    decided = unchecked
-    before: list[StagePlan] | None = None
-    for round_ in range(MOST_ROUNDS):
-        if round_ >= ROUNDS and found is not None and not found.cleared.blocked:
-            break
-        progress("choosing postures again, avoiding collisions")
-        good = found is not None and not found.cleared.blocked and not _is_unlucky(found)
+
+    def _next_problem(self, asked: MethodProblem, decided: Decided) -> MethodProblem | None:
+        """Repair a proposal; return the problem of the next round, or None to stop."""
+        plans = self._time(decided)
+        if not asked.patient:
+            refuse_touching_lines(self.clearing, plans[0])
+        repaired = self._shortest_repaired(plans)
+        if self.best is None or repaired.rank < self.best.cleared.rank:
+            self.best = self._cleared(decided, repaired, replanned=True)
+        no_goods = [*self._expensive_repairs(repaired), *self._blocked_stages(repaired)]
+        # Only a method over the whole sequence uses no-goods.
+        if decided.hopeless or not no_goods or (repaired.blocked and not asked.patient):
+            return None
+        if asked.barred and same_postures(decided.stages, asked.unchecked):
+            return None
+        [proposed] = [plan for plan in plans if plan.plans is decided.stages]
+        return self._near(asked, proposed, no_goods)
+
+    def _shortest_repaired(
+        self, plans: Sequence[TimedPlan], best: TimedPlan | None = None
+    ) -> TimedPlan:
+        """Repair plans, fastest first; return the best of them and of a known plan."""
+        for plan in plans:
+            if best is not None and best.is_done_within(plan.duration):
+                break
+            best = _better(best, self.clearing.repaired(plan, self._touching(plan)))
+        assert best  # a method always has a plan of its own
+        return best
+
+    def _expensive_repairs(self, plan: TimedPlan) -> Iterator[Barred]:
+        """Yield no-goods, with their true costs, of stages whose repairs take long."""
+        all_joints = tuple(range(len(self.problem.job.cell.robot.joints)))
+        pace = self.clearing.holding.pace
+        # With a limit on the tools' speed all stages take longer than the search estimates.
+        estimate = sum(stage.duration for stage in plan.plans) / pace
+        if estimate > 0.0:
+            pace = max(pace, plan.duration / estimate)
+        for k, (stage, span) in enumerate(zip(plan.plans, plan.motion.stages, strict=True)):
+            if not stage.detours and not stage.waits:
+                continue
+            straight = self.clearing.alone(replace(stage, detours={}, waits={}))
+            cost = span.end - span.start - straight.trajectory.duration
+            if cost > SETTINGS.expensive_repair * pace:
+                yield Barred(k, all_joints, stage.start, stage.arrival, cost)
+
+    def _blocked_stages(self, plan: TimedPlan) -> Iterator[Barred]:
+        """Yield no-goods of stages that no repair fixes.
+
+        A collision after the transfers depends on the stops alone: its no-good leaves the start open.
+        """
+        holding = self.clearing.holding
+        for k in plan.blocked:
+            stage, span = plan.plans[k], plan.motion.stages[k]
+            samples = stage_samples(plan.motion, k, k, holding)
+            margins = holding.cell.margins(samples.position, samples.held)
+            ends = transfer_ends(plan.motion.segments, span.start, span.end)
+            length = span.end - span.start
+            arrived = (min(ends, default=span.end) - span.start) / length if length > 0 else 0.0
+            worst = int(np.argmin(margins)) / (len(margins) - 1)
+            start = None if stage.stops and worst >= arrived else stage.start
+            yield Barred(k, self._colliding_columns(samples), start, stage.arrival)
+
+    def _colliding_columns(self, samples: StageSamples) -> tuple[int, ...]:
+        """Return the columns of platform and arm if it collides alone, else all."""
+        model, cell = self.problem.model, self.clearing.holding.cell
+        for a, name in enumerate(cell.arms):
+            if not alone_clear(cell, samples, a):
+                return (*model.platform_columns, *model.arms[name].columns)
+        return tuple(range(samples.position.shape[1]))
+
+    def _compare_simpler(self, decided: Decided) -> ClearedPlan | None:
+        """Return the best plan, of simpler methods as well if it is blocked or expensive."""
+        best = self.best
+        if not best or not decided.simpler or not best.costs_more_than(SETTINGS.compare_simpler):
+            return best
+        self.progress("comparing with simpler plans")
+        plans = self._time(Decided([], alternatives=tuple(decided.simpler())))
+        repaired = self._shortest_repaired(plans, best.cleared)
+        if repaired.rank < best.cleared.rank:
+            return replace(best, decided=Decided(repaired.plans), cleared=repaired, replanned=True)
+        return best
+
+    def _explain_blocked(self) -> BlockedError:
+        """Return a refusal that names what collides in the best plan."""
+        best = self.best.cleared if self.best else None
+        blocked = best.blocked if best else ()
+        alone = best is not None and any(self.clearing.fails_alone(best, k) for k in blocked)
+        return BlockedError(*why_blocked(self.clearing, best), stages=blocked, alone=alone)
+
+    def _compare_less_effort(self, best: ClearedPlan) -> ClearedPlan:
+        """Return the best plan, of the next lower effort as well if clearance is expensive."""
+        less = less_effort(self.problem.effort)
+        if less is None or not best.costs_more_than(SETTINGS.compare_less_effort):
+            return best
+        self.progress("comparing with the plan of less effort")
         try:
-            decided = solve(replace(asked, only_near=good))
-        except InfeasibleError as error:
-            failure = error
-            break
-        timed = _timed(problem, decided, timing, known)
-        if not problem.patient:
-            refuse_touching_lines(clearing, *timed[0])
-        tried = _cleared(clearing, timed)
-        if found is None or _badness(tried) < _badness(found.cleared):
-            found = ClearedPlan(
-                decided, tried, reference, replanned=True, known=known, holding=holding
-            )
-        bars = bars_of(clearing, tried)
-        # Only a method over the whole sequence does something else with what is known now.
-        if decided.hopeless or not bars or (tried.blocked and not problem.patient):
-            break
-        if before is not None and same_postures(decided.stages, before):
-            break
-        before = decided.stages
-        asked = replace(
-            asked,
-            barred=(*asked.barred, *bars),
-            unchecked=tuple(before),
-            touching=(*_touching(clearing, timed, before), *(bar.stage for bar in bars)),
-        )
-    if found is not None and decided.simpler is not None and _is_dear(found):
-        progress("comparing with simpler plans")
-        simpler = Decided([], alternatives=tuple(decided.simpler()))
-        found = _with_rivals(found, clearing, _timed(problem, simpler, timing, known))
-    if found is not None and not found.cleared.blocked:
-        less = less_effort(problem.effort)
-        if less is None or not _is_unlucky(found):
-            return found
-        progress("comparing with the plan of less effort")
-        try:
-            easier = replace(problem, effort=less)
-            other = _quickest_with_stops(easier, solve, timing, progress, holding)
+            other = replace(self, problem=replace(self.problem, effort=less)).run()
         except InfeasibleError:
-            return found
-        quicker = min(found, other, key=lambda one: _badness(one.cleared))
-        return replace(quicker, unchecked=min(found.unchecked, other.unchecked))
-    blocked = () if found is None else found.cleared.blocked
-    reasons = why_blocked(clearing, None if found is None else found.cleared)
-    alone = found is not None and any(clearing.fails_alone(found.cleared, k) for k in blocked)
-    raise failure or BlockedError(*reasons, stages=blocked, alone=alone)
+            return best
+        shorter = min(best, other, key=attrgetter("cleared.rank"))
+        return replace(shorter, unchecked=min(best.unchecked, other.unchecked))
 
 
-def _is_unlucky(found: ClearedPlan) -> bool:
-    """Returns whether a collision-free plan is worth another look: avoiding collisions costs much."""
-    return (found.cost or 0.0) > UNLUCKY * found.unchecked
-
-
-def _is_dear(found: ClearedPlan) -> bool:
-    """Returns whether simpler plans are worth a look: this one collides, or it avoids that at a cost."""
-    return bool(found.cleared.blocked) or (found.cost or 0.0) > RIVALS * found.unchecked
-
-
-def _with_rivals(
-    found: ClearedPlan, clearing: Clearing, timed: list[tuple[list[StagePlan], Motion]]
-) -> ClearedPlan:
-    """Returns the best of what was found and of simpler plans after repairing."""
-    if not timed:
-        return found
-    tried = _cleared(clearing, timed, None if found.cleared.blocked else found.cleared)
-    if _badness(tried) < _badness(found.cleared):
-        return replace(found, decided=Decided(tried.plans), cleared=tried, replanned=True)
-    return found
-
-
-def _touching(
-    clearing: Clearing, timed: list[tuple[list[StagePlan], Motion]], plan: list[StagePlan]
-) -> list[int]:
-    """Returns the stages of one of several timed plans that collide."""
-    [motion] = [motion for stages, motion in timed if stages is plan]
-    return clearing.touching(plan, motion)
-
-
-def _timed(
-    problem: MethodProblem, decided: Decided, timing: TimingSolver, known: Known
-) -> list[tuple[list[StagePlan], Motion]]:
-    """Returns a method's plans with their motions, quickest first."""
-    plans = [stages for stages in (decided.stages, *decided.alternatives) if stages]
-    timed = [
-        (stages, realise(problem.model, problem.job, stages, timing, known)) for stages in plans
-    ]
-    return sorted(timed, key=lambda one: one[1].trajectory.duration)
-
-
-def _cleared(
-    clearing: Clearing,
-    timed: list[tuple[list[StagePlan], Motion]],
-    best: Cleared | None = None,
-) -> Cleared:
-    """Returns the best of some plans after repairing, or one that is known if that is better."""
-    for plans, motion in timed:
-        if best is not None and best.is_done_within(motion.trajectory.duration):
-            break
-        best = _better(best, clearing.cleared(plans, motion, clearing.touching(plans, motion)))
-    assert best  # a method always has a plan of its own
-    return best
-
-
-def _better(one: Cleared | None, other: Cleared) -> Cleared:
-    return other if one is None or _badness(other) < _badness(one) else one
-
-
-def _badness(found: Cleared) -> tuple[int, float]:
-    return len(found.blocked), found.motion.trajectory.duration
+def _better(known: TimedPlan | None, candidate: TimedPlan) -> TimedPlan:
+    return candidate if known is None or candidate.rank < known.rank else known

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import field
 
-from dualarm_cli.clearing.repairs import Cleared, Clearing
+from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.motion.transfers import Known
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass
@@ -24,7 +24,7 @@ class ClearedPlan:
 
     decided: Decided
     """What it came from."""
-    cleared: Cleared
+    cleared: TimedPlan
     """The plan that is collision-free."""
     unchecked: float
     """Duration of the method's plan where nothing has to be collision-free [s]."""
@@ -34,9 +34,9 @@ class ClearedPlan:
     """What had to be collision-free; None where nothing had to."""
     known: Known = field(default_factory=Known, compare=False, repr=False)
     """What was timed for it."""
-    rivals: tuple[Cleared, ...] = field(default=(), compare=False, repr=False)
+    rivals: tuple[TimedPlan, ...] = field(default=(), compare=False, repr=False)
     """Other collision-free plans of the method that take longer with all stops, but perhaps not in motion."""
-    stopping: Cleared | None = field(default=None, compare=False, repr=False)
+    stopping: TimedPlan | None = field(default=None, compare=False, repr=False)
     """The plan with all stops that it was blended from; None where it is that."""
 
     def clearing(self, problem: MethodProblem, timing: TimingSolver) -> Clearing | None:
@@ -53,8 +53,11 @@ class ClearedPlan:
         """
         if self.holding is None:
             return None
-        motion = self.cleared.motion
-        return motion.trajectory.duration + (motion.gain or 0.0) - self.unchecked
+        return self.cleared.duration + (self.cleared.motion.gain or 0.0) - self.unchecked
+
+    def costs_more_than(self, fraction: float) -> bool:
+        """Return whether stages are blocked, or clearance lengthens the plan by more than a fraction."""
+        return bool(self.cleared.blocked) or (self.cost or 0.0) > fraction * self.unchecked
 
 
 def _detours(arm: str, stages: list[int]) -> str:

@@ -143,19 +143,29 @@ REPAIRS = 4
 
 
 @dataclass(frozen=True)
-class Cleared:
-    """A plan whose stages were repaired where they collided."""
+class TimedPlan:
+    """Plan with its motion, and the stages that repairs could not clear."""
 
     plans: list[StagePlan]
-    """Its stages."""
+    """Stages in order; the return, if any, is the last one."""
     motion: Motion
-    """Their motion."""
-    blocked: tuple[int, ...]
-    """Stages that collide whatever was tried."""
+    """Motion of all stages."""
+    blocked: tuple[int, ...] = ()
+    """Stages that collide whatever was tried; empty as long as nothing was tried."""
+
+    @property
+    def duration(self) -> float:
+        """Duration of the motion [s]."""
+        return self.motion.trajectory.duration
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Sort key of plans: number of blocked stages, then duration [s]."""
+        return len(self.blocked), self.duration
 
     def is_done_within(self, duration: float) -> bool:
         """Returns whether the whole plan is collision-free and takes no longer than a duration [s]."""
-        return not self.blocked and self.motion.trajectory.duration <= duration
+        return not self.blocked and self.duration <= duration
 
 
 @dataclass(frozen=True)
@@ -199,37 +209,30 @@ class Clearing:
             self.seen[keys[k]] = bool(clear)
         return [k for k, key in enumerate(keys) if not self.seen[key]]
 
-    def cleared(
-        self,
-        plans: Sequence[StagePlan],
-        motion: Motion,
-        touching: Sequence[int],
-        *,
-        give_up: bool = False,
-    ) -> Cleared:
-        """Returns a plan whose stages are repaired where they collide.
+    def repaired(
+        self, plan: TimedPlan, touching: Sequence[int], *, give_up: bool = False
+    ) -> TimedPlan:
+        """Repair the stages of a plan that collide.
 
         Args:
-            plans: its stages.
-            motion: theirs.
+            plan: stages and their motion.
             touching: the stages that collide.
             give_up: whether nothing more is repaired after the first stage that cannot be.
         """
-        found, blocked = list(plans), []
+        stages, blocked = list(plan.plans), []
         for k in touching:
-            before = self._sampled(motion, k).before
-            repaired = self._repaired(plans[k], k, before)
-            if repaired is None:
-                blocked.append(k)
-                if give_up:
-                    return Cleared(list(plans), motion, tuple(touching))
+            repaired = self._repaired(stages[k], k, self._sampled(plan.motion, k).before)
+            if repaired is not None:
+                stages[k] = repaired
+            elif give_up:
+                return replace(plan, blocked=tuple(touching))
             else:
-                found[k] = repaired
-        if len(blocked) == len(touching):
-            return Cleared(found, motion, tuple(blocked))
-        return Cleared(found, self.timed(found), tuple(blocked))
+                blocked.append(k)
+        is_changed = len(blocked) < len(touching)
+        motion = self.timed(stages) if is_changed else plan.motion
+        return TimedPlan(stages, motion, tuple(blocked))
 
-    def fails_alone(self, found: Cleared, k: int) -> bool:
+    def fails_alone(self, found: TimedPlan, k: int) -> bool:
         """Returns whether an arm collides in a stage of a plan whatever the other one does."""
         samples = stage_samples(found.motion, k, k, self.holding)
         cell = self.holding.cell

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dualarm_cli.clearing.clear_plan import quickest_clear
-from dualarm_cli.clearing.repairs import Cleared
+from dualarm_cli.clearing.repairs import TimedPlan
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.files.tasks.tasks import load_job
@@ -228,7 +228,7 @@ def test_an_arm_that_turns_out_late_for_its_part_meets_it_later(belt, monkeypatc
         plans = [dataclasses.replace(first, waits={"left": 0.3}), *others]
         motion = realise(problem.model, problem.job, plans, timing)
         calls.append(motion.events[0])
-        return dataclasses.replace(found, cleared=Cleared(plans, motion, ()))
+        return dataclasses.replace(found, cleared=TimedPlan(plans, motion))
 
     job = dataclasses.replace(belt, tasks=belt.tasks[:1])
     monkeypatch.setattr(conveyor_plan, "quickest_clear", repaired)

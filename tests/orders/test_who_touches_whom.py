@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.clearing import blocked as clear_words
-from dualarm_cli.clearing.repairs import Cleared
+from dualarm_cli.clearing.repairs import TimedPlan
 from dualarm_cli.errors import BlockedError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -95,10 +95,10 @@ def test_a_few_stages_in_which_lines_touch_are_mended_more_are_refused(stages, f
             return touching[: self.count]
 
     monkeypatch.setattr(clear_words, "why_blocked", lambda *_: [Refusal("not_clear")])
-    plans = [None] * stages
-    clear_words.refuse_touching_lines(Blocked(few), plans, None)
+    plan = TimedPlan([None] * stages, None)
+    clear_words.refuse_touching_lines(Blocked(few), plan)
     with pytest.raises(BlockedError) as caught:
-        clear_words.refuse_touching_lines(Blocked(few + 1), plans, None)
+        clear_words.refuse_touching_lines(Blocked(few + 1), plan)
     assert caught.value.stages == tuple(range(few + 1))
 
 
@@ -125,7 +125,7 @@ def test_an_arm_that_stands_where_it_started_is_told_with_a_way_out(
     motion = SimpleNamespace(stages=[SimpleNamespace(start=0.0, end=1.0)] * 4)
 
     def said_of(*blocked):
-        found = Cleared(plans, motion, blocked)
+        found = TimedPlan(plans, motion, blocked)
         return told(clear_words.why_blocked(clearing, found))
 
     said = "the right arm stands in posture 'home' before stage 3, its first: a `move`"

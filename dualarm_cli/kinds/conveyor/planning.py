@@ -218,7 +218,7 @@ def _meeting(
 
 
 def _length(found: ClearedPlan) -> float:
-    return found.cleared.motion.trajectory.duration
+    return found.cleared.duration
 
 
 def _late(found: ClearedPlan) -> dict[tuple[int, str], float]:
