@@ -108,34 +108,14 @@ class SeamProgram:
             radius: how far joints may move [rad].
             pace: what a second of time weighs; 0 to make the motion smooth at the same time.
         """
-        from scipy.sparse import block_diag, csr_matrix, diags, hstack, identity, vstack
+        from scipy.sparse import block_diag, csr_matrix, diags, hstack, identity
 
         piqp = plain_piqp()
 
         S = self._spread
         y = position[:, self.decided].ravel()
         count = S.shape[1]
-        rows, right = [], []
-        for order, rate in enumerate(self._rates, start=1):
-            now = rate @ y
-            slope = csr_matrix(np.full((len(now), 1), -order * power(time, order - 1)))
-            spread = rate @ S
-            rows += [hstack([spread, slope]), hstack([-spread, slope])]
-            right += [power(time, order) - now, power(time, order) + now]
-        for extra, bound in self._freedoms(position):
-            rows.append(hstack([extra @ S, csr_matrix((len(bound), 1))]))
-            right.append(bound)
-        G, high = vstack(rows), np.concatenate(right)
-        back, short = self._back_inside(y)
-        beyond = float(short.max(initial=0.0))
-        # The last variable is how far joints may still be beyond their limits.
-        G = vstack(
-            [
-                hstack([G, csr_matrix((G.shape[0], 1))]),
-                hstack([back, csr_matrix((len(short), 1)), csr_matrix(-np.ones((len(short), 1)))]),
-            ]
-        ).tocsc()
-        high = np.append(high, -short)
+        G, high, beyond = self._inequalities(position, time)
         A, b = self._equations(position)
         A = hstack([A @ S, csr_matrix((A.shape[0], 2))]).tocsc()
         effort = self._effort(time)
@@ -172,6 +152,35 @@ class SeamProgram:
         moved = np.array(position)
         moved[:, self.decided] += (S @ x[:-2]).reshape(self.problem.nodes, -1)
         return moved, time + float(x[-2])
+
+    def _inequalities(self, position: FloatArray, time: float) -> tuple[Any, FloatArray, float]:
+        """Assemble the rows of the inequalities, their upper bounds, and the largest excess over position limits.
+
+        The columns are the variables, the change of time, and the excess that is still allowed.
+        """
+        from scipy.sparse import csr_matrix, hstack, vstack
+
+        S, y = self._spread, position[:, self.decided].ravel()
+        rows, right = [], []
+        for order, rate in enumerate(self._rates, start=1):
+            now = rate @ y
+            slope = csr_matrix(np.full((len(now), 1), -order * power(time, order - 1)))
+            spread = rate @ S
+            rows += [hstack([spread, slope]), hstack([-spread, slope])]
+            right += [power(time, order) - now, power(time, order) + now]
+        for extra, bound in self._freedoms(position):
+            rows.append(hstack([extra @ S, csr_matrix((len(bound), 1))]))
+            right.append(bound)
+        G, high = vstack(rows), np.concatenate(right)
+        back, short = self._back_inside(y)
+        excess = csr_matrix(-np.ones((len(short), 1)))
+        G = vstack(
+            [
+                hstack([G, csr_matrix((G.shape[0], 1))]),
+                hstack([back, csr_matrix((len(short), 1)), excess]),
+            ]
+        ).tocsc()
+        return G, np.append(high, -short), float(short.max(initial=0.0))
 
     def _equations(self, position: FloatArray) -> tuple[Any, FloatArray]:
         """Returns the chain's equations, linear in the joints at all nodes."""
