@@ -7,6 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "splines.h"
+
 enum {
     STENCIL = 8, /* neighbouring samples in interpolation: polynomials of seventh degree */
     LANES = 8    /* joints are looked at by so many at a time */

@@ -75,10 +75,4 @@ double needed_time(const Needs *needs);
    Returns 0, or 1 without memory. */
 int along(const Path *path, const double *share, const double *way, int64_t knots, const double *last, Motion found);
 
-/* In splines.c. */
-int cubic_spline(const double *time, int64_t knots, int64_t joints, const double *first, const double *last,
-                 double *position, double *velocity, double *acceleration);
-void largest_rates(const double *time, const double *velocity, const double *acceleration, int64_t knots,
-                   int64_t joints, double *largest);
-
 #endif

@@ -5,7 +5,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-#include "postures.h"
+#include "posture_lines.h"
 
 enum { MOST_VARIANTS = 1 << JOINTS };
 

@@ -7,7 +7,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "postures.h"
+#include "posture_lines.h"
 
 /* Differences within a part are cut in halves so often. */
 enum { CUTS = 4 };

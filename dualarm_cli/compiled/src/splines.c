@@ -2,9 +2,10 @@
 
    Arrays over knots and joints are row by row, x[knot * joints + joint]. */
 
+#include "splines.h"
+
 #include <math.h>
 #include <stddef.h>
-#include <stdint.h>
 #include <stdlib.h>
 
 /* The spline through `position`, solved for the accelerations at the knots ([Biagiotti2008] 4.4.1): with the given
