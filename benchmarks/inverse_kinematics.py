@@ -25,8 +25,6 @@ from dualarm_cli.kinematics.srs.srs_geometry import SrsGeometry
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.numeric_inverse import solve_poses
-from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.kinematics.wrist_arm import WristArm
 
@@ -82,7 +80,7 @@ def main() -> None:
     one = _one_branch(arm, q[:SINGLES], R[:SINGLES], p[:SINGLES], repeat)
     _one_branch(arm, q, R, p, repeat)
     call = _one_branch_singly(arm, q, R, p, repeat)
-    seconds = _best(lambda: feasible_arm_angles(arm, R, p), repeat)
+    seconds = _best(lambda: arm.feasible_arm_angles(R, p), repeat)
     per_target = 1e6 * seconds / len(q)
     print(f"{'feasible intervals, 8 branches, per target':46} {'':>14} {per_target:12.2f}")
     wrist = [_wrist(name, third, repeat) for name, third in (("parallel", None), ("skew", SKEW))]
@@ -142,9 +140,9 @@ def _wrist(name: str, third: FloatArray | None, repeat: int) -> float:
     _report(what, len(pose) / WRIST_POSES / closed, closed)
     general = GeneralArm(*(getattr(arm, field.name) for field in fields(GeneralArm)))
     R, p = R[:NUMERIC_POSES], p[:NUMERIC_POSES]
-    theirs = solve_poses(general, R, p)
+    theirs = general.postures(R, p)
     _check(arm, theirs.q, R[theirs.pose], p[theirs.pose])
-    numeric = _best(lambda: solve_poses(general, R, p), 1) / NUMERIC_POSES
+    numeric = _best(lambda: general.postures(R, p), 1) / NUMERIC_POSES
     what = f"wrist, axes 2, 3 {name}: numeric, {NUMERIC_POSES} poses"
     _report(what, len(theirs.q) / NUMERIC_POSES / numeric, numeric)
     return numeric / closed

@@ -9,7 +9,7 @@ import numpy as np
 from dualarm_cli.compiled import posture_cells as compiled
 from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.posture_source import PostureSource
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.postures.platform_reach import AngleCells
@@ -133,7 +133,7 @@ def finer_edges(edges: FloatArray, finer: int) -> FloatArray:
     return np.interp(np.arange(finer * count + 1) / finer, np.arange(count + 1), edges)
 
 
-def free_cells(arm: SrsArm | GeneralArm, edges: FloatArray) -> Cells:
+def free_cells(arm: PostureSource, edges: FloatArray) -> Cells:
     """Returns one cell per platform cell in which every joint is free."""
     n = len(edges) - 1
     return Cells(

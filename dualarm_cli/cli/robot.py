@@ -342,7 +342,7 @@ def _describe_general(
     from dualarm_cli.errors import UnsupportedError
     from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE
     from dualarm_cli.kinematics.cell_model import measure_arm, measure_general
-    from dualarm_cli.kinematics.general_arm import LEAST_JOINTS
+    from dualarm_cli.kinematics.serial_chain import LEAST_JOINTS
 
     base, n = pin.SE3.Identity(), len(arm.joints)
     try:

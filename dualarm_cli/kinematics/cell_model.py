@@ -15,6 +15,7 @@ from dualarm_cli.kinematics.closed_arm import ClosedArm, with_closed_forms
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.parallel_arm import ParallelArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
+from dualarm_cli.kinematics.posture_source import PostureSource
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
 from dualarm_cli.kinematics.wrist_arm import WristArm
 from dualarm_cli.model.cell import Cell
@@ -36,7 +37,7 @@ class ArmModel:
 
     arm: Arm
     """In the data model."""
-    kinematics: SrsArm | GeneralArm
+    kinematics: PostureSource
     """Forward and inverse kinematics in the frame that carries the arms: a SrsArm if it is of kind srs, one of
     CLOSED_ARMS if it is of such a kind and has closed forms."""
     columns: list[int]
@@ -141,7 +142,7 @@ def _kinematics(
     platform: PlatformChain,
     base: pin.SE3,
     numeric: bool,
-) -> SrsArm | GeneralArm:
+) -> PostureSource:
     """Returns an arm's kinematics: closed forms if it is called srs (and is) or of CLOSED_ARMS, else numbers."""
     limits = robot.limits.select(arm.joints)
     if numeric or arm.kind != "srs":
@@ -177,6 +178,17 @@ def measure_general(
         )
     except UnsupportedError as error:
         raise UnsupportedError(f"arm {arm.name} of {robot.name}: {error}") from None
+
+
+def general_arms(cell: Cell) -> dict[str, GeneralArm]:
+    """Measure all arms of a cell as arms without closed forms, by name.
+
+    Raises:
+        UnsupportedError: an arm has fewer than six joints.
+    """
+    robot, model = cell.robot, pin.buildModelFromXML(cell.robot.urdf)
+    platform = PlatformChain.from_model(model, robot.platform, cell.base)
+    return {arm.name: measure_general(model, robot, arm, platform, cell.base) for arm in robot.arms}
 
 
 def find_false_kinds(robot: Robot) -> list[Diagnostic]:

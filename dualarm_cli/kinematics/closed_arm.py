@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import fields
 from typing import Self
 
@@ -10,8 +11,10 @@ import numpy as np
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.products import norm
-from dualarm_cli.kinematics.general_arm import LEAST_JOINTS, GeneralArm, ReachedPostures, pose_error
+from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, polished
+from dualarm_cli.kinematics.posture_source import PROVEN_MISS, ReachedPostures
+from dualarm_cli.kinematics.serial_chain import LEAST_JOINTS, pose_error
 from dualarm_cli.kinematics.srs import srs_limits
 from dualarm_cli.records import dataclass
 
@@ -38,6 +41,8 @@ class PoseSolutions:
 @dataclass(frozen=True)
 class ClosedArm(GeneralArm):
     """A GeneralArm of six axes of which every pose has up to eight postures, known in closed form."""
+
+    is_numeric = False
 
     def __post_init__(self) -> None:
         """Freezes the arrays.
@@ -69,15 +74,16 @@ class ClosedArm(GeneralArm):
         """
         return cls(*(getattr(arm, field.name) for field in fields(GeneralArm)))
 
+    @abstractmethod
     def _problem(self) -> str:
         """Returns why the six axes have no such closed forms, or nothing."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def exact(self) -> bool:
         """Whether the closed forms need no polish."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _postures(self, R: FloatArray, p: FloatArray, reference: FloatArray) -> PoseSolutions:
         """Returns all branches before they are polished; those that do not reach their poses have any joints.
 
@@ -86,11 +92,10 @@ class ClosedArm(GeneralArm):
             p: flange positions [m], shape (b, 3).
             reference: joints where one is free [rad], shape (b, 6).
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def _miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
         """Returns what poses without a posture within limits are missed by, distance [m] and angle [rad], (b, 2)."""
-        raise NotImplementedError
 
     def solve(
         self, R: FloatArray, p: FloatArray, reference: FloatArray | None = None
@@ -149,13 +154,10 @@ class ClosedArm(GeneralArm):
         away = np.abs(srs_limits.wrap(found.q - q[..., None, :])).max(axis=-1)
         return np.asarray(np.where(found.reachable, away, np.inf).argmin(axis=-1), dtype=np.int64)
 
-    def closed_postures(self, R: FloatArray, p: FloatArray) -> ReachedPostures:
-        """Returns all postures within limits that reach poses; where a joint is free, samples of them.
-
-        Args:
-            R: flange rotations in the frame that carries the arm, shape (m, 3, 3).
-            p: flange positions [m], shape (m, 3).
-        """
+    def postures(
+        self, R: FloatArray, p: FloatArray, *, first_only: bool = False, thorough: bool = True
+    ) -> ReachedPostures:
+        """Compute all postures within limits that reach poses; where a joint is free, samples of them."""
         found = self.solve(R, p)
         q = self.nearest_turns(found.q, self.middle)
         good = found.reachable & self.within_limits(q)
@@ -171,6 +173,15 @@ class ClosedArm(GeneralArm):
         if len(none):
             miss[none] = self._miss(R[none], p[none])
         return ReachedPostures(pose[order], joints[order], branch[order], miss)
+
+    def proven_miss(self, R: FloatArray, p: FloatArray) -> tuple[float, float] | None:
+        """Compute the least miss of poses; None where one is reached or a joint is free."""
+        # Of a free joint only samples are known, which prove nothing.
+        if self.solve(R, p).singular.any():
+            return None
+        miss = self.postures(R, p).miss
+        distance, angle = miss[int(np.argmin(miss.sum(axis=1)))].tolist()
+        return (distance, angle) if distance + angle > PROVEN_MISS else None
 
     def _spread(
         self, R: FloatArray, p: FloatArray, pose: IntArray

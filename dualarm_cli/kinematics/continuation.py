@@ -7,8 +7,8 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.linear_systems import determinant, null_space, solve
 from dualarm_cli.kinematics.closed_arm import ClosedArm
-from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
 from dualarm_cli.kinematics.numeric_inverse import RESIDUAL
+from dualarm_cli.kinematics.serial_chain import SerialChain, pose_error
 from dualarm_cli.records import dataclass
 
 NEWTON_STEPS = 6
@@ -40,7 +40,7 @@ class Crossing:
 CROSSING = Crossing()
 
 
-def spare_directions(arm: GeneralArm, q: FloatArray) -> FloatArray:
+def spare_directions(arm: SerialChain, q: FloatArray) -> FloatArray:
     """Returns orthonormal directions of self-motion, shape (b, s, n) with s spare joints.
 
     The sign is such that the largest component is positive.
@@ -81,7 +81,7 @@ class FlangeLines:
 
 
 def follow_lines(
-    arm: GeneralArm,
+    arm: SerialChain,
     start: FloatArray,
     lines: FlangeLines,
     drift: FloatArray,
@@ -127,7 +127,7 @@ def follow_lines(
 class _Line:
     """What defines the joints along b lines; names as in `follow_lines`."""
 
-    arm: GeneralArm
+    arm: SerialChain
     start: FloatArray
     lines: FlangeLines
     W: FloatArray
@@ -277,7 +277,7 @@ def _same_side(det: FloatArray, sign: FloatArray) -> BoolArray:
 
 
 def moved_along(
-    arm: GeneralArm,
+    arm: SerialChain,
     start: FloatArray,
     R: FloatArray,
     p: FloatArray,
@@ -302,7 +302,7 @@ def moved_along(
 
 
 def newton(
-    arm: GeneralArm,
+    arm: SerialChain,
     guess: FloatArray,
     R: FloatArray,
     p: FloatArray,

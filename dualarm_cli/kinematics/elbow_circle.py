@@ -6,7 +6,6 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import arctan2, cos, sin
-from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.kinematics.srs.srs_limits import TURN
 
@@ -30,7 +29,7 @@ def least_elbow_distance(
         point: in the base frame [m], shape (k, 3).
         along: how far along the axis of joint 4 from it what counts as the elbow is [m].
     """
-    intervals = feasible_arm_angles(arm, R, p)
+    intervals = arm.feasible_arm_angles(R, p)
     q = np.stack([arm.solve(R, p, float(psi)).q for psi in THIRDS])
     elbow, axis = arm.elbow(q)
     offset = elbow + along * axis - point[..., None, :]

@@ -1,4 +1,4 @@
-"""Inverse kinematics of general arms: closed forms where they have them, damped least squares from many starts else."""
+"""Numeric inverse kinematics of any serial arm: damped least squares from many starts."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.linear_systems import solve
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.kinematics.general_arm import GeneralArm, ReachedPostures, pose_error
+from dualarm_cli.kinematics.posture_source import ReachedPostures
+from dualarm_cli.kinematics.serial_chain import SerialChain, pose_error
 
 STARTS, FEW_STARTS = 32, 12
 """Starts of a round per pose, and where a first idea of the solutions will do."""
@@ -35,7 +36,7 @@ PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
 
 
 def solve_poses(
-    arm: GeneralArm,
+    arm: SerialChain,
     R: FloatArray,
     p: FloatArray,
     *,
@@ -52,7 +53,7 @@ def solve_poses(
     is claimed; thousands of random starts find the same sets (tested). With more joints every start has a solution of
     its own on the curves of self-motion; rounds go on until there is one. Branches are numbers from 0 within each pose.
 
-    An arm with closed forms (`GeneralArm.closed_postures`) is solved by these, with its own branches.
+    An arm with closed forms (`SerialChain.closed_postures`) is solved by these, with its own branches.
 
     Args:
         arm: kinematics and limits.
@@ -61,9 +62,6 @@ def solve_poses(
         first_only: whether a pose is left alone as soon as it has a solution.
         thorough: whether all solutions are looked for (six joints), or many; without, a first idea of them will do.
     """
-    closed = arm.closed_postures(R, p)
-    if closed is not None:
-        return closed
     m = len(p)
     found_pose, found_q = np.empty(0, dtype=np.int64), np.empty((0, arm.axes))
     miss = np.full((m, 2), np.inf)
@@ -100,7 +98,7 @@ def solve_poses(
     return ReachedPostures(found_pose, found_q, branch, miss)
 
 
-def least_distances(arm: GeneralArm, R: FloatArray, p: FloatArray) -> FloatArray:
+def least_distances(arm: SerialChain, R: FloatArray, p: FloatArray) -> FloatArray:
     """Returns the least distances found between the flange, turned as it should be, and poses out of reach [m], (m,).
 
     Descents from many starts in which rotation counts so much more than position that it is met.
@@ -119,7 +117,7 @@ def least_distances(arm: GeneralArm, R: FloatArray, p: FloatArray) -> FloatArray
 
 
 def descend(
-    arm: GeneralArm, R: FloatArray, p: FloatArray, starts: FloatArray, *, turned: bool = False
+    arm: SerialChain, R: FloatArray, p: FloatArray, starts: FloatArray, *, turned: bool = False
 ) -> tuple[FloatArray, FloatArray]:
     """Returns where descents from starts end, (b, n), and their errors (b, 2): distance [m] and angle [rad].
 
@@ -154,7 +152,7 @@ def descend(
 
 
 def _stepped(
-    arm: GeneralArm, q: FloatArray, J: FloatArray, e: FloatArray, damping: FloatArray
+    arm: SerialChain, q: FloatArray, J: FloatArray, e: FloatArray, damping: FloatArray
 ) -> FloatArray:
     """Returns joints after one damped step (Levenberg in the dual form, joints at their limits held)."""
     gradient = product(np.swapaxes(J, 1, 2), e[:, :, None])[..., 0]
@@ -169,7 +167,7 @@ def _stepped(
 
 
 def polished(
-    arm: GeneralArm, R: FloatArray, p: FloatArray, q: FloatArray
+    arm: SerialChain, R: FloatArray, p: FloatArray, q: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Returns joints after undamped steps where these help, and what they miss."""
     q, best = np.array(q), np.full((len(q), 2), np.inf)
@@ -190,7 +188,7 @@ def polished(
     return q, best
 
 
-def _halton(arm: GeneralArm, first: int, count: int) -> FloatArray:
+def _halton(arm: SerialChain, first: int, count: int) -> FloatArray:
     """Returns starts (count, n) that fill the limits evenly, at most a turn of each joint that turns."""
     index = np.arange(first + 20, first + 20 + count)
     share = np.zeros((count, arm.axes))
@@ -219,7 +217,7 @@ def _least_miss(miss: FloatArray, pose: IntArray, error: FloatArray) -> FloatArr
     return found
 
 
-def _distinct(arm: GeneralArm, pose: IntArray, q: FloatArray) -> tuple[IntArray, FloatArray]:
+def _distinct(arm: SerialChain, pose: IntArray, q: FloatArray) -> tuple[IntArray, FloatArray]:
     """Returns solutions by pose without those that are there already, the order of the rest kept."""
     order = np.argsort(pose, kind="stable")
     pose, q = pose[order], q[order]

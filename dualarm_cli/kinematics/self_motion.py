@@ -6,7 +6,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.continuation import newton, spare_directions
-from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.serial_chain import SerialChain
 
 CURVE_STEP = 0.25
 """Distance of samples along a self-motion [rad]."""
@@ -17,7 +17,7 @@ SAME_CURVE = 0.02
 that bends by 2 rad per rad leaves its chord by 0.016."""
 
 
-def self_motions(arm: GeneralArm, q: FloatArray, R: FloatArray, p: FloatArray) -> FloatArray:
+def self_motions(arm: SerialChain, q: FloatArray, R: FloatArray, p: FloatArray) -> FloatArray:
     """Returns samples of the self-motions of seven-axis postures, CURVE_STEP apart, both ways, shape (s, b, n).
 
     In the order of the curves, the given postures in the middle; samples beyond a limit, or after a curve has come to a
@@ -51,7 +51,7 @@ def self_motions(arm: GeneralArm, q: FloatArray, R: FloatArray, p: FloatArray) -
     return np.concatenate([found[:0:-1, n:], found[:, :n]])
 
 
-def branches(arm: GeneralArm, pose: IntArray, q: FloatArray, curves: FloatArray) -> IntArray:
+def branches(arm: SerialChain, pose: IntArray, q: FloatArray, curves: FloatArray) -> IntArray:
     """Returns the branch of each of k seven-axis postures, shape (k,): numbers from 0 within each pose.
 
     Postures are of one branch if self-motion within limits leads from one to the other: if one lies on the traced
@@ -78,7 +78,7 @@ def branches(arm: GeneralArm, pose: IntArray, q: FloatArray, curves: FloatArray)
     return branch - first
 
 
-def _on_curve(arm: GeneralArm, q: FloatArray, curves: FloatArray) -> BoolArray:
+def _on_curve(arm: SerialChain, q: FloatArray, curves: FloatArray) -> BoolArray:
     """Returns which postures (k, n) are nearer than SAME_CURVE to chords of samples (s, k, n)."""
     a, chord = curves[:-1], np.diff(curves, axis=0)
     away = arm.less_turns(q - a)
@@ -88,7 +88,7 @@ def _on_curve(arm: GeneralArm, q: FloatArray, curves: FloatArray) -> BoolArray:
     return np.asarray((np.where(np.isnan(distance), np.inf, distance) < SAME_CURVE).any(axis=0))
 
 
-def _carried(arm: GeneralArm, q: FloatArray, W: FloatArray) -> FloatArray:
+def _carried(arm: SerialChain, q: FloatArray, W: FloatArray) -> FloatArray:
     """Returns the directions of self-motion (b, 1, n) at postures (b, n) on the side of those before."""
     new = spare_directions(arm, q)
     same = np.einsum("bsn,bsn->bs", new, W)

@@ -137,6 +137,13 @@ class WristArm(ClosedArm):
         center: FloatArray = p + product(R, self._wrist[1])
         return center
 
+    fixed_point = wrist_center
+
+    @property
+    def lever(self) -> float:
+        """Distance of `fixed_point` from the point that `reach_miss` examines: none [m]."""
+        return 0.0
+
     def _postures(self, R: FloatArray, p: FloatArray, reference: FloatArray) -> PoseSolutions:
         """Returns all branches before they are polished; those that do not reach their poses have any joints."""
         first = point_postures(self.shoulder, self.wrist_center(R, p), reference[:, :3])

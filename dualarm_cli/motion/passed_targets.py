@@ -18,6 +18,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.continuation import moved_along
+from dualarm_cli.kinematics.general_arm import numeric_form
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.motion.blending import WORTH, platform_time, waits_for_time
@@ -221,7 +222,9 @@ class _Corner:
             q = arm.kinematics.nearest_turns(q, near)
             met = met & arm.kinematics.within_limits(q)
         else:
-            q, met = moved_along(arm.kinematics, near, rotation, position, np.zeros(1))
+            q, met = moved_along(
+                numeric_form(arm.kinematics), near, rotation, position, np.zeros(1)
+            )
         return q[0] if met[0] else None
 
 

@@ -19,6 +19,7 @@ from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import Section, kind_of, with_needs
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.posture_source import PROVEN_MISS
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH
 from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.lying import lying_beside
@@ -26,7 +27,7 @@ from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.orders.model.tool_changes import with_changes
 from dualarm_cli.planning.room_rules import RoomRules
 from dualarm_cli.postures.holding import Holding, too_near_obstacle
-from dualarm_cli.postures.out_of_reach import ROUNDING, out_of_reach
+from dualarm_cli.postures.out_of_reach import out_of_reach
 from dualarm_cli.postures.stage_problems import Clock, stage_problems
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
@@ -137,7 +138,7 @@ class _Faults:
         for task in (one for one in section if one.arm in poses):
             stop = replace(task.stops[0], target=poses[task.arm], approach=0.0, retract=0.0)
             path = task.path
-            slack = ROUNDING if path is None else path.tolerance + path.blend
+            slack = PROVEN_MISS if path is None else path.tolerance + path.blend
             turn = 0.0 if path is None else slack / TURN_LENGTH
             if cause := self._unreached(task.arm, task, stop, slack, turn):
                 fault = _impossible(what, task.arm, task, stop, cause)
@@ -173,7 +174,7 @@ class _Faults:
         return None if found is None else reaches_into(task, stop, arm, *found)
 
     def _unreached(
-        self, arm: str, task: Task, stop: Stop, slack: float = ROUNDING, turn: float = 0.0
+        self, arm: str, task: Task, stop: Stop, slack: float = PROVEN_MISS, turn: float = 0.0
     ) -> Refusal | None:
         """Return the proof that a target is out of reach, or None.
 

@@ -8,6 +8,7 @@ from dualarm_cli.compiled.srs import LinePair, joints_along_lines
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.continuation import SKELETON, FlangeLines, follow_lines
 from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.srs.srs_arm import closed_form
 from dualarm_cli.postures.line_following import LARGEST_STEP
 from dualarm_cli.postures.problem import StopPosture, StopProblem
 from dualarm_cli.postures.stop_batch import StopBatch, ToolPoses
@@ -40,7 +41,7 @@ def line_path(
         return (q if away else q[::-1]), ways
     reference = batch.configurations(row, target) if batch.given else batch.start
     both, _ = joints_along_lines(
-        problem.arm.numbers,
+        closed_form(problem.arm).numbers,
         LinePair(
             (poses.R, poses.p, poses.z),
             np.array([posture.branch]),

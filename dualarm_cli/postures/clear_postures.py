@@ -9,8 +9,6 @@ import numpy as np
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.numeric_inverse import solve_poses
 from dualarm_cli.postures import StopProblem
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.problem import Place, StopPosture
@@ -137,8 +135,6 @@ def _joints(posture: StopPosture, place: Place) -> FloatArray:
 
 ANGLE_STEP = np.radians(10.0)
 """Spacing of the platform angles that are looked at [rad]; of a rail as `PlatformChain.spacing` has it."""
-ARM_ANGLES = 36
-"""Arm angles around the circle."""
 YAWS = 8
 """Yaws that are looked at where any will do."""
 NAMES = {
@@ -227,14 +223,5 @@ def _postures(problem: StopProblem, place: Place) -> FloatArray:
     depth = {"approach": problem.approach, "target": 0.0, "retract": problem.retract}[place]
     zero = np.zeros(len(yaw), dtype=np.int64)
     poses = batch.poses(zero, zero, yaw)
-    if isinstance(problem.arm, GeneralArm):
-        reached_q = solve_poses(problem.arm, poses.R, poses.p - poses.z * depth).q
-        return problem.arm.nearest_turns(reached_q, problem.start)
-    psi = np.linspace(-np.pi, np.pi, ARM_ANGLES, endpoint=False)
-    p = (poses.p - poses.z * depth)[:, None, None]
-    q, reached = problem.arm.solve_branch(
-        poses.R[:, None, None], p, psi[:, None], np.arange(8, dtype=np.int64)
-    )
-    q = problem.arm.nearest_turns(q, problem.start)
-    found: FloatArray = q[reached & problem.arm.within_limits(q)]
-    return found
+    postures = problem.arm.postures(poses.R, poses.p - poses.z * depth)
+    return problem.arm.nearest_turns(postures.q, problem.start)

@@ -6,12 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import power
 from dualarm_cli.kinematics.continuation import moved_along
-from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.general_arm import GeneralArm, numeric_form
 from dualarm_cli.postures.numeric_ways import (
     NumericWays,
     clear_ones,
@@ -49,11 +47,7 @@ def choose_numeric(problem: StopProblem) -> StopPosture | NoPosture:
     Raises:
         UnsupportedError: the arm was measured in closed form.
     """
-    arm = problem.arm
-    if isinstance(arm, SrsArm):
-        raise UnsupportedError(
-            "numeric inverse kinematics needs an arm modelled as a general arm, not in closed form"
-        )
+    arm = numeric_form(problem.arm)
     batch = StopBatch((problem,))
     ways, miss = target_ways(batch, arm)
     if not len(ways):

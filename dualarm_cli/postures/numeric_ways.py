@@ -10,7 +10,6 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.kinematics.continuation import FlangeLines, follow_lines
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.numeric_inverse import solve_poses
 from dualarm_cli.kinematics.self_motion import branches, self_motions
 from dualarm_cli.postures.problem import StopPosture
 from dualarm_cli.postures.stop_batch import StopBatch, ToolPoses
@@ -107,7 +106,7 @@ def target_ways(batch: StopBatch, arm: GeneralArm) -> tuple[NumericWays, FloatAr
         return _given(batch), np.zeros((len(batch.problems), 2))
     row, target, yaw = batch.turned_targets()
     poses = batch.poses(row, target, yaw)
-    found = solve_poses(arm, poses.R, poses.p, thorough=True)
+    found = arm.postures(poses.R, poses.p, thorough=True)
     pose, q, branch = found.pose, found.q, found.branch
     if arm.spare == 1:
         traced = self_motions(arm, q, poses.R[pose], poses.p[pose])

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from typing import Literal
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
-from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.posture_source import PostureSource
 from dualarm_cli.records import dataclass
 
 Place = Literal["approach", "target", "retract"]
@@ -22,7 +21,7 @@ class StopProblem:
     runs from the target shifted by -L z to the target.
     """
 
-    arm: SrsArm | GeneralArm
+    arm: PostureSource
     """The arm's kinematics and position limits."""
     R_base_tool: FloatArray
     """Rotation of the tool centre point at each nominal target, shape (m, 3, 3)."""

@@ -7,19 +7,13 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
-from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.numeric_inverse import least_distances, solve_poses
 from dualarm_cli.kinematics.platform_chain import PlatformChain, rotation_z
-from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
 from dualarm_cli.postures import StopProblem
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
-SCAN_STEP = np.radians(1.0)
-"""Spacing of the platform angles that are looked at [rad]; of a rail as `PlatformChain.spacing` has it."""
 SCAN_YAWS = 8
 """Yaws that are looked at where any will do."""
 SCAN_BLOCK = 12
@@ -28,8 +22,8 @@ REACH_SLACK = 1e-9
 """How far a wrist may be beyond the reach by rounding before the arm angles are looked at [m]."""
 SCAN_TRIES = 24
 """Reachable angles, nearest first, at which the whole stage is tried."""
-NUMERIC_STEP = np.radians(10.0)
-"""Spacing of examined platform angles for arms without closed forms [rad]."""
+ROTATION_MISSED = ("flange_not_there", "point_not_turned")
+"""Refusals that another yaw of the target may remedy."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +56,8 @@ def reachable_positions(
     turn = angles - here
     near = np.ones(len(angles), dtype=np.bool_)
     for stop in stops.values():
-        if isinstance(stop.arm, GeneralArm):
-            continue  # no test is quicker than the search itself
-        near &= np.logical_and.reduce(
-            [(np.abs(m) <= REACH_SLACK).any(axis=1) for m in _misses(stop, model.platform, turn)]
-        )
+        for R, p in moved_flanges(stop, model.platform, turn):
+            near &= (np.abs(stop.arm.signed_miss(R, p)) <= REACH_SLACK).any(axis=1)
     order = np.argsort(np.abs(turn), kind="stable")
     order = order[near[order]]
     tried, first, size = 0, 0, SCAN_BLOCK
@@ -103,13 +94,11 @@ def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> 
         where = at_platform(model.platform, angles[a])
         if not model.platform.is_chosen:
             where = Refusal("platform_stands" if model.platform.joints else "from_base")
-        more = {"point": point.name, "where": where}
-        if isinstance(stop.arm, GeneralArm):
+        what, remedy = stop.arm.why_missed(miss), tuple[str, ...]()
+        if what in ROTATION_MISSED:
             remedy = ("move_target" if stop.free_yaw else "move_target_or_free_yaw",)
-            what = "flange_not_there" if np.isfinite(miss) else "point_not_turned"
-            return Refusal(what, measured=miss, remedy=remedy, more=more)
-        what = "beyond_reach" if miss > 0 else "too_near_shoulder" if miss < 0 else "beyond_limits"
-        return Refusal(what, measured=abs(miss), more=more)
+        more = {"point": point.name, "where": where}
+        return Refusal(what, measured=abs(miss), remedy=remedy, more=more)
     return Refusal("not_from_one_place" if model.platform.is_rail else "not_from_one_angle")
 
 
@@ -132,8 +121,8 @@ def scanned_positions(model: CellModel, position: FloatArray) -> tuple[FloatArra
     limits = model.cell.robot.limits.select(model.platform.joints)
     here = float(position[model.platform_columns][0])
     low, high = model.platform.around(here, float(limits.lower[0]), float(limits.upper[0]))
-    numeric = any(isinstance(arm.kinematics, GeneralArm) for arm in model.arms.values())
-    step = model.platform.spacing(NUMERIC_STEP if numeric else SCAN_STEP, low, high)
+    step = max(arm.kinematics.reach_step for arm in model.arms.values())
+    step = model.platform.spacing(step, low, high)
     return np.append(np.arange(low, high, step), high), here
 
 
@@ -155,35 +144,8 @@ def point_names(stop: StopProblem) -> list[str]:
 
 def _points(stop: StopProblem, platform: PlatformChain, turn: FloatArray) -> list[_PointReach]:
     """Compute reach of a stop's points after further platform moves (a,)."""
-    points = []
-    for name, (R, p) in zip(point_names(stop), moved_flanges(stop, platform, turn), strict=True):
-        if isinstance(stop.arm, GeneralArm):
-            points.append(_PointReach(name, *numeric_reach(stop.arm, R, p)))
-            continue
-        feasible = np.asarray(feasible_arm_angles(stop.arm, R, p).count.any(axis=-1))
-        points.append(_PointReach(name, feasible, srs_miss(stop.arm, R, p)))
-    return points
-
-
-def _misses(stop: StopProblem, platform: PlatformChain, turn: FloatArray) -> list[FloatArray]:
-    """Returns how far the wrist is beyond the reach at target, approach and retract [m], each (a, y)."""
-    return [srs_miss(stop.arm, R, p) for R, p in moved_flanges(stop, platform, turn)]
-
-
-def srs_miss(kinematics: SrsArm | GeneralArm, R: FloatArray, p: FloatArray) -> FloatArray:
-    """Measure the wrist's signed distance beyond reach [m], shape (...).
-
-    Positive is too far, negative too near, 0 within.
-
-    Args:
-        kinematics: of an arm with closed forms over the arm angle.
-        R: flange rotations in the carried frame, shape (..., 3, 3).
-        p: flange positions [m], shape (..., 3).
-    """
-    arm = closed_form(kinematics)
-    least, most = arm.reach
-    distance = norm(arm.wrist_center(R, p) - arm.geometry.shoulder, axis=-1)
-    return np.where(distance > most, distance - most, np.minimum(0.0, distance - least))
+    flanges = zip(point_names(stop), moved_flanges(stop, platform, turn), strict=True)
+    return [_PointReach(name, *stop.arm.reached(R, p)) for name, (R, p) in flanges]
 
 
 def moved_flanges(
@@ -209,30 +171,3 @@ def moved_flanges(
         (R, target - R_tool[..., :, 2] * depth + product(R_tool, stop.p_tool_flange))
         for depth in depths
     ]
-
-
-def numeric_reach(arm: GeneralArm, R: FloatArray, p: FloatArray) -> tuple[BoolArray, FloatArray]:
-    """Returns which flange poses some posture within limits reaches, and by how much the others are missed [m].
-
-    The miss is the least distance found with the rotation as it should be. Where no pose is reached it is looked for at
-    the most promising ones only, and infinite at all others.
-
-    Args:
-        arm: kinematics and limits.
-        R: flange rotations in the carried frame, shape (a, y, 3, 3).
-        p: flange positions [m], shape (a, y, 3).
-    """
-    R = np.broadcast_to(R, (*p.shape[:-1], 3, 3))
-    flat_R, flat_p = R.reshape(-1, 3, 3), p.reshape(-1, 3)
-    found = solve_poses(arm, flat_R, flat_p, first_only=True)
-    feasible = (found.miss == 0.0).all(axis=1)
-    miss = np.where(feasible, 0.0, found.miss.sum(axis=1))
-    if not feasible.any():
-        far = norm(flat_p - arm.p_parent_joint[0], axis=1)
-        nearest = np.unique(
-            [*np.argsort(miss, kind="stable")[:6], *np.argsort(far, kind="stable")[:6]]
-        )
-        exact = least_distances(arm, flat_R[nearest], flat_p[nearest])
-        miss = np.full(len(flat_p), np.inf)
-        miss[nearest] = exact
-    return feasible.reshape(p.shape[:-1]), miss.reshape(p.shape[:-1])

@@ -9,7 +9,6 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.elementary import cos, sin
-from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs.srs_arm import closed_form
 from dualarm_cli.kinematics.srs.srs_limits import LIMIT_SLACK
 from dualarm_cli.postures.line_following import FLIPPED
@@ -186,7 +185,7 @@ def _between_the_grid(
     that were tried).
     """
     poses = batch.poses(owner, target, yaw)
-    intervals = feasible_arm_angles(batch.arm, poses.R, poses.p)
+    intervals = batch.arm.feasible_arm_angles(poses.R, poses.p)
     pose, branch, k = np.nonzero(np.isfinite(intervals.start))
     if pose.size:
         psi = 0.5 * (intervals.start + intervals.end)[pose, branch, k]

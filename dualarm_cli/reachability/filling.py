@@ -10,9 +10,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, descend, solve_poses
-from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, descend
 from dualarm_cli.reachability.table_grid import YAWS, TableGrid, flange_poses
 from dualarm_cli.records import dataclass
 
@@ -127,30 +125,13 @@ def seeds(model: CellModel, arm: str, grid: TableGrid) -> Postures:
         grid: the nodes.
     """
     kinematics = model.arms[arm].kinematics
-    nowhere = np.eye(3)[None], np.zeros((1, 3))
-    numeric = isinstance(kinematics, GeneralArm) and kinematics.closed_postures(*nowhere) is None
-    many = MANY if numeric else MANY_CLOSED
+    many = MANY if kinematics.is_numeric else MANY_CLOSED
     spread = (grid.every(step) for step in SEED_STEPS)
     coarse = next((node for node in spread if len(node) >= many), np.arange(grid.size))
-    yaws = 1 if numeric else YAWS
+    yaws = 1 if kinematics.is_numeric else YAWS
     node, yaw = np.repeat(coarse, yaws), np.tile(np.arange(yaws), len(coarse))
     R, p = flange_poses(model, arm, grid, node, yaw)
-    if isinstance(kinematics, GeneralArm):
-        reached = solve_poses(kinematics, R, p, first_only=True, thorough=False)
-        pose, q = reached.pose, reached.q
-    else:
-        pose, q = _srs_postures(kinematics, R, p)
-    number = np.arange(len(pose)) - np.searchsorted(pose, pose)
-    kept = number < SEEDS_KEPT
-    return Postures(node[pose[kept]], yaw[pose[kept]], q[kept])
-
-
-def _srs_postures(arm: SrsArm, R: FloatArray, p: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Returns poses, ascending, and joints (k, 7) in the middle of every interval of feasible arm angles there."""
-    near = np.flatnonzero(arm.reach_miss(R, p) == 0.0)
-    intervals = feasible_arm_angles(arm, R[near], p[near])
-    pose, branch, k = np.nonzero(np.isfinite(intervals.start))
-    psi = 0.5 * (intervals.start + intervals.end)[pose, branch, k]
-    q, _ = arm.solve_branch(R[near[pose]], p[near[pose]], psi, branch)
-    middle = np.where(np.isfinite(arm.lower + arm.upper), 0.5 * (arm.lower + arm.upper), 0.0)
-    return near[pose], arm.nearest_turns(q, middle)
+    reached = kinematics.postures(R, p, first_only=True, thorough=False)
+    pose = reached.pose
+    kept = np.arange(len(pose)) - np.searchsorted(pose, pose) < SEEDS_KEPT
+    return Postures(node[pose[kept]], yaw[pose[kept]], reached.q[kept])

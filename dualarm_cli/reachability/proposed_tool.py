@@ -15,7 +15,7 @@ from dualarm_cli.collision.solids import (
     pairs_that_must_keep_apart,
 )
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.cell_model import general_arms
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.robot import Arm
@@ -100,14 +100,11 @@ def proposed_tools(cell: Cell) -> dict[str, ProposedTool]:
     Args:
         cell: the robot and where it stands.
     """
-    model = CellModel.from_cell(cell, numeric=True)
-    found = {}
-    for arm in cell.robot.arms:
-        kinematics = model.arms[arm.name].kinematics
-        assert isinstance(kinematics, GeneralArm)  # asked for
-        axis = _outward(kinematics)
-        found[arm.name] = _tool(cell, arm, axis, kinematics.length)
-    return found
+    kinematics = general_arms(cell)
+    return {
+        arm.name: _tool(cell, arm, _outward(kinematics[arm.name]), kinematics[arm.name].length)
+        for arm in cell.robot.arms
+    }
 
 
 def _outward(arm: GeneralArm) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK, CellClearance
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.cell_model import CellModel, general_arms
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, descend
 from dualarm_cli.model.cell import Cell
@@ -51,26 +51,26 @@ def reach_map(cell: Cell, grid: TableGrid, line: float = 0.0) -> ReachMap:
         grid: the nodes.
         line: how far the tool is drawn back from there along its axis, without leaving its branch [m].
     """
-    model, general = CellModel.from_cell(cell), CellModel.from_cell(cell, numeric=True)
+    model, general = CellModel.from_cell(cell), general_arms(cell)
     clearance = CellClearance.of(cell, ())
     found, ends = {}, {}
     for name in model.arms:
-        numeric = general.arms[name].kinematics
-        assert isinstance(numeric, GeneralArm)  # asked for
 
         def accepted(postures: Postures, arm: str = name) -> BoolArray:
             good = is_clear(model, clearance, arm, grid, postures.node, postures.q)
             if line:
                 rows = np.flatnonzero(good)
-                back, reached = _drawn_back(model, general, arm, grid, postures.take(rows), line)
+                back, reached = _drawn_back(
+                    model, general[arm], arm, grid, postures.take(rows), line
+                )
                 reached &= is_clear(model, clearance, arm, grid, postures.node[rows], back)
                 good[rows] = reached
             return good
 
-        found[name] = fill(model, numeric, name, grid, accepted)
+        found[name] = fill(model, general[name], name, grid, accepted)
         ends[name] = found[name].q
         if line:
-            ends[name] = _drawn_back(model, general, name, grid, found[name], line)[0]
+            ends[name] = _drawn_back(model, general[name], name, grid, found[name], line)[0]
     return ReachMap(grid, found, ends)
 
 
@@ -101,15 +101,13 @@ def is_clear(
 
 def _drawn_back(
     model: CellModel,
-    general: CellModel,
+    numeric: GeneralArm,
     arm: str,
     grid: TableGrid,
     postures: Postures,
     line: float,
 ) -> tuple[FloatArray, BoolArray]:
     """Returns joints with the tool drawn back (m, n) [rad], and whether they are reached from the nodes' postures."""
-    numeric = general.arms[arm].kinematics
-    assert isinstance(numeric, GeneralArm)  # asked for
     R, p = flange_poses(model, arm, grid, postures.node, postures.yaw, line)
     back, error = descend(numeric, R, p, postures.q)
     near = np.abs(back - postures.q).max(axis=1, initial=0.0) <= LARGEST_CHANGE

@@ -6,8 +6,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.cell_model import CellModel, general_arms
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.reachability.reach_map import ReachMap, reach_map
 from dualarm_cli.reachability.table_grid import TableGrid
@@ -90,16 +89,15 @@ def region(cell: Cell) -> Region:
     Args:
         cell: with its tools.
     """
-    model = CellModel.from_cell(cell, numeric=True)
+    model = CellModel.from_cell(cell)
     home = cell.robot.postures["home"][model.platform_columns]
     R, p = model.platform.pose(home)
     shoulders, reaches, slides = [], [], [0.0]
-    for arm in model.arms.values():
-        assert isinstance(arm.kinematics, GeneralArm)  # asked for
-        first, second = arm.kinematics.p_parent_joint[:2]
-        shoulders.append(p + product(R, first + product(arm.kinematics.R_parent_joint[0], second)))
-        reaches.append(arm.kinematics.length + float(norm(arm.T_flange_tcp.translation)))
-        slides.append(arm.kinematics.farthest - arm.kinematics.length)
+    for name, arm in general_arms(cell).items():
+        first, second = arm.p_parent_joint[:2]
+        shoulders.append(p + product(R, first + product(arm.R_parent_joint[0], second)))
+        reaches.append(arm.length + float(norm(cell.tools[name].tcp.translation)))
+        slides.append(arm.farthest - arm.length)
     at, reach = np.array(shoulders), np.array(reaches)
     centre = at[:, :2].mean(axis=0)
     if model.platform.is_turntable:

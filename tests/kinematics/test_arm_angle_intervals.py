@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.kinematics.srs.arm_angle_intervals import (
-    ArmAngleIntervals,
-    feasible_arm_angles,
-)
+from dualarm_cli.kinematics.srs.arm_angle_intervals import ArmAngleIntervals
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 
 TURN = 2 * np.pi
@@ -57,7 +54,7 @@ def test_intervals_hold_exactly_the_feasible_arm_angles_of_a_scan(arm):
     """Both directions: 1,001 arm angles × 60 targets × 8 branches of each arm."""
     R, p = targets(arm, 1, 60)
     psi = np.random.default_rng(2).uniform(-np.pi, np.pi, 1_001)
-    found = feasible_arm_angles(arm, R, p)
+    found = arm.feasible_arm_angles(R, p)
     per_target = ArmAngleIntervals(found.start[:, None], found.end[:, None], found.count[:, None])
     expected = feasible_by_scan(arm, R, p, psi)
     assert 0.005 < expected.mean() < 0.995
@@ -67,7 +64,7 @@ def test_intervals_hold_exactly_the_feasible_arm_angles_of_a_scan(arm):
 def test_every_interval_end_touches_a_limit(arm):
     """Random targets pass no singularity exactly, so only limits can end an interval."""
     R, p = targets(arm, 3, 400)
-    found = feasible_arm_angles(arm, R, p)
+    found = arm.feasible_arm_angles(R, p)
     whole = np.isclose(found.end - found.start, TURN, atol=1e-12)
     for ends in (found.start, found.end):
         gap = to_limits(arm, at_ends(arm, R, p, np.where(whole, np.nan, ends)))
@@ -77,7 +74,7 @@ def test_every_interval_end_touches_a_limit(arm):
 
 def test_intervals_are_ascending_apart_and_counted(arm):
     """Starts in the circle, no overlap even around it, NaN beyond the count."""
-    found = feasible_arm_angles(arm, *targets(arm, 4, 300))
+    found = arm.feasible_arm_angles(*targets(arm, 4, 300))
     used = np.arange(found.start.shape[-1]) < found.count[..., None]
     np.testing.assert_array_equal(np.isnan(found.start), ~used)
     np.testing.assert_array_equal(np.isnan(found.end), ~used)
@@ -94,7 +91,7 @@ def test_joints_are_continuous_within_limits_along_an_interval(chains):
     """With ±180° at joints 1, 5, 7 an interval stops where a joint would have to turn back."""
     arm = chains["sda10f_left"].arm()
     R, p = targets(arm, 5, 40)
-    found = feasible_arm_angles(arm, R, p)
+    found = arm.feasible_arm_angles(R, p)
     n, branch, k = np.nonzero(~np.isnan(found.start))
     share = np.linspace(1e-9, 1 - 1e-9, 2_001)
     psi = found.start[n, branch, k, None] * (1 - share) + found.end[n, branch, k, None] * share
@@ -110,7 +107,7 @@ def test_without_limits_the_whole_circle_is_feasible(chains):
     """Infinite limits on every joint leave one interval from -pi to pi."""
     arm = chains["iiwa14"].arm()
     free = SrsArm(arm.geometry, np.full(7, -np.inf), np.full(7, np.inf))
-    found = feasible_arm_angles(free, *targets(arm, 6, 20))
+    found = free.feasible_arm_angles(*targets(arm, 6, 20))
     np.testing.assert_array_equal(found.count, 1)
     np.testing.assert_array_equal(found.start[..., 0], -np.pi)
     np.testing.assert_array_equal(found.end[..., 0], np.pi)
@@ -120,9 +117,9 @@ def test_the_elbow_branch_and_reach_decide_for_all_arm_angles(chains):
     """Joint 4 limited to positive angles empties branches 4 to 7; out of reach empties all."""
     arm = sda10f_with(chains, j4=(0.1, 2.3))
     R, p = arm.forward(np.array([[0.3, 0.6, -0.2, 1.0, 0.1, 0.5, 0.2]]))
-    found = feasible_arm_angles(arm, R, p)
+    found = arm.feasible_arm_angles(R, p)
     assert (found.count[0, 4:] == 0).all() and found.count[0, :4].any()
-    assert not feasible_arm_angles(arm, R, p + 5.0).count.any()
+    assert not arm.feasible_arm_angles(R, p + 5.0).count.any()
 
 
 def test_a_branch_that_passes_its_singularity_exactly_is_cut_there(chains):
@@ -134,7 +131,7 @@ def test_a_branch_that_passes_its_singularity_exactly_is_cut_there(chains):
     q = np.array([0.0, 0.0, 0.7, 1.2, 0.4, 0.9, 0.3])
     R, p = arm.forward(q)
     cut = float(arm.arm_angle(q))
-    found = feasible_arm_angles(arm, R, p)
+    found = arm.feasible_arm_angles(R, p)
     k = int(arm.branch(q))
     ends = np.concatenate([found.start[k], found.end[k]])
     assert np.nanmin(np.abs(np.mod(ends - cut + np.pi, TURN) - np.pi)) < 1e-7
@@ -149,7 +146,7 @@ def test_a_branch_that_passes_its_singularity_exactly_is_cut_there(chains):
 def test_the_stretched_arm_is_limited_by_the_joint_that_turns(chains):
     """SDA10F stretched: q1 = q5 = 0, and psi turns joint 3 one to one, within ±170° of 360°."""
     arm = chains["sda10f_left"].arm()
-    found = feasible_arm_angles(arm, *arm.forward(np.zeros(7)))
+    found = arm.feasible_arm_angles(*arm.forward(np.zeros(7)))
     # q3 and q7 turn against each other, both one to one; ±170° of joint 3 leaves 340°.
     total = np.nansum(found.end[0] - found.start[0])
     np.testing.assert_allclose(total, np.deg2rad(340.0), atol=1e-9)
@@ -167,6 +164,6 @@ def test_planar_targets_with_exact_coincidences_agree_with_a_scan(chains):
     q = np.array(np.meshgrid([0.0], grid, [0.0], grid, [0.0], grid, [0.0])).reshape(7, -1).T
     R, p = arm.forward(q)
     psi = np.random.default_rng(9).uniform(-np.pi, np.pi, 301)
-    found = feasible_arm_angles(arm, R, p)
+    found = arm.feasible_arm_angles(R, p)
     per_target = ArmAngleIntervals(found.start[:, None], found.end[:, None], found.count[:, None])
     np.testing.assert_array_equal(per_target.contains(psi), feasible_by_scan(arm, R, p, psi))

@@ -14,10 +14,10 @@ from dualarm_cli.kinematics.continuation import (
     moved_along,
     spare_directions,
 )
-from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
-from dualarm_cli.kinematics.numeric_inverse import solve_poses
+from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.parallel_arm import ParallelArm
 from dualarm_cli.kinematics.self_motion import CURVE_STEP, branches, self_motions
+from dualarm_cli.kinematics.serial_chain import pose_error
 from dualarm_cli.kinematics.srs.srs_limits import wrap
 from dualarm_cli.kinematics.wrist_arm import WristArm
 
@@ -229,7 +229,7 @@ def test_branches_of_an_srs_arm_do_not_mix_closed_form_branches(srs_arms):
         np.maximum(arm.lower, -2), np.minimum(arm.upper, 2), (8, 7)
     )
     R, p = arm.forward(q)
-    found = solve_poses(arm, R, p)
+    found = arm.postures(R, p)
     curves = self_motions(arm, found.q, R[found.pose], p[found.pose])
     branch = branches(arm, found.pose, found.q, curves)
     shared = 0

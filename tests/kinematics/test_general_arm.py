@@ -7,7 +7,8 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.errors import UnsupportedError
-from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.serial_chain import pose_error
 
 BASE = pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.3, 1.1), np.array([0.3, -0.2, 0.7]))
 

@@ -6,8 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
-from dualarm_cli.kinematics.numeric_inverse import descend, least_distances, solve_poses
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.numeric_inverse import descend, least_distances
+from dualarm_cli.kinematics.serial_chain import pose_error
 
 
 def arm_of(general_robots, name, side="left"):
@@ -26,7 +27,7 @@ def test_random_reachable_poses_are_solved(general_robots, name):
     arm = arm_of(general_robots, name)
     q = np.random.default_rng(8).uniform(arm.lower, arm.upper, (400, arm.axes))
     R, p = arm.forward(q)
-    found = solve_poses(arm, R, p)
+    found = arm.postures(R, p)
     assert len(np.unique(found.pose)) >= 398
     R_found, p_found = arm.forward(found.q)
     assert np.abs(pose_error(R_found, p_found, R[found.pose], p[found.pose])).max() < 1e-9
@@ -47,7 +48,7 @@ def test_six_axes_have_all_branches_that_brute_force_finds(general_robots, name)
     arm = arm_of(general_robots, name)
     rng = np.random.default_rng(4)
     R, p = arm.forward(rng.uniform(arm.lower, arm.upper, (15, 6)))
-    found = solve_poses(arm, R, p)
+    found = arm.postures(R, p)
     several = 0
     for k in range(len(p)):
         starts = rng.uniform(arm.lower, arm.upper, (800, 6))
@@ -66,7 +67,7 @@ def test_a_flipped_spherical_wrist_is_found_with_its_twin(general_robots):
     """(q4 + pi, -q5, q6 + pi) reaches the same pose: it is there wherever limits allow it."""
     arm = arm_of(general_robots, "spherical")
     R, p = arm.forward(np.random.default_rng(6).uniform(arm.lower, arm.upper, (40, 6)))
-    found = solve_poses(arm, R, p)
+    found = arm.postures(R, p)
     twins = found.q.copy()
     twins[:, [3, 5]] += np.pi
     twins[:, 4] *= -1.0
@@ -85,7 +86,7 @@ def test_what_is_out_of_reach_is_missed_by_what_arithmetic_says(general_robots):
     arm = arm_of(general_robots, "spherical")
     R, _ = arm.forward(np.zeros(6))
     p = np.array([1.05, 0.3, 0.4])
-    assert not len(solve_poses(arm, R[None], p[None]).q)
+    assert not len(arm.postures(R[None], p[None]).q)
     assert least_distances(arm, R[None], p[None])[0] == pytest.approx(0.2, abs=2e-4)
 
 
@@ -93,6 +94,6 @@ def test_a_pose_has_the_same_solutions_alone_and_among_others(general_robots):
     """But for rounding: few postures are computed otherwise than many."""
     arm = arm_of(general_robots, "yumi")
     R, p = arm.forward(np.random.default_rng(2).uniform(arm.lower, arm.upper, (5, 7)))
-    together = solve_poses(arm, R, p)
-    alone = solve_poses(arm, R[3:4], p[3:4])
+    together = arm.postures(R, p)
+    alone = arm.postures(R[3:4], p[3:4])
     assert np.allclose(together.q[together.pose == 3], alone.q, rtol=0.0, atol=1e-8)

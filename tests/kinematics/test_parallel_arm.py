@@ -11,9 +11,9 @@ import pytest
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.joint_axes import measured_kind
 from dualarm_cli.kinematics.closed_arm import with_closed_forms
-from dualarm_cli.kinematics.general_arm import pose_error
-from dualarm_cli.kinematics.numeric_inverse import least_distances, solve_poses
+from dualarm_cli.kinematics.numeric_inverse import least_distances
 from dualarm_cli.kinematics.parallel_arm import ParallelArm
+from dualarm_cli.kinematics.serial_chain import pose_error
 from dualarm_cli.kinematics.srs.srs_limits import wrap
 
 TURN = 2.0 * np.pi
@@ -63,7 +63,7 @@ def test_the_numeric_inverse_finds_the_same_postures(wrist_arms, meeting):
         general = wrist_arms.random_parallel_arm(rng, meeting, True).arm
         arm = ParallelArm.of(general)
         R, p = general.forward(rng.uniform(-3.0, 3.0, (20, 6)))
-        ours, theirs = solve_poses(arm, R, p), solve_poses(general, R, p)
+        ours, theirs = arm.postures(R, p), general.postures(R, p)
         for k in range(20):
             a, b = ours.q[ours.pose == k], theirs.q[theirs.pose == k]
             assert len(a) == len(b) >= 2
@@ -97,7 +97,7 @@ def test_axes_4_and_6_in_line_leave_the_sum_of_joints_2_to_4_at_its_reference(ur
     assert errors(ur5, found.q[row, branch], R[row], p[row]) < 1e-9
     # Without a reference there are samples of the self-motion, which may be as short as one likes.
     free = ParallelArm.of(ur5.without_limits)
-    every = free.closed_postures(R, p)
+    every = free.postures(R, p)
     assert errors(ur5, every.q, R[every.pose], p[every.pose]) < 1e-9
     assert (np.bincount(every.pose, minlength=50) >= 2).all()
 
@@ -140,7 +140,7 @@ def test_a_pose_out_of_reach_is_missed_by_what_it_is_beyond(ur5):
     p = p + 0.03 * along
     out = ~ur5.solve(R, p).reachable.any(axis=1)
     assert out.sum() >= 5
-    found = ur5.closed_postures(R[out], p[out])
+    found = ur5.postures(R[out], p[out])
     assert not len(found.q)
     least = least_distances(ur5, R[out], p[out])
     assert (found.miss[:, 0] <= 0.03 + 1e-9).all()
@@ -154,12 +154,12 @@ def test_limits_leave_out_what_no_turn_brings_within_them(ur5):
     wide = replace(ur5, lower=np.full(6, -TURN), upper=np.full(6, TURN))
     q = np.random.default_rng(2).uniform(-TURN, TURN, (60, 6))
     R, p = wide.forward(q)
-    found = wide.closed_postures(R, p)
+    found = wide.postures(R, p)
     assert np.abs(found.q).max() <= np.pi + 1e-12
     assert (np.bincount(found.pose) == ur5.solve(R, p).reachable.sum(axis=1)).all()
     # Joint 1 within [4, 5]: postures beyond a half turn, with their turn.
     window = replace(ur5, lower=np.array([4.0, *[-TURN] * 5]), upper=np.array([5.0, *[TURN] * 5]))
-    some = window.closed_postures(R, p)
+    some = window.postures(R, p)
     assert len(some.q)
     assert ((some.q[:, 0] >= 4.0) & (some.q[:, 0] <= 5.0)).all()
     every = ur5.solve(R, p)

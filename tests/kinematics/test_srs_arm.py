@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.kinematics.srs.arm_angle_curves import flips, reference_directions
-from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 
 EXACT = 1e-9
@@ -260,7 +259,7 @@ def test_targets_of_other_types_are_the_same_targets(arm):
     expected = arm.solve(np.eye(3), p.astype(np.float64), 0.0)
     assert np.array_equal(found.reachable, expected.reachable)
     np.testing.assert_array_equal(found.q, expected.q)
-    one = feasible_arm_angles(arm, np.eye(3, dtype=np.int64), p)
+    one = arm.feasible_arm_angles(np.eye(3, dtype=np.int64), p)
     np.testing.assert_array_equal(
-        one.start, feasible_arm_angles(arm, np.eye(3), p.astype(np.float64)).start
+        one.start, arm.feasible_arm_angles(np.eye(3), p.astype(np.float64)).start
     )

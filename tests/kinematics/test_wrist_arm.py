@@ -10,8 +10,8 @@ import pytest
 
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.kinematics.closed_arm import with_closed_forms
-from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
-from dualarm_cli.kinematics.numeric_inverse import solve_poses
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.serial_chain import pose_error
 from dualarm_cli.kinematics.srs.srs_limits import wrap
 from dualarm_cli.kinematics.wrist_arm import WristArm
 
@@ -166,7 +166,7 @@ def test_the_numeric_inverse_finds_the_same_postures(wrist_arms, kind):
     general = wrist_arms.random_arm(kind, rng, orthogonal=True).arm
     arm = WristArm.of(general)
     R, p = general.forward(rng.uniform(-3.0, 3.0, (20, 6)))
-    ours, theirs = solve_poses(arm, R, p), solve_poses(general, R, p)
+    ours, theirs = arm.postures(R, p), general.postures(R, p)
     for k in range(20):
         a, b = ours.q[ours.pose == k], theirs.q[theirs.pose == k]
         assert len(a) == len(b) >= 2
@@ -283,7 +283,7 @@ def test_postures_are_those_within_limits_on_their_turns(heavy):
     arm = replace(heavy, lower=lower, upper=upper)
     R, p = heavy.forward(np.random.default_rng(9).uniform(-np.pi, np.pi, (100, 6)))
     every = arm.solve(R, p)
-    found = arm.closed_postures(R, p)
+    found = arm.postures(R, p)
     expected = 0
     for pose in range(100):
         for branch in range(8):
@@ -303,7 +303,7 @@ def test_a_pose_in_reach_without_a_posture_within_limits_is_missed_by_turned_joi
     q = np.array([0.3, -0.8, 0.4, 0.2, 0.9, 0.5])
     R, p = heavy.forward(q)
     tight = replace(heavy, lower=q - 0.1, upper=np.append(q[:5] + 0.1, 0.4))
-    found = solve_poses(tight, R[None], p[None])
+    found = tight.postures(R[None], p[None])
     assert not len(found.q)
     # The flange lies on axis 6 of these rows.
     assert found.miss[0] == pytest.approx([0.0, 0.1], abs=1e-9)
@@ -313,7 +313,7 @@ def test_where_axes_4_and_6_are_in_line_many_postures_stand_for_all(heavy):
     """Distinct ones, each of which meets the pose within limits."""
     q = np.array([[0.3, -0.8, 0.4, 0.2, 0.0, 0.5]])
     R, p = heavy.forward(q)
-    found = heavy.closed_postures(R, p)
+    found = heavy.postures(R, p)
     R_now, p_now = heavy.forward(found.q)
     assert np.abs(pose_error(R_now, p_now, R, p)).max() < 1e-10
     assert len(np.unique(found.q[:, 3].round(6))) >= 8

@@ -22,7 +22,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning import planner
 from dualarm_cli.planning.job_faults import job_faults
 from dualarm_cli.planning.planner import plan_without_bound
-from dualarm_cli.postures.out_of_reach import _elbow_fits, out_of_reach
+from dualarm_cli.postures.out_of_reach import out_of_reach
 from dualarm_cli.postures.reach import explain_reach
 from dualarm_cli.postures.stage_problems import stop_problems
 
@@ -244,7 +244,7 @@ def test_the_elbow_of_a_posture_within_limits_is_found_near_its_pose(job):
     )
     wrist = arm.wrist_center(R, p) + moved[:, None] * ways
     R = exp_rotation(turned[:, None] * axes) @ R
-    assert _elbow_fits(arm, R, wrist - R @ arm.geometry.p_flange_wrist, moved, turned).all()
+    assert arm.may_bend(R, wrist - R @ arm.geometry.p_flange_wrist, moved, turned).all()
 
 
 def test_limits_a_whole_turn_on_say_the_same_of_the_elbow(job):
@@ -253,11 +253,11 @@ def test_limits_a_whole_turn_on_say_the_same_of_the_elbow(job):
     arm, random = CellModel.from_cell(made.cell).arms["left"].kinematics, np.random.default_rng(8)
     R, p = arm.forward(random.uniform(-np.pi, np.pi, (500, 7)))
     still = np.zeros((2, 500))
-    fits = _elbow_fits(arm, R, p, *still)
+    fits = arm.may_bend(R, p, *still)
     assert 50 < fits.sum() < 450
     turns = 2.0 * np.pi * np.array([0, 1, 0, 0, 0, -1, 0])
     turned = dataclasses.replace(arm, lower=arm.lower + turns, upper=arm.upper + turns)
-    np.testing.assert_array_equal(_elbow_fits(turned, R, p, *still), fits)
+    np.testing.assert_array_equal(turned.may_bend(R, p, *still), fits)
 
 
 def test_a_platform_is_examined_within_its_limits_only(job):

@@ -10,7 +10,7 @@ import pytest
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.kinematics.general_arm import pose_error
+from dualarm_cli.kinematics.serial_chain import pose_error
 from dualarm_cli.postures import REDUNDANCY_SOLVERS, NoPosture, StopPosture, solve_stops
 from dualarm_cli.postures.candidates import flange_poses, line_path
 from dualarm_cli.postures.stage_problems import stop_problems

@@ -13,8 +13,6 @@ from dualarm_cli.collision.solids import cell_solids, geometry_model, pairs_that
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.numeric_inverse import solve_poses
-from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.reachability.proposed_tool import with_tools
 from dualarm_cli.reachability.reach_map import reach_map
 from dualarm_cli.reachability.region import best_height, platform_positions, region
@@ -54,9 +52,9 @@ def test_without_shapes_reach_is_that_of_inverse_kinematics(name):
         every, yaw = np.repeat(node, YAWS), np.tile(np.arange(YAWS), len(node))
         R, p = flange_poses(model, arm, grid, every, yaw)
         if isinstance(kinematics, GeneralArm):
-            found = (solve_poses(kinematics, R, p, first_only=True).miss == 0.0).all(axis=1)
+            found = (kinematics.postures(R, p, first_only=True).miss == 0.0).all(axis=1)
         else:
-            found = feasible_arm_angles(kinematics, R, p).count.any(axis=1)
+            found = kinematics.feasible_arm_angles(R, p).count.any(axis=1)
         exact = found.reshape(-1, YAWS).any(axis=1)
         mapped = reach.reached(arm).ravel()[node]
         assert exact.any()

@@ -17,9 +17,9 @@ from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import measure_general
 from dualarm_cli.kinematics.continuation import FlangeLines, follow_lines, spare_directions
-from dualarm_cli.kinematics.general_arm import FEW, GeneralArm
-from dualarm_cli.kinematics.numeric_inverse import solve_poses
+from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
+from dualarm_cli.kinematics.serial_chain import FEW
 from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan
@@ -90,14 +90,14 @@ def test_poses_all_along_the_slide_are_reached(joints, tmp_path, sliding_robots)
     q = some_joints(arm, 24, 7)
     q[:, 4] = 0.3 + np.abs(q[:, 4]) / 3.0
     R, p = arm.forward(q)
-    found = solve_poses(arm, R, p)
+    found = arm.postures(R, p)
     assert set(found.pose.tolist()) == set(range(len(q)))
     R_found, p_found = arm.forward(found.q)
     np.testing.assert_allclose(p_found, p[found.pose], atol=1e-9)
     np.testing.assert_allclose(R_found, R[found.pose], atol=1e-9)
     assert arm.within_limits(found.q).all()
     away = p[:1] + np.array([0.0, 20.0, 0.0])
-    assert not len(solve_poses(arm, R[:1], away).q)
+    assert not len(arm.postures(R[:1], away).q)
 
 
 def test_a_slide_knows_no_whole_turns(tmp_path, sliding_robots):

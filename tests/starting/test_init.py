@@ -17,7 +17,6 @@ from dualarm_cli.files.source.bundled import bundled_robots, robots_folder
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.numeric_inverse import solve_poses
 
 ROOT = Path(__file__).parents[2]
 FILES = {
@@ -64,7 +63,7 @@ def reaches_with_tool_down(job, task, stop):
     T = arm.T_flange_tcp.inverse()
     R = R_world.T @ stop.target.pose.rotation @ np.array(turns)
     p = R_world.T @ (stop.target.pose.translation - p_world) + R @ T.translation
-    return bool((solve_poses(arm.kinematics, R @ T.rotation, p).miss == 0.0).all(axis=1).any())
+    return bool((arm.kinematics.postures(R @ T.rotation, p).miss == 0.0).all(axis=1).any())
 
 
 @pytest.mark.parametrize(

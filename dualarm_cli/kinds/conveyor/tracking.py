@@ -20,6 +20,7 @@ from dualarm_cli.kinematics.continuation import (
     spare_directions,
 )
 from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.srs.srs_arm import closed_form
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.postures import StopPosture, StopProblem
@@ -111,7 +112,7 @@ def along_poses(
     """
     if isinstance(problem.arm, GeneralArm):
         return _continued(problem.arm, posture.q_target, R, points, psi, target)
-    arm = problem.arm
+    arm = closed_form(problem.arm)
     rows = np.broadcast_to(R, (len(points), 3, 3))
     q, reachable = arm.solve_branch(rows, points, psi, np.array(posture.branch))
     steps = np.diff(q, axis=0)

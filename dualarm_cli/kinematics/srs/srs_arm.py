@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -9,9 +10,10 @@ import numpy as np
 from dualarm_cli.compiled import srs as compiled
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
-from dualarm_cli.geometry.elementary import arctan2, cos, sin
+from dualarm_cli.geometry.elementary import arccos, arctan2, cos, sin
 from dualarm_cli.geometry.joint_axes import SrsGeometry
 from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.kinematics.posture_source import PROVEN_MISS, PostureSource, ReachedPostures
 from dualarm_cli.kinematics.srs import srs_limits
 from dualarm_cli.kinematics.srs.arm_angle_curves import (
     REACH_SLACK,
@@ -19,11 +21,16 @@ from dualarm_cli.kinematics.srs.arm_angle_curves import (
     ArmPlane,
     reference_directions,
 )
+from dualarm_cli.kinematics.srs.arm_angle_intervals import ArmAngleIntervals
 from dualarm_cli.kinematics.srs.srs_canonical import SrsCanonical
 from dualarm_cli.records import dataclass
 
 SRS_TOLERANCE = 1e-6
 """Largest deviation from exact SRS geometry that the closed forms ignore [m and rad]."""
+ARM_ANGLES = 36
+"""Arm angles around the circle at which postures are computed."""
+ELBOWS, TINY = 60, 1e-9
+"""Elbows examined on their circle, and least divisor [m]."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +44,7 @@ class SrsSolutions:
 
 
 @dataclass(frozen=True)
-class SrsArm:
+class SrsArm(PostureSource):
     """Forward and inverse kinematics of one arm in its base frame.
 
     The arm angle psi says where the elbow is on its circle about the line from shoulder to wrist.
@@ -59,6 +66,8 @@ class SrsArm:
     """Lowest joint positions [rad], shape (7,), -inf allowed."""
     upper: FloatArray
     """Highest joint positions [rad], shape (7,), inf allowed."""
+    has_arm_angle = True
+    reach_step = np.radians(1.0)
 
     def __post_init__(self) -> None:
         """Freezes the arrays.
@@ -155,6 +164,14 @@ class SrsArm:
         """Returns the wrist centre [m], shape (..., 3), of flange poses (..., 3, 3), (..., 3)."""
         return p + product(R, self.geometry.p_flange_wrist)
 
+    fixed_point = wrist_center
+
+    @property
+    def last_axis(self) -> tuple[FloatArray, FloatArray]:
+        """Direction of the last joint's axis and a point on it [m], in the flange frame, (3,) each."""
+        direction = product(self.geometry.R_flange.T, self.geometry.axes[6])
+        return direction, self.geometry.p_flange_wrist
+
     def elbow(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the elbow [m] and the axis of joint 4 through it, base frame, (..., 3) each, of joints (..., 7)."""
         _, upper, _, normal = self.canonical.chain(q)
@@ -186,20 +203,30 @@ class SrsArm:
         miss = np.maximum(d - most, least - d)
         return np.where(miss > REACH_SLACK, miss, 0.0)
 
-    def within_limits(self, q: FloatArray) -> BoolArray:
-        """Returns whether all joints (..., 7) are within their limits, shape (...)."""
-        return srs_limits.within_limits(q, self.lower, self.upper)
+    def feasible_arm_angles(self, R: FloatArray, p: FloatArray) -> ArmAngleIntervals:
+        """Compute the arm angles at which all joints of a branch are within limits.
 
-    def nearest_turns(self, q: FloatArray, reference: FloatArray) -> FloatArray:
-        """Returns q with whole turns added: nearest to the reference among those within limits.
-
-        A joint that no turn brings within its limits keeps its value.
+        Where joint i meets a limit L, one equation A sin psi + B cos psi + C = 0 holds: for joints 1,
+        3, 5, 7 num(psi) cos L - den(psi) sin L = 0, for joints 2 and 6 cos theta(psi) = cos(L +
+        offset); all eight branches share them. Their roots cut the circle into arcs on each of which
+        every joint is either within or beyond its limits: the midpoint decides exactly. [Shimizu2008]
+        has the idea; arcs instead of case distinctions, whole turns and exact singularities are our
+        own.
 
         Args:
-            q: joints in [-pi, pi] [rad], shape (..., 7).
-            reference: joints to be near to [rad], broadcast against q.
+            R: flange rotations in the base frame, shape (..., 3, 3).
+            p: flange positions in the base frame [m], shape (..., 3), broadcast against R.
         """
-        return srs_limits.nearest_turns(q, reference, self.lower, self.upper)
+        shape = np.broadcast_shapes(np.shape(R)[:-2], np.shape(p)[:-1])
+        poses = np.broadcast_to(R, (*shape, 3, 3)), np.broadcast_to(p, (*shape, 3))
+        start, end, count = compiled.arm_angle_intervals(
+            self.numbers, poses[0].reshape(-1, 3, 3), poses[1].reshape(-1, 3)
+        )
+        return ArmAngleIntervals(
+            start.reshape(*shape, *start.shape[1:]),
+            end.reshape(*shape, *end.shape[1:]),
+            count.reshape(*shape, 8),
+        )
 
     def curves(self, R: FloatArray, p: FloatArray) -> ArmAngleCurves:
         """Returns the joints of targets (...) as functions of the arm angle.
@@ -248,6 +275,100 @@ class SrsArm:
         q, reachable = compiled.postures(self.numbers, *target, *angle, branch)
         return q.reshape(*shape, 7), reachable.reshape(shape)
 
+    def postures(
+        self, R: FloatArray, p: FloatArray, *, first_only: bool = False, thorough: bool = True
+    ) -> ReachedPostures:
+        """Compute postures within limits at many arm angles, or in the middle of each feasible interval."""
+        if thorough:
+            psi = np.linspace(-np.pi, np.pi, ARM_ANGLES, endpoint=False)[:, None]
+            every = np.arange(8, dtype=np.int64)
+            q, reachable = self.solve_branch(R[:, None, None], p[:, None, None], psi, every)
+            q = self.nearest_turns(q, self.middle)
+            good = reachable & self.within_limits(q)
+            pose, _, branch = np.nonzero(good)
+            q = q[good]
+        else:
+            near = np.flatnonzero(self.reach_miss(R, p) == 0.0)
+            intervals = self.feasible_arm_angles(R[near], p[near])
+            row, branch, k = np.nonzero(np.isfinite(intervals.start))
+            psi = 0.5 * (intervals.start + intervals.end)[row, branch, k]
+            pose = near[row]
+            q = self.nearest_turns(self.solve_branch(R[pose], p[pose], psi, branch)[0], self.middle)
+        beyond = np.abs(self.signed_miss(R, p))
+        return ReachedPostures(pose, q, branch, np.stack([beyond, np.zeros_like(beyond)], axis=-1))
+
+    def reached(self, R: FloatArray, p: FloatArray) -> tuple[BoolArray, FloatArray]:
+        """Test exactly which poses postures within limits reach, and compute `signed_miss`."""
+        feasible = np.asarray(self.feasible_arm_angles(R, p).count.any(axis=-1))
+        return feasible, self.signed_miss(R, p)
+
+    def why_missed(self, miss: float) -> str:
+        """Return the key of the refusal for a signed miss [m], 0 within reach."""
+        return "beyond_reach" if miss > 0 else "too_near_shoulder" if miss < 0 else "beyond_limits"
+
+    def signed_miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
+        """Compute the wrist's distance beyond `reach` [m], negative where it is too near the shoulder, shape (...)."""
+        least, most = self.reach
+        distance = norm(self.wrist_center(R, p) - self.geometry.shoulder, axis=-1)
+        return np.where(distance > most, distance - most, np.minimum(0.0, distance - least))
+
+    def proven_miss(self, R: FloatArray, p: FloatArray) -> tuple[float, float] | None:
+        """Return zeros if no posture within limits reaches any of the poses (y,), else None."""
+        # At the ends of its limits an arm has single arm angles, which rounding takes away.
+        wider = replace(self, lower=self.lower - PROVEN_MISS, upper=self.upper + PROVEN_MISS)
+        return None if wider.feasible_arm_angles(R, p).count.any() else (0.0, 0.0)
+
+    def may_bend(
+        self, R: FloatArray, p: FloatArray, moved: FloatArray, turned: FloatArray
+    ) -> BoolArray:
+        """Return whether joints 2 and 6 may be within limits near poses (k,).
+
+        The elbow is on a circle about the line from shoulder to wrist; both joints bend by what its place says.
+
+        Args:
+            R: flange rotations, shape (k, 3, 3).
+            p: flange positions [m], shape (k, 3).
+            moved: how far the wrist may be from there [m], shape (k,).
+            turned: how far the flange may be turned from there [rad], shape (k,).
+        """
+        upper, fore = self.geometry.upper, self.geometry.fore
+        to_wrist = self.wrist_center(R, p) - self.geometry.shoulder
+        distance = np.maximum(norm(to_wrist, axis=1), TINY)
+        along = to_wrist / distance[:, None]
+        # The circle's middle on the line, its radius, and how far the wrist's motion shifts and widens it.
+        links = upper * upper - fore * fore
+        middle = 0.5 * (distance + links / distance)
+        radius = np.sqrt(np.maximum(0.0, upper * upper - middle * middle))
+        shifted = 0.5 * moved * (1.0 + abs(links) / np.square(np.maximum(distance - moved, TINY)))
+        change = shifted * (2.0 * np.maximum(upper, np.abs(middle)) + shifted)
+        wider = np.minimum(np.sqrt(change), change / np.maximum(radius, TINY))
+        aside = np.where(np.abs(along[:, :1]) < 0.7, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+        aside = np.cross(along, aside)
+        aside = aside / norm(aside, axis=1, keepdims=True)
+        psi = np.linspace(-np.pi, np.pi, ELBOWS, endpoint=False)[:, None]
+        circle = cos(psi) * aside[:, None] + sin(psi) * np.cross(along, aside)[:, None]
+        elbow = (middle[:, None] * along)[:, None] + radius[:, None, None] * circle
+        # From any elbow to the next one examined: along the circle, by shift and width, and turned with the line.
+        off = radius * (np.pi / ELBOWS) + shifted + wider + 2.0 * upper * moved / distance
+        first_axis, last_axis = self.canonical.B[:, 2], product(R, self.canonical.C[2])[:, None]
+        fits = np.ones(elbow.shape[:2], dtype=np.bool_)
+        for joint, link, axis, slack in (
+            (1, elbow, first_axis, off / upper),
+            (5, to_wrist[:, None] - elbow, last_axis, (off + moved) / fore + turned),
+        ):
+            bend = arccos(np.clip((link * axis).sum(axis=-1) / norm(link, axis=-1), -1.0, 1.0))
+            # A chord is at least 2 / pi of its arc.
+            fits &= bend <= self._largest_bend(joint) + PROVEN_MISS + 0.5 * np.pi * slack[:, None]
+        return np.asarray(fits.any(axis=1))
+
+    def _largest_bend(self, joint: int) -> float:
+        """Return the largest angle between the two links that a joint bends [rad]."""
+        low, high, zero = self.lower[joint], self.upper[joint], self.canonical.offset[joint]
+        if srs_limits.some_turn_within(np.array(np.pi - zero), float(low), float(high)):
+            return np.pi
+        ends = np.array([low, high]) + zero
+        return float(np.abs(ends - srs_limits.TURN * np.round(ends / srs_limits.TURN)).max())
+
     def branch(self, q: FloatArray) -> IntArray:
         """Returns the branch of postures (..., 7), shape (...)."""
         bits = [srs_limits.wrap(q[..., i] + self.canonical.offset[i]) < 0.0 for i in (3, 1, 5)]
@@ -291,7 +412,7 @@ def _targets(
     return poses, (index, np.broadcast_to(psi, shape).astype(np.float64).ravel()), shape
 
 
-def closed_form(arm: object) -> SrsArm:
+def closed_form(arm: PostureSource) -> SrsArm:
     """Returns an arm if it is spherical-revolute-spherical.
 
     Raises:

@@ -9,8 +9,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.continuation import SKELETON, FlangeLines, follow_lines, moved_along
-from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.numeric_inverse import solve_poses
+from dualarm_cli.kinematics.general_arm import GeneralArm, numeric_form
 from dualarm_cli.kinematics.self_motion import self_motions
 from dualarm_cli.postures.numeric import DENSE_SAMPLES
 from dualarm_cli.stages.plans.candidates import (
@@ -122,7 +121,9 @@ def lines_hold(
     k = np.flatnonzero(table.active)
     rows = rows.take(k)
     poses = _poses(problem, work, table, k, angle[k], rows)
-    _, holds[k] = _followed(_general(work), table, k, rows, poses, rows.near, DENSE_SAMPLES)
+    _, holds[k] = _followed(
+        numeric_form(work.kinematics), table, k, rows, poses, rows.near, DENSE_SAMPLES
+    )
     return holds
 
 
@@ -152,7 +153,7 @@ def grid_nodes(
     work = problem.arms[arm]
     stop = work.stops[stage]
     assert stop is not None  # callers ask for active stages only
-    general = _general(work)
+    general = numeric_form(work.kinematics)
     index, rows = _targets(problem, work, table, stage, grid, thorough)
     count = len(index)
     stages, angle = np.full(count, stage), grid.angles[index]
@@ -231,13 +232,8 @@ def _by_angle(nodes: Nodes) -> Nodes:
     return nodes.take(np.argsort(nodes.angle_index, kind="stable"))
 
 
-def _general(work: ArmWork) -> GeneralArm:
-    assert isinstance(work.kinematics, GeneralArm)  # callers have looked
-    return work.kinematics
-
-
 def _loose(work: ArmWork) -> GeneralArm:
-    return _general(work).without_limits
+    return numeric_form(work.kinematics).without_limits
 
 
 def _poses(
@@ -310,12 +306,12 @@ def _targets(
         target = np.tile(np.arange(m), f)
         rows = _rows(work, target, np.zeros(m * f), stop.configurations[target])
         return np.repeat(np.arange(f), m), rows
-    yaws, general = _yaws(stop), _general(work)
+    yaws, general = _yaws(stop), numeric_form(work.kinematics)
     index, yaw = np.repeat(np.arange(f), len(yaws)), np.tile(yaws, f)
     start = np.tile(work.middle_of_ranges, (len(yaw), 1))
     asked = _rows(work, np.zeros(len(yaw), dtype=np.int64), yaw, start)
     R, p, _ = _poses(problem, work, table, np.full(len(yaw), stage), grid.angles[index], asked)
-    found = solve_poses(general, R, p, thorough=thorough)
+    found = general.postures(R, p, thorough=thorough)
     pose, q = found.pose, found.q
     if work.spare == 1 and thorough:
         traced = self_motions(general, q, R[pose], p[pose])
@@ -375,7 +371,7 @@ def _with_turns(work: ArmWork, nodes: Nodes, most: int) -> Nodes:
     n = len(nodes.work)
     row, shift = np.arange(n), np.zeros((n, work.joints))
     places = np.stack([nodes.q_target, nodes.q_approach, nodes.q_retract])
-    for joint in sorted(set(range(work.joints)) - set(_general(work).slides)):
+    for joint in sorted(set(range(work.joints)) - set(numeric_form(work.kinematics).slides)):
         # Of joints without limits one turn each way will do.
         low = max(work.limits.lower[joint], -1.5 * TURN)
         high = min(work.limits.upper[joint], 1.5 * TURN)

@@ -8,8 +8,8 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
+from dualarm_cli.kinematics.posture_source import PostureSource
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
@@ -50,7 +50,7 @@ class ArmWork:
 
     name: str
     """Name of the arm."""
-    kinematics: SrsArm | GeneralArm
+    kinematics: PostureSource
     """In the frame that carries the arms."""
     limits: JointLimits
     """Of its joints."""
@@ -92,18 +92,12 @@ class ArmWork:
 
         Of arms without an arm angle it does not: their nodes have several yaws.
         """
-        return isinstance(self.kinematics, SrsArm) and self.last_axis_is_tools
+        return self.kinematics.has_arm_angle and self.last_axis_is_tools
 
     @property
     def last_axis_is_tools(self) -> bool:
         """Whether turning the tool about its z axis is turning the last joint: one axis, pointing alike or not."""
-        arm = self.kinematics
-        if isinstance(arm, GeneralArm):
-            axis = arm.R_last_flange.T[:, 2]
-            point = product(-arm.R_last_flange.T, arm.p_last_flange)
-        else:
-            axis = product(arm.geometry.R_flange.T, arm.geometry.axes[6])
-            point = arm.geometry.p_flange_wrist
+        axis, point = self.kinematics.last_axis
         z_tool = self.R_tool_flange.T[:, 2]
         if norm(np.cross(axis, z_tool)) > 1e-9:
             return False

@@ -9,7 +9,7 @@ import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
-from dualarm_cli.kinematics.srs.arm_angle_intervals import ArmAngleIntervals, feasible_arm_angles
+from dualarm_cli.kinematics.srs.arm_angle_intervals import ArmAngleIntervals
 from dualarm_cli.postures.platform_reach import reachable_cells, reachable_spans
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import Grid, Nodes, thinned
@@ -179,7 +179,7 @@ def _intervals_of_arm_angles(
 ) -> ArmAngleIntervals:
     """Returns arm angles within limits at target, approach and retract, arrays (m, 3, 8, k), of rows (m,)."""
     R, points = _poses(problem, a, table, stage, angles, yaw)
-    return feasible_arm_angles(problem.arms[a].closed_form, R, points)
+    return problem.arms[a].closed_form.feasible_arm_angles(R, points)
 
 
 def _intervals(

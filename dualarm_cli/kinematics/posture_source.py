@@ -1,0 +1,180 @@
+"""Interface of arms: forward kinematics, postures of poses and limits, whatever the family.
+
+Come here to see what code outside `kinematics` may ask of an arm, or to add a family: derive from `PostureSource`, or
+from `ClosedArm` where six axes have closed forms.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.kinematics.srs import srs_limits
+from dualarm_cli.kinematics.srs.srs_limits import TURN
+from dualarm_cli.records import dataclass
+
+PROVEN_MISS = 1e-6
+"""Distance [m] or angle [rad] up to which a miss may be rounding and proves nothing."""
+
+
+@dataclass(frozen=True)
+class ReachedPostures:
+    """Postures within limits that reach some of m poses."""
+
+    pose: IntArray
+    """Which pose each of them reaches, ascending, shape (k,)."""
+    q: FloatArray
+    """Joints [rad], the turns nearest to the middle of the limits, shape (k, n)."""
+    branch: IntArray
+    """Their branches, shape (k,)."""
+    miss: FloatArray
+    """By how much each pose is missed: distance [m] and angle [rad], 0 where it is reached, shape (m, 2)."""
+
+
+class LimitedJoints:
+    """Joints with limits of position, some of which may slide."""
+
+    lower: FloatArray
+    """Lowest joint positions [rad], shape (n,), -inf allowed."""
+    upper: FloatArray
+    """Highest joint positions [rad], shape (n,), inf allowed."""
+    slides: tuple[int, ...] = ()
+    """Numbers of the joints that slide, from 0."""
+
+    @cached_property
+    def middle(self) -> FloatArray:
+        """Middle of each joint's range [rad], 0 where it has no end, shape (n,)."""
+        bounded = np.isfinite(self.lower) & np.isfinite(self.upper)
+        low, high = np.where(bounded, self.lower, 0.0), np.where(bounded, self.upper, 0.0)
+        return readonly(0.5 * (low + high))
+
+    def within_limits(self, q: FloatArray) -> BoolArray:
+        """Return whether all joints (..., n) are within their limits, shape (...)."""
+        return srs_limits.within_limits(q, self.lower, self.upper)
+
+    def nearest_turns(self, q: FloatArray, reference: FloatArray) -> FloatArray:
+        """Add whole turns: the nearest to a reference among those within limits.
+
+        A joint that no turn brings within its limits keeps its value, and so does one that slides.
+
+        Args:
+            q: joints [rad], shape (..., n).
+            reference: joints to be near to [rad], broadcast against q.
+        """
+        turned = srs_limits.nearest_turns(q, reference, self.lower, self.upper)
+        for k in self.slides:
+            turned[..., k] = q[..., k]
+        return turned
+
+    def less_turns(self, moved: FloatArray) -> FloatArray:
+        """Subtract whole turns from differences (..., n) [rad] of joints that turn."""
+        turns = TURN * np.rint(moved / TURN)
+        for k in self.slides:
+            turns[..., k] = 0.0
+        less: FloatArray = moved - turns
+        return less
+
+
+class PostureSource(LimitedJoints, ABC):
+    """An arm in the frame that carries it: poses of its flange, and postures that reach them."""
+
+    reach_step: ClassVar[float]
+    """Spacing of the platform angles at which reach is examined [rad]."""
+
+    has_arm_angle: ClassVar[bool] = False
+    """Whether postures are closed forms over branches and an arm angle."""
+    is_numeric: ClassVar[bool] = False
+    """Whether postures are searched for, some thousand times slower than closed forms."""
+
+    @property
+    @abstractmethod
+    def chain(self) -> tuple[FloatArray, BoolArray]:
+        """Constant steps from joint to joint, shape (n + 1, 3, 4), and which joints slide, shape (n,).
+
+        Rotation and position [m] of each joint at zero in the one before, and of the flange in the last one. Joints
+        slide along their z axes or turn about them.
+        """
+
+    @property
+    @abstractmethod
+    def last_axis(self) -> tuple[FloatArray, FloatArray]:
+        """Direction of the last joint's axis and a point on it [m], in the flange frame, (3,) each."""
+
+    @abstractmethod
+    def forward(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Compute flange rotations (..., 3, 3) and positions (..., 3) [m] of joints (..., n)."""
+
+    @abstractmethod
+    def postures(
+        self, R: FloatArray, p: FloatArray, *, first_only: bool = False, thorough: bool = True
+    ) -> ReachedPostures:
+        """Solve for postures within limits that reach flange poses.
+
+        Args:
+            R: flange rotations in the carried frame, shape (m, 3, 3).
+            p: flange positions [m], shape (m, 3).
+            first_only: whether a search leaves a pose alone as soon as it has a solution.
+            thorough: whether many solutions are wanted, or a first idea of them will do.
+        """
+
+    @abstractmethod
+    def reached(self, R: FloatArray, p: FloatArray) -> tuple[BoolArray, FloatArray]:
+        """Test which poses some posture within limits reaches, and measure the miss of the others.
+
+        Args:
+            R: flange rotations in the carried frame, shape (a, y, 3, 3).
+            p: flange positions [m], shape (a, y, 3).
+
+        Returns:
+            Flags and misses [m], both (a, y), as `why_missed` reads them.
+        """
+
+    @abstractmethod
+    def why_missed(self, miss: float) -> str:
+        """Return the key of the refusal for a pose that `reached` or `signed_miss` misses [m]."""
+
+    @abstractmethod
+    def fixed_point(self, R: FloatArray, p: FloatArray) -> FloatArray:
+        """Compute the point on the last link that flange poses fix [m], shape (..., 3)."""
+
+    @property
+    def lever(self) -> float:
+        """Largest distance of points that `reach_miss` examines from `fixed_point` [m]."""
+        return 0.0
+
+    @abstractmethod
+    def reach_miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
+        """Compute the proven least distance of `fixed_point` beyond reach [m], shape (...); 0 within.
+
+        Args:
+            R: flange rotations in the carried frame, shape (..., 3, 3).
+            p: flange positions [m], shape (..., 3).
+        """
+
+    def signed_miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
+        """Compute the distance beyond reach [m], negative where poses are too near the shoulder, shape (...)."""
+        return self.reach_miss(R, p)
+
+    def may_bend(
+        self, R: FloatArray, p: FloatArray, moved: FloatArray, turned: FloatArray
+    ) -> BoolArray:
+        """Return whether joints may be within limits near poses (k,), as far as this family can prove.
+
+        Args:
+            R: flange rotations, shape (k, 3, 3).
+            p: flange positions [m], shape (k, 3).
+            moved: largest distance of `fixed_point` from there [m], shape (k,).
+            turned: largest turn of the flange from there [rad], shape (k,).
+        """
+        return np.ones(len(p), dtype=np.bool_)
+
+    def proven_miss(self, R: FloatArray, p: FloatArray) -> tuple[float, float] | None:
+        """Compute the least miss of poses (y,), distance [m] and angle [rad]; None if one may be reached.
+
+        Zeros say that the poses are in reach, but that limits leave no posture.
+        """
+        return None
