@@ -25,7 +25,7 @@ from dualarm_cli.kinematics.srs.srs_geometry import SrsGeometry
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.kinematics.wrist_arm import WristArm
 
 HEIGHTS = (0.1575, 0.2025, 0.2045, 0.2155, 0.1845, 0.2155, 0.081)

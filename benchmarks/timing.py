@@ -18,7 +18,7 @@ import ruckig
 from dualarm_cli.kinematics.srs.srs_geometry import SrsGeometry
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.timing import TIMING_SOLVERS

@@ -22,7 +22,7 @@ from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.linear_systems import singular_values
 from dualarm_cli.kinematics.closed_arm import ClosedArm
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem, StopTarget

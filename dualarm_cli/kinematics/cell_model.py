@@ -16,7 +16,7 @@ from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.parallel_arm import ParallelArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.posture_source import PostureSource
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
+from dualarm_cli.kinematics.srs_arm import SrsArm, closed_form
 from dualarm_cli.kinematics.wrist_arm import WristArm
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.robot import Arm, Robot

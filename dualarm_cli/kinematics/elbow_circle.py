@@ -6,8 +6,8 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import arctan2, cos, sin
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.kinematics.srs.srs_limits import TURN
+from dualarm_cli.kinematics.srs_arm import SrsArm
 
 THIRDS = np.arange(3) * (TURN / 3.0)
 """Arm angles that tell a sinusoid over the arm angle [rad]."""

@@ -19,7 +19,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.continuation import moved_along
 from dualarm_cli.kinematics.general_arm import numeric_form
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.motion.blending import WORTH, platform_time, waits_for_time
 from dualarm_cli.motion.stop_motion import rates_between, transfers_in_motion

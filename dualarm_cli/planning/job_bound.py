@@ -14,7 +14,7 @@ from dualarm_cli.geometry.linear_programs import least_cost
 from dualarm_cli.kinds.planning import KindPlanning, Section, kind_of, kinds_of
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.closed_arm import ClosedArm
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.model.job import Dwell, Job, Stop, Task
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.orders.model.tool_changes import stand_tasks, with_changes

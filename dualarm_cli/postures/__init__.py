@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.postures.arm_angle import choose_posture, choose_postures
 from dualarm_cli.postures.numeric import choose_numeric
 from dualarm_cli.postures.problem import NoPosture, StopPosture, StopProblem

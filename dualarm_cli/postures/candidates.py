@@ -8,7 +8,7 @@ from dualarm_cli.compiled.srs import LinePair, joints_along_lines
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.continuation import SKELETON, FlangeLines, follow_lines
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.srs.srs_arm import closed_form
+from dualarm_cli.kinematics.srs_arm import closed_form
 from dualarm_cli.postures.line_following import LARGEST_STEP
 from dualarm_cli.postures.problem import StopPosture, StopProblem
 from dualarm_cli.postures.stop_batch import StopBatch, ToolPoses

@@ -7,7 +7,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.geometry.elementary import arccos, arctan2, cos, sin
 from dualarm_cli.geometry.products import norm
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.records import dataclass
 
 FULL = 2.0 * np.pi

@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.platform_chain import rotation_z
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
+from dualarm_cli.kinematics.srs_arm import SrsArm, closed_form
 from dualarm_cli.postures.problem import StopProblem
 from dualarm_cli.records import dataclass
 

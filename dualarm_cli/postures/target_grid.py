@@ -9,8 +9,8 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.elementary import cos, sin
-from dualarm_cli.kinematics.srs.srs_arm import closed_form
 from dualarm_cli.kinematics.srs.srs_limits import LIMIT_SLACK
+from dualarm_cli.kinematics.srs_arm import closed_form
 from dualarm_cli.postures.line_following import FLIPPED
 from dualarm_cli.postures.problem import NoPosture, StopProblem
 from dualarm_cli.postures.stop_batch import StopBatch

@@ -12,7 +12,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import arctan2, cos, sin
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.kinematics.srs.srs_arm import closed_form
+from dualarm_cli.kinematics.srs_arm import closed_form
 from dualarm_cli.model.job import Stop, Task
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS, PlatformProblem
 from dualarm_cli.postures import NoPosture, StopPosture, StopProblem, solve_stops

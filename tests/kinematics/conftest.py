@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.geometry.joint_axes import SrsGeometry
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 
 HALF = np.pi / 2
 

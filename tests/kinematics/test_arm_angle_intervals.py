@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.kinematics.srs.arm_angle_intervals import ArmAngleIntervals
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 
 TURN = 2 * np.pi
 

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.kinematics.elbow_circle import least_elbow_distance
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 
 ANGLES = 721
 """Arm angles of a scan."""

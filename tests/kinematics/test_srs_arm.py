@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.kinematics.srs.arm_angle_curves import flips, reference_directions
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 
 EXACT = 1e-9
 

@@ -7,8 +7,8 @@ import pytest
 
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.joint_axes import SrsGeometry
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.kinematics.srs.srs_canonical import SrsCanonical
+from dualarm_cli.kinematics.srs_arm import SrsArm
 
 
 def test_known_arms_are_exact_with_their_published_links(chains):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.kinematics.srs.arm_angle_curves import ArmPlane
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 
 EXACT = 1e-9
 

@@ -100,7 +100,7 @@ def test_a_posture_between_the_grids_arm_angles_is_found(problems):
     """Limits closed in around one posture, half a degree either way: the grid misses it."""
     import dataclasses
 
-    from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+    from dualarm_cli.kinematics.srs_arm import SrsArm
 
     for problem in problems[:4]:
         wide = SOLVE(dataclasses.replace(problem, approach=0.0, retract=0.0))

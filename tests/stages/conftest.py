@@ -13,7 +13,7 @@ import pytest
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.model.job import Dwell, Job, JointTarget, Place, PoseTarget, Stop, Task
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.sequence_problem import sequence_problem

@@ -12,7 +12,7 @@ from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells, turned

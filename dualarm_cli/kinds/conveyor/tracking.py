@@ -20,7 +20,7 @@ from dualarm_cli.kinematics.continuation import (
     spare_directions,
 )
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.srs.srs_arm import closed_form
+from dualarm_cli.kinematics.srs_arm import closed_form
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.postures import StopPosture, StopProblem

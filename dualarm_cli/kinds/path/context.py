@@ -17,7 +17,7 @@ from dualarm_cli.kinds.path.following.problem import Spring
 from dualarm_cli.kinds.path.joining import instants
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.dynamics import Dynamics
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH, Poses, ToolPath
 from dualarm_cli.model.job import Job

@@ -21,7 +21,7 @@ from dualarm_cli.kinds.reporting import (
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.elbow_circle import least_elbow_distance
 from dualarm_cli.kinematics.manipulability import manipulability
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.model.curves.tool_path import RoundedCorner
 from dualarm_cli.model.job import Job, Task
 from dualarm_cli.model.path_work import PathWork

@@ -11,7 +11,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinds.path.context import PathContext
 from dualarm_cli.kinds.path.following.arm_angle import coarse_tracks, flange_poses
 from dualarm_cli.kinematics.cell_model import ArmModel
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.kinematics.whole_body import Reached, reach
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.robot import JointLimits

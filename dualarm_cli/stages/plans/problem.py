@@ -10,7 +10,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonl
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.posture_source import PostureSource
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
+from dualarm_cli.kinematics.srs_arm import SrsArm, closed_form
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass

@@ -9,7 +9,7 @@ from dualarm_cli.geometry.products import product
 from dualarm_cli.kinds.path.following.position_limits import ended_by_limit
 from dualarm_cli.kinds.path.following.problem import NoPath, PathMotion, PathProblem, within_limits
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
+from dualarm_cli.kinematics.srs_arm import SrsArm, closed_form
 from dualarm_cli.records import dataclass
 
 STATIONS = 61
