@@ -51,7 +51,7 @@ NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
 NOT_EASIER = "effort: less effort might give a shorter plan; its search was interrupted"
 """Message where the user had seen enough before the plan of less effort was there."""
 SHORT_STOPS = 24
-"""Jobs of so many stops or fewer are planned with less effort as well, in another process: it takes seconds."""
+"""Greatest number of stops of a job that is planned with less effort as well, in another process."""
 FAR_SLOWER = 0.08
 """By more than this share the file's order is slower by far, as the search times it."""
 OF_THE_FILE = "order: that of the file, whose plan is faster than those of the orders found"
