@@ -34,7 +34,7 @@ from dualarm_cli.stages.search.own_stages import (
     with_own_angles,
 )
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
-from dualarm_cli.stages.search.potentials import arm_layers
+from dualarm_cli.stages.search.potentials import arm_layers, with_potentials
 from dualarm_cli.stages.search.search import FoundSequence, search, search_near
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification import verify
@@ -388,11 +388,8 @@ def test_a_plan_with_little_clearance_is_verified(packing: Job) -> None:
     assert verify(planned, job, clearance=True).passed
 
 
-@pytest.mark.parametrize("seed", CROWDED)
-def test_a_beam_in_which_all_the_best_steps_touch_looks_at_the_others(
-    packing: Job, monkeypatch: pytest.MonkeyPatch, seed: int
-) -> None:
-    """Both arms near the front, and only a few steps looked at: collision-free pairs of postures are found still."""
+def crowded(packing: Job, seed: int) -> tuple[SequenceProblem, tuple[StopTable, ...]]:
+    """Return three stages in which both arms work near the front."""
     random = np.random.default_rng(seed)
     stages = [
         {
@@ -408,12 +405,75 @@ def test_a_beam_in_which_all_the_best_steps_touch_looks_at_the_others(
     ]
     job = stage_job(replace(packing, cell=replace(packing.cell, obstacles=())), stages)
     problem = sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job))
-    tables = tuple(StopTable.of(work) for work in problem.arms)
-    monkeypatch.setattr(beam, "WAYS", 1)
-    monkeypatch.setattr(beam, "MORE", 1)
+    return problem, tuple(StopTable.of(work) for work in problem.arms)
+
+
+@pytest.mark.parametrize("seed", CROWDED)
+def test_a_beam_in_which_all_the_best_steps_touch_looks_at_the_others(
+    packing: Job, monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    """Both arms near the front, and only a few steps looked at: collision-free pairs of postures are found still."""
+    problem, tables = crowded(packing, seed)
+    few = beam.BeamSettings(oversampling=1, clearance_oversampling=1)
+    monkeypatch.setattr(beam, "SETTINGS", few)
     [(path, plan)] = plans_on_nodes(problem, tables, Mesh(0.25, 12, 1500, 1), 1).plans
     assert path.is_possible
     assert plan_clearance(problem, plan).stops.all()
+
+
+def beam_of(problem: SequenceProblem, per_angle: int) -> beam._Beam:
+    """Return a beam of four states on a grid of seven platform angles."""
+    angles = np.tile(np.linspace(-0.6, 0.6, 7), (problem.stages, 1))
+    tables = [StopTable.of(work) for work in problem.arms]
+    layers = [
+        arm_layers(
+            problem,
+            a,
+            angles,
+            [
+                grid_nodes(problem, a, table, k, Grid(angles[k], 24, 3000))
+                for k in range(problem.stages)
+            ],
+        )
+        for a, table in enumerate(tables)
+    ]
+    return beam._Beam(problem, with_potentials(problem, layers, 7), angles, 4, per_angle)
+
+
+def test_steps_from_the_best_state_alone_lead_back_to_it(
+    packing: Job, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of four states, worst first, the last one is the best: where all rated pairs collide, it is the only parent."""
+    search = beam_of(crowded(packing, CROWDED[0])[0], 3)
+    answers = iter([0.0, np.inf, 0.0])
+    monkeypatch.setattr(beam, "step_waits", lambda _, k, at, *__: np.full(len(at), next(answers)))
+    extended = beam._extend(search, beam._first(search.problem, search.arms), 0, 100)
+    assert extended is not None
+    states = extended[1].take(np.arange(4)[::-1])
+    assert int(np.argmin(states.spent + states.left.max(axis=0))) == 3
+    extended = beam._extend(search, states, 1, 100)
+    assert extended is not None
+    assert next(answers, None) is None
+    np.testing.assert_array_equal(extended[0].parent, 3)
+
+
+def test_sixteen_nodes_at_each_angle_are_a_number_like_any_other(
+    packing: Job, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As many pairs are rated as with fifteen and seventeen: four for each of two arms and four states."""
+    problem, _ = crowded(packing, CROWDED[0])
+    rated: list[int] = []
+
+    def waits(*args: Any) -> FloatArray:
+        rated.append(len(args[2]))
+        return np.zeros(rated[-1])
+
+    monkeypatch.setattr(beam, "step_waits", waits)
+    for per_angle in (15, 16, 17):
+        search = beam_of(problem, per_angle)
+        first = beam._first(problem, search.arms)
+        assert beam._extend(search, first, 0, search.rated_pairs) is not None
+    assert rated == [32, 32, 32]
 
 
 def test_exact_nodes_of_a_stage_are_worked_out_once(

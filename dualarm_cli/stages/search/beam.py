@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,10 @@ class BeamStep:
     angle_index: IntArray
     """Platform angle within the grid's, shape (b,)."""
 
+    def take(self, rows: IntArray) -> BeamStep:
+        """Select steps by their indices."""
+        return BeamStep(self.parent[rows], self.node[:, rows], self.angle_index[rows])
+
 
 IMPOSSIBLE = 1e6
 """What a step counts for which something has to touch [s]."""
@@ -57,119 +62,35 @@ class NodePath:
         return self.total < IMPOSSIBLE
 
 
-def closing_times(
-    problem: SequenceProblem, arms: tuple[ArmLayers, ...], angles: FloatArray, steps: list[BeamStep]
-) -> NDArray[np.float32]:
-    """Returns how long the return takes from the final states [s], shape (b,); 0 without one.
-
-    Where the start is free, a cycle closes wherever its first transfer would have ended.
-    """
-    closing = np.zeros(len(steps[-1].parent), dtype=np.float32)
-    if not problem.returns:
-        return closing
-    nodes = _nodes_of_all(steps)
-    for a, arm in enumerate(arms):
-        if not len(arm.chain.active):
-            continue
-        k = int(arm.chain.active[-1])
-        end = arm.layers[k]
-        assert end is not None  # the arm is active there
-        begin = arm.layers[0] if problem.free_start else None
-        origin = rows_of(end.retract, nodes[k, a])
-        without = (*free_columns(problem, a, end, begin), *platform_columns(problem, a))
-        if begin is None:
-            home = start_coordinates(problem, a, arm.table)
-            times = arm.table.times(origin, home, without)[:, 0]
-        else:
-            first = rows_of(begin.approach, nodes[0, a])
-            times = arm.table.times(origin, first, without).diagonal()
-        np.maximum(closing, times, out=closing)
-    if problem.platform_law is not None:
-        back_to: FloatArray = problem.platform_start
-        if problem.free_start:
-            state = np.arange(len(closing))
-            for step in steps[:0:-1]:
-                state = step.parent[state]
-            back_to = angles[0, steps[0].angle_index[state]]
-        moved = back_to - angles[-1, steps[-1].angle_index]
-        np.maximum(closing, problem.platform_law.duration(moved[:, None]), out=closing)
-    return closing
-
-
-def _nodes_of_all(steps: list[BeamStep]) -> IntArray:
-    """Returns each arm's node in every stage for every final state, shape (n, arms, b)."""
-    state = np.arange(len(steps[-1].parent))
-    nodes = []
-    for step in reversed(steps):
-        nodes.append(step.node[:, state])
-        state = step.parent[state]
-    return np.stack(nodes[::-1])
-
-
 def kind_of(decisions: Decisions) -> bytes:
     """Returns what two plans have in common if polishing may turn one into the other."""
     rows = [np.stack([arm.branch, arm.target, np.round(arm.yaw, 6)]) for arm in decisions.arms]
     return np.concatenate(rows).tobytes()
 
 
-def path_to(
-    problem: SequenceProblem,
-    arms: tuple[ArmLayers, ...],
-    angles: FloatArray,
-    steps: list[BeamStep],
-    best: int,
-    total: float,
-) -> NodePath:
-    """Returns the plan that led to a final state."""
-    n = problem.stages
-    angle = np.zeros(n)
-    nodes = np.full((len(arms), n), -1, dtype=np.int64)
-    for k in range(n - 1, -1, -1):
-        step = steps[k]
-        angle[k] = angles[k, step.angle_index[best]]
-        nodes[:, k] = step.node[:, best]
-        best = int(step.parent[best])
-    decisions = tuple(_arm(problem, a, arm, nodes[a]) for a, arm in enumerate(arms))
-    return NodePath(Decisions(angle, decisions), nodes, total)
-
-
-def _arm(problem: SequenceProblem, a: int, arm: ArmLayers, chosen: IntArray) -> ArmDecisions:
-    rows = ArmDecisions.idle(problem.arms[a].start, len(chosen))
-    for k in np.nonzero(chosen >= 0)[0].tolist():
-        layer = arm.layers[k]
-        assert isinstance(layer, Layer)
-        rows = rows.put(np.array([k]), layer.decisions.take(chosen[[k]]))
-        stop = problem.arms[a].stops[k]
-        if stop is not None and stop.configurations is not None:
-            # Layers are in single precision; a given configuration is given.
-            q = stop.configurations[rows.target[[k]]]
-            own = given_postures(problem.arms[a], rows.take(np.array([k])), q)
-            rows = rows.put(np.array([k]), own)
-    return rows
-
-
-WAYS = 4
-"""How many times more candidates than wanted states are looked at: several lead to the same pair of nodes."""
-MORE, LIKE = 8, 2
-"""So many times more are sorted where collisions are checked, of which only so many of a kind are looked at first:
-else all the best ones touch the same thing."""
-EVERY = 16
-"""Nodes of each arm that are paired at each platform angle, from the best state and all with one another, where
-something has to touch in all the best steps."""
-
-
 @dataclass(frozen=True)
-class KindsOfPostures:
-    """Settings of a beam in which postures of all kinds count, and not the best ones alone."""
+class BeamSettings:
+    """Numbers of node pairs that a beam rates in a stage."""
 
-    states: int = 64
-    """Least number of states that are kept: the pairs of eight branches of two arms."""
-    pairs: int = 4096
-    """Pairs of nodes whose clearance is tested in a stage."""
-    options: int = 1_000_000
-    """Pairs of nodes that are sorted in a stage."""
-    border: float = 0.3
+    oversampling: int = 4
+    """Pairs per arm and kept state: several steps lead to the same pair of nodes."""
+    clearance_oversampling: int = 8
+    """Further factor of the pairs that are sorted with collision checking."""
+    first_per_kind: int = 2
+    """Pairs of a kind that are rated first: else all the best ones share one collision."""
+    fallback_per_angle: int = 16
+    """Nodes of each arm paired at each platform angle, from the best state alone, if all rated pairs collide."""
+    varied_states: int = 64
+    """Minimum number of states that a varied beam keeps: the pairs of eight branches of two arms."""
+    varied_pairs: int = 4096
+    """Pairs of nodes that a varied beam rates in a stage."""
+    varied_options: int = 1_000_000
+    """Pairs of nodes that a varied beam sorts in a stage."""
+    quadrant_border: float = 0.3
     """Offset of the quadrants' borders from the multiples of a quarter turn, where many joints are [rad]."""
+
+
+SETTINGS = BeamSettings()
 
 
 @dataclass(frozen=True)
@@ -186,15 +107,22 @@ class _Beam:
     """States that are kept."""
     per_angle: int
     """Nodes of each arm that are paired at each platform angle."""
-    kinds: KindsOfPostures | None = None
-    """Settings by which nodes and states of all kinds of postures are kept; None for the best ones alone."""
+    varied: bool = False
+    """Whether nodes and states of all kinds of postures are kept, not the best ones alone."""
 
     def nodes_per_angle(self, rows: int, arms: int) -> int:
         """Return the number of nodes of each working arm to pair at each of some states' angles."""
-        if self.kinds is None:
+        if not self.varied:
             return self.per_angle
-        most = self.kinds.options // rows
+        most = SETTINGS.varied_options // rows
         return max(self.per_angle, math.isqrt(most) if arms == 2 else most)
+
+    @property
+    def rated_pairs(self) -> int:
+        """Number of pairs that are rated in a stage."""
+        if self.varied:
+            return SETTINGS.varied_pairs
+        return SETTINGS.oversampling * len(self.arms) * self.width
 
 
 @dataclass(frozen=True)
@@ -212,11 +140,27 @@ class _States:
     left: NDArray[np.float32]
     """What each arm still needs at least [s], shape (arms, b)."""
 
-    def best(self) -> _States:
-        """Returns the most promising one alone."""
-        k = [int(np.argmin(self.spent + self.left.max(axis=0)))]
-        joints = tuple(rows_of(q, np.array(k)) for q in self.joints)
-        return _States(self.spent[k], self.node[:, k], joints, self.angle[k], self.left[:, k])
+    def take(self, rows: IntArray) -> _States:
+        """Select plans by their indices."""
+        joints = tuple(rows_of(q, rows) for q in self.joints)
+        left = self.left[:, rows]
+        return _States(self.spent[rows], self.node[:, rows], joints, self.angle[rows], left)
+
+
+@dataclass(frozen=True)
+class _Candidates:
+    """Possible steps into one stage, best first; b of them."""
+
+    step: BeamStep
+    """Nodes, and the states that they are reached from."""
+    spent: NDArray[np.float32]
+    """Time at the end of the stage [s], shape (b,)."""
+    total: NDArray[np.floating[Any]]
+    """Lower bound on the time of the whole plan [s], shape (b,)."""
+
+    def take(self, rows: IntArray) -> _Candidates:
+        """Select steps by their indices."""
+        return _Candidates(self.step.take(rows), self.spent[rows], self.total[rows])
 
 
 def beam_search(
@@ -247,56 +191,119 @@ def beam_search(
     found = _searched(beam, plans)
     if problem.clearance is None or (found and found[0].is_possible):
         return found
-    kinds = KindsOfPostures()
-    varied = _searched(replace(beam, width=max(width, kinds.states), kinds=kinds), plans)
+    width = max(width, SETTINGS.varied_states)
+    varied = _searched(replace(beam, width=width, varied=True), plans)
     return varied if varied and varied[0].is_possible else found
 
 
 def _searched(beam: _Beam, plans: int) -> list[NodePath]:
     """Search stage by stage for the best plans, see `beam_search`."""
-    problem, arms, angles = beam.problem, beam.arms, beam.angles
-    states = _first(problem, arms)
+    states = _first(beam.problem, beam.arms)
     steps: list[BeamStep] = []
-    for k in range(problem.stages):
-        extended = _extend(beam, states, k)
+    for k in range(beam.problem.stages):
+        extended = _extend(beam, states, k, beam.rated_pairs)
         if extended is None:
             return []
         step, states = extended
         steps.append(step)
-    total = states.spent + closing_times(problem, arms, angles, steps)
-    total += np.minimum(_return_costs(beam, states, steps), IMPOSSIBLE).astype(np.float32)
-    if plans == 1:
-        best = int(np.argmin(total))
-        return [path_to(problem, arms, angles, steps, best, float(total[best]))]
-    found: dict[bytes, NodePath] = {}
-    for state in np.argsort(total, kind="stable").tolist():
-        path = path_to(problem, arms, angles, steps, state, float(total[state]))
-        found.setdefault(kind_of(path.decisions), path)
-        if len(found) == plans:
+    trace = _trace(steps)
+    total = states.spent + _closing_times(beam, steps, trace)
+    total += np.minimum(_return_costs(beam, states, steps, trace), IMPOSSIBLE).astype(np.float32)
+    best = [int(np.argmin(total))] if plans == 1 else np.argsort(total, kind="stable").tolist()
+    paths: dict[bytes, NodePath] = {}
+    for state in best:
+        path = _path(beam, steps, trace[:, state], float(total[state]))
+        paths.setdefault(kind_of(path.decisions), path)
+        if len(paths) == plans:
             break
-    return list(found.values())
+    return list(paths.values())
 
 
-def _return_costs(beam: _Beam, states: _States, steps: list[BeamStep]) -> FloatArray:
+def _trace(steps: list[BeamStep]) -> IntArray:
+    """Trace every final state back: its state in each stage, shape (n, b)."""
+    states = [np.arange(len(steps[-1].parent))]
+    for step in steps[:0:-1]:
+        states.append(step.parent[states[-1]])
+    return np.stack(states[::-1])
+
+
+def _closing_times(beam: _Beam, steps: list[BeamStep], trace: IntArray) -> NDArray[np.float32]:
+    """Time the return from every final state [s], shape (b,); 0 without one.
+
+    Where the start is free, a cycle closes wherever its first transfer would have ended.
+    """
+    problem = beam.problem
+    closing = np.zeros(trace.shape[1], dtype=np.float32)
+    if not problem.returns:
+        return closing
+    for a, arm in enumerate(beam.arms):
+        if not len(arm.chain.active):
+            continue
+        k = int(arm.chain.active[-1])
+        end = arm.layers[k]
+        assert end is not None  # the arm is active there
+        begin = arm.layers[0] if problem.free_start else None
+        origin = rows_of(end.retract, steps[k].node[a, trace[k]])
+        without = (*free_columns(problem, a, end, begin), *platform_columns(problem, a))
+        if begin is None:
+            home = start_coordinates(problem, a, arm.table)
+            times = arm.table.times(origin, home, without)[:, 0]
+        else:
+            first = rows_of(begin.approach, steps[0].node[a, trace[0]])
+            times = arm.table.times(origin, first, without).diagonal()
+        np.maximum(closing, times, out=closing)
+    if problem.platform_law is not None:
+        back_to: FloatArray = problem.platform_start
+        if problem.free_start:
+            back_to = beam.angles[0, steps[0].angle_index[trace[0]]]
+        moved = back_to - beam.angles[-1, steps[-1].angle_index]
+        np.maximum(closing, problem.platform_law.duration(moved[:, None]), out=closing)
+    return closing
+
+
+def _path(beam: _Beam, steps: list[BeamStep], states: IntArray, total: float) -> NodePath:
+    """Return the plan that takes a state in each stage, shape (n,)."""
+    rows = list(zip(steps, states.tolist(), strict=True))
+    angle = np.array([beam.angles[k, step.angle_index[i]] for k, (step, i) in enumerate(rows)])
+    nodes = np.stack([step.node[:, i] for step, i in rows], axis=1)
+    decisions = tuple(_arm(beam.problem, a, arm, nodes[a]) for a, arm in enumerate(beam.arms))
+    return NodePath(Decisions(angle, decisions), nodes, total)
+
+
+def _arm(problem: SequenceProblem, a: int, arm: ArmLayers, chosen: IntArray) -> ArmDecisions:
+    rows = ArmDecisions.idle(problem.arms[a].start, len(chosen))
+    for k in np.nonzero(chosen >= 0)[0].tolist():
+        layer = arm.layers[k]
+        assert isinstance(layer, Layer)
+        rows = rows.put(np.array([k]), layer.decisions.take(chosen[[k]]))
+        stop = problem.arms[a].stops[k]
+        if stop is not None and stop.configurations is not None:
+            # Layers are in single precision; a given configuration is given.
+            q = stop.configurations[rows.target[[k]]]
+            own = given_postures(problem.arms[a], rows.take(np.array([k])), q)
+            rows = rows.put(np.array([k]), own)
+    return rows
+
+
+def _return_costs(
+    beam: _Beam, states: _States, steps: list[BeamStep], trace: IntArray
+) -> FloatArray:
     """Compute what returns like barred ones cost from the final states [s], shape (b,)."""
     problem, test, b = beam.problem, beam.problem.clearance, len(states.spent)
     n = problem.stages
     if test is None or not problem.returns or all(bar.stage != n for bar in test.barred):
         return np.zeros(b)
-    state = np.arange(b)
-    for step in steps[:0:-1]:
-        state = step.parent[state]
     home = problem.platform_start if problem.turns else np.zeros(1)
     angle = np.repeat(home, b)
     if problem.free_start:
-        angle = beam.angles[0, steps[0].angle_index[state]]
+        angle = beam.angles[0, steps[0].angle_index[trace[0]]]
     begins: list[FloatArray | None] = []
     ends: list[FloatArray | None] = []
     for a, (arm, work) in enumerate(zip(beam.arms, problem.arms, strict=True)):
         layer = arm.layers[0] if problem.free_start else None
         first = np.tile(work.start, (b, 1))
         if layer is not None:
-            first = arm.table.joints(rows_of(layer.approach, steps[0].node[a, state]))
+            first = arm.table.joints(rows_of(layer.approach, steps[0].node[a, trace[0]]))
         begins.append(first[:, : work.joints])
         ends.append(arm.table.joints(states.joints[a])[:, : work.joints])
     last = beam.angles[-1, steps[-1].angle_index]
@@ -314,73 +321,104 @@ def _first(problem: SequenceProblem, arms: tuple[ArmLayers, ...]) -> _States:
     )
 
 
-def _extend(beam: _Beam, states: _States, k: int) -> tuple[BeamStep, _States] | None:
+def _extend(
+    beam: _Beam, states: _States, k: int, rated: int | None
+) -> tuple[BeamStep, _States] | None:
     """Extend states by stage k; None where no pair of nodes fits together.
 
-    Where something has to be collision-free, the best steps count as long as that takes, about.
+    Where something has to be collision-free, the best steps count as long as that takes, about. If all of them
+    collide, the best state alone is extended by more nodes.
+
+    Args:
+        beam: nodes and how widely they are searched.
+        states: partial plans up to the stage.
+        k: the stage.
+        rated: maximum number of pairs that are rated; None rates all.
     """
-    problem, arms, angles = beam.problem, beam.arms, beam.angles[k]
-    f = len(angles)
+    candidates = _paired(beam, states, k, rated)
+    if candidates is None:
+        return None
+    if beam.problem.clearance is not None:
+        kinds = _kinds(beam, states, candidates.step, k)
+        rows = _varied(kinds, SETTINGS.first_per_kind, rated)
+        candidates, kinds = candidates.take(rows), kinds[rows]
+        waits = _waits(beam, beam.problem.clearance, states, candidates.step, k)
+        if not np.isfinite(waits).any():
+            if beam.varied:
+                return None
+            if rated is not None and sum(arm.layers[k] is not None for arm in beam.arms) > 1:
+                return _extend_best(beam, states, k)
+        candidates = _delayed(candidates, waits, kinds if beam.varied else None)
+    last = np.where(
+        candidates.step.node >= 0,
+        candidates.step.node,
+        states.node[:, candidates.step.parent] + 1_000_000,
+    )
+    _, first = np.unique(last, axis=1, return_index=True)
+    kept = candidates.take(np.sort(first)[: beam.width])
+    return kept.step, _moved(beam, states, kept, k)
+
+
+def _extend_best(beam: _Beam, states: _States, k: int) -> tuple[BeamStep, _States] | None:
+    """Extend the best state alone by stage k, with more nodes of which all pairs are rated."""
+    best = np.argmin(states.spent + states.left.max(axis=0), keepdims=True)
+    wide = replace(beam, per_angle=max(beam.per_angle, SETTINGS.fallback_per_angle))
+    if (extended := _extend(wide, states.take(best), k, None)) is None:
+        return None
+    step, after = extended
+    # Its parents are counted among the states it was given.
+    return replace(step, parent=best[step.parent]), after
+
+
+def _paired(beam: _Beam, states: _States, k: int, rated: int | None) -> _Candidates | None:
+    """Pair the arms' best nodes at every platform angle; None if no pair fits together."""
+    arms, f, b = beam.arms, beam.angles.shape[1], len(states.spent)
     working = [a for a, arm in enumerate(arms) if arm.layers[k] is not None]
-    b = len(states.spent)
-    # By arm: cost (b, f, w), what is left after (b, f, w), node (b, f, w).
     most = beam.nodes_per_angle(b * f, len(working))
+    # By arm: cost, what is left after, node; (b, f, w) each, with one more axis for a second arm.
     options = [_options(beam, states, a, k, most) for a in working]
     cost, left, nodes = options[0]
-    chosen = [nodes[..., None]]
+    chosen = [nodes]
     if len(options) == 2:
         cost_2, left_2, nodes_2 = options[1]
         cost = np.maximum(cost[..., :, None], cost_2[..., None, :])
         left = np.maximum(left[..., :, None], left_2[..., None, :])
-        shape = cost.shape
         chosen = [
-            np.broadcast_to(nodes[..., :, None], shape),
-            np.broadcast_to(nodes_2[..., None, :], shape),
+            np.broadcast_to(nodes[..., :, None], cost.shape),
+            np.broadcast_to(nodes_2[..., None, :], cost.shape),
         ]
-    idle = [a for a in range(len(arms)) if a not in working]
-    for a in idle:
-        waiting = states.left[a] - np.float32(arms[a].passed[k])
-        left = np.maximum(left, waiting.reshape(b, *(1,) * (left.ndim - 1)))
-    spent = states.spent.reshape(b, *(1,) * (cost.ndim - 1)) + cost
-    key = (spent + left).ravel()
-    possible = np.nonzero(np.isfinite(key))[0]
+    per_state = (b, *(1,) * (cost.ndim - 1))
+    for a, arm in enumerate(arms):
+        if a not in working:
+            waiting = states.left[a] - np.float32(arm.passed[k])
+            left = np.maximum(left, waiting.reshape(per_state))
+    spent = states.spent.reshape(per_state) + cost
+    total = (spent + left).ravel()
+    possible = np.nonzero(np.isfinite(total))[0]
     if not len(possible):
         return None
-    count = WAYS * len(arms) * beam.width if beam.kinds is None else beam.kinds.pairs
-    if beam.per_angle == EVERY:
-        count = key.size
-    looked_at = count if problem.clearance is None else MORE * count
-    some = possible[np.argsort(key[possible], kind="stable")[:looked_at]]
-    parent = some // (key.size // b)
-    angle = (some // (key.size // (b * f))) % f
-    node = np.full((len(arms), len(some)), -1, dtype=np.int64)
+    if rated is not None and beam.problem.clearance is not None:
+        rated *= SETTINGS.clearance_oversampling
+    best = possible[np.argsort(total[possible], kind="stable")[:rated]]
+    node = np.full((len(arms), len(best)), -1, dtype=np.int64)
     for a, rows in zip(working, chosen, strict=True):
-        node[a] = rows.ravel()[some]
-    lasts = spent.ravel()[some]
-    if problem.clearance is not None:
-        kinds = _kinds(beam, states, BeamStep(parent, node, angle), k)
-        rows = _varied(kinds, LIKE, count)
-        step = BeamStep(parent[rows], node[:, rows], angle[rows])
-        waits = _waits(problem, problem.clearance, arms, states, step, angles, k)
-        if beam.kinds is not None and not np.isfinite(waits).any():
-            return None
-        if beam.per_angle < EVERY and len(working) > 1 and not np.isfinite(waits).any():
-            return _extend(replace(beam, per_angle=EVERY), states.best(), k)
-        worth = key[some[rows]] + waits
-        # Impossible ones come last; if there are no others, what is wrong with them is found out when they are timed.
-        waits = np.minimum(waits, IMPOSSIBLE)
-        order = np.argsort(worth, kind="stable")
-        if beam.kinds is not None:
-            order = order[: np.isfinite(waits).sum()]
-            order = order[_varied(kinds[rows[order]], 1, len(order))]
-        lasts = (lasts[rows] + waits.astype(np.float32))[order]
-        rows = rows[order]
-        parent, angle, node = parent[rows], angle[rows], node[:, rows]
-    same = np.where(node >= 0, node, states.node[:, parent] + 1_000_000)
-    _, first = np.unique(same, axis=1, return_index=True)
-    kept = np.sort(first)[: beam.width]
-    step = BeamStep(parent[kept], node[:, kept], angle[kept])
-    return step, _moved(problem, arms, states, step, lasts[kept], k)
+        node[a] = rows.ravel()[best]
+    by_angle = best // (total.size // (b * f))
+    step = BeamStep(by_angle // f, node, by_angle % f)
+    return _Candidates(step, spent.ravel()[best], total[best])
+
+
+def _delayed(candidates: _Candidates, waits: FloatArray, kinds: IntArray | None) -> _Candidates:
+    """Add what candidates wait for clearance, shape (b,), and sort them again; by kinds the best of each come first.
+
+    Impossible ones come last; if there are no others, what is wrong with them is found out when they are timed.
+    """
+    total = candidates.total + waits
+    spent = candidates.spent + np.minimum(waits, IMPOSSIBLE).astype(np.float32)
+    order = np.argsort(total, kind="stable")
+    if kinds is not None:
+        order = order[_varied(kinds[order], 1, None)]
+    return _Candidates(candidates.step, spent, total).take(order)
 
 
 def _kinds(beam: _Beam, states: _States, step: BeamStep, k: int) -> IntArray:
@@ -391,23 +429,23 @@ def _kinds(beam: _Beam, states: _States, step: BeamStep, k: int) -> IntArray:
     columns = [step.angle_index.astype(np.float64)]
     for a, (arm, own) in enumerate(zip(beam.arms, step.node, strict=True)):
         layer = arm.layers[k]
-        if beam.kinds is not None:
+        if beam.varied:
             rows = states.joints[a][:, step.parent] if layer is None else layer.retract[:, own]
-            columns += list(_quadrants(arm, rows, beam.kinds.border))
+            columns += list(_quadrants(arm, rows))
         elif layer is not None:
             columns += [layer.decisions.branch[own], layer.decisions.yaw[own]]
     kinds: IntArray = np.unique(np.round(columns, 5), axis=1, return_inverse=True)[1]
     return kinds
 
 
-def _quadrants(arm: ArmLayers, joints: Coordinates, border: float) -> IntArray:
+def _quadrants(arm: ArmLayers, joints: Coordinates) -> IntArray:
     """Compute the quadrant of each joint, shape (c, n): postures that whole turns tell apart are one kind."""
-    turned = arm.table.joints(joints).T + border
+    turned = arm.table.joints(joints).T + SETTINGS.quadrant_border
     return np.mod(np.floor(turned / (0.5 * np.pi)), 4).astype(np.int64)
 
 
-def _varied(kinds: IntArray, most: int, count: int) -> IntArray:
-    """Returns so many of b rows, best first as they are: first no more than `most` of every kind, then the others."""
+def _varied(kinds: IntArray, most: int, count: int | None) -> IntArray:
+    """Reorder b rows that are sorted: first up to `most` of each kind, then the others; `count` of them, or all."""
     order = np.argsort(kinds, kind="stable")
     first = np.searchsorted(kinds[order], kinds)
     rank = np.empty_like(order)
@@ -417,17 +455,12 @@ def _varied(kinds: IntArray, most: int, count: int) -> IntArray:
 
 
 def _waits(
-    problem: SequenceProblem,
-    test: SequenceClearance,
-    arms: tuple[ArmLayers, ...],
-    states: _States,
-    step: BeamStep,
-    angles: FloatArray,
-    k: int,
+    beam: _Beam, test: SequenceClearance, states: _States, step: BeamStep, k: int
 ) -> FloatArray:
-    """Returns about what steps into stage k cost for clearance [s], shape (b,)."""
+    """Estimate what steps into stage k cost for clearance [s], shape (b,)."""
+    problem = beam.problem
     starts, arrivals, targets, ends = [], [], [], []
-    for a, arm in enumerate(arms):
+    for a, arm in enumerate(beam.arms):
         layer, node = arm.layers[k], step.node[a]
         before = arm.table.joints(rows_of(states.joints[a], step.parent))
         starts.append(before)
@@ -439,7 +472,7 @@ def _waits(
             arrivals.append(arm.table.joints(rows_of(layer.approach, node)))
             targets.append(layer.decisions.near[node].astype(np.float64))
             ends.append(arm.table.joints(rows_of(layer.retract, node)))
-    turned = angles[step.angle_index]
+    turned = beam.angles[k, step.angle_index]
     here = starts[0][:, -1] if problem.turns else turned
     at = [
         test.positions(angle, [q[:, : w.joints] for q, w in zip(joints, problem.arms, strict=True)])
@@ -468,8 +501,8 @@ def _options(
         without = free_columns(problem, a, layer, arm.layers[came] if came >= 0 else None)
         cost = arm.table.times(states.joints[a], layer.approach, without)
     cost = cost + layer.work
-    if beam.kinds is not None:
-        best_ones = _best_of_kinds(arm, layer, cost + potential, beam.kinds.border)
+    if beam.varied:
+        best_ones = _best_of_kinds(arm, layer, cost + potential)
         cost = np.where(best_ones, cost, np.float32(np.inf))
     at = _by_angle(layer.angle_index, f)
     padded = np.concatenate([cost, np.full((len(cost), 1), np.inf, dtype=np.float32)], axis=1)
@@ -484,11 +517,9 @@ def _options(
     return cost, left, nodes
 
 
-def _best_of_kinds(
-    arm: ArmLayers, layer: Layer, total: NDArray[np.float32], border: float
-) -> BoolArray:
+def _best_of_kinds(arm: ArmLayers, layer: Layer, total: NDArray[np.float32]) -> BoolArray:
     """Find the best node of each kind of posture at each platform angle, shape (b, n), by totals (b, n)."""
-    rows = np.vstack([_quadrants(arm, layer.retract, border), layer.angle_index])
+    rows = np.vstack([_quadrants(arm, layer.retract), layer.angle_index])
     kinds = np.unique(rows, axis=1, return_inverse=True)[1]
     best = np.zeros(total.shape, dtype=np.bool_)
     for kind in range(int(kinds.max(initial=-1)) + 1):
@@ -507,15 +538,9 @@ def _by_angle(angle_index: IntArray, f: int) -> IntArray:
     return table
 
 
-def _moved(
-    problem: SequenceProblem,
-    arms: tuple[ArmLayers, ...],
-    states: _States,
-    step: BeamStep,
-    spent: NDArray[np.float32],
-    k: int,
-) -> _States:
-    """Returns the states after a step."""
+def _moved(beam: _Beam, states: _States, kept: _Candidates, k: int) -> _States:
+    """Return the states after steps into stage k."""
+    problem, arms, step = beam.problem, beam.arms, kept.step
     node = np.where(step.node >= 0, step.node, states.node[:, step.parent])
     joints, left = [], states.left[:, step.parent].copy()
     platform = None
@@ -534,4 +559,4 @@ def _moved(
             # The platform carries an idle arm along; each arm's table has its own scale.
             ratio = arm.table.scale[-1] / scale
             joints[a][-1] = np.round(platform[0] * ratio).astype(np.int16)
-    return _States(spent, node, tuple(joints), step.angle_index, left)
+    return _States(kept.spent, node, tuple(joints), step.angle_index, left)
