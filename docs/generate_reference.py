@@ -12,7 +12,7 @@ import inspect
 import math
 import types
 import typing
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
@@ -33,14 +33,22 @@ from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import Pose, Quantity
 from dualarm_cli.files.source.quantities import Dimension
 from dualarm_cli.files.source.short_forms import OneOrMore, ShortForm
+from dualarm_cli.kinds import of_kinds
 from dualarm_cli.schemas.input_files import INPUT_FILES
 from dualarm_cli.schemas.result_fields import REPORT, SCHEDULE
+from dualarm_cli.verification.criteria import CRITERIA, Criterion
 
 FOLDER = Path(__file__).parent / "reference"
 ALSO = {"robot": PairSection, "base": Pose}
 """Mappings that a key takes besides text, where its type tells neither."""
 METHODS = ("--platform", "--redundancy", "--timing", "--method")
 """Options that take the name of a method."""
+CHECKS_OF = {
+    "Files and budget": "`dualarm verify` has these rows of a file, and of a task file with a budget.",
+    "Driven motion": "`dualarm verify LOG --plan PLAN` has these rows, and `position`, `velocity`, `acceleration` and "
+    "`collisions` of the motion as it was driven.",
+}
+"""Sentences under headings of checks."""
 NOTE = "<!-- Written by docs/generate_reference.py: change the code, not this page. -->\n"
 
 
@@ -61,6 +69,7 @@ def pages() -> dict[str, str]:
         "report.md": _report_page(),
         "commands.md": _commands_page(),
         "solvers.md": _solvers_page(),
+        "checks.md": _checks_page(),
         "errors.md": _errors_page(),
         "python.md": _python_page(),
     }
@@ -79,6 +88,7 @@ def _index() -> str:
                 "| [schedule](schedule.md), [report](report.md) | the files that a plan writes |",
                 "| [commands](commands.md) | commands, options, exit codes |",
                 "| [solvers](solvers.md) | the methods by family |",
+                "| [checks](checks.md) | what `dualarm verify` measures |",
                 "| [errors](errors.md) | error codes: causes and remedies |",
                 "| [python](python.md) | what can be called from Python |",
             ]
@@ -445,6 +455,35 @@ def _solvers_page() -> str:
         rows += [f"| `{s.name}` | {_cell(s.summary)} | {_cell(s.reference)} |" for s in family]
         parts.append("\n".join(rows))
     return _joined(*parts)
+
+
+def _checks_page() -> str:
+    parts = [
+        "# Checks",
+        "`dualarm verify` prints a row for each check; `schedule.json` and `report.json` have them too. "
+        "A check passes if its measure is at most the allowed value. Joints that slide have m in place "
+        "of rad. Most tolerances are those of rounding; `dualarm_cli/verification/tolerances.py` lists all of them.",
+        "A check that is not made has the verdict `not checked`, and its row says why; the table has the usual reason. "
+        "Checks that compare with tasks, and all of kinds of work, need the task file (`--tasks`).",
+    ]
+    for heading, table in CRITERIA.items():
+        parts += [f"## {heading}", CHECKS_OF.get(heading, ""), _criteria(table)]
+    kinds = {name: row for kind in of_kinds("checks") for name, row in kind.criteria.items()}
+    parts += [
+        "## Kinds of work",
+        "Rows of conveyors are listed where targets move.",
+        _criteria(kinds),
+    ]
+    return _joined(*parts)
+
+
+def _criteria(table: Mapping[str, Criterion]) -> str:
+    rows = ["| check | measure | unit | not checked when |", "| --- | --- | --- | --- |"]
+    for name, one in table.items():
+        rows.append(
+            f"| `{name}` | {_cell(one.measure)} | {one.unit or 'count'} | {_cell(one.unchecked)} |"
+        )
+    return "\n".join(rows)
 
 
 def _errors_page() -> str:

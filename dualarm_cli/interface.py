@@ -32,7 +32,9 @@ from dualarm_cli.report.printable import printable
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify as judged
 from dualarm_cli.verification.budget_checks import judge_budget
+from dualarm_cli.verification.criteria import criterion, judge
 from dualarm_cli.verification.robot_checks import check_robot
+from dualarm_cli.verification.tolerances import SAME_TIME
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -358,8 +360,8 @@ def _budget_checks(schedule: Schedule, job: Job | None, result: Verification) ->
     for line in judge_budget(replace(schedule, verification=result), job):
         proven = line.measured is not None
         verdict: Any = "passed" if line.kept else "failed" if proven else "not checked"
-        unit = "m" if line.name == "clearance" else "s"
         name = f"budget_{line.name}"
+        unit = criterion(name).unit
         yield Check(name, verdict, line.measured, line.allowed, unit, str(line))
 
 
@@ -369,10 +371,8 @@ def _file_checks(path: Path, schedule: Schedule, job: Job | None) -> Iterable[Ch
     stated = schedule.extra.get("duration")
     if isinstance(stated, int | float):
         off = abs(float(stated) - schedule.duration)
-        verdict: Any = "passed" if off <= 1e-9 else "failed"
         where = f"stated {stated:g} s, trajectory {schedule.duration:g} s"
-        yield Check("duration", verdict, off, 1e-9, "s", where)
+        yield judge("duration", off, SAME_TIME, where)
     if "files" in schedule.extra:
         torn = torn_files(path, schedule)
-        verdict = "failed" if torn else "passed"
-        yield Check("files", verdict, float(len(torn)), 0.0, "", "; ".join(torn) or "as written")
+        yield judge("files", len(torn), 0, "; ".join(torn) or "as written")

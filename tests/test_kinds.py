@@ -71,6 +71,7 @@ CHECKS = '''
 """Whether every screw is driven in for as long as it takes."""
 
 from dualarm_cli.kinds.screw import RATE, ScrewStop
+from dualarm_cli.verification.criteria import Criterion
 from dualarm_cli.verification.kind_checks import KindChecks
 from dualarm_cli.verification.tool_checks import Worst
 
@@ -81,10 +82,11 @@ def check(case):
     for span in case.spans:
         if isinstance(span.stop, ScrewStop):
             worst.add(span.stop.turns - RATE * span.event.dwell, span.event.task)
-    return [worst.judge("screw_turns", 1e-6, "turns", "the job has no screws")]
+    return [worst.judge("screw_turns", 1e-6)]
 
 
-CHECKS = KindChecks({"work": check})
+CRITERIA = {"screw_turns": Criterion("turns", "Turns that a screw lacks.", "the job has no screws")}
+CHECKS = KindChecks({"work": check}, CRITERIA)
 '''
 MEASURES = '''
 """What is measured of screws."""

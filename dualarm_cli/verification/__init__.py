@@ -15,21 +15,19 @@ from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot
 from dualarm_cli.model.verification import COLLISIONS, Check, Verification
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.clearance_checks import (
-    NOT_ASKED,
     check_clearance,
     check_shapes,
 )
+from dualarm_cli.verification.criteria import NO_TASKS, not_checked
 from dualarm_cli.verification.delay_checks import arm_delays, check_skew
 from dualarm_cli.verification.kind_checks import Evidence, Subject
 from dualarm_cli.verification.line_spans import line_spans
 from dualarm_cli.verification.motion_checks import (
-    NO_TASKS,
     check_agreement,
     check_finite,
     check_limits,
     check_rest,
     check_time,
-    not_checked,
 )
 from dualarm_cli.verification.order_checks import (
     check_arms,
@@ -117,10 +115,7 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool, both: Both) ->
         return Verification(
             (
                 *numbers,
-                not_checked(
-                    "everything else",
-                    "a number is not finite, or time does not start at 0 or runs backwards",
-                ),
+                not_checked("everything else"),
             )
         )
     trajectory = schedule.trajectory
@@ -144,7 +139,7 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool, both: Both) ->
     spans = () if done is None else line_spans(known, done, model)
     evidence = Evidence(schedule, known, stated, job, done, model, spans)
     if not clearance:
-        rest = not_checked(COLLISIONS, NOT_ASKED)
+        rest = not_checked(COLLISIONS)
         return Verification((*numbers, *_checks(evidence, stops), rest))
     (collisions, clearances), (checks, delays) = both(
         lambda: check_clearance(schedule, done, spans),

@@ -33,6 +33,7 @@ from dualarm_cli.verification.clearance_proof import (
     UnprovenError,
     Windows,
 )
+from dualarm_cli.verification.criteria import judge, not_checked
 from dualarm_cli.verification.holding_spans import (
     Span,
     carrying_spans,
@@ -43,7 +44,6 @@ from dualarm_cli.verification.holding_spans import (
 from dualarm_cli.verification.kind_checks import Touch
 from dualarm_cli.verification.line_spans import LineSpan, line_spans
 from dualarm_cli.verification.lying_bodies import LyingBodies, Played
-from dualarm_cli.verification.motion_checks import judge, not_checked
 from dualarm_cli.verification.tool_model import ToolModel
 
 
@@ -77,7 +77,6 @@ def stages_of(schedule: Schedule, edges: FloatArray) -> list[list[int]]:
     return found
 
 
-NOT_ASKED = "not requested; `dualarm verify PLAN --tasks FILE` proves it"
 NO_JOB = "obstacles, tools and clearances are in the cell file: no task file was given (--tasks)"
 
 
@@ -115,7 +114,7 @@ def check_clearance(
         ]
     except UnprovenError:
         where = "cannot be proven: the motion goes too far between its knots, beyond the limits of its joints"
-        return judge(COLLISIONS, np.nan, tol.CLEARANCE_SLACK, "m", where), ()
+        return judge(COLLISIONS, np.nan, tol.CLEARANCE_SLACK, where), ()
     stages = watched.by_stage(parts, [plain, resting])
     # Parts that may lie on something have no clearance to speak of: they count where they reach into it.
     deep = watched.by_stage(parts, touching)
@@ -129,7 +128,7 @@ def check_clearance(
         f"{_millimetres(worst.clearance)} where {_millimetres(worst.required)} "
         f"{'are required' if worst.required >= 0.0 else 'are allowed'}"
     )
-    return judge(COLLISIONS, -worst.margin, tol.CLEARANCE_SLACK, "m", where), tuple(stages)
+    return judge(COLLISIONS, -worst.margin, tol.CLEARANCE_SLACK, where), tuple(stages)
 
 
 @dataclass(frozen=True)

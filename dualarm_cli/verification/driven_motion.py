@@ -27,7 +27,7 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.clearance_checks import check_clearance
-from dualarm_cli.verification.motion_checks import judge, not_checked, unit_of
+from dualarm_cli.verification.criteria import judge, not_checked
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 LONGEST_DELAY, DELAY_STEP = 1.0, 0.01
@@ -168,7 +168,7 @@ def judge_driven(
         return DrivenJudgement(Verification(tuple(checks)), common, joints, events)
     if (share := _share_of_speed(driven, schedule)) > FARTHEST:
         why = f"cannot be proven: on average a joint moves at {share:.3g} times its speed limit"
-        checks.append(judge(COLLISIONS, np.nan, tol.CLEARANCE_SLACK, "m", why))
+        checks.append(judge(COLLISIONS, np.nan, tol.CLEARANCE_SLACK, why))
         return DrivenJudgement(Verification(tuple(checks)), common, joints, events)
     found, stages = check_clearance(
         replace(schedule, motion=JointMotion.of(driven)), job_as_done(schedule, job)
@@ -177,7 +177,7 @@ def judge_driven(
         # The required clearance is there for errors such as these: what it leaves is shown, a contact fails.
         worst = min(stages, key=lambda s: s.clearance - min(s.required, 0.0))
         into = min(worst.required, 0.0) - worst.clearance
-        found = judge(COLLISIONS, max(into, 0.0), tol.CLEARANCE_SLACK, "m", found.detail)
+        found = judge(COLLISIONS, max(into, 0.0), tol.CLEARANCE_SLACK, found.detail)
     return DrivenJudgement(Verification((*checks, found), stages), common, joints, events)
 
 
@@ -399,12 +399,12 @@ def _events(
 
 def _check_joints(missing: Sequence[str], as_planned: bool) -> Check:
     if not missing:
-        return judge("joints", 0.0, 0.0, "", "every joint of the robot")
+        return judge("joints", 0.0, 0.0, "every joint of the robot")
     names = f"not in the file: {', '.join(missing)}"
     if as_planned:
         return not_checked("joints", f"{names}; taken as driven as planned")
     advice = "--unlogged-as-planned takes them as driven as planned"
-    return judge("joints", float(len(missing)), 0.0, "", f"{names}; {advice}")
+    return judge("joints", float(len(missing)), 0.0, f"{names}; {advice}")
 
 
 def _check_span(schedule: Schedule, logged: LoggedMotion) -> Check:
@@ -414,29 +414,29 @@ def _check_span(schedule: Schedule, logged: LoggedMotion) -> Check:
     where = f"{begin:.3f} to {end:.3f} s of {schedule.duration:.3f} s"
     step = 2.0 * float(np.diff(logged.time).max())
     slack = min(step, tol.DRIVEN_SPAN * schedule.duration)
-    return judge("time_span", missing, slack, "s", where)
+    return judge("time_span", missing, slack, where)
 
 
 def _check_tracking(joints: Sequence[JointTracking], allowed: TrackingLimits) -> list[Check]:
     """Checks delays and tracking errors, each at its worst joint; all that are too large are named."""
     timed = [(joint.joint, joint.delay) for joint in joints if joint.delay is not None]
     if not timed:
-        checks = [not_checked("delay", "no joint moves enough to measure it")]
+        checks = [not_checked("delay")]
     else:
         late = [f"{name} {d * 1e3:.1f} ms" for name, d in timed if abs(d) > allowed.delay]
         where = ", ".join(late) or "every joint"
         worst = max(abs(delay) for _, delay in timed)
-        checks = [judge("delay", worst, allowed.delay, "s", where)]
+        checks = [judge("delay", worst, allowed.delay, where)]
     for slides, limit, name in (
         (False, allowed.error, "tracking_error"),
         (True, allowed.distance, "tracking_distance"),
     ):
         own = [joint for joint in joints if joint.slides is slides]
         if own:
-            unit, scale, shown = ("m", 1e3, "mm") if slides else ("rad", 180.0 / np.pi, "deg")
+            scale, shown = (1e3, "mm") if slides else (180.0 / np.pi, "deg")
             off = [f"{j.joint} {j.error * scale:.3g} {shown}" for j in own if j.error > limit]
             where = ", ".join(off) or "every joint"
-            checks.append(judge(name, max(joint.error for joint in own), limit, unit, where))
+            checks.append(judge(name, max(joint.error for joint in own), limit, where))
     return checks
 
 
@@ -452,8 +452,8 @@ def _check_limits(
     beyond = np.maximum(np.maximum(limits.lower - low, high - limits.upper), 0.0)
     slack = np.array([allowed.distance if j in sliding else allowed.error for j in joints])
     k = int(np.argmax(beyond - slack))
-    unit = unit_of(joints[k], "rad", sliding)
-    checks = [judge("position", float(beyond[k]), float(slack[k]), unit, joints[k])]
+    slides = joints[k] in sliding
+    checks = [judge("position", float(beyond[k]), float(slack[k]), joints[k], slides=slides)]
     for order, name in enumerate(("velocity", "acceleration"), start=1):
         peak, limit = motion.peak(order), (limits.velocity, limits.acceleration)[order - 1]
         if peak is None:
@@ -463,7 +463,7 @@ def _check_limits(
         k = int(np.argmax(share))
         most = 1.0 + tol.DRIVEN_RATE_SLACK
         where = f"{joints[k]}, limit {limit[k]:g}"
-        checks.append(judge(name, float(share[k]), most, "share of the limit", where))
+        checks.append(judge(name, float(share[k]), most, where))
     return checks
 
 
@@ -479,10 +479,10 @@ def _check_events(
     events: Sequence[EventTracking], allowed: TrackingLimits, unknown: Sequence[str]
 ) -> Check:
     if not events:
-        return not_checked("tool_at_events", NOT_LOGGED if unknown else "the plan lists no events")
+        return not_checked("tool_at_events", NOT_LOGGED if unknown else "")
     worst = max(events, key=lambda one: one.distance)
     event = worst.event
     where = f"{event.task} ({event.action}) of the {event.arm} arm at {event.time:.3f} s"
     if unknown:
         where += f"; only of the {' and '.join(sorted({e.event.arm for e in events}))} arm"
-    return judge("tool_at_events", worst.distance, allowed.distance, "m", where)
+    return judge("tool_at_events", worst.distance, allowed.distance, where)

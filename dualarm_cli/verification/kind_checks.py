@@ -9,6 +9,7 @@ from dualarm_cli.model.job import Job, Task
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
+from dualarm_cli.verification.criteria import Criterion
 from dualarm_cli.verification.line_spans import LineSpan
 from dualarm_cli.verification.tool_model import ToolModel
 
@@ -57,6 +58,8 @@ class KindChecks:
 
     judge: Mapping[Subject, Callable[[Evidence], Sequence[Check]]]
     """Its checks by what they judge; where the job has none of its work they say so, or are left out."""
+    criteria: Mapping[str, Criterion]
+    """Criteria of all its checks by name."""
     touches: Callable[[Job, Sequence[LineSpan]], Sequence[Touch]] = lambda job, spans: ()
     """Which bodies may touch when, by the job as it was done and the spans of its stops."""
     added: Callable[[Schedule, Job], Sequence[tuple[float, Task]]] = lambda schedule, job: ()

@@ -12,9 +12,7 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
-
-NO_TASKS = "no task file was given (--tasks)"
-"""Why something of a job is not checked."""
+from dualarm_cli.verification.criteria import judge, not_checked
 
 
 def check_finite(motion: JointMotion) -> Check:
@@ -26,7 +24,7 @@ def check_finite(motion: JointMotion) -> Check:
     }
     count = sum(bad.values())
     where = ", ".join(f"{n} in {name}" for name, n in bad.items() if n)
-    return judge("finite", count, 0, "", f"{where} not finite" if count else "every number")
+    return judge("finite", count, 0, f"{where} not finite" if count else "every number")
 
 
 def check_time(motion: JointMotion) -> Check:
@@ -36,11 +34,11 @@ def check_time(motion: JointMotion) -> Check:
         if (step < 0.0).any():
             # Not by any tolerance: where the robot stands still, nothing else would show it.
             where = f"runs backwards at knot {int(np.argmin(step)) + 1}{_of(name)}"
-            return judge("time", -float(step.min()), 0.0, "s", where)
+            return judge("time", -float(step.min()), 0.0, where)
     starts = {name: float(group.time[0]) for name, group in motion.groups.items()}
     worst = max(starts, key=lambda name: abs(starts[name]))
     where = f"starts at {starts[worst]:g} s{_of(worst) if starts[worst] else ''}"
-    return judge("time", abs(starts[worst]), tol.SAME_TIME, "s", where)
+    return judge("time", abs(starts[worst]), tol.SAME_TIME, where)
 
 
 def _of(group: str) -> str:
@@ -65,10 +63,10 @@ def check_agreement(trajectory: Trajectory, sliding: Collection[str] = ()) -> li
         off = v[1:] - (v[:-1] + dt * (a[:-1] + a[1:]) / 2.0)
         by_velocity.append(_worst_knot(_with_drift(off, one.time, tol.VELOCITY_AGREEMENT)))
     return [
-        _judge_knots(name, worst, allowed, unit, trajectory, sliding)
-        for name, worst, allowed, unit in (
-            ("position_agreement", by_position, tol.POSITION_AGREEMENT, "rad"),
-            ("velocity_agreement", by_velocity, tol.VELOCITY_AGREEMENT, "rad/s"),
+        _judge_knots(name, worst, allowed, trajectory, sliding)
+        for name, worst, allowed in (
+            ("position_agreement", by_position, tol.POSITION_AGREEMENT),
+            ("velocity_agreement", by_velocity, tol.VELOCITY_AGREEMENT),
         )
     ]
 
@@ -161,9 +159,8 @@ def check_rest(trajectory: Trajectory, sliding: Collection[str] = ()) -> Check:
     rates = np.abs(np.stack([trajectory.velocity[ends], trajectory.acceleration[ends]]))
     _, end, joint = np.unravel_index(int(np.argmax(rates)), rates.shape)
     name = trajectory.joints[joint]
-    unit = unit_of(name, "rad/s, rad/s²", sliding)
     where = f"{name} at the {('start', 'end')[end]}"
-    return judge("rest", float(rates.max()), tol.AT_REST, unit, where)
+    return judge("rest", float(rates.max()), tol.AT_REST, where, slides=name in sliding)
 
 
 def position_extrema(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
@@ -197,33 +194,10 @@ def velocity_extrema(trajectory: Trajectory) -> FloatArray:
     return fastest
 
 
-def unit_of(joint: str, unit: str, sliding: Collection[str]) -> str:
-    """Returns the unit of a joint's position or rates: rad is m for one that slides."""
-    return unit.replace("rad", "m") if joint in sliding else unit
-
-
-def judge(name: str, measured: float, allowed: float, unit: str, where: str) -> Check:
-    """Returns a check that passes if `measured` is at most `allowed`; a NaN fails.
-
-    A value that passes is rounded to 1e-12 of its unit: the last digits of pinocchio's sines are the processor's.
-    """
-    passed = bool(measured <= allowed)
-    value = float(measured) if np.isfinite(measured) else None
-    if passed and value is not None:
-        value = round(value, 12) + 0.0
-    return Check(name, "passed" if passed else "failed", value, float(allowed), unit, where)
-
-
-def not_checked(name: str, why: str) -> Check:
-    """Returns a check that was not made, with the reason."""
-    return Check(name, "not checked", None, None, "", why)
-
-
 def _judge_knots(
     name: str,
     worst: Sequence[tuple[float, int]],
     allowed: float,
-    unit: str,
     trajectory: Trajectory,
     sliding: Collection[str],
 ) -> Check:
@@ -231,31 +205,30 @@ def _judge_knots(
     column = int(np.argmax([error for error, _ in worst]))
     (error, knot), joint = worst[column], trajectory.joints[column]
     where = f"{joint} at {trajectory.time[knot]:.6f} s" if knot else "one knot"
-    return judge(name, error, allowed, unit_of(joint, unit, sliding), where)
+    return judge(name, error, allowed, where, slides=joint in sliding)
 
 
 def _judge_positions(
     excess: FloatArray, stated: FloatArray, limits: JointLimits, sliding: Collection[str]
 ) -> Check:
     if not np.isfinite(stated).any():
-        return not_checked("position", "the schedule states no such limit")
+        return not_checked("position")
     joint = int(np.argmax(excess))
     name = _named(joint, limits)
-    unit = unit_of(name, "rad", sliding)
-    return judge("position", max(0.0, float(excess[joint])), tol.POSITION_SLACK, unit, name)
+    beyond = max(0.0, float(excess[joint]))
+    return judge("position", beyond, tol.POSITION_SLACK, name, slides=name in sliding)
 
 
 def _judge_share(name: str, share: FloatArray, stated: FloatArray, limits: JointLimits) -> Check:
     """Judges the largest share of a limit that is used; unlimited joints use none."""
     if not np.isfinite(stated).any():
-        return not_checked(name, "no joint has such a limit")
+        return not_checked(name)
     joint = int(np.argmax(share))
-    unit = "share of the limit"
     where = f"{_named(joint, limits)}, limit {stated[joint]:g}"
     unlimited = [limits.joints[k] for k in np.flatnonzero(~np.isfinite(stated))]
     if unlimited:
         where += f"; without such a limit: {', '.join(unlimited)}"
-    return judge(name, float(share[joint]), 1.0 + tol.RATE_SLACK, unit, where)
+    return judge(name, float(share[joint]), 1.0 + tol.RATE_SLACK, where)
 
 
 def _named(joint: int, limits: JointLimits) -> str:

@@ -15,8 +15,8 @@ from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import in_time, is_change
+from dualarm_cli.verification.criteria import judge, not_checked
 from dualarm_cli.verification.line_spans import LineSpan
-from dualarm_cli.verification.motion_checks import judge, not_checked, unit_of
 from dualarm_cli.verification.tool_checks import Worst
 
 
@@ -37,13 +37,13 @@ def check_arms(schedule: Schedule) -> Check:
         where = f"{what} names arm '{arm}'; the robot has {', '.join(known)}"
     elif other:
         where = f"event of {other[0].task} names frame '{other[0].frame}'; it is {other[0].arm}_tcp"
-    return judge("arms", len(found) + len(other), 0, "", where)
+    return judge("arms", len(found) + len(other), 0, where)
 
 
 def check_segments(schedule: Schedule) -> Check:
     """Checks that what each arm does follows on without gap or overlap, from start to end."""
     if not schedule.segments and not schedule.events:
-        return not_checked("segments", "the schedule lists none")
+        return not_checked("segments")
     worst, where = 0.0, "one after the other"
     for arm in schedule.robot.arms:
         clock = 0.0
@@ -63,7 +63,7 @@ def check_segments(schedule: Schedule) -> Check:
         beyond = event.time + event.dwell - schedule.duration
         if beyond > worst:
             worst, where = beyond, f"dwell of {event.task} ({event.action}) goes beyond the end"
-    return judge("segments", worst, tol.SAME_TIME, "s", where)
+    return judge("segments", worst, tol.SAME_TIME, where)
 
 
 def check_dwells(schedule: Schedule, job: Job) -> Check:
@@ -88,7 +88,7 @@ def check_dwells(schedule: Schedule, job: Job) -> Check:
                 worst, where = event.dwell, f"{event.task} ({event.action}) has no dwell listed"
     # Rounding has a largest value too, and nothing to say of it.
     fault = where if worst > tol.SAME_TIME else "as long as the job requires"
-    return judge("dwells", worst, tol.SAME_TIME, "s", fault)
+    return judge("dwells", worst, tol.SAME_TIME, fault)
 
 
 def _dwell_error(segment: Segment, event: Event | None, asked: Dwell) -> tuple[float, str]:
@@ -118,9 +118,9 @@ def check_bound(schedule: Schedule) -> Check:
     """Checks that the stated lower bound is not above the schedule's own duration."""
     bound = schedule.lower_bound
     if bound is None:
-        return not_checked("lower_bound", "none is stated")
+        return not_checked("lower_bound")
     where = f"stated {bound:g} s, the schedule takes {schedule.duration:g} s"
-    return judge("lower_bound", bound - schedule.duration, tol.SAME_TIME, "s", where)
+    return judge("lower_bound", bound - schedule.duration, tol.SAME_TIME, where)
 
 
 def check_ends(schedule: Schedule, job: Job) -> list[Check]:
@@ -128,20 +128,22 @@ def check_ends(schedule: Schedule, job: Job) -> list[Check]:
     trajectory, sliding = schedule.trajectory, job.cell.robot.sliding
     checks = []
     if job.start == "free":
-        checks.append(not_checked("start_posture", "start: free leaves it to the planner"))
+        checks.append(not_checked("start_posture"))
     else:
         posture = job.cell.robot.postures[job.start]
         order = [job.cell.robot.joints.index(name) for name in trajectory.joints]
         off = np.abs(trajectory.position[0] - posture[order])
         joint = trajectory.joints[int(np.argmax(off))]
-        unit, where = unit_of(joint, "rad", sliding), f"{joint} from posture '{job.start}'"
-        checks.append(judge("start_posture", float(off.max()), tol.SAME_JOINTS, unit, where))
+        where, slides = f"{joint} from posture '{job.start}'", joint in sliding
+        checks.append(
+            judge("start_posture", float(off.max()), tol.SAME_JOINTS, where, slides=slides)
+        )
     if not job.returns:
-        return [*checks, not_checked("return", "return: false")]
+        return [*checks, not_checked("return")]
     off = np.abs(trajectory.position[-1] - trajectory.position[0])
     joint = trajectory.joints[int(np.argmax(off))]
-    unit = unit_of(joint, "rad", sliding)
-    return [*checks, judge("return", float(off.max()), tol.SAME_JOINTS, unit, joint)]
+    found = judge("return", float(off.max()), tol.SAME_JOINTS, joint, slides=joint in sliding)
+    return [*checks, found]
 
 
 def check_order(schedule: Schedule, job: Job) -> Check:
@@ -172,7 +174,7 @@ def check_order(schedule: Schedule, job: Job) -> Check:
         *_broken_sequences(rows, job),
     ]
     where = faults[0] if faults else "every target once, by an allowed arm and in an allowed order"
-    return judge("order", len(faults), 0, "", where)
+    return judge("order", len(faults), 0, where)
 
 
 def _check_given(schedule: Schedule, job: Job) -> Check:
@@ -190,7 +192,7 @@ def _check_given(schedule: Schedule, job: Job) -> Check:
             wrong += 1
             due, did = (" ".join(entry).strip() for entry in first)
             where = f"{arm.name} arm: expected {due}, found {did}"
-    return judge("order", wrong, 0, "", where)
+    return judge("order", wrong, 0, where)
 
 
 def _wrong_counts(rows: dict[str, list[Event]], job: Job) -> list[str]:
@@ -321,7 +323,7 @@ def check_precedence(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) ->
         spans: of the job's stops.
     """
     if not any(task.after for task in job.tasks):
-        return not_checked("precedence", "no task has `after`")
+        return not_checked("precedence")
     begin: dict[str, float] = {}
     over: dict[str, float] = {}
     for span in spans:
@@ -338,7 +340,7 @@ def check_precedence(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) ->
         if task in begin and name in over:
             where = f"{task} begins at {begin[task]:.3f} s, {name} is over at {over[name]:.3f} s"
             worst.add(over[name] - begin[task], where)
-    return worst.judge("precedence", tol.SAME_TIME, "s", "none of the tasks concerned is done")
+    return worst.judge("precedence", tol.SAME_TIME, "none of the tasks concerned is done")
 
 
 def check_windows(schedule: Schedule, job: Job) -> Check:
@@ -350,7 +352,7 @@ def check_windows(schedule: Schedule, job: Job) -> Check:
     """
     tasks = [task for task in job.tasks if _has_window(task)]
     if not tasks:
-        return not_checked("windows", "no task has not_before or not_after")
+        return not_checked("windows")
     times: dict[str, list[float]] = {}
     for event in schedule.events:
         times.setdefault(event.task, []).append(event.time)
@@ -363,7 +365,7 @@ def check_windows(schedule: Schedule, job: Job) -> Check:
         late = f"{task.id} ends at {last:.3f} s, not_after is {task.not_after:g} s"
         worst.add(task.not_before - first, early)
         worst.add(last - task.not_after, late)
-    return worst.judge("windows", tol.SAME_TIME, "s", "no task with a window is done")
+    return worst.judge("windows", tol.SAME_TIME, "no task with a window is done")
 
 
 def check_signals(schedule: Schedule, job: Job) -> list[Check]:
@@ -383,7 +385,7 @@ def check_signals(schedule: Schedule, job: Job) -> list[Check]:
             what = f"{event.signal or 'none'} instead of {asked or 'none'}"
             wrong.append(f"{event.task} ({event.action}) sets {what}")
     where = "; ".join(wrong[:3]) or "at every event"
-    return [judge("signals", float(len(wrong)), 0.0, "", where)] if named else []
+    return [judge("signals", float(len(wrong)), 0.0, where)] if named else []
 
 
 def _has_window(task: Task) -> bool:

@@ -12,7 +12,7 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
-from dualarm_cli.verification.motion_checks import judge
+from dualarm_cli.verification.criteria import judge
 from dualarm_cli.verification.tool_model import ToolModel
 
 USABLE = ("finite", "time")
@@ -39,7 +39,7 @@ def check_robot(schedule: Schedule, job: Job | None = None) -> Check:
         found, whose = [*_beside_job(schedule.robot, ScheduleRobot.of_job(job))], "of the job"
     more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
     where = "; ".join(found[:SHOWN]) + more if found else f"that {whose}"
-    return judge("robot", len(found), 0, "", where)
+    return judge("robot", len(found), 0, where)
 
 
 def _beside_chains(schedule: Schedule) -> Iterator[str]:

@@ -13,9 +13,9 @@ from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import contains, events_by_stage, in_time, stages_of_arm
+from dualarm_cli.verification.criteria import judge, not_checked
 from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.line_spans import LineSpan
-from dualarm_cli.verification.motion_checks import judge, not_checked
 from dualarm_cli.verification.tool_checks import Worst
 
 NAME = "segment_kinds"
@@ -33,7 +33,7 @@ def check_segment_kinds(schedule: Schedule) -> Check:
         schedule: what is judged, with finite numbers and rising times.
     """
     if not schedule.segments:
-        return not_checked(NAME, "the schedule lists none")
+        return not_checked(NAME)
     faults = []
     last = max((e.time for e in schedule.events), default=-np.inf)
     for arm in schedule.robot.arms:
@@ -45,7 +45,7 @@ def check_segment_kinds(schedule: Schedule) -> Check:
                     f"{arm} {segment.kind}{of} from {segment.start:.4f} to {segment.end:.4f} s: {fault}"
                 )
     where = faults[0] if faults else "every segment agrees with the motion"
-    return judge(NAME, len(faults), 0, "", where)
+    return judge(NAME, len(faults), 0, where)
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def check_stages(schedule: Schedule, job: Job | None = None) -> Check:
         job: says whether arms are paired; without it the stages do.
     """
     if not schedule.stages:
-        return not_checked("stages", "the schedule lists none")
+        return not_checked("stages")
     free = any(stage.arm for stage in schedule.stages) if job is None else job.mode == "free"
     return _by_own_clocks(schedule) if free else _one_after_the_other(schedule)
 
@@ -151,7 +151,7 @@ def _one_after_the_other(schedule: Schedule) -> Check:
         clock = stage.end
     if abs(clock - schedule.duration) > worst:
         worst, where = abs(clock - schedule.duration), "the last stage does not end the motion"
-    return judge("stages", worst, tol.SAME_TIME, "s", where)
+    return judge("stages", worst, tol.SAME_TIME, where)
 
 
 def _by_own_clocks(schedule: Schedule) -> Check:
@@ -171,7 +171,7 @@ def _by_own_clocks(schedule: Schedule) -> Check:
     misplaced = _misplaced(schedule)
     if misplaced and worst.value <= tol.SAME_TIME:
         worst.add(np.inf, misplaced)
-    return worst.judge("stages", tol.SAME_TIME, "s", "")
+    return worst.judge("stages", tol.SAME_TIME)
 
 
 def _misplaced(schedule: Schedule) -> str:
@@ -210,9 +210,9 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
         spans: of the job's stops.
     """
     if job.mode == "free":
-        return not_checked("pairing", "the arms run asynchronously")
+        return not_checked("pairing")
     if wrong := _unpaired(schedule, job):
-        return judge("pairing", np.inf, tol.SAME_TIME, "s", wrong)
+        return judge("pairing", np.inf, tol.SAME_TIME, wrong)
     worst, where = 0.0, "both arms start every stage together"
     times = {(e.arm, e.task, e.action): e.time for e in schedule.events}
     parts: dict[StopKey, list[Segment]] = {}
@@ -221,7 +221,7 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
     asked = job.stages()
     for number, work in enumerate(asked, start=1):
         if number > len(schedule.stages):
-            return judge("pairing", np.inf, tol.SAME_TIME, "s", f"stage {number} is missing")
+            return judge("pairing", np.inf, tol.SAME_TIME, f"stage {number} is missing")
         stage = schedule.stages[number - 1]
         keys = [(arm, task.id, stop.action) for arm, (task, stop) in work.items()]
         for key in keys:
@@ -243,8 +243,8 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
         worst, where = early, what
     wrong = _wrong_tasks(schedule, [[task.id for task, _ in work.values()] for work in asked])
     if wrong and worst <= tol.SAME_TIME:
-        return judge("pairing", np.inf, tol.SAME_TIME, "s", wrong)
-    return judge("pairing", worst, tol.SAME_TIME, "s", where)
+        return judge("pairing", np.inf, tol.SAME_TIME, wrong)
+    return judge("pairing", worst, tol.SAME_TIME, where)
 
 
 def _early(

@@ -16,9 +16,9 @@ from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.criteria import judge, not_checked
 from dualarm_cli.verification.dense_times import AT_ONCE, dense_spans, tool_spans
 from dualarm_cli.verification.line_spans import LineSpan
-from dualarm_cli.verification.motion_checks import judge, not_checked
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 STEP = 1e-3
@@ -40,12 +40,12 @@ def check_tool_speed(schedule: Schedule, cap: float | None, model: ToolModel) ->
         model: forward kinematics of the schedule's robot.
     """
     if cap is None:
-        return not_checked("tool_speed", "no cap is set")
+        return not_checked("tool_speed")
     allowed = cap * (1.0 + tol.TOOL_SPEED_SLACK)
     trajectory = schedule.trajectory
     if trajectory.duration > LONGEST:
         where = f"a motion of {trajectory.duration:g} s is too long to check, at most {LONGEST:g} s are checked"
-        return judge("tool_speed", np.inf, allowed, "m/s", where)
+        return judge("tool_speed", np.inf, allowed, where)
     # Where acceleration jumps, the fastest instant is a knot.
     uniform = np.arange(trajectory.time[0], trajectory.time[-1], STEP)
     times = np.union1d(uniform, trajectory.time)
@@ -55,7 +55,7 @@ def check_tool_speed(schedule: Schedule, cap: float | None, model: ToolModel) ->
             k = int(np.argmax(speed))
             if not speed[k] <= worst:
                 worst, where = float(speed[k]), f"{arm} tool at {block[k]:.3f} s"
-    return judge("tool_speed", worst, allowed, "m/s", where)
+    return judge("tool_speed", worst, allowed, where)
 
 
 def _speeds(schedule: Schedule, model: ToolModel, times: FloatArray) -> dict[str, FloatArray]:
@@ -89,11 +89,11 @@ class Worst:
         if not value <= self.value and not np.isnan(self.value):
             self.value, self.where = value, where
 
-    def judge(self, name: str, allowed: float, unit: str, nothing: str) -> Check:
-        """Returns the check; one of which nothing was measured is not passed."""
+    def judge(self, name: str, allowed: float, nothing: str = "", *, slides: bool = False) -> Check:
+        """Judge the worst value; a check without measurements is not made, with the reason given or the usual one."""
         if self.count == 0:
             return not_checked(name, nothing)
-        return judge(name, self.value, allowed, unit, self.where)
+        return judge(name, self.value, allowed, self.where, slides=slides)
 
 
 def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
@@ -123,13 +123,12 @@ def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
             R, p = next(dwells)
             still_distance.add(float(norm(p - event.pose.translation, axis=1).max()), where)
             still_angle.add(float(rotation_angle(product(event.pose.rotation.T, R)).max()), where)
-    none, short = "the schedule lists no events", "no event has a dwell in which the tool stands"
     return [
-        knot.judge("events_at_knots", tol.SAME_TIME, "s", none),
-        distance.judge("tool_position_at_events", tol.POSE_DISTANCE, "m", none),
-        angle.judge("tool_angle_at_events", tol.POSE_ANGLE, "rad", none),
-        still_distance.judge("tool_still_in_dwells", tol.POSE_DISTANCE, "m", short),
-        still_angle.judge("tool_steady_in_dwells", tol.POSE_ANGLE, "rad", short),
+        knot.judge("events_at_knots", tol.SAME_TIME),
+        distance.judge("tool_position_at_events", tol.POSE_DISTANCE),
+        angle.judge("tool_angle_at_events", tol.POSE_ANGLE),
+        still_distance.judge("tool_still_in_dwells", tol.POSE_DISTANCE),
+        still_angle.judge("tool_steady_in_dwells", tol.POSE_ANGLE),
     ]
 
 
@@ -144,8 +143,7 @@ def check_targets(schedule: Schedule, job: Job) -> Check:
         where = f"{event.task} ({event.action})"
         within = stop.blend if schedule.blends else 0.0
         worst.add(_target_error(schedule, job, event, stop.target, within), where)
-    nothing = "no event is one of the job's"
-    return worst.judge("events_at_targets", tol.POSE_DISTANCE, "m, rad", nothing)
+    return worst.judge("events_at_targets", tol.POSE_DISTANCE)
 
 
 def check_stands(schedule: Schedule, job: Job) -> Check:
@@ -162,8 +160,7 @@ def check_stands(schedule: Schedule, job: Job) -> Check:
         worst.add(
             float(speed.max(initial=0.0)), f"{event.task} ({event.action}) at {event.time:.6f} s"
         )
-    nothing = "no target is one at which an arm has to stand"
-    return worst.judge("stands_at_events", tol.EVENT_SPEED, "rad/s, m/s", nothing)
+    return worst.judge("stands_at_events", tol.EVENT_SPEED)
 
 
 def _target_error(
@@ -228,12 +225,11 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
     missing = _missing_lines(lines, stops)
     if missing:
         length.add(np.inf, missing)
-    none = "the schedule lists no approach or retract of an event"
     return [
-        beside.judge("lines_straight", tol.LINE_DISTANCE, "m", none),
-        turned.judge("lines_steady", tol.LINE_ANGLE, "rad", none),
-        length.judge("line_lengths", tol.LINE_DISTANCE, "m", none),
-        apart.judge("lines_at_events", tol.SAME_TIME, "s", none),
+        beside.judge("lines_straight", tol.LINE_DISTANCE),
+        turned.judge("lines_steady", tol.LINE_ANGLE),
+        length.judge("line_lengths", tol.LINE_DISTANCE),
+        apart.judge("lines_at_events", tol.SAME_TIME),
     ]
 
 
@@ -296,7 +292,7 @@ def check_platform_still(schedule: Schedule, lines: Sequence[LineSpan]) -> Check
     """
     robot, trajectory = schedule.robot, schedule.trajectory
     if not robot.platform:
-        return not_checked("platform_still", "the robot has no platform")
+        return not_checked("platform_still")
     spans = [
         (s.start, s.end, f"{s.kind} of {s.task}")
         for s in schedule.segments
@@ -316,5 +312,5 @@ def check_platform_still(schedule: Schedule, lines: Sequence[LineSpan]) -> Check
             moved = max(float(np.abs(v[1:-1]).max(initial=0.0)), float(np.abs(q - q[0]).max()))
             worst.add(moved, f"{what} at {start:.3f} s")
     nothing = "the schedule lists no lines and no dwells in which it has to stand"
-    unit = "m, m/s" if robot.platform_slides else "rad, rad/s"
-    return worst.judge("platform_still", tol.SAME_JOINTS, unit, nothing)
+    slides = robot.platform_slides
+    return worst.judge("platform_still", tol.SAME_JOINTS, nothing, slides=slides)

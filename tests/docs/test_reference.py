@@ -24,6 +24,7 @@ from dualarm_cli.files.cells.schema_cell import ObstacleSection
 from dualarm_cli.files.tasks.schema_tasks import DefaultsSection, TargetSection, TasksFile
 from dualarm_cli.model.budget import Kept
 from dualarm_cli.schemas import result_fields
+from dualarm_cli.verification.criteria import judge, not_checked
 
 TABLES: dict[str, Any] = {"SCHEDULE": result_fields.SCHEDULE, "REPORT": result_fields.REPORT}
 DOCS = Path(__file__).parents[2] / "docs"
@@ -219,6 +220,27 @@ def test_every_member_of_a_plans_files_is_told(
 ) -> None:
     for table, found in members(planned_files(job)).items():
         assert unknown(found, TABLES[table]) == []
+
+
+@pytest.mark.parametrize("job", JOBS)
+def test_every_check_of_a_plan_is_told(
+    job: str, planned_files: Callable[[str], Path], pages: dict[str, str]
+) -> None:
+    """With a measure and a unit."""
+    report = json.loads((planned_files(job) / "report.json").read_text())
+    for check in report["verification"]["checks"]:
+        [row] = re.findall(
+            rf"^\| `{check['name']}` \| (.+) \| .+ \| (.*) \|$", pages["checks.md"], re.M
+        )
+        assert check["verdict"] != "not checked" or row[1], check
+
+
+def test_a_check_without_a_criterion_is_refused() -> None:
+    """Neither judged nor left out without a row in the page."""
+    with pytest.raises(KeyError):
+        judge("spin", 1.0, 2.0, "here")
+    with pytest.raises(KeyError):
+        not_checked("spin", "nothing spins")
 
 
 @pytest.mark.slow

@@ -14,11 +14,11 @@ from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification import verify
+from dualarm_cli.verification.criteria import judge
 from dualarm_cli.verification.motion_checks import (
     check_agreement,
     check_limits,
     check_time,
-    judge,
     position_extrema,
     velocity_extrema,
 )
@@ -355,7 +355,7 @@ def test_a_single_knot_has_its_own_extrema():
 )
 def test_a_measurement_passes_up_to_what_is_allowed_and_nan_never(measured, verdict, value):
     """Numbers that JSON does not know are said as null."""
-    check = judge("x", measured, 1.0, "m", "here")
+    check = judge("windows", measured, 1.0, "here")
     assert (check.verdict, check.measured) == (verdict, value)
 
 

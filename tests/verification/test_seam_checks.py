@@ -12,7 +12,7 @@ from scipy.special import erf
 
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.seam.checks import (
-    NAMES,
+    CRITERIA,
     MeasuredSeam,
     _part_off,
     _turned_away,
@@ -221,7 +221,7 @@ def test_what_is_planned_passes(which, request):
     """All that there is to check of it, and the rest of the verifier, clearance included."""
     one = request.getfixturevalue(which)
     checks = seams(one.schedule, one.job)
-    assert tuple(checks) == NAMES
+    assert tuple(checks) == tuple(CRITERIA)
     still = {"seam_part", "seam_downhand"} if which == "arc" else set()
     assert {name for name, c in checks.items() if c.verdict == "not checked"} == still
     assert failed(one.schedule, one.job) == set()
@@ -580,7 +580,7 @@ def test_without_seams_or_tasks_nothing_is_checked(clean, line):
         (line.schedule, None, "no task file was given (--tasks)"),
     ):
         checks = check_seams(schedule, job, ToolModel(schedule), ())
-        assert [check.name for check in checks] == list(NAMES)
+        assert [check.name for check in checks] == list(CRITERIA)
         assert {(check.verdict, check.detail) for check in checks} == {("not checked", why)}
 
 

@@ -13,15 +13,18 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.errors import InputError
-from dualarm_cli.kinds.handover.checks import NAMES as HANDOVER_NAMES
-from dualarm_cli.kinds.path.checks import NAME
-from dualarm_cli.kinds.path.checks import NAMES as PATH_NAMES
-from dualarm_cli.kinds.seam.checks import NAMES as SEAM_NAMES
 from dualarm_cli.model.cell import Tool
 from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.verification import verify
 
-NAMES = (*PATH_NAMES, *SEAM_NAMES, *HANDOVER_NAMES)
+PATHS = ("distance", "angle", "progress", "speed", "time", "corners")
+SEAMS = ("distance", "angle", "progress", "speed", "steady", "as_asked", "part", "downhand")
+NAMES = (
+    *(f"path_{name}" for name in PATHS),
+    "paths_together",
+    *(f"seam_{name}" for name in SEAMS),
+    *(f"handover_{name}" for name in ("order", "grip", "still")),
+)
 """Checks of paths, seams and hand-overs."""
 
 
@@ -37,7 +40,14 @@ def test_a_schedule_without_fault_passes_every_check(clean):
     verdicts = {check.name: check.verdict for check in verification.checks}
     unchecked = {name for name, verdict in verdicts.items() if verdict != "passed"}
     open_orders = {"precedence", "windows", "buffers", "tool_changes"}
-    assert unchecked == {"collisions", "tool_speed", "lower_bound", *open_orders, *NAMES, NAME}
+    assert unchecked == {
+        "collisions",
+        "tool_speed",
+        "lower_bound",
+        *open_orders,
+        *NAMES,
+        "path_torque",
+    }
     assert len(verdicts) == len(verification.checks)
     assert all(check.detail for check in verification.checks)
 
@@ -67,7 +77,7 @@ def test_without_a_job_ten_checks_are_not_made_and_say_why(clean):
         *NAMES,
     )
     assert {reasons[name] for name in tasks} == {"no task file was given (--tasks)"}
-    assert set(reasons) == {*tasks, "collisions", "tool_speed", "lower_bound", NAME}
+    assert set(reasons) == {*tasks, "collisions", "tool_speed", "lower_bound", "path_torque"}
 
 
 def test_the_same_checks_in_the_same_order_with_and_without_a_job(clean):

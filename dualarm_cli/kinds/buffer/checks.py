@@ -7,8 +7,8 @@ from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.criteria import NO_TASKS, Criterion, judge, not_checked
 from dualarm_cli.verification.kind_checks import KindChecks
-from dualarm_cli.verification.motion_checks import NO_TASKS, judge, not_checked
 
 
 @dataclass(frozen=True)
@@ -38,14 +38,14 @@ def check_buffers(schedule: Schedule, job: Job | None) -> Check:
     if job is None:
         return not_checked("buffers", NO_TASKS)
     if not any(stop.buffer for task in job.tasks for stop in task.stops):
-        return not_checked("buffers", "no task uses a buffer")
+        return not_checked("buffers")
     rows = _changes(schedule, job)
     if not any(rows.values()):
         return not_checked("buffers", "none of the tasks concerned is done")
     faults = [fault for name, own in rows.items() for fault in _faults(name, own, job)]
     faults.sort()
     where = faults[0][1] if faults else "a part for every pick, and room for every place"
-    return judge("buffers", len(faults), 0, "", where)
+    return judge("buffers", len(faults), 0, where)
 
 
 def _changes(schedule: Schedule, job: Job) -> dict[str, list[_Change]]:
@@ -97,4 +97,11 @@ def _in_time(changes: list[_Change]) -> list[_Change]:
     return sorted(changes, key=due)
 
 
-CHECKS = KindChecks({"parts": lambda case: [check_buffers(case.schedule, case.job)]})
+CRITERIA = {
+    "buffers": Criterion(
+        "",
+        "Picks from an empty buffer, and places into a full one.",
+        "no task uses a buffer",
+    )
+}
+CHECKS = KindChecks({"parts": lambda case: [check_buffers(case.schedule, case.job)]}, CRITERIA)

@@ -13,6 +13,7 @@ from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.criteria import Criterion
 from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.kind_checks import KindChecks
 from dualarm_cli.verification.tool_checks import Worst, pose_error
@@ -23,6 +24,32 @@ STEP = 1e-5
 NO_JOB = (
     "which parts come when and how long lines are is in the task file: none was given (--tasks)"
 )
+NO_DWELLS = "no event on a conveyor has a dwell"
+CRITERIA = {
+    "conveyor_part": Criterion(
+        "m, rad", "Distance or angle of the tool from the part at its event.", NO_JOB
+    ),
+    "conveyor_windows": Criterion("s", "Time of an event outside the window of its part.", NO_JOB),
+    "conveyor_velocity": Criterion(
+        "m/s", "Difference of the tool's velocity from the belt's at its event.", "nothing is done"
+    ),
+    "conveyor_dwells": Criterion(
+        "m", "Largest distance of the tool from the part during the dwell.", NO_DWELLS
+    ),
+    "conveyor_dwells_steady": Criterion(
+        "rad", "Largest turn of the tool against the part during the dwell.", NO_DWELLS
+    ),
+    "conveyor_lines_straight": Criterion(
+        "m", "Distance of the tool from a straight line in the belt's frame.", NO_JOB
+    ),
+    "conveyor_lines_steady": Criterion(
+        "rad", "Turn of the tool on a line in the belt's frame.", NO_JOB
+    ),
+    "conveyor_line_lengths": Criterion(
+        "m", "Length that an approach or retract lacks, in the belt's frame.", NO_JOB
+    ),
+}
+"""Listed where targets move."""
 
 
 @dataclass
@@ -40,16 +67,15 @@ class _Found:
 
     def checks(self) -> list[Check]:
         """Returns the checks."""
-        short = "no event on a conveyor has a dwell"
         return [
-            self.part.judge("conveyor_part", tol.POSE_DISTANCE, "m, rad", NO_JOB),
-            self.window.judge("conveyor_windows", tol.SAME_TIME, "s", NO_JOB),
-            self.velocity.judge("conveyor_velocity", tol.BELT_SPEED, "m/s", "nothing is done"),
-            self.stays.judge("conveyor_dwells", tol.POSE_DISTANCE, "m", short),
-            self.steady.judge("conveyor_dwells_steady", tol.POSE_ANGLE, "rad", short),
-            self.beside.judge("conveyor_lines_straight", tol.LINE_DISTANCE, "m", NO_JOB),
-            self.turned.judge("conveyor_lines_steady", tol.LINE_ANGLE, "rad", NO_JOB),
-            self.length.judge("conveyor_line_lengths", tol.LINE_DISTANCE, "m", NO_JOB),
+            self.part.judge("conveyor_part", tol.POSE_DISTANCE),
+            self.window.judge("conveyor_windows", tol.SAME_TIME),
+            self.velocity.judge("conveyor_velocity", tol.BELT_SPEED),
+            self.stays.judge("conveyor_dwells", tol.POSE_DISTANCE),
+            self.steady.judge("conveyor_dwells_steady", tol.POSE_ANGLE),
+            self.beside.judge("conveyor_lines_straight", tol.LINE_DISTANCE),
+            self.turned.judge("conveyor_lines_steady", tol.LINE_ANGLE),
+            self.length.judge("conveyor_line_lengths", tol.LINE_DISTANCE),
         ]
 
 
@@ -173,5 +199,6 @@ def _measure_lines(
 
 
 CHECKS = KindChecks(
-    {"lines": lambda case: check_conveyors(case.known, case.stated, case.done, case.model)}
+    {"lines": lambda case: check_conveyors(case.known, case.stated, case.done, case.model)},
+    CRITERIA,
 )

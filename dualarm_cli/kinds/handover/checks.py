@@ -13,15 +13,27 @@ from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.criteria import NO_TASKS, Criterion, not_checked
 from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.kind_checks import KindChecks, Touch
 from dualarm_cli.verification.line_spans import LineSpan, spans_of
-from dualarm_cli.verification.motion_checks import NO_TASKS, not_checked
 from dualarm_cli.verification.tool_checks import Worst
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
-NAMES = ("handover_order", "handover_grip", "handover_still")
-"""Names of the checks."""
+NO_HANDOVERS = "the job has no hand-overs"
+CRITERIA = {
+    "handover_order": Criterion(
+        "s",
+        "Time by which an event of a hand-over comes too early.",
+        NO_HANDOVERS,
+    ),
+    "handover_grip": Criterion(
+        "m, rad", "Distance or angle of the taking tool from its grip on the part.", NO_HANDOVERS
+    ),
+    "handover_still": Criterion(
+        "m, rad", "Motion of a tool while the other one grips or leaves.", NO_HANDOVERS
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -76,8 +88,7 @@ def check_handovers(
         spans: of the job's stops.
     """
     if job is None or not job.has_handovers:
-        why = NO_TASKS if job is None else "the job has no hand-overs"
-        return [not_checked(name, why) for name in NAMES]
+        return [not_checked(name, NO_TASKS if job is None else "") for name in CRITERIA]
     order, grip, still = Worst(), Worst(), Worst()
     for giving, taking in _shares(job):
         if wrong := _wrong_events(schedule, giving, taking):
@@ -92,9 +103,9 @@ def check_handovers(
         _judge_still(schedule, span.taking.arm, times, model, still, f"{name}: the taking")
     nothing = "no hand-over has its events"
     return [
-        order.judge(NAMES[0], tol.SAME_TIME, "s", nothing),
-        grip.judge(NAMES[1], tol.POSE_DISTANCE, "m, rad", nothing),
-        still.judge(NAMES[2], tol.POSE_DISTANCE, "m, rad", nothing),
+        order.judge("handover_order", tol.SAME_TIME, nothing),
+        grip.judge("handover_grip", tol.POSE_DISTANCE, nothing),
+        still.judge("handover_still", tol.POSE_DISTANCE, nothing),
     ]
 
 
@@ -192,5 +203,6 @@ def handover_touches(job: Job, spans: Sequence[LineSpan]) -> list[Touch]:
 
 CHECKS = KindChecks(
     {"work": lambda case: check_handovers(case.known, case.done, case.model, case.spans)},
+    CRITERIA,
     handover_touches,
 )

@@ -17,14 +17,39 @@ from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.criteria import NO_TASKS, Criterion, not_checked
 from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.kind_checks import KindChecks
-from dualarm_cli.verification.motion_checks import NO_TASKS, not_checked
 from dualarm_cli.verification.tool_checks import Worst
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
-NAME = "path_torque"
-"""The check."""
+NO_PATHS = "the job has no paths"
+CRITERIA = {
+    "path_distance": Criterion(
+        "share of the tolerance", "Largest distance of the tool from its path.", NO_PATHS
+    ),
+    "path_angle": Criterion(
+        "share of the tolerance", "Largest angle of the tool from its path's orientation.", NO_PATHS
+    ),
+    "path_progress": Criterion(
+        "m", "Length of a path that is left out at its ends, or gone backwards.", NO_PATHS
+    ),
+    "path_speed": Criterion(
+        "share beyond what is asked", "Excess of the tool's speed along its path.", NO_PATHS
+    ),
+    "path_time": Criterion(
+        "s beyond what is asked", "Excess of a path's duration at its speed.", NO_PATHS
+    ),
+    "paths_together": Criterion(
+        "m", "Distance of one arm along its path ahead of the other one.", NO_PATHS
+    ),
+    "path_corners": Criterion(
+        "share of what is allowed", "Largest distance from a rounded corner.", NO_PATHS
+    ),
+    "path_torque": Criterion(
+        "share of the limit", "Largest torque of a joint on a path.", "no path has torque limits"
+    ),
+}
 
 
 def check_torques(schedule: Schedule, job: Job | None) -> Check:
@@ -40,7 +65,7 @@ def check_torques(schedule: Schedule, job: Job | None) -> Check:
         {} if job is None else {t.id: t for t in job.tasks if t.path is not None and t.path.torque}
     )
     if job is None or not asked:
-        return not_checked(NAME, "no path has torque limits")
+        return not_checked("path_torque")
     model = _model(job.cell)
     names = list(model.names)[1:]
     columns = [schedule.trajectory.joints.index(name) for name in names]
@@ -55,9 +80,7 @@ def check_torques(schedule: Schedule, job: Job | None) -> Check:
             joint = int(np.argmax(share))
             where = f"{names[joint]} on {segment.task} at {time[k]:.3f} s"
             worst.add(float(share[joint]), where)
-    return worst.judge(
-        NAME, 1.0 + tol.TORQUE_SLACK, "share of the limit", "no segment of kind path"
-    )
+    return worst.judge("path_torque", 1.0 + tol.TORQUE_SLACK, "no segment of kind path")
 
 
 def _model(cell: Cell) -> pin.Model:
@@ -73,16 +96,6 @@ def _model(cell: Cell) -> pin.Model:
     return model
 
 
-NAMES = (
-    "path_distance",
-    "path_angle",
-    "path_progress",
-    "path_speed",
-    "path_time",
-    "paths_together",
-    "path_corners",
-)
-"""The checks."""
 SAMPLES = 4001
 """A path's directions are measured over its length divided by this, to both sides."""
 WINDOW = 0.02
@@ -114,9 +127,9 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         model: where the tools are.
     """
     if job is None or not job.has_paths:
-        why = NO_TASKS if job is None else "the job has no paths"
-        return [not_checked(name, why) for name in NAMES]
-    distance, angle, progress, speed, slow, together, corners = (Worst() for _ in NAMES)
+        names = [name for name in CRITERIA if name != "path_torque"]
+        return [not_checked(name, NO_TASKS if job is None else "") for name in names]
+    distance, angle, progress, speed, slow, together, corners = (Worst() for _ in range(7))
     events = {(e.arm, e.task): e for e in schedule.events if e.action == "path"}
     for section in job.sections():
         work = section[0].path
@@ -159,15 +172,15 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
             one, other = found.values()
             apart = np.abs(shares[0] - np.interp(one.time, other.time, shares[1])) * work.length
             _add(together, apart, one.time, section[0].id)
-    nothing = "no path has both arms"
+    lost, nothing = "no path has its segment", "no path has both arms"
     return [
-        distance.judge(NAMES[0], 1.0, "share of the tolerance", ""),
-        angle.judge(NAMES[1], 1.0, "share of the tolerance", ""),
-        progress.judge(NAMES[2], tol.LINE_DISTANCE, "m", ""),
-        speed.judge(NAMES[3], tol.PATH_SPEED_SLACK, "share beyond what is asked", ""),
-        slow.judge(NAMES[4], tol.PATH_LATE, "s beyond what is asked", "every path may be slower"),
-        together.judge(NAMES[5], tol.LINE_DISTANCE, "m", nothing),
-        corners.judge(NAMES[6], 1.0, "share of what is allowed", "no corner of a path is rounded"),
+        distance.judge("path_distance", 1.0, lost),
+        angle.judge("path_angle", 1.0, lost),
+        progress.judge("path_progress", tol.LINE_DISTANCE, lost),
+        speed.judge("path_speed", tol.PATH_SPEED_SLACK, lost),
+        slow.judge("path_time", tol.PATH_LATE, "every path may be slower"),
+        together.judge("paths_together", tol.LINE_DISTANCE, nothing),
+        corners.judge("path_corners", 1.0, "no corner of a path is rounded"),
     ]
 
 
@@ -316,5 +329,6 @@ CHECKS = KindChecks(
     {
         "work": lambda case: check_paths(case.schedule, case.done, case.model),
         "joints": lambda case: [check_torques(case.schedule, case.done)],
-    }
+    },
+    CRITERIA,
 )

@@ -17,10 +17,10 @@ from dualarm_cli.model.seam import SeamWork, longest_ramp
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.criteria import NO_TASKS, Criterion, not_checked
 from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.kind_checks import KindChecks, Touch
 from dualarm_cli.verification.line_spans import LineSpan, spans_of
-from dualarm_cli.verification.motion_checks import NO_TASKS, not_checked
 from dualarm_cli.verification.tool_checks import Worst
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
@@ -157,17 +157,35 @@ def _turned_away(E: FloatArray, lean: FloatArray, work: SeamWork) -> FloatArray:
     return np.maximum(beyond, spin)
 
 
-NAMES = (
-    "seam_distance",
-    "seam_angle",
-    "seam_progress",
-    "seam_speed",
-    "seam_steady",
-    "seam_as_asked",
-    "seam_part",
-    "seam_downhand",
-)
-"""The checks."""
+NO_SEAMS = "the job has no seams"
+CRITERIA = {
+    "seam_distance": Criterion("m", "Largest distance of the tool from its seam.", NO_SEAMS),
+    "seam_angle": Criterion(
+        "rad",
+        "Largest angle of the tool from its seam's orientation, beyond its freedoms.",
+        NO_SEAMS,
+    ),
+    "seam_progress": Criterion(
+        "m", "Length of a seam that is left out at its ends, or gone backwards.", NO_SEAMS
+    ),
+    "seam_speed": Criterion(
+        "share beyond what is asked", "Excess of the speed along a seam.", NO_SEAMS
+    ),
+    "seam_steady": Criterion(
+        "share of the speed", "Deviation of the speed from ramp, constant speed and ramp.", NO_SEAMS
+    ),
+    "seam_as_asked": Criterion(
+        "share", "Excess of a seam's time, acceleration or entry over what the file sets.", NO_SEAMS
+    ),
+    "seam_part": Criterion(
+        "m, rad", "Distance or angle of the part from the pose that the file sets.", NO_SEAMS
+    ),
+    "seam_downhand": Criterion(
+        "rad beyond",
+        "Tilt of the seam from the horizontal position beyond what is allowed.",
+        NO_SEAMS,
+    ),
+}
 STEADY = 0.999
 """Share of the largest speed from which on the tool counts as at its steady speed."""
 
@@ -184,9 +202,8 @@ def check_seams(
         lines: spans of the job's stops.
     """
     if job is None or not job.has_seams:
-        why = NO_TASKS if job is None else "the job has no seams"
-        return [not_checked(name, why) for name in NAMES]
-    worst = {name: Worst() for name in NAMES}
+        return [not_checked(name, NO_TASKS if job is None else "") for name in CRITERIA]
+    worst = {name: Worst() for name in CRITERIA}
     for section in job.sections():
         work = section[0].seam
         if work is None:
@@ -210,16 +227,16 @@ def check_seams(
             worst["seam_progress"].add(np.inf, message)
             continue
         SeamJudge(worst, MeasuredSeam(schedule, job, model, work), own[0], lines).judge()
-    nothing = "no seam asks for it"
+    lost, nothing = "no seam has its segments", "no seam asks for it"
     return [
-        worst["seam_distance"].judge(NAMES[0], tol.CHAIN_DISTANCE, "m", ""),
-        worst["seam_angle"].judge(NAMES[1], tol.CHAIN_ANGLE, "rad", ""),
-        worst["seam_progress"].judge(NAMES[2], tol.LINE_DISTANCE, "m", ""),
-        worst["seam_speed"].judge(NAMES[3], tol.SEAM_SPEED_SLACK, "share beyond what is asked", ""),
-        worst["seam_steady"].judge(NAMES[4], tol.SEAM_SPEED_SLACK, "share of the speed", ""),
-        worst["seam_as_asked"].judge(NAMES[5], tol.SEAM_SPEED_SLACK, "share", nothing),
-        worst["seam_part"].judge(NAMES[6], tol.CHAIN_DISTANCE, "m, rad", nothing),
-        worst["seam_downhand"].judge(NAMES[7], tol.CHAIN_ANGLE, "rad beyond", nothing),
+        worst["seam_distance"].judge("seam_distance", tol.CHAIN_DISTANCE, lost),
+        worst["seam_angle"].judge("seam_angle", tol.CHAIN_ANGLE, lost),
+        worst["seam_progress"].judge("seam_progress", tol.LINE_DISTANCE, lost),
+        worst["seam_speed"].judge("seam_speed", tol.SEAM_SPEED_SLACK, lost),
+        worst["seam_steady"].judge("seam_steady", tol.SEAM_SPEED_SLACK, lost),
+        worst["seam_as_asked"].judge("seam_as_asked", tol.SEAM_SPEED_SLACK, nothing),
+        worst["seam_part"].judge("seam_part", tol.CHAIN_DISTANCE, nothing),
+        worst["seam_downhand"].judge("seam_downhand", tol.CHAIN_ANGLE, nothing),
     ]
 
 
@@ -432,5 +449,6 @@ def seam_touches(job: Job, spans: Sequence[LineSpan]) -> list[Touch]:
 
 CHECKS = KindChecks(
     {"work": lambda case: check_seams(case.schedule, case.done, case.model, case.spans)},
+    CRITERIA,
     seam_touches,
 )

@@ -12,11 +12,17 @@ from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.as_done import is_change
+from dualarm_cli.verification.criteria import NO_TASKS, Criterion, judge, not_checked
 from dualarm_cli.verification.kind_checks import KindChecks
-from dualarm_cli.verification.motion_checks import NO_TASKS, judge, not_checked
 
 NAME = "tool_changes"
-"""Name of the check."""
+CRITERIA = {
+    NAME: Criterion(
+        "",
+        "Tasks with another tool on than theirs, and changes that are impossible or needless.",
+        "the cell has no tools to change",
+    )
+}
 
 
 def tool_at(event: Event, job: Job) -> str:
@@ -65,7 +71,7 @@ def check_tool_changes(schedule: Schedule, job: Job | None) -> Check:
     if job is None:
         return not_checked(NAME, NO_TASKS)
     if not job.cell.tool_changes:
-        return not_checked(NAME, "the cell has no tools to change")
+        return not_checked(NAME)
     faults: list[str] = []
     for arm in job.cell.tool_changes:
         events = sorted((e for e in schedule.events if e.arm == arm), key=lambda e: e.time)
@@ -78,7 +84,7 @@ def check_tool_changes(schedule: Schedule, job: Job | None) -> Check:
         if count > 1
     ]
     where = faults[0] if faults else "every task with its tool mounted"
-    return judge(NAME, len(faults), 0, "", where)
+    return judge(NAME, len(faults), 0, where)
 
 
 @dataclass
@@ -145,5 +151,7 @@ class _Hand:
 
 
 CHECKS = KindChecks(
-    {"order": lambda case: [check_tool_changes(case.schedule, case.job)]}, added=change_tasks
+    {"order": lambda case: [check_tool_changes(case.schedule, case.job)]},
+    CRITERIA,
+    added=change_tasks,
 )
