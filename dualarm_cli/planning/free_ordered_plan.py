@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,6 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.orders.decided_jobs import stage_by_stage
 from dualarm_cli.orders.free_orders import FreeOrder, FreeOrders, free_orders
@@ -25,7 +23,9 @@ from dualarm_cli.planning.asynchronous.free_epochs import (
     plan_epochs,
 )
 from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
-from dualarm_cli.planning.ordered_plan import ESTIMATE
+from dualarm_cli.planning.decided_plan import in_time, job_notes, schedule_of
+from dualarm_cli.planning.ordered_plan import ESTIMATE, plan_in_best_order
+from dualarm_cli.planning.planned_job import PlannedJob
 
 LONG = 40
 """Of orders of more tasks only one is planned."""
@@ -41,29 +41,26 @@ TRIES = 6
 """So many are tried until one can be."""
 
 
-def plan_by_own_clocks(
-    planner: FreePlanner,
-    settings: PlanSettings,
-    watch: Watch,
-    paired: Callable[[Job, Callable[[Schedule], None]], Schedule],
-    schedule: Callable[[Motion, Job], Schedule],
-) -> Schedule:
-    """Returns the quickest plan found of asynchronous arms.
+def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
+    """Plan asynchronous arms in the best orders found; return the quickest plan.
 
     The platform stands at one angle while both arms work, or at several ones after another; where neither is quicker,
     both arms go from stage to stage together as they do where they are paired.
 
     Args:
-        planner: makes plans with a standing platform.
-        settings: as for any plan.
+        work: the resolved job.
         watch: receives progress, and may end the search.
-        paired: plans the job as if it were paired; what it is given besides is given every plan.
-        schedule: makes the schedule of a decided job from its motion.
 
     Raises:
         InfeasibleError: neither is possible.
     """
-    problem = planner.problem
+    problem, settings = work.problem, work.settings
+    planner = FreePlanner(problem, work.method.solve, work.timing, watch.tell, work.clear)
+
+    def schedule(motion: Motion, one: Job) -> Schedule:
+        notes = (*work.job.notes, *work.replaced, *job_notes(one))
+        return in_time(schedule_of(one, settings, motion, notes), work.job)
+
     watch.begin()
     watch.tell("timing each task at every platform angle")
     order = OrderModel.of(problem.model, problem.job, clear=planner.clear)
@@ -108,7 +105,9 @@ def plan_by_own_clocks(
         watch.tell("planning both arms in synchronous stages")
         try:
             job = stage_by_stage(with_changes(problem.job))
-            together = paired(job, lambda one: watch.keep(_noted(one, why)))
+            together = plan_in_best_order(
+                work, job, watch, lambda one: watch.keep(_noted(one, why))
+            )
         except InfeasibleError:
             if best is None:
                 raise

@@ -8,7 +8,6 @@ from functools import partial
 
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import BlockedError, InfeasibleError
-from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
@@ -23,12 +22,12 @@ from dualarm_cli.orders.orders import (
     StagePair,
 )
 from dualarm_cli.orders.watch import Watch
+from dualarm_cli.planning.decided_plan import decided_plan
+from dualarm_cli.planning.planned_job import PlannedJob
+from dualarm_cli.planning.room_rules import planned_around
 from dualarm_cli.records import dataclass
-from dualarm_cli.stages.plans.problem import Decisions
 from dualarm_cli.stages.serving import SEQUENCE
 
-Planner = Callable[[Job, Decisions | None, bool], Schedule]
-"""Plans a decided job from a plan to begin with; whether what collides is decided again."""
 SEARCHES, SEARCHES_OF_LONG = 2, 1
 """So often orders are searched for anew without pairs of stops that turned out to touch; fewer of long ones."""
 TAKEN_APART = 3
@@ -44,44 +43,44 @@ PROMISING = 0.04
 
 
 def plan_in_best_order(
-    job: Job,
-    settings: PlanSettings,
-    model: CellModel,
-    watch: Watch,
-    decided_plan: Planner,
-    keep: Callable[[Schedule], None],
-    *,
-    clear: bool,
+    work: PlannedJob, job: Job, watch: Watch, keep: Callable[[Schedule], None]
 ) -> Schedule:
-    """Returns the quickest plan found over arms and orders of paired arms.
+    """Plan paired arms in the best orders found, as `planned_around` varies them; return the quickest plan.
 
     Args:
-        job: what is to be done.
-        settings: as for any plan.
-        model: the job's cell.
+        work: the resolved job.
+        job: its variant to plan.
         watch: receives progress, and may end the search.
-        decided_plan: plans a job that says which arm does what in which order, from the search's angles and postures.
         keep: is given every plan, with its notes.
-        clear: whether anything has to be collision-free.
 
     Raises:
         InfeasibleError: a task that no arm reaches, rules that no order keeps, or no order found is collision-free.
     """
+    if job.is_decided:
+        return decided_plan(work, job, watch)
+    return planned_around(job, lambda ruled: _in_best_order(work, ruled, watch, keep))
+
+
+def _in_best_order(
+    work: PlannedJob, job: Job, watch: Watch, keep: Callable[[Schedule], None]
+) -> Schedule:
+    """Plan paired arms in the best orders found; see `plan_in_best_order`."""
     watch.begin()
+    settings = work.settings
 
     def planned(one: DecidedOrder, of: Orders, patient: bool) -> Schedule:
-        found = decided_plan(one.job, one.plan, patient)
+        found = decided_plan(work, one.job, watch, one.plan, patient=patient)
         notes = (*found.notes, *order_notes(of, one.total))
         found = replace(found, order_grid_gap=of.gap(one.total), notes=notes)
         keep(found)
         return found
 
-    wanted = partial(PairedSearch.of, model, job, settings.effort, settings.seed, watch)
-    search = wanted(clear=clear)
+    wanted = partial(PairedSearch.of, work.model, job, settings.effort, settings.seed, watch)
+    search = wanted(clear=work.clear)
     try:
         orders = search.orders(watch)
     except InfeasibleError as error:
-        if not clear or error.refusals[0].what != NO_ORDER_FOUND:
+        if not work.clear or error.refusals[0].what != NO_ORDER_FOUND:
             raise
         try:
             orders = wanted(clear=False).orders(watch)

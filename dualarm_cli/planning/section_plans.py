@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import islice, pairwise, permutations
 
 import numpy as np
 
-from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import norm
@@ -17,6 +16,8 @@ from dualarm_cli.model.job import Job, PoseTarget, Task
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.orders.model.buffer_numbers import keeps_borders
 from dualarm_cli.orders.watch import Watch
+from dualarm_cli.planning.planned_job import PlannedJob
+from dualarm_cli.planning.sections import sections_plan
 from dualarm_cli.records import dataclass
 
 MOST_PERMUTATIONS = 5040
@@ -189,25 +190,21 @@ def _distance(some: FloatArray, others: FloatArray) -> float:
     return float(norm(some[:, None] - others[None], axis=-1).min())
 
 
-def quickest_of_sections(
-    model: CellModel, job: Job, effort: str, watch: Watch, plan: Callable[[Job], Schedule]
-) -> Schedule:
-    """Returns the quickest plan of some orders of a job's sections; of the file's where it gives the order.
+def quickest_of_sections(work: PlannedJob, watch: Watch) -> Schedule:
+    """Plan some orders of a job's sections, the file's if it gives the order; return the quickest plan.
 
     Args:
-        model: the job's cell.
-        job: with paths or seams.
-        effort: one of EFFORTS.
+        work: the resolved job, with paths or seams.
         watch: receives progress, and may end the search.
-        plan: plans the job with its sections in the order of its tasks.
 
     Raises:
         InfeasibleError: none of the orders has a plan; why the file's has none.
     """
+    job = work.job
     if job.order == "given":
-        return plan(job)
+        return sections_plan(work, watch)
     watch.begin()
-    orders = section_orders(model, job, EFFORTS[effort].section_orders)
+    orders = section_orders(work.model, job, work.effort.section_orders)
     if _has_open_runs(job):
         # Runs are ordered one by one, by estimates: at last what the file says is planned as it is.
         orders.append(replace(job, order="given"))
@@ -221,7 +218,7 @@ def quickest_of_sections(
         watch.tell(f"planning order {number} of {len(orders)} of tasks of both arms")
         tried += 1
         try:
-            found = plan(one)
+            found = sections_plan(work.with_job(one), watch)
         except InfeasibleError as error:
             failure = failure or error
             continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -10,14 +11,18 @@ import numpy as np
 from dualarm_cli.clearing.blended_plan import has_blends
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import clearance_notes
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import SectionBuilder, SectionTools, kind_of, with_needs
 from dualarm_cli.model.job import Task
+from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.orders.decided_jobs import own_rules
 from dualarm_cli.orders.model.buffer_numbers import begun
 from dualarm_cli.orders.orders import PairedSearch
 from dualarm_cli.orders.watch import Watch
+from dualarm_cli.planning.decided_plan import in_time, job_notes, platform_notes, schedule_of
+from dualarm_cli.planning.planned_job import PlannedJob
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.method import Decided, MethodProblem
@@ -118,3 +123,29 @@ class SectionPlanner(SectionTools):
             problem.model, job, problem.effort, problem.seed, watch, clear=self.clear
         )
         return replace(problem, job=search.orders(watch).found[0].job)
+
+
+def sections_plan(work: PlannedJob, watch: Watch) -> Schedule:
+    """Plan a job with paths or seams, section after section in the order of its tasks."""
+    planner = SectionPlanner(
+        work.problem, work.settings, work.timing, watch.tell, work.clear, (), work.method.solve
+    )
+    planned = planner.plan()
+    # Sections begin where the ones before end: what is quicker by itself may cost more afterwards.
+    if planner.may_end_better:
+        with suppress(InfeasibleError):
+            other = replace(planner, for_stops=True).plan()
+            if other.motion.trajectory.duration < planned.motion.trajectory.duration:
+                planned = other
+    job, motion = work.job, planned.motion
+    kinds = [kind for kind in work.kinds if kind.add is not None]
+    notes = (
+        *job.notes,
+        *(work.replaced if planned.stage_plans else ()),
+        *(note for kind in kinds for note in kind.notes(job, work.settings, motion.trajectory)),
+        *job_notes(job),
+        *dict.fromkeys(planned.notes),
+        *(platform_notes(work.model, planned.stage_plans) if planned.stage_plans else ()),
+    )
+    schedule = schedule_of(job, work.settings, motion, notes)
+    return in_time(replace(schedule, clearance_cost=planned.clearance_cost), job)

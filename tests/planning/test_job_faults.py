@@ -78,7 +78,7 @@ def test_check_and_plan_tell_all_faults_with_their_places_before_any_search(
     tasks += f"  - {{id: far, arm: left, move: {{xyz: [4, 0.5, 0.15], {DOWN}}}}}\n"
     made = job(tasks, "start: home\n", cell)
     searched: list[str] = []
-    monkeypatch.setattr(planner, "_planned", lambda *a, **k: searched.append("searched"))
+    monkeypatch.setattr(planner, "_planned", lambda *_: searched.append("searched"))
     with pytest.raises(InfeasibleError) as caught:
         plan_without_bound(made, PlanSettings(effort="quick"))
     code, said = checked(tmp_path)

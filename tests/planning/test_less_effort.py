@@ -34,7 +34,8 @@ def chosen(monkeypatch: pytest.MonkeyPatch):
     def found(job: Any, durations: Mapping[str, float | None], settings: PlanSettings):
         asked = []
 
-        def made(_: Any, own: PlanSettings, watch: Any = None) -> Plan:
+        def made(work: Any, watch: Any) -> Plan:
+            own = work.settings
             asked.append(own.effort)
             duration = durations[own.effort]
             if duration is None:
@@ -42,7 +43,7 @@ def chosen(monkeypatch: pytest.MonkeyPatch):
             # As where a solver is replaced that does not serve the robot.
             return Plan(duration, Provenance("", {}, own.as_dict() | {"redundancy": "numeric"}, 0))
 
-        monkeypatch.setattr(planner, "plan_without_bound", made)
+        monkeypatch.setattr(planner, "_planned", made)
         monkeypatch.setattr(planner, "job_bound", lambda *_, **__: LowerBound(1.0, ()))
         return planner.plan(job, settings), asked
 
@@ -104,13 +105,14 @@ def test_without_any_plan_the_refusal_is_that_of_the_effort_asked_for(chosen, jo
 def test_a_task_in_time_at_less_effort_alone_is_planned(chosen, job, monkeypatch):
     """Whatever the refusal is: here a window that closes too early."""
 
-    def late(job: Any, settings: PlanSettings, watch: Any = None) -> Plan:
+    def late(work: Any, watch: Any) -> Plan:
+        settings = work.settings
         if settings.effort == "normal":
             raise InfeasibleError(Refusal("late"))
         return Plan(2.0, Provenance("", {}, settings.as_dict(), 0))
 
     chosen(job, {"quick": 2.0}, PlanSettings(effort="quick"))
-    monkeypatch.setattr(planner, "plan_without_bound", late)
+    monkeypatch.setattr(planner, "_planned", late)
     assert planner.plan(job, PlanSettings(effort="normal")).duration == 2.0
 
 

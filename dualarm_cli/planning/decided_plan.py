@@ -1,0 +1,151 @@
+"""Plan of a job whose arms and order are given, and the schedule of a planned motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dualarm_cli import __version__
+from dualarm_cli.clearing.clear_plan import quickest_clear
+from dualarm_cli.clearing.cleared_plan import clearance_notes
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinds.planning import with_needs
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import CHANGES, Job
+from dualarm_cli.model.joint_motion import lean
+from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.motion.builder import Motion
+from dualarm_cli.orders.watch import Watch
+from dualarm_cli.planning.planned_job import PlannedJob
+from dualarm_cli.refusals import Refusal
+from dualarm_cli.stages.plans.problem import Decisions
+from dualarm_cli.stages.stage_by_stage import StagePlan
+
+
+def decided_plan(
+    work: PlannedJob,
+    job: Job,
+    watch: Watch,
+    start: Decisions | None = None,
+    *,
+    patient: bool = True,
+) -> Schedule:
+    """Plan a variant of a job that says which arm does what in which order.
+
+    Args:
+        work: the resolved job.
+        job: its variant.
+        watch: receives progress.
+        start: plan to begin the search with, or None.
+        patient: whether stages that collide are decided again.
+
+    Raises:
+        InfeasibleError: nothing that was found is collision-free, or a task is done too late.
+    """
+    job = with_needs(job)
+    problem = replace(work.problem, start=start, patient=patient, job=job)
+    watch.tell(f"deciding platform angles and postures ({work.method.name})")
+    quickest = next((kind.quickest for kind in work.kinds if kind.quickest), quickest_clear)
+    found = quickest(problem, work.method.solve, work.timing, watch.tell, clear=work.clear)
+    stages, motion = found.cleared.plans, found.cleared.motion
+    notes = (
+        *job.notes,
+        *work.replaced,
+        *job_notes(job),
+        *platform_notes(work.model, stages),
+        *clearance_notes([(found, 1)]),
+    )
+    schedule = schedule_of(job, work.settings, motion, notes)
+    schedule = replace(schedule, grid_gap=found.decided.grid_gap, clearance_cost=found.cost)
+    return in_time(schedule, work.job)
+
+
+def schedule_of(
+    job: Job, settings: PlanSettings, motion: Motion, notes: tuple[str, ...]
+) -> Schedule:
+    """Build the schedule of a motion."""
+    robot = ScheduleRobot.of_job(job)
+    return Schedule(
+        robot=robot,
+        motion=lean(motion.trajectory, robot.groups, _named_times(motion)),
+        stages=motion.stages,
+        segments=motion.segments,
+        events=motion.events,
+        provenance=Provenance(__version__, job.inputs, settings.as_dict(), settings.seed),
+        blend_gain=motion.gain,
+        notes=notes,
+    )
+
+
+def _named_times(motion: Motion) -> dict[str, FloatArray]:
+    """Collect the times of each arm's events and segments [s], which become knots of its group."""
+    times: dict[str, list[float]] = {}
+    for event in motion.events:
+        times.setdefault(event.arm, []).append(event.time)
+    for part in motion.segments:
+        times.setdefault(part.arm, []).extend((part.start, part.end))
+    return {arm: np.array(some) for arm, some in times.items()}
+
+
+def in_time(schedule: Schedule, job: Job) -> Schedule:
+    """Return a schedule in which nothing is done too late.
+
+    Raises:
+        InfeasibleError: a task whose window closes before it is done.
+    """
+    tasks = {task.id: task for task in job.tasks}
+    # Of a task's events the last one counts.
+    done = {e.task: e.time for e in sorted(schedule.events, key=lambda e: e.time)}
+    late = [
+        Refusal(
+            "late",
+            task.place,
+            name,
+            task.arm,
+            done[name],
+            task.not_after,
+            more={"late": done[name] - task.not_after},
+        )
+        for name, task in tasks.items()
+        if name in done and done[name] > task.not_after + 1e-9
+    ]
+    if late:
+        raise InfeasibleError(*late)
+    return schedule
+
+
+def job_notes(job: Job) -> list[str]:
+    """List a note on picks and places that take no time, where there are some."""
+    idle = [
+        f"{task.id} ({stop.action})"
+        for task in job.tasks
+        for stop in task.stops
+        if stop.action in CHANGES and stop.dwell.total == 0.0
+    ]
+    if not idle:
+        return []
+    some = ", ".join(idle[:3]) + (", …" if len(idle) > 3 else "")
+    verb = "pick or place takes" if len(idle) == 1 else "picks and places take"
+    return [f"dwell: {len(idle)} {verb} no time ({some}); check `dwell` in the task file"]
+
+
+def platform_notes(model: CellModel, stages: list[StagePlan]) -> list[str]:
+    """List notes on a platform that did not do what its solver says."""
+    notes = []
+    if model.platform.joints and not model.platform.is_chosen:
+        notes.append(
+            "platform: held where it starts; a platform of one joint is moved between stages: freeze the others"
+        )
+    reached = [str(k) for k, stage in enumerate(stages, start=1) if stage.solver == "reach"]
+    if reached:
+        angles, turns, angle = "angles", "turns", "angle"
+        if model.platform.is_rail:
+            angles, turns, angle = "positions", "moves", "position"
+        notes.append(
+            f"platform: in stages {', '.join(reached)} the solver's {angles} do not let every arm reach; "
+            f"the platform {turns} to the nearest {angle} that does (platform solver: reach)"
+        )
+    return notes

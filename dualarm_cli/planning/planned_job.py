@@ -1,0 +1,128 @@
+"""Resolved jobs: solvers, measured cell, kinds of work and rules of order, settled before any search."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from typing import Literal
+
+from dualarm_cli.effort import EFFORTS, EffortSettings
+from dualarm_cli.errors import InfeasibleError, InputError, UnsupportedError
+from dualarm_cli.kinds.planning import KindPlanning, kinds_of
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.job_faults import job_faults
+from dualarm_cli.planning.redundancy_choice import check_follower
+from dualarm_cli.planning.room_rules import RoomRules
+from dualarm_cli.postures import REDUNDANCY_SOLVERS
+from dualarm_cli.records import dataclass
+from dualarm_cli.registry import Solver
+from dualarm_cli.stages.method import Decided, MethodProblem
+from dualarm_cli.stages.methods import METHODS
+from dualarm_cli.stages.serving import cell_model, served_settings, why_redundancy_unserved
+from dualarm_cli.timing import TIMING_SOLVERS, TimingSolver
+
+Route = Literal["sections", "paired", "own clocks"]
+
+
+@dataclass(frozen=True)
+class PlannedJob:
+    """Job to plan, with everything that depends on its robot and settings alone."""
+
+    job: Job
+    """Variant to plan: straight parts of lines where they are blended, rules of order added."""
+    settings: PlanSettings
+    """Settings that serve the robot."""
+    replaced: tuple[str, ...]
+    """Notes on solvers taken in place of the defaults."""
+    model: CellModel
+    """Cell, measured for the redundancy solver."""
+    method: Solver[MethodProblem, Decided]
+    """Method that decides the stages."""
+    timing: TimingSolver
+    """Timing of transfers and lines."""
+    kinds: tuple[KindPlanning, ...]
+    """Kinds of work among the tasks."""
+    clear: bool
+    """Flag of plans that have to be collision-free."""
+
+    @property
+    def effort(self) -> EffortSettings:
+        """Row of numbers for the effort."""
+        return EFFORTS[self.settings.effort]
+
+    @property
+    def route(self) -> Route:
+        """Way of planning: by sections, in synchronous stages, or asynchronously."""
+        if self.job.in_sections:
+            return "sections"
+        is_paired = self.job.mode == "paired" or any(kind.together for kind in self.kinds)
+        return "paired" if is_paired else "own clocks"
+
+    @cached_property
+    def problem(self) -> MethodProblem:
+        """Problem of the method, before anything is known of collisions."""
+        settings, blend = self.settings, self.settings.blend != "none"
+        return MethodProblem(
+            self.model, self.job, settings.redundancy, settings.effort, settings.seed, blend=blend
+        )
+
+    @property
+    def guessed(self) -> Job:
+        """Job as orders are searched for it: moving targets where they are expected."""
+        job = self.job
+        for kind in self.kinds:
+            job = kind.guessed(job)
+        return job
+
+    def with_job(self, job: Job) -> PlannedJob:
+        """Return the same for another order or assignment of the tasks."""
+        return replace(self, job=job)
+
+    def with_effort(self, effort: str) -> PlannedJob:
+        """Return the same for another word of `--effort`."""
+        return replace(self, settings=replace(self.settings, effort=effort))
+
+
+def resolve(job: Job, settings: PlanSettings, *, clear: bool = True) -> PlannedJob:
+    """Resolve a job, or refuse it for what no search can mend.
+
+    Args:
+        job: cell and tasks.
+        settings: names of method and solvers, and tunables.
+        clear: whether plans have to be collision-free.
+
+    Raises:
+        UnknownSolverError: a solver that its family does not have.
+        UnsupportedError: a robot or a limit that a chosen solver does not serve.
+        InputError: tasks that ask for what there is not.
+        InfeasibleError: a target, start or part that makes every plan impossible.
+    """
+    robot = job.cell.robot
+    settings, replaced = served_settings(settings, robot)
+    timing = TIMING_SOLVERS[settings.timing]
+    REDUNDANCY_SOLVERS[settings.redundancy]  # an unknown name is refused before any work
+    method = METHODS[settings.platform]
+    if reason := timing.why_unsupported(robot.limits):
+        raise UnsupportedError(f"--timing {timing.name} cannot plan {robot.name}: {reason}")
+    reason = why_redundancy_unserved(settings.redundancy, robot)
+    if reason and "redundancy" in settings.named:
+        raise UnsupportedError(
+            f"--redundancy {settings.redundancy} cannot plan {robot.name}: {reason}"
+        )
+    model = cell_model(job.cell, settings.redundancy)
+    if settings.blend != "none":
+        job = job.blended()
+    kinds = tuple(kinds_of(job))
+    work = PlannedJob(job, settings, tuple(replaced), model, method, timing, kinds, clear)
+    if reason := method.why_unsupported(work.problem):
+        raise UnsupportedError(f"--platform {method.name} cannot plan {robot.name}: {reason}")
+    if job.in_sections:
+        check_follower(job, settings.follower)
+        if wrong := [fault for kind in kinds for fault in kind.check(job)]:
+            raise InputError(wrong)
+    rules = RoomRules.of(job) if clear else None
+    if faults := job_faults(job, clear=clear, rules=rules):
+        raise InfeasibleError(*faults)
+    return work if rules is None else work.with_job(rules.ruled())
