@@ -86,7 +86,7 @@ class PlannedJob:
 
 
 def resolve(job: Job, settings: PlanSettings, *, clear: bool = True) -> PlannedJob:
-    """Resolve a job, or refuse it for what no search can mend.
+    """Resolve a job, or refuse one that no search can plan.
 
     Args:
         job: cell and tasks.
