@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -53,6 +55,22 @@ def test_shapes_of_any_dimension_are_kept(general_robots):
     R, p = arm.forward(q)
     assert (R.shape, p.shape, arm.jacobian(q).shape) == ((2, 3, 3, 3), (2, 3, 3), (2, 3, 6, 7))
     assert np.array_equal(p[1, 2], arm.forward(q[1, 2])[1])
+
+
+def test_the_second_joint_is_on_an_arc_about_the_first_one(general_robots):
+    """Against the nearest of many positions of joint 1, the second one off its axis in both directions."""
+    _, _, arm = measured(general_robots, "yumi", "left")
+    p_parent_joint, lower, upper = (
+        np.array(values) for values in (arm.p_parent_joint, arm.lower, arm.upper)
+    )
+    p_parent_joint[1] = [-0.03, 0.05, 0.1]
+    lower[0], upper[0] = 0.2, 1.4
+    arm = replace(arm, p_parent_joint=p_parent_joint, lower=lower, upper=upper)
+    points = np.random.default_rng(5).uniform(-0.5, 0.5, (200, 3)) + p_parent_joint[0]
+    turns = np.array([pin.utils.rotate("z", q) for q in np.linspace(0.2, 1.4, 4001)])
+    arc = p_parent_joint[0] + turns @ p_parent_joint[1] @ arm.R_parent_joint[0].T
+    nearest = np.sqrt(((points[:, None] - arc) ** 2).sum(axis=-1)).min(axis=1)
+    assert np.abs(arm._distance_to_second(points) - nearest).max() < 1e-5
 
 
 def test_a_pose_error_is_the_rotation_vector_between_rotations():
