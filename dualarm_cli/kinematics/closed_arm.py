@@ -11,6 +11,7 @@ import numpy as np
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.products import norm
+from dualarm_cli.kinematics.continuation import SKELETON, Course, FlangeLines, LineFollowing
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, polished
 from dualarm_cli.kinematics.posture_source import PROVEN_MISS, ReachedPostures
@@ -173,6 +174,19 @@ class ClosedArm(GeneralArm):
         if len(none):
             miss[none] = self._miss(R[none], p[none])
         return ReachedPostures(pose[order], joints[order], branch[order], miss)
+
+    def follow_lines(
+        self,
+        start: FloatArray,
+        lines: FlangeLines,
+        drift: FloatArray,
+        samples: int,
+        skeleton: int = SKELETON,
+    ) -> Course:
+        """Follow flanges along straight lines on the branches of all samples."""
+        postures = self.solve(lines.R, lines.positions(samples), start)
+        following = LineFollowing.of(self, start, lines, drift)
+        return following.by_branches(postures.q, postures.reachable)
 
     def proven_miss(self, R: FloatArray, p: FloatArray) -> tuple[float, float] | None:
         """Compute the least miss of poses; None where one is reached or a joint is free."""

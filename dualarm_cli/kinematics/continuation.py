@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.geometry.linear_systems import determinant, null_space, solve
-from dualarm_cli.kinematics.closed_arm import ClosedArm
+from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.numeric_inverse import RESIDUAL
+from dualarm_cli.kinematics.posture_source import LARGEST_STEP
 from dualarm_cli.kinematics.serial_chain import SerialChain, pose_error
 from dualarm_cli.records import dataclass
 
 NEWTON_STEPS = 6
 """Steps of Newton's method within which a sample of a line must be met."""
-LARGEST_STEP = 0.7
-"""A joint that turns more between two samples has jumped [rad]."""
 BEND, BEND_SLACK = 0.6, 0.02
 """A sample may differ from the extrapolated one by this share of the step, and a little [rad]: more is a jump."""
 LEAST_PIVOT = 1e-5
@@ -79,16 +78,14 @@ class FlangeLines:
     shift: FloatArray
     """From the lines' beginnings to their ends [m], shape (b, 3)."""
 
+    def positions(self, samples: int) -> FloatArray:
+        """Return flange positions at equidistant shares of the lines [m], shape (samples, b, 3)."""
+        return self.p + np.linspace(0.0, 1.0, samples)[:, None, None] * self.shift
 
-def follow_lines(
-    arm: SerialChain,
-    start: FloatArray,
-    lines: FlangeLines,
-    drift: FloatArray,
-    samples: int,
-    skeleton: int = SKELETON,
-) -> Course:
-    """Returns the joints of b flanges that are shifted along straight lines without turning.
+
+@dataclass(frozen=True)
+class LineFollowing:
+    """Flanges that are shifted along b straight lines without turning, from given postures on.
 
     Where joints are spare, the flange's pose at a share u of the line leaves open where on its self-motion the arm
     is. That is decided by planes: W (q(u) - q(0)) = (u drift, 0, ...), W the directions of self-motion at the start. So
@@ -100,40 +97,78 @@ def follow_lines(
     not arrive, where its result is far from that in relation to the step, where the determinant of the system changes
     its sign or nearly vanishes (a singularity), or where a limit is passed. Of an arm with closed forms all postures of
     all samples are known at once, and the one next to the extrapolated sample is taken in place of Newton's method.
-    Where nothing but a singularity ends a line, it is tried straight through that (`_Line.crossed`).
-
-    Args:
-        arm: kinematics and limits.
-        start: joints where the lines begin [rad], shape (b, n).
-        lines: of the flanges.
-        drift: way along the self-motion [rad], shape (b,); of no effect without a spare joint.
-        samples: how many samples, at equidistant shares.
-        skeleton: so many of them at most are found one after the other, the others from between these.
+    Where nothing but a singularity ends a line, it is tried straight through that (`_crossed`).
     """
-    W = spare_directions(arm, start)
-    ahead = np.zeros((len(start), arm.spare))
-    ahead[:, :1] = drift[:, None]
-    line = _Line(arm, start, lines, W, ahead)
-    if isinstance(arm, ClosedArm):
-        course = line.by_branches(arm, samples)
-    else:
-        course = line.followed(min(samples, skeleton))
-        if samples > skeleton:
-            course = line.filled(course, samples)
-    return line.crossed(course) if course.singular.any() else course
-
-
-@dataclass(frozen=True)
-class _Line:
-    """What defines the joints along b lines; names as in `follow_lines`."""
 
     arm: SerialChain
+    """Kinematics and limits."""
     start: FloatArray
+    """Joints where the lines begin [rad], shape (b, n)."""
     lines: FlangeLines
+    """Lines of the flanges."""
     W: FloatArray
+    """Directions of self-motion at the start, shape (b, s, n)."""
     ahead: FloatArray
+    """Coordinates along these directions that come with the lines [rad], shape (b, s)."""
 
-    def followed(self, samples: int) -> Course:
+    @classmethod
+    def of(
+        cls, arm: SerialChain, start: FloatArray, lines: FlangeLines, drift: FloatArray
+    ) -> LineFollowing:
+        """Prepare lines.
+
+        Args:
+            arm: kinematics and limits.
+            start: joints where the lines begin [rad], shape (b, n).
+            lines: of the flanges.
+            drift: way along the self-motion [rad], shape (b,); of no effect without a spare joint.
+        """
+        ahead = np.zeros((len(start), arm.spare))
+        ahead[:, :1] = drift[:, None]
+        return cls(arm, start, lines, spare_directions(arm, start), ahead)
+
+    def by_newton(self, samples: int, skeleton: int) -> Course:
+        """Follow the lines by Newton's method at equidistant shares.
+
+        Args:
+            samples: number of them.
+            skeleton: largest number that is solved in sequence, the others from between these.
+        """
+        course = self._followed(min(samples, skeleton))
+        if samples > skeleton:
+            course = self._filled(course, samples)
+        return self._crossed(course)
+
+    def by_branches(self, postures: FloatArray, reachable: BoolArray) -> Course:
+        """Follow the lines on known postures: of each sample that nearest to the extrapolated one.
+
+        Args:
+            postures: at equidistant shares [rad], shape (samples, b, k, n).
+            reachable: which of them there are, shape (samples, b, k).
+        """
+        arm, samples = self.arm, len(postures)
+        q = np.empty((samples, *self.start.shape))
+        q[0] = self.start
+        ok, sign = self._starts()
+        every = np.arange(len(ok))
+        for k in range(1, samples):
+            guess = 2.0 * q[k - 1] - q[k - 2] if k > 1 else q[0]
+            off = arm.less_turns(postures[k] - guess[:, None])
+            away = np.where(reachable[k], np.abs(off).max(axis=2), np.inf)
+            best = away.argmin(axis=1)
+            here = guess + off[every, best]
+            step = np.abs(here - q[k - 1]).max(axis=1)
+            ok &= (step <= LARGEST_STEP) & np.isfinite(away[every, best])
+            if k > 1:
+                ok &= away[every, best] <= BEND * step + BEND_SLACK
+            q[k] = np.where(ok[:, None], here, q[k - 1])
+        _, _, J = arm.linearised(q[1:].reshape(-1, arm.axes))
+        det = determinant(J).reshape(samples - 1, -1)
+        same = _same_side(det, sign).all(axis=0)
+        ok &= arm.within_limits(q).all(axis=0)
+        return self._crossed(Course(q, ok & same, ok & ~same))
+
+    def _followed(self, samples: int) -> Course:
         """Returns the joints sample by sample, each from those before."""
         q = np.empty((samples, *self.start.shape))
         q[0] = self.start
@@ -152,33 +187,7 @@ class _Line:
             q[k] = np.where(ok[:, None], found, q[k - 1])
         return Course(q, ok, singular)
 
-    def by_branches(self, arm: ClosedArm, samples: int) -> Course:
-        """Returns the joints of an arm with closed forms: of every sample's postures those nearest to what is due."""
-        shares = np.linspace(0.0, 1.0, samples)
-        p = self.lines.p + shares[:, None, None] * self.lines.shift
-        found = arm.solve(self.lines.R, p, self.start)
-        q = np.empty((samples, *self.start.shape))
-        q[0] = self.start
-        ok, sign = self._starts()
-        every = np.arange(len(ok))
-        for k in range(1, samples):
-            guess = 2.0 * q[k - 1] - q[k - 2] if k > 1 else q[0]
-            off = arm.less_turns(found.q[k] - guess[:, None])
-            away = np.where(found.reachable[k], np.abs(off).max(axis=2), np.inf)
-            best = away.argmin(axis=1)
-            here = guess + off[every, best]
-            step = np.abs(here - q[k - 1]).max(axis=1)
-            ok &= (step <= LARGEST_STEP) & np.isfinite(away[every, best])
-            if k > 1:
-                ok &= away[every, best] <= BEND * step + BEND_SLACK
-            q[k] = np.where(ok[:, None], here, q[k - 1])
-        _, _, J = arm.linearised(q[1:].reshape(-1, arm.axes))
-        det = determinant(J).reshape(samples - 1, -1)
-        same = _same_side(det, sign).all(axis=0)
-        ok &= arm.within_limits(q).all(axis=0)
-        return Course(q, ok & same, ok & ~same)
-
-    def filled(self, course: Course, samples: int) -> Course:
+    def _filled(self, course: Course, samples: int) -> Course:
         """Returns the joints at more samples, all at once from between those of a course."""
         coarse, b = len(course.q) - 1, len(self.start)
         shares = np.linspace(0.0, 1.0, samples)
@@ -198,13 +207,15 @@ class _Line:
         ok = course.ok & (good.reshape(samples, b) & near).all(axis=0)
         return Course(q, ok, course.singular)
 
-    def crossed(self, course: Course) -> Course:
+    def _crossed(self, course: Course) -> Course:
         """Return a course whose singular lines go straight through singularities, where that is possible.
 
         A path passes a singularity smoothly where the line meets it exactly: the determinant changes its sign and no
         joint jumps. Damped steps find the samples on both sides. A line that passes beside a singularity would have to
         turn a joint at once: at the zero of the determinant it is missed, and dropped.
         """
+        if not course.singular.any():
+            return course
         rows, samples = np.flatnonzero(course.singular), len(course.q)
         finer = -(-(SKELETON - 1) // (samples - 1))
         shares = np.linspace(0.0, 1.0, finer * (samples - 1) + 1)
@@ -343,3 +354,82 @@ def newton(
 
 def _determinant(J: FloatArray, W: FloatArray) -> FloatArray:
     return determinant(np.concatenate([J, W], axis=1))
+
+
+POINTS_IN_SEQUENCE = 16
+"""Largest number of steps between poses that are solved in sequence; those between them are solved at once."""
+
+
+@dataclass(frozen=True)
+class PointFollowing:
+    """Flange poses of one rotation along any curve, followed by Newton's method.
+
+    A plane through the joint space fixes the self-motion, as in `LineFollowing`.
+    """
+
+    arm: SerialChain
+    """Kinematics and limits."""
+    R: FloatArray
+    """Rotation of the flange at all poses, shape (3, 3)."""
+    W: FloatArray
+    """Directions of self-motion at the target, shape (s, n)."""
+    start: FloatArray
+    """Joints at the target [rad], shape (n,)."""
+    sign: float
+    """Sign of the determinant; it changes at a singularity."""
+
+    @classmethod
+    def through(
+        cls, arm: SerialChain, guess: FloatArray, R: FloatArray, target: FloatArray
+    ) -> tuple[PointFollowing, bool]:
+        """Solve for the posture at a target, and return whether that is reached.
+
+        Args:
+            arm: kinematics and limits.
+            guess: posture near there [rad], shape (1, n).
+            R: rotation of the flange, shape (3, 3).
+            target: position of the flange [m], shape (3,).
+        """
+        W = spare_directions(arm, guess)
+        wanted = np.einsum("bsn,bn->bs", W, guess)
+        q, met, det = newton(arm, guess, R[None], target[None], W, wanted)
+        return cls(arm, R, W[0], q[0], float(np.sign(det[0]))), bool(met.all())
+
+    def outward(self, points: FloatArray, drift: FloatArray) -> tuple[FloatArray, bool]:
+        """Solve for joints (m, n) [rad] from the target on, and whether they are continuous and within limits.
+
+        Args:
+            points: positions of the flange [m], the first one the target, shape (m, 3).
+            drift: ways along the self-motion [rad], shape (m,).
+        """
+        q = np.tile(self.start, (len(points), 1))
+        last = len(points) - 1
+        count = min(last, POINTS_IN_SEQUENCE) + 1
+        few = distinct(np.linspace(0, last, count).round().astype(np.int64))
+        ok = True
+        for k in range(1, len(few)):
+            back, here = q[few[k - 1]], few[k : k + 1]
+            ratio = (few[k] - few[k - 1]) / (few[k - 1] - few[k - 2]) if k > 1 else 0.0
+            guess = back + ratio * (back - q[few[k - 2]]) if k > 1 else back
+            joints, good = self._solved(points[here], drift[here], guess[None])
+            ok &= good and bool(np.abs(joints[0] - back).max() <= LARGEST_STEP)
+            q[few[k]] = joints[0]
+        between = np.setdiff1d(np.arange(last + 1), few)
+        if ok and len(between):
+            guess = np.column_stack([np.interp(between, few, column) for column in q[few].T])
+            q[between], good = self._solved(points[between], drift[between], guess)
+            ok &= good and bool(np.abs(np.diff(q, axis=0)).max() <= LARGEST_STEP)
+        return q, ok
+
+    def _solved(
+        self, points: FloatArray, drift: FloatArray, guess: FloatArray
+    ) -> tuple[FloatArray, bool]:
+        """Solve poses from guesses, and return whether all of them are on the branch and within limits."""
+        ahead = np.zeros((len(points), self.arm.spare))
+        ahead[:, :1] = drift[:, None]
+        planes = np.broadcast_to(self.W, (len(points), *self.W.shape))
+        turned = np.broadcast_to(self.R, (len(points), 3, 3))
+        wanted = ahead + product(self.W, self.start)
+        q, met, det = newton(self.arm, guess, turned, points, planes, wanted)
+        same = (np.sign(det) == self.sign) & (np.abs(det) > LEAST_PIVOT)
+        return q, bool((met & same & self.arm.within_limits(q)).all())

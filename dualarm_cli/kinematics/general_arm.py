@@ -8,15 +8,25 @@ from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.elementary import arctan2, cos, sin
 from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.kinematics.continuation import (
+    SKELETON,
+    Course,
+    FlangeLines,
+    LineFollowing,
+    PointFollowing,
+    moved_along,
+)
 from dualarm_cli.kinematics.numeric_inverse import least_distances, solve_poses
 from dualarm_cli.kinematics.platform_chain import rotation_z
-from dualarm_cli.kinematics.posture_source import PostureSource, ReachedPostures
+from dualarm_cli.kinematics.posture_source import Posture, PostureSource, ReachedPostures, ToolPose
 from dualarm_cli.kinematics.serial_chain import SerialChain
 from dualarm_cli.kinematics.srs.srs_limits import TURN
 from dualarm_cli.records import dataclass
 
 CIRCLE_STEP = np.radians(6.0)
 """Spacing of points examined on the circle about the last axis [rad]."""
+LINE_SAMPLES = 17
+"""Samples of the line from where a posture was chosen to where it is followed from."""
 CANDIDATES = 6
 """Poses whose least distance is searched for: the first by miss, and as many by distance from the first axis."""
 
@@ -40,6 +50,56 @@ class GeneralArm(SerialChain, PostureSource):
             thorough: whether many solutions are searched for, or a first idea of them will do.
         """
         return solve_poses(self, R, p, first_only=first_only, thorough=thorough)
+
+    def follow_lines(
+        self,
+        start: FloatArray,
+        lines: FlangeLines,
+        drift: FloatArray,
+        samples: int,
+        skeleton: int = SKELETON,
+    ) -> Course:
+        """Follow flanges that are shifted along straight lines without turning, see `LineFollowing`.
+
+        Args:
+            start: joints where the lines begin [rad], shape (b, n).
+            lines: of the flanges.
+            drift: way along the self-motion [rad], shape (b,); of no effect without a spare joint.
+            samples: number of samples, at equidistant shares.
+            skeleton: largest number that is solved in sequence, the others from between these.
+        """
+        return LineFollowing.of(self, start, lines, drift).by_newton(samples, skeleton)
+
+    def neighbour(self, posture: Posture, R: FloatArray, p: FloatArray) -> FloatArray | None:
+        """Solve for the joints next to a posture that reach a pose by Newton's method."""
+        q, met = moved_along(self, posture.q[None], R[None], p[None], np.zeros(1))
+        return q[0] if met[0] else None
+
+    def follow_line(
+        self, posture: Posture, pose: ToolPose, length: float, psi_end: float, samples: int
+    ) -> FloatArray:
+        """Follow a straight line of the tool by continuation; `psi_end` is the way along the self-motion."""
+        # Continuity was checked in SKELETON samples at least: the same path is followed however few are wanted.
+        finer = -(-(SKELETON - 1) // (samples - 1))
+        R, p, z = (x[None] for x in pose)
+        lines, drift = FlangeLines(R, p, -z * length), np.array([psi_end])
+        course = self.follow_lines(posture.q[None], lines, drift, finer * (samples - 1) + 1)
+        return course.q[::finer, 0]
+
+    def follow_points(
+        self, posture: Posture, R: FloatArray, p: FloatArray, drift: FloatArray, target: int
+    ) -> tuple[FloatArray, bool]:
+        """Follow flange poses of one rotation by continuation, from the target to both ends."""
+        R_near, p_near = self.forward(posture.q[None])
+        line = FlangeLines(R_near, p_near, p[target] - p_near)
+        course = self.follow_lines(posture.q[None], line, np.zeros(1), LINE_SAMPLES)
+        path, ok = PointFollowing.through(self, course.q[-1], R, p[target])
+        ok &= bool(course.ok[0])
+        q = np.empty((len(p), self.axes))
+        for rows in (np.arange(target, len(p)), np.arange(target, -1, -1)):
+            q[rows], followed = path.outward(p[rows], drift[rows])
+            ok &= followed
+        return q, ok
 
     def reached(self, R: FloatArray, p: FloatArray) -> tuple[BoolArray, FloatArray]:
         """Test which poses some posture within limits reaches, and measure the miss of the others.

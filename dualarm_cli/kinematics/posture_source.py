@@ -17,6 +17,8 @@ from dualarm_cli.kinematics.srs import srs_limits
 from dualarm_cli.kinematics.srs.srs_limits import TURN
 from dualarm_cli.records import dataclass
 
+LARGEST_STEP = 0.7
+"""A joint that turns more between two samples has jumped [rad]."""
 PROVEN_MISS = 1e-6
 """Distance [m] or angle [rad] up to which a miss may be rounding and proves nothing."""
 
@@ -33,6 +35,22 @@ class ReachedPostures:
     """Their branches, shape (k,)."""
     miss: FloatArray
     """By how much each pose is missed: distance [m] and angle [rad], 0 where it is reached, shape (m, 2)."""
+
+
+ToolPose = tuple[FloatArray, FloatArray, FloatArray]
+"""Rotation (3, 3) and position (3,) [m] of a flange, and direction of its tool (3,)."""
+
+
+@dataclass(frozen=True)
+class Posture:
+    """A posture of an arm, and what tells it from others of the same pose."""
+
+    q: FloatArray
+    """Joints [rad], shape (n,)."""
+    branch: int
+    """Branch of the inverse kinematics; of no effect without an arm angle."""
+    psi: float
+    """Arm angle [rad]; of no effect on arms without one."""
 
 
 class LimitedJoints:
@@ -119,6 +137,44 @@ class PostureSource(LimitedJoints, ABC):
             p: flange positions [m], shape (m, 3).
             first_only: whether a search leaves a pose alone as soon as it has a solution.
             thorough: whether many solutions are wanted, or a first idea of them will do.
+        """
+
+    @abstractmethod
+    def neighbour(self, posture: Posture, R: FloatArray, p: FloatArray) -> FloatArray | None:
+        """Solve for the joints (n,) [rad] next to a posture that reach a pose; None if there are none within limits.
+
+        Args:
+            posture: at a pose near this one.
+            R: flange rotation in the carried frame, shape (3, 3).
+            p: flange position [m], shape (3,).
+        """
+
+    @abstractmethod
+    def follow_line(
+        self, posture: Posture, pose: ToolPose, length: float, psi_end: float, samples: int
+    ) -> FloatArray:
+        """Compute the joints (samples, n) [rad] along a straight line back from a posture's target.
+
+        Args:
+            posture: at the target.
+            pose: flange and tool at the target.
+            length: how far the tool is drawn back [m].
+            psi_end: arm angle at the outer end, or way along the self-motion from the target to there [rad].
+            samples: number of equidistant samples, at least 2.
+        """
+
+    @abstractmethod
+    def follow_points(
+        self, posture: Posture, R: FloatArray, p: FloatArray, drift: FloatArray, target: int
+    ) -> tuple[FloatArray, bool]:
+        """Compute joints (m, n) [rad] along flange poses, and whether they are continuous and within limits.
+
+        Args:
+            posture: to be near to at the target; it may be for another place of it.
+            R: flange rotation throughout, shape (3, 3).
+            p: flange positions [m], shape (m, 3).
+            drift: change of the arm angle, or ways along the self-motion, from the target [rad], shape (m,).
+            target: number of the pose that is the target.
         """
 
     @abstractmethod

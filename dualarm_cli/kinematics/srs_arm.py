@@ -13,7 +13,14 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonl
 from dualarm_cli.geometry.elementary import arccos, arctan2, cos, sin
 from dualarm_cli.geometry.joint_axes import SrsGeometry
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.kinematics.posture_source import PROVEN_MISS, PostureSource, ReachedPostures
+from dualarm_cli.kinematics.posture_source import (
+    LARGEST_STEP,
+    PROVEN_MISS,
+    Posture,
+    PostureSource,
+    ReachedPostures,
+    ToolPose,
+)
 from dualarm_cli.kinematics.srs import srs_limits
 from dualarm_cli.kinematics.srs.arm_angle_curves import (
     REACH_SLACK,
@@ -296,6 +303,36 @@ class SrsArm(PostureSource):
             q = self.nearest_turns(self.solve_branch(R[pose], p[pose], psi, branch)[0], self.middle)
         beyond = np.abs(self.signed_miss(R, p))
         return ReachedPostures(pose, q, branch, np.stack([beyond, np.zeros_like(beyond)], axis=-1))
+
+    def neighbour(self, posture: Posture, R: FloatArray, p: FloatArray) -> FloatArray | None:
+        """Compute the joints of a posture's branch and arm angle that reach a pose."""
+        q, reachable = self.solve_branch(R, p, posture.psi, np.array(posture.branch))
+        q = self.nearest_turns(q, posture.q)
+        return q if reachable and self.within_limits(q) else None
+
+    def follow_line(
+        self, posture: Posture, pose: ToolPose, length: float, psi_end: float, samples: int
+    ) -> FloatArray:
+        """Compute the joints along a straight line of the tool; `psi_end` is the arm angle at its end."""
+        R, p, z = (x[None] for x in pose)
+        psi, lengths = np.array([[posture.psi, psi_end, psi_end]]), np.array([[0.0, length]])
+        lines = compiled.LinePair(
+            (R, p, z), np.array([posture.branch]), psi, lengths, posture.q[None]
+        )
+        q, _ = compiled.joints_along_lines(self.numbers, lines, np.pi, samples)
+        return q[0, samples - 1 :]
+
+    def follow_points(
+        self, posture: Posture, R: FloatArray, p: FloatArray, drift: FloatArray, target: int
+    ) -> tuple[FloatArray, bool]:
+        """Compute the joints of a posture's branch along flange poses of one rotation."""
+        rows, psi = np.broadcast_to(R, (len(p), 3, 3)), posture.psi + drift
+        q, reachable = self.solve_branch(rows, p, psi, np.array(posture.branch))
+        steps = self.less_turns(np.diff(q, axis=0))
+        q = np.concatenate([q[:1], q[:1] + np.cumsum(steps, axis=0)])
+        q = q + (self.nearest_turns(self.less_turns(q[target]), posture.q) - q[target])
+        smooth = np.abs(steps).max(initial=0.0) <= LARGEST_STEP
+        return q, bool(reachable.all() and smooth and self.within_limits(q).all())
 
     def reached(self, R: FloatArray, p: FloatArray) -> tuple[BoolArray, FloatArray]:
         """Test exactly which poses postures within limits reach, and compute `signed_miss`."""

@@ -17,9 +17,6 @@ import pinocchio as pin
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import norm
-from dualarm_cli.kinematics.continuation import moved_along
-from dualarm_cli.kinematics.general_arm import numeric_form
-from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.motion.blending import WORTH, platform_time, waits_for_time
 from dualarm_cli.motion.stop_motion import rates_between, transfers_in_motion
@@ -214,18 +211,8 @@ class _Corner:
         arm, posture = self.drive.model.arms[name], self.plan.stops[name].posture
         R, p = self.drive.model.carried_frame(self.plan.arrival)
         flange = pin.SE3(R, p).inverse() * tool * arm.T_flange_tcp.inverse()
-        rotation, position = flange.rotation[None], flange.translation[None]
-        near = self.plan.arrival[arm.columns][None]
-        if isinstance(arm.kinematics, SrsArm):
-            branch = np.array([posture.branch])
-            q, met = arm.kinematics.solve_branch(rotation, position, posture.psi_target, branch)
-            q = arm.kinematics.nearest_turns(q, near)
-            met = met & arm.kinematics.within_limits(q)
-        else:
-            q, met = moved_along(
-                numeric_form(arm.kinematics), near, rotation, position, np.zeros(1)
-            )
-        return q[0] if met[0] else None
+        near = replace(posture.at_target, q=self.plan.arrival[arm.columns])
+        return arm.kinematics.neighbour(near, flange.rotation, flange.translation)
 
 
 def _rates(drive: Drive, before: StagePlan, groups: Sequence[str]) -> FloatArray:

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.compiled.srs import LinePair, joints_along_lines
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.kinematics.continuation import SKELETON, FlangeLines, follow_lines
-from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.srs_arm import closed_form
-from dualarm_cli.postures.line_following import LARGEST_STEP
 from dualarm_cli.postures.problem import StopPosture, StopProblem
-from dualarm_cli.postures.stop_batch import StopBatch, ToolPoses
+from dualarm_cli.postures.stop_batch import StopBatch
 
 
 def line_path(
@@ -32,51 +27,13 @@ def line_path(
     away = line == "retract"
     length = problem.retract if away else problem.approach
     psi_end = posture.psi_retract if away else posture.psi_approach
-    batch = StopBatch((problem,))
-    row, target = np.zeros(1, dtype=np.int64), np.array([posture.target])
-    poses = batch.poses(row, target, np.array([posture.yaw]))
-    ways = np.linspace(0.0, length, samples)
-    if isinstance(problem.arm, GeneralArm):
-        q = _continued(problem.arm, poses, posture.q_target, length, psi_end, samples)
-        return (q if away else q[::-1]), ways
-    reference = batch.configurations(row, target) if batch.given else batch.start
-    both, _ = joints_along_lines(
-        closed_form(problem.arm).numbers,
-        LinePair(
-            (poses.R, poses.p, poses.z),
-            np.array([posture.branch]),
-            np.array([[posture.psi_target, psi_end, psi_end]]),
-            np.array([[0.0, length] if away else [length, 0.0]]),
-            reference,
-        ),
-        LARGEST_STEP,
-        samples,
-    )
-    if batch.given:
+    R, p, z = flange_poses(problem, np.array([posture.target]), np.array([posture.yaw]))
+    pose = R[0], p[0], z[0]
+    q = problem.arm.follow_line(posture.at_target, pose, length, psi_end, samples)
+    if problem.configurations is not None:
         # To the last digit, and in a singular posture the one that was given.
-        both[0, samples - 1] = reference[0]
-    return (both[0, samples - 1 :] if away else both[0, :samples]), ways
-
-
-def _continued(
-    arm: GeneralArm,
-    poses: ToolPoses,
-    q_target: FloatArray,
-    length: float,
-    drift: float,
-    samples: int,
-) -> FloatArray:
-    """Returns the joints (samples, n) of a general arm along one line, from the target outward."""
-    # Continuity was checked in SKELETON samples at least: the same path is followed however few are wanted.
-    finer = -(-(SKELETON - 1) // (samples - 1))
-    course = follow_lines(
-        arm,
-        q_target[None],
-        FlangeLines(poses.R, poses.p, -poses.z * length),
-        np.array([drift]),
-        finer * (samples - 1) + 1,
-    )
-    return course.q[::finer, 0]
+        q[0] = problem.configurations[posture.target]
+    return (q if away else np.ascontiguousarray(q[::-1])), np.linspace(0.0, length, samples)
 
 
 def flange_poses(

@@ -41,7 +41,7 @@ def choose_numeric(problem: StopProblem) -> StopPosture | NoPosture:
     """Returns the posture of least time for transfer, approach and retract, or why there is none.
 
     Postures at the target are solved for from many starts and, where a joint is spare, sampled along their self-motion
-    (`target_ways`); the quickest are followed along their lines by continuation (`follow_lines`); the best are refined
+    (`target_ways`); the quickest are followed along their lines by continuation (`LineFollowing`); the best are refined
     along self-motion, free yaw and drift by rounds of ever narrower variation. No optimality is claimed.
 
     Raises:

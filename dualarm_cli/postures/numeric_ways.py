@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
-from dualarm_cli.kinematics.continuation import FlangeLines, follow_lines
+from dualarm_cli.kinematics.continuation import FlangeLines
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.self_motion import branches, self_motions
 from dualarm_cli.postures.problem import StopPosture
@@ -169,8 +169,7 @@ def followed(batch: StopBatch, arm: GeneralArm, ways: NumericWays, samples: int)
     shift = -poses.z[:, None] * length[:, :, None]
     k, n = ways.q.shape
     twice = np.repeat(np.arange(k), 2)
-    course = follow_lines(
-        arm,
+    course = arm.follow_lines(
         ways.q[twice],
         FlangeLines(poses.R[twice], poses.p[twice], shift.reshape(-1, 3)),
         ways.drift.ravel(),

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Literal
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
-from dualarm_cli.kinematics.posture_source import PostureSource
+from dualarm_cli.kinematics.posture_source import Posture, PostureSource
 from dualarm_cli.records import dataclass
 
 Place = Literal["approach", "target", "retract"]
@@ -78,7 +78,7 @@ class StopPosture:
     """How the arm makes the stop: one branch, an arm angle at each end of its lines.
 
     An arm without closed forms has no arm angle. Its posture at the target is what its lines are followed from, and
-    the arm angles are ways along the self-motion, counted from there (`follow_lines`); without a spare joint all are 0.
+    the arm angles are ways along the self-motion, counted from there (`LineFollowing`); without a spare joint all are 0.
     """
 
     target: int
@@ -106,6 +106,11 @@ class StopPosture:
         """Freezes the arrays."""
         for name in ("q_approach", "q_target", "q_retract"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @property
+    def at_target(self) -> Posture:
+        """Posture at the target."""
+        return Posture(self.q_target, self.branch, self.psi_target)
 
 
 @dataclass(frozen=True)

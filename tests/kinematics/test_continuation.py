@@ -10,7 +10,6 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.continuation import (
     FlangeLines,
-    follow_lines,
     moved_along,
     spare_directions,
 )
@@ -47,7 +46,7 @@ def test_every_sample_is_on_its_line_and_no_joint_jumps(general_robots, name, sa
     """Exact poses to 1e-9; limits; and the steps are those of a smooth curve."""
     arm = arm_of(general_robots, name)
     q, R, p, shift = random_lines(arm, 60, 0.06)
-    course = follow_lines(arm, q, FlangeLines(R, p, shift), np.full(60, 0.1), samples)
+    course = arm.follow_lines(q, FlangeLines(R, p, shift), np.full(60, 0.1), samples)
     assert 10 < course.ok.sum() < 60
     for k, share in enumerate(np.linspace(0.0, 1.0, samples)):
         found = course.q[k, course.ok]
@@ -64,7 +63,7 @@ def test_a_line_is_the_same_however_finely_it_is_sampled(general_robots):
     arm = arm_of(general_robots, "yumi")
     q, R, p, shift = random_lines(arm, 60, 0.06)
     courses = [
-        follow_lines(arm, q, FlangeLines(R, p, shift), np.full(60, 0.2), n) for n in (7, 13, 97)
+        arm.follow_lines(q, FlangeLines(R, p, shift), np.full(60, 0.2), n) for n in (7, 13, 97)
     ]
     ok = np.logical_and.reduce([course.ok for course in courses])
     assert ok.sum() > 10
@@ -79,7 +78,7 @@ def test_the_drift_is_the_way_along_the_self_motion(general_robots):
 
     arm = arm_of(general_robots, "yumi")
     q, R, p, shift = random_lines(arm, 30, 0.04)
-    course = follow_lines(arm, q, FlangeLines(R, p, shift), np.full(30, 0.15), 17)
+    course = arm.follow_lines(q, FlangeLines(R, p, shift), np.full(30, 0.15), 17)
     assert course.ok.sum() > 5
     for k in np.flatnonzero(course.ok):
         direction = null_space(arm.jacobian(q[k]))[:, 0]
@@ -120,7 +119,7 @@ def test_a_line_straight_through_a_singularity_is_followed(general_robots, where
     arm = two_forms(general_robots)[form]
     start, end = THROUGH[where]
     line = line_between(arm, start, end)
-    course = follow_lines(arm, start[None], line, np.zeros(1), samples)
+    course = arm.follow_lines(start[None], line, np.zeros(1), samples)
     assert course.ok[0]
     path = course.q[:, 0]
     assert np.abs(path[:, [0, 3, 5]]).max() < 1e-6
@@ -139,7 +138,7 @@ def test_a_line_beside_a_singularity_is_dropped(general_robots, form, aside):
     arm = two_forms(general_robots)[form]
     start, end = in_plane(-0.6, 1.0, 0.0, aside), in_plane(-0.8, 0.6)
     for samples in (3, 7, 33):
-        course = follow_lines(arm, start[None], line_between(arm, start, end), np.zeros(1), samples)
+        course = arm.follow_lines(start[None], line_between(arm, start, end), np.zeros(1), samples)
         assert not course.ok[0]
 
 
@@ -149,7 +148,7 @@ def test_a_ur_turns_its_level_tool_through_its_singularity(wrist_arms):
     start = np.array([0.3, -1.2, 1.9, -0.7, -0.1, 0.4])
     end = start + np.array([0.2, 0.0, 0.0, 0.0, 0.2, 0.0])
     assert np.abs(arm.forward(end)[0] - arm.forward(start)[0]).max() < 1e-9
-    course = follow_lines(arm, start[None], line_between(arm, start, end), np.zeros(1), 33)
+    course = arm.follow_lines(start[None], line_between(arm, start, end), np.zeros(1), 33)
     assert course.ok[0]
     assert course.q[-1, 0] == pytest.approx(end, abs=1e-6)
     assert course.q[0, 0, 4] * course.q[-1, 0, 4] < 0.0
@@ -161,10 +160,10 @@ def test_a_line_that_leaves_limits_or_reach_is_dropped(general_robots):
     start = np.array([0.0, -0.6, 1.2, 0.0, -0.5, 0.0])
     R, p = arm.forward(start)
     up = np.array([[0.0, 0.0, 0.1]])
-    assert follow_lines(arm, start[None], FlangeLines(R[None], p[None], up), np.zeros(1), 33).ok[0]
+    assert arm.follow_lines(start[None], FlangeLines(R[None], p[None], up), np.zeros(1), 33).ok[0]
     ahead = np.array([[0.5, 0.0, 0.0]])
-    assert not follow_lines(
-        arm, start[None], FlangeLines(R[None], p[None], ahead), np.zeros(1), 33
+    assert not arm.follow_lines(
+        start[None], FlangeLines(R[None], p[None], ahead), np.zeros(1), 33
     ).ok[0]
     lower = np.array(arm.lower)
     lower[1] = -0.61
@@ -176,8 +175,8 @@ def test_a_line_that_leaves_limits_or_reach_is_dropped(general_robots):
         lower,
         arm.upper,
     )
-    assert not follow_lines(
-        tight, start[None], FlangeLines(R[None], p[None], up), np.zeros(1), 33
+    assert not tight.follow_lines(
+        start[None], FlangeLines(R[None], p[None], up), np.zeros(1), 33
     ).ok[0]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.kinematics.closed_arm import ClosedArm
-from dualarm_cli.kinematics.continuation import FlangeLines, follow_lines
+from dualarm_cli.kinematics.continuation import FlangeLines
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.parallel_arm import ParallelArm
 from dualarm_cli.kinematics.wrist_arm import WristArm
@@ -37,8 +37,8 @@ def test_lines_are_those_of_continuation_without_closed_forms(wrist_arms, name, 
     shift = rng.normal(size=(200, 3))
     shift *= 0.08 / np.linalg.norm(shift, axis=1, keepdims=True)
     lines = FlangeLines(R, p, shift)
-    ours = follow_lines(closed, q, lines, np.zeros(200), samples)
-    theirs = follow_lines(general, q, lines, np.zeros(200), samples)
+    ours = closed.follow_lines(q, lines, np.zeros(200), samples)
+    theirs = general.follow_lines(q, lines, np.zeros(200), samples)
     both = ours.ok & theirs.ok
     assert both.sum() >= 0.9 * theirs.ok.sum()
     assert theirs.ok.sum() > 80

@@ -16,7 +16,7 @@ from dualarm_cli.errors import InputError
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import measure_general
-from dualarm_cli.kinematics.continuation import FlangeLines, follow_lines, spare_directions
+from dualarm_cli.kinematics.continuation import FlangeLines, spare_directions
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.serial_chain import FEW
@@ -123,7 +123,7 @@ def test_self_motion_of_six_joints_on_a_slide_moves_the_slide(tmp_path, sliding_
     assert abs(W[0, 0, 0]) > 0.05
     R, p = arm.forward(start)
     shift = np.array([[0.0, 0.0, -0.1]])
-    course = follow_lines(arm, start, FlangeLines(R, p, shift), np.zeros(1), 33)
+    course = arm.follow_lines(start, FlangeLines(R, p, shift), np.zeros(1), 33)
     assert course.ok[0]
     R_end, p_end = arm.forward(course.q[-1])
     np.testing.assert_allclose(p_end, p + shift, atol=1e-9)

@@ -12,7 +12,6 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.kinds.conveyor.tracking import Tracking
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.srs.srs_limits import wrap
 from dualarm_cli.model.conveyor import OnBelt
 from dualarm_cli.model.job import Job
@@ -40,7 +39,7 @@ def followed_posture(asked: Tracking, near: Tracked | None) -> tuple[StopPosture
         return asked.posture, asked.solve(None if near is None else near.phases)
     except InfeasibleError as error:
         failure = error
-    if isinstance(asked.problem.arm, GeneralArm):
+    if not asked.problem.arm.has_arm_angle:
         raise failure
     [others] = target_postures(StopBatch((asked.problem,)))
     if isinstance(others, NoPosture):

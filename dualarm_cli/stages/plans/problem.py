@@ -173,7 +173,7 @@ class ArmDecisions:
 
     The same type carries many candidates of one stage: rows are then candidates. An arm without closed forms has no
     arm angle: each psi is then a way along its self-motion, which is counted from `near` (`moved_along`,
-    `follow_lines`); all are 0 for an arm without a spare joint.
+    `LineFollowing`); all are 0 for an arm without a spare joint.
     """
 
     target: IntArray
