@@ -78,7 +78,7 @@ class StopPosture:
     """How the arm makes the stop: one branch, an arm angle at each end of its lines.
 
     An arm without closed forms has no arm angle. Its posture at the target is what its lines are followed from, and
-    the arm angles are ways along the self-motion, counted from there (`LineFollowing`); without a spare joint all are 0.
+    the arm angles are ways along the self-motion from there (`LineFollowing`); without a spare joint all are 0.
     """
 
     target: int
