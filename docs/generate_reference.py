@@ -25,8 +25,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 import dualarm_cli
-from dualarm_cli.cli.commands import command_line
-from dualarm_cli.cli.parts.families import families
+from dualarm_cli.cli.parts.completion import families
+from dualarm_cli.cli.run import command_line
 from dualarm_cli.explanations import EXPLANATIONS
 from dualarm_cli.files.cells.schema_cell import PairSection
 from dualarm_cli.files.source import quantities
@@ -34,7 +34,7 @@ from dualarm_cli.files.source.fields import Pose, Quantity
 from dualarm_cli.files.source.quantities import Dimension
 from dualarm_cli.files.source.short_forms import OneOrMore, ShortForm
 from dualarm_cli.kinds import of_kinds
-from dualarm_cli.schemas.input_files import INPUT_FILES
+from dualarm_cli.schemas.kinds_of_files import INPUT_FILES
 from dualarm_cli.schemas.result_fields import REPORT, SCHEDULE
 from dualarm_cli.verification.criteria import CRITERIA, Criterion
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import dualarm_cli
 from dualarm_cli import InputError, Plan, UsageError, compare, compare_solvers, load, plan, verify
-from dualarm_cli.cli.commands import command_line
+from dualarm_cli.cli.run import command_line
 
 ROOT = Path(__file__).parents[1]
 PUBLIC = {

@@ -135,7 +135,7 @@ def _with_options(touches: Touches, origin: str | None, fit: str | None) -> Touc
 
 
 def _write(out: Path, force: bool, points: Path, result: Calibration) -> None:
-    from dualarm_cli.exporting.base_file import base_file
+    from dualarm_cli.exporting.files import base_file
 
     judgement, solution = result.judgement, result.solution
     remarks = [

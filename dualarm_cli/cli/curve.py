@@ -165,7 +165,7 @@ def _write(reports: list[CurveReport], out: Path | None, plot: Path | None, forc
     from dualarm_cli.exporting.whole_files import write_file
 
     if out is not None:
-        from dualarm_cli.exporting.curve_csv import curve_csv
+        from dualarm_cli.exporting.files import curve_csv
         from dualarm_cli.model.curves.discretisation import step_lengths
 
         report = reports[0]

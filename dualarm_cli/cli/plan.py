@@ -292,8 +292,7 @@ def _planned(job: Job, settings: PlanSettings, quiet: bool) -> Plan:
     from contextlib import nullcontext
 
     from dualarm_cli.beside import copies, usable_cores
-    from dualarm_cli.cli.parts.interrupts import Interrupts
-    from dualarm_cli.cli.parts.status_line import StatusLine
+    from dualarm_cli.cli.parts.interrupts import Interrupts, StatusLine
     from dualarm_cli.interface import planned
     from dualarm_cli.orders.watch import Watch
 

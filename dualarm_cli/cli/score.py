@@ -92,8 +92,7 @@ def score_command(
     of these in the order 4, 2, 3, 1. The other cases are planned all the same.
     """
     from dualarm_cli.cli.parts.score_files import refuse_report, refuse_same_file, write_reports
-    from dualarm_cli.evaluation.machine import other_machine
-    from dualarm_cli.evaluation.request import Request
+    from dualarm_cli.evaluation.request import Request, other_machine
     from dualarm_cli.scoring import junit as junit_format
     from dualarm_cli.scoring import markdown as markdown_format
     from dualarm_cli.scoring.cases import find_cases
@@ -227,9 +226,8 @@ def _tell(
     quiet: bool,
 ) -> None:
     """Prints the result; failures go to stderr where stdout has no table."""
-    from dualarm_cli.scoring.document import score_document
+    from dualarm_cli.scoring.document import reason_lines, score_document
     from dualarm_cli.scoring.markdown import github_commands
-    from dualarm_cli.scoring.messages import reason_lines
 
     if github:
         for line in github_commands(verdicts, os.environ.get("GITHUB_WORKSPACE")):
@@ -246,14 +244,14 @@ def _tell(
 
 
 def _print(verdicts: list[Verdict], allowed: float, compared: bool) -> None:
-    from dualarm_cli.scoring.messages import (
+    from dualarm_cli.scoring.document import (
         advice,
         caveat_lines,
         counted,
         reason_lines,
         rule_words,
+        score_table,
     )
-    from dualarm_cli.scoring.table import score_table
 
     console = stdout_console()
     console.print(score_table(verdicts))

@@ -281,8 +281,7 @@ def _points(
     study: Study, search: dict[str, Any] | None, quiet: bool
 ) -> tuple[list[Point] | None, dict[str, Any]]:
     """Returns the points to plan, None where they are searched for, and what the document says of the method."""
-    from dualarm_cli.studies.points import study_points
-    from dualarm_cli.studies.search import whole_grid
+    from dualarm_cli.studies.search import study_points, whole_grid
 
     if search is None:
         points = study_points(study)
@@ -343,8 +342,7 @@ def _write_pages(
     quiet: bool,
 ) -> None:
     """Plans points once more for their pages, and writes these with an index of all points."""
-    from dualarm_cli.page.index_page import page_names
-    from dualarm_cli.page.study_index import page_title, study_index
+    from dualarm_cli.page.index_page import page_names, page_title, study_index
 
     before = desk.planned
     with progress_bar(len(rows) * len(study.tasks), quiet) as desk.tell:

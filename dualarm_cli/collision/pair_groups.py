@@ -1,19 +1,22 @@
-"""Pairs of solids as arrays, as the quick test takes them."""
+"""Pairs of solids as arrays, as the quick test takes them.
+
+Capsules around solids: the round hulls that many postures are tested by.
+
+Boxes and boxes: gaps along all separating axes, of many pairs in many postures at once.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import coal
 import numpy as np
 
-from dualarm_cli.collision.box_pairs import BoxPairs
-from dualarm_cli.collision.hulls import Hulls, box_around, is_rough, keeps_form
 from dualarm_cli.collision.solids import Pair, Solid
 from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.compiled.pair_margins import BOX, CAPSULE, PLANE, SolidPairs
-from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.geometry.products import product
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.records import dataclass
 
 
@@ -106,3 +109,210 @@ def _placed(solid: Solid, tree: JointTree) -> tuple[FloatArray, FloatArray, Floa
     axes = product(own, solid.pose.rotation).T
     center, half = box_around(solid.geometry)
     return axes, product(axes, own, np.asarray(solid.pose.act(center))), half
+
+
+@dataclass(frozen=True)
+class Hulls:
+    """A capsule around each of s solids, in the tree's frame of its joint; of half-spaces it means nothing."""
+
+    center: FloatArray
+    """Middles [m], shape (s, 3)."""
+    half: FloatArray
+    """From there to one end [m], shape (s, 3)."""
+    radius: FloatArray
+    """Radii [m], shape (s,)."""
+    length: FloatArray
+    """Lengths of `half` [m], shape (s,)."""
+
+    @classmethod
+    def of(cls, solids: Sequence[Solid], tree: JointTree) -> Hulls:
+        """Returns the capsules of some solids.
+
+        Args:
+            solids: what they are around.
+            tree: of the robot.
+        """
+        ends = [_hull(solid, tree) for solid in solids]
+        half = np.array([0.5 * (a - b) for a, b, _ in ends]).reshape(-1, 3)
+        return cls(
+            np.array([0.5 * (a + b) for a, b, _ in ends]).reshape(-1, 3),
+            half,
+            np.array([radius for *_, radius in ends]),
+            norm(half, axis=1),
+        )
+
+
+def is_rough(one: Solid, other: Solid) -> bool:
+    """Returns whether the margin of two solids' hulls may be less than their own."""
+    forms = [solid.geometry for solid in (one, other)]
+    exact = [isinstance(form, coal.Capsule | coal.Sphere) for form in forms]
+    boxes = [isinstance(form, coal.Box | coal.Halfspace) for form in forms]
+    return not (all(exact) or (any(exact) and any(boxes)))
+
+
+def keeps_form(solid: Solid) -> bool:
+    """Returns whether a solid is tested as a box or half-space rather than as a round hull."""
+    return isinstance(
+        solid.geometry, coal.Halfspace | coal.Box | coal.ConvexBase
+    ) and not isinstance(solid.geometry, coal.Capsule | coal.Sphere | coal.Cylinder)
+
+
+def box_around(geometry: coal.CollisionGeometry) -> tuple[FloatArray, FloatArray]:
+    """Returns centre and half sides of the box around a solid in its own frame [m]."""
+    if isinstance(geometry, coal.Box):
+        return np.zeros(3), np.array(geometry.halfSide).ravel()
+    geometry.computeLocalAABB()
+    low = np.array(geometry.aabb_local.min_).ravel()
+    high = np.array(geometry.aabb_local.max_).ravel()
+    return 0.5 * (low + high), 0.5 * (high - low)
+
+
+def _hull(solid: Solid, tree: JointTree) -> tuple[FloatArray, FloatArray, float]:
+    """Returns both ends, in the tree's frame of its joint, and the radius of a capsule around a solid [m].
+
+    A cylinder lies within the capsule about its own axis, a box within that about its longest side's middle line with
+    half the diagonal of the others as its radius. A half-space has none, and is never asked for it.
+    """
+    form = solid.geometry
+    if isinstance(form, coal.Halfspace):
+        return np.zeros(3), np.zeros(3), 0.0
+    center, end = np.zeros(3), np.zeros(3)
+    if isinstance(form, coal.Sphere):
+        radius = float(form.radius)
+    elif isinstance(form, coal.Capsule | coal.Cylinder):
+        end[2], radius = form.halfLength, float(form.radius)
+    else:
+        center, half = box_around(form)
+        longest = int(np.argmax(half))
+        end[longest] = half[longest]
+        radius = float(norm(np.delete(half, longest)))
+    own = tree.R_joint_own[solid.joint].T
+    one, other = (
+        product(own, np.asarray(solid.pose.act(center + sign * end))) for sign in (1.0, -1.0)
+    )
+    return one, other, radius
+
+
+LEAST_SINE = 0.05
+"""Edges whose directions differ by less have no axis of their own: the sides' axes are nearly as good."""
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+
+Frames = Mapping[int, tuple[FloatArray, FloatArray]]
+"""Rotations (3, 3, n) and translations (3, n) by joint."""
+
+
+@dataclass(frozen=True)
+class BoxPairs:
+    """Those of some pairs that are two boxes, b of them; first index is which of the two."""
+
+    number: IntArray
+    """Their numbers among the pairs, shape (b,)."""
+    joint: IntArray
+    """The joints they move with, shape (2, b)."""
+    R: FloatArray
+    """Their rotations in the tree's frames of these joints, shape (2, b, 3, 3)."""
+    p: FloatArray
+    """Their centres there [m], shape (2, b, 3)."""
+    half: FloatArray
+    """Half sides [m], shape (2, b, 3)."""
+    required: FloatArray
+    """Required clearances [m], shape (b,)."""
+
+    @classmethod
+    def of(cls, solids: Sequence[Solid], tree: JointTree, pairs: Sequence[Pair]) -> BoxPairs:
+        """Picks the boxes.
+
+        Args:
+            solids: of the cell.
+            tree: of the robot.
+            pairs: of the solids.
+        """
+        rows: list[list[tuple[int, FloatArray, FloatArray, FloatArray]]] = []
+        numbers, required = [], []
+        for number, pair in enumerate(pairs):
+            both = [solids[pair.first], solids[pair.second]]
+            if not all(isinstance(solid.geometry, coal.Box) for solid in both):
+                continue
+            numbers.append(number)
+            required.append(pair.required)
+            rows.append([_placed_box(solid, tree) for solid in both])
+        b = len(rows)
+
+        def of_both(k: int, *shape: int) -> FloatArray:
+            values = np.array([[one[k] for one in row] for row in rows], dtype=np.float64)
+            return np.swapaxes(values.reshape(b, 2, *shape), 0, 1)
+
+        return cls(
+            np.array(numbers, dtype=np.int64),
+            of_both(0).astype(np.int64),
+            of_both(1, 3, 3),
+            of_both(2, 3),
+            of_both(3, 3),
+            np.array(required, dtype=np.float64),
+        )
+
+    def gaps(self, which: IntArray, frames: Frames, row: IntArray) -> FloatArray:
+        """Returns the largest gap of m pairs of boxes along the axes of their sides and edges [m], shape (m,).
+
+        It is never more than their distance, and negative where they overlap: boxes are apart if and only if one of
+        these axes separates them ([Gottschalk1996]).
+
+        Args:
+            which: of the b pairs, shape (m,).
+            frames: of their joints in n postures.
+            row: number of the posture, shape (m,).
+        """
+        joints = sorted(frames)
+        R_all, p_all = (np.stack([frames[joint][k] for joint in joints]) for k in range(2))
+        axes, centers = [], []
+        for side in range(2):
+            at = np.searchsorted(joints, self.joint[side, which])
+            R_joint = R_all[at, :, :, row]
+            axes.append(product(R_joint, self.R[side, which]))
+            centers.append(
+                p_all[at, :, row] + product(R_joint, self.p[side, which, :, None])[..., 0]
+            )
+        t = product(np.swapaxes(axes[0], 1, 2), (centers[1] - centers[0])[..., None])[..., 0]
+        return _largest_gap(
+            product(np.swapaxes(axes[0], 1, 2), axes[1]),
+            t,
+            self.half[0, which],
+            self.half[1, which],
+        )
+
+
+def _placed_box(solid: Solid, tree: JointTree) -> tuple[int, FloatArray, FloatArray, FloatArray]:
+    """Returns a box's joint, and its rotation and centre in the tree's frame of it, and its half sides."""
+    own = tree.R_joint_own[solid.joint].T
+    center, half = box_around(solid.geometry)
+    return (
+        solid.joint,
+        product(own, solid.pose.rotation),
+        product(own, np.asarray(solid.pose.act(center))),
+        half,
+    )
+
+
+def _largest_gap(C: FloatArray, t: FloatArray, one: FloatArray, other: FloatArray) -> FloatArray:
+    """Returns the largest gap of m pairs of boxes [m], shape (m,).
+
+    Args:
+        C: the second box's axes in the first one's frame, shape (m, 3, 3).
+        t: its centre there [m], shape (m, 3).
+        one: half sides of the first box [m], shape (m, 3).
+        other: of the second one, shape (m, 3).
+    """
+    size = np.abs(C)
+    sides = np.abs(t) - one - product(size, other[..., None])[..., 0]
+    across = np.abs(product(np.swapaxes(C, 1, 2), t[..., None])[..., 0])
+    across -= other + product(np.swapaxes(size, 1, 2), one[..., None])[..., 0]
+    # Axis i, j is the cross product of the boxes' axes i and j: its length is the sine between them.
+    way = np.abs(t[:, _LAST, None] * C[:, _NEXT] - t[:, _NEXT, None] * C[:, _LAST])
+    reach = one[:, _NEXT, None] * size[:, _LAST] + one[:, _LAST, None] * size[:, _NEXT]
+    reach += other[:, None, _NEXT] * size[:, :, _LAST] + other[:, None, _LAST] * size[:, :, _NEXT]
+    sine = np.sqrt(np.maximum(1.0 - C * C, 0.0))
+    edges = np.where(
+        sine > LEAST_SINE, (way - reach) / np.maximum(sine, LEAST_SINE), -np.inf
+    ).reshape(-1, 9)
+    gap: FloatArray = np.maximum(np.maximum(sides, across).max(axis=1), edges.max(axis=1))
+    return gap

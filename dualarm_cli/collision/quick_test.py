@@ -9,8 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.collision.hulls import Hulls
-from dualarm_cli.collision.pair_groups import PairGroup, pair_group
+from dualarm_cli.collision.pair_groups import Hulls, PairGroup, pair_group
 from dualarm_cli.collision.reach import Reach
 from dualarm_cli.collision.rooms import PartRoom
 from dualarm_cli.collision.solids import (

@@ -1,4 +1,9 @@
-"""A schedule's files, written as one set."""
+"""A schedule's files, written as one set.
+
+The transform of a calibration as a file that a cell file can name as `base`.
+
+CSV of a curve's points and frames.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +12,14 @@ import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
+import numpy as np
+
 from dualarm_cli.errors import OutputError
 from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.exporting.whole_files import place_in, replace_all
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.rotations import rpy_angles, to_quaternion
+from dualarm_cli.model.curves.discretisation import Points
 from dualarm_cli.model.schedule import Schedule
 
 SCHEDULE, URDF, REPORT = "schedule.json", "robot.urdf", "report.json"
@@ -84,3 +94,47 @@ def _refuse_existing(folder: Path, names: Iterable[str]) -> None:
             raise OutputError(
                 f"--out {folder}: already holds {what}; add --force to replace it, or name another"
             )
+
+
+def base_file(rotation: FloatArray, translation: FloatArray, remarks: list[str]) -> bytes:
+    """Returns a `dualarm: base/1` file: where the right robot's base stands in the left one's.
+
+    Args:
+        rotation: R_left_right, shape (3, 3).
+        translation: the right base's origin in the left base frame [m], shape (3,).
+        remarks: lines of comment about where it comes from.
+    """
+    xyz, rpy = (
+        "[" + ", ".join(repr(float(value) + 0.0) for value in values) + "]"
+        for values in (translation, rpy_angles(rotation))
+    )
+    lines = [
+        "dualarm: base/1",
+        *(f"# {' '.join(remark.split())}" for remark in remarks),
+        "# In a cell file: robot: {left: {robot: …, base: …}, right: {robot: …, base: THIS_FILE}}",
+        "relative_to: left        # the right robot's root link in the left robot's",
+        f"base: {{xyz: {xyz}, rpy: {rpy}}}",
+    ]
+    return ("\n".join(lines) + "\n").encode()
+
+
+HEADER = "s,x,y,z,qx,qy,qz,qw"
+
+
+def curve_csv(s: FloatArray, points: Points) -> bytes:
+    """Returns the CSV: length, position, unit quaternion in the part's frame; m.
+
+    A task's `curve: {kind: poses, file: …}` takes it. Numbers are written so that reading them gives the same double;
+    neighbouring quaternions are on the same side, so that a reader may interpolate between them.
+
+    Args:
+        s: lengths along the curve [m], shape (k,).
+        points: its points.
+    """
+    quaternion = to_quaternion(points.R)
+    # q and -q are one rotation: each is taken on the side of the one before.
+    away = (quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0.0
+    quaternion[1:][np.cumsum(away) % 2 == 1] *= -1.0
+    # Adding zero turns -0.0 into 0.0.
+    rows = (np.column_stack([s, points.p, quaternion]) + 0.0).tolist()
+    return "\n".join([HEADER, *(",".join(map(repr, row)) for row in rows)]).encode() + b"\n"

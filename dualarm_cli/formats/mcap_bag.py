@@ -13,8 +13,7 @@ import numpy as np
 
 from dualarm_cli.errors import MissingDependencyError
 from dualarm_cli.exporting.schedule_json import event_row
-from dualarm_cli.formats.frames import LinkFrame, link_frames
-from dualarm_cli.formats.markers import marker_rows
+from dualarm_cli.formats.markers import LinkFrame, link_frames, marker_rows
 from dualarm_cli.formats.request import ExportRequest, stamp
 from dualarm_cli.formats.ros2_files import points, trajectories
 from dualarm_cli.formats.sampling import NANO, Samples

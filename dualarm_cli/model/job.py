@@ -13,8 +13,7 @@ import pinocchio as pin
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.budget import Budget
-from dualarm_cli.model.cell import Buffer, Cell, Held
-from dualarm_cli.model.conveyor import OnBelt
+from dualarm_cli.model.cell import Buffer, Cell, Held, OnBelt
 from dualarm_cli.model.handover import Handover
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.place import NOWHERE, Place

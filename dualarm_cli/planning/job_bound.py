@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.bound.bound import ASSUMPTIONS, ROUNDED_DOWN, LowerBound, OtherWork, lower_bound
 from dualarm_cli.bound.passing import passing
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.geometry.linear_programs import least_cost
+from dualarm_cli.geometry.programs import least_cost
 from dualarm_cli.kinds.planning import KindPlanning, Section, kind_of, kinds_of
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.closed_arm import ClosedArm

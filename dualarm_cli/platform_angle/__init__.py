@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dualarm_cli.platform_angle.exact import solve_exact
-from dualarm_cli.platform_angle.fixed import solve_fixed
 from dualarm_cli.platform_angle.linearised import solve_linearised
 from dualarm_cli.platform_angle.problem import Kind, PlatformProblem, elbow_angles
-from dualarm_cli.platform_angle.solution import PlatformSolution
+from dualarm_cli.platform_angle.solution import PlatformSolution, solve_fixed
 from dualarm_cli.registry import Registry, Solver
 
 PLATFORM_SOLVERS: Registry[Solver[PlatformProblem, PlatformSolution]] = Registry(

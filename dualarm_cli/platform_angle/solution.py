@@ -1,4 +1,7 @@
-"""What a platform solver answers: candidate angles of many moves, and which to take."""
+"""What a platform solver answers: candidate angles of many moves, and which to take.
+
+The platform stays where it is: the baseline of every comparison.
+"""
 
 from __future__ import annotations
 
@@ -170,3 +173,10 @@ def is_degenerate(coefficients: FloatArray) -> BoolArray:
     """Returns the moves in which the platform angle changes no elbow, shape (n,)."""
     swing = np.hypot(coefficients[..., 1], coefficients[..., 2])
     return np.asarray((swing <= DEGENERATE).all(axis=-1))
+
+
+def solve_fixed(problem: PlatformProblem) -> PlatformSolution:
+    """Returns the start angle as the only candidate of every move."""
+    angle = problem.angle_0[:, None]
+    kind = np.full(angle.shape, Kind.START, dtype=np.int64)
+    return build_solution(problem, angle, kind, np.ones(angle.shape, dtype=np.bool_))

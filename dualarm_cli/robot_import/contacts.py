@@ -17,7 +17,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.records import dataclass
-from dualarm_cli.robot_import.names import count_of
+from dualarm_cli.robot_import.structure import count_of
 
 MARGIN = 0.01
 """Distance below which links count as touching: that much clearance a cell may ask for [m]."""

@@ -12,8 +12,15 @@ from dualarm_cli.files.robots.urdf_tree import Element, UrdfFindings, parse_xml
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.expanded_text import program_notes, read_expanded
-from dualarm_cli.robot_import.names import GRIPPER, NO_ARM, side_of, tells, words
-from dualarm_cli.robot_import.structure import SIDES, NamedTip
+from dualarm_cli.robot_import.structure import (
+    GRIPPER,
+    NO_ARM,
+    SIDES,
+    NamedTip,
+    side_of,
+    tells,
+    words,
+)
 
 _UNCHECKED = ("never", "default")
 """Reasons for which collisions are left out that cost nothing to check."""

@@ -7,9 +7,8 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from dualarm_cli.schemas.input_files import INPUT_FILES, input_schema
+from dualarm_cli.schemas.kinds_of_files import INPUT_FILES, input_schema, result_schema
 from dualarm_cli.schemas.result_fields import REPORT, SCHEDULE
-from dualarm_cli.schemas.result_files import result_schema
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 """The version of JSON Schema."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from dualarm_cli.page.index_page import FOLDER, index_page, verified_cell
 from dualarm_cli.page.tables import PageCell, PageRow, PageTable
-from dualarm_cli.scoring.messages import (
+from dualarm_cli.scoring.document import (
     NOTHING,
     advice,
     counted,

@@ -12,7 +12,7 @@ import pytest
 import typer
 import yaml
 
-from dualarm_cli.cli.commands import command_line
+from dualarm_cli.cli.run import command_line
 from dualarm_cli.scoring.verdict import STATES
 
 ROOT = Path(__file__).parents[2]

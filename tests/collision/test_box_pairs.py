@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.collision.box_pairs import BoxPairs
+from dualarm_cli.collision.pair_groups import BoxPairs
 
 
 def test_gaps_of_boxes_are_never_more_than_coals_distance_and_tell_who_touches():

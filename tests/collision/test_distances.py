@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.collision.hulls import box_around, is_rough
+from dualarm_cli.collision.pair_groups import box_around, is_rough
 from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.collision.solids import WORLD, Solid
 from dualarm_cli.files.tasks.tasks import load_job

@@ -30,8 +30,7 @@ import typer
 import yaml
 from jsonschema import Draft202012Validator
 
-from dualarm_cli.cli.commands import command_line
-from dualarm_cli.cli.run import run
+from dualarm_cli.cli.run import command_line, run
 from dualarm_cli.files.source.text_source import read_text
 from dualarm_cli.files.source.yaml_source import parse_yaml
 from dualarm_cli.schemas import schema_of

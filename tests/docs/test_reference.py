@@ -16,9 +16,8 @@ import pytest
 import typer
 from pydantic import ValidationError
 
-from dualarm_cli.cli.commands import command_line
-from dualarm_cli.cli.parts.families import families
-from dualarm_cli.cli.run import run
+from dualarm_cli.cli.parts.completion import families
+from dualarm_cli.cli.run import command_line, run
 from dualarm_cli.explanations import EXPLANATIONS
 from dualarm_cli.files.cells.schema_cell import ObstacleSection
 from dualarm_cli.files.tasks.schema_tasks import DefaultsSection, TargetSection, TasksFile

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dualarm_cli.errors import InputError
-from dualarm_cli.exporting.base_file import base_file
+from dualarm_cli.exporting.files import base_file
 from dualarm_cli.files.calibration.points import load_points, read_base
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.checking import check_file, load_file

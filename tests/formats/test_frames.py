@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.formats.frames import link_frames
+from dualarm_cli.formats.markers import link_frames
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import ScheduleRobot
 

@@ -8,8 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.model.cell import Cell, ChangedTool, Tool, ToolChanges
-from dualarm_cli.model.conveyor import Conveyor, OnBelt
+from dualarm_cli.model.cell import Cell, ChangedTool, Conveyor, OnBelt, Tool, ToolChanges
 from dualarm_cli.model.handover import Handover, taken_part, with_taken_part
 from dualarm_cli.model.job import ANY, Dwell, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.place import NOWHERE

@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 
 from dualarm_cli.effort import StageEffort
 from dualarm_cli.orders.paired import orders as stage_orders
-from dualarm_cli.orders.paired.annealing import StageAnnealing, is_served
 from dualarm_cli.orders.paired.exact import best_of_all
 from dualarm_cli.orders.paired.orders import (
     NearOrders,
+    StageAnnealing,
     good_orders,
     in_file_order,
+    is_served,
 )
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder
 from dualarm_cli.orders.paired.search import StageSearch

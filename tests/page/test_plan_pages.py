@@ -15,8 +15,7 @@ from urllib.parse import unquote
 import pytest
 
 from dualarm_cli.cli.run import run
-from dualarm_cli.page.index_page import index_page, page_names
-from dualarm_cli.page.study_index import study_index
+from dualarm_cli.page.index_page import index_page, page_names, study_index
 from dualarm_cli.page.tables import PageCell, PageRow, PageTable
 
 EVIL = """<img src=x onerror="window.evil=1">'</td></table><script>window.evil=1</script>"""

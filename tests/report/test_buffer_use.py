@@ -11,7 +11,7 @@ import pytest
 from dualarm_cli.kinds.buffer.measures import buffer_lines, buffer_rows
 from dualarm_cli.model.cell import Buffer
 from dualarm_cli.model.schedule import Event
-from dualarm_cli.report.waits import wait_rows
+from dualarm_cli.report.report import wait_rows
 
 
 def event(arm, task, action, time, dwell):

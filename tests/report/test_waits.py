@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from dualarm_cli.report.console import wait_lines
-from dualarm_cli.report.waits import REASONS, drawn_out, wait_rows, waited
+from dualarm_cli.report.report import REASONS, drawn_out, wait_rows, waited
 
 
 def _job(**after):

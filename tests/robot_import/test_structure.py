@@ -11,7 +11,7 @@ import pytest
 from dualarm_cli.errors import InputError, UsageError
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.robot_import.importing import Imported
-from dualarm_cli.robot_import.names import GRIPPER, NO_ARM, side_of, tells
+from dualarm_cli.robot_import.structure import GRIPPER, NO_ARM, side_of, tells
 
 Row = Callable[..., str]
 Write = Callable[..., Path]

@@ -22,7 +22,7 @@ from dualarm_cli.files.source.quantity_schemas import quantity_schema
 from dualarm_cli.files.source.text_source import read_text
 from dualarm_cli.files.source.yaml_source import parse_yaml
 from dualarm_cli.schemas import KINDS, editor_line, schema_of
-from dualarm_cli.schemas.input_files import INPUT_FILES
+from dualarm_cli.schemas.kinds_of_files import INPUT_FILES
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted([*(ROOT / "tasks").rglob("*.yaml"), *(ROOT / "robots").rglob("*.yaml")])

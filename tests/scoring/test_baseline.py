@@ -8,7 +8,7 @@ import random
 import pytest
 
 from dualarm_cli.errors import InputError
-from dualarm_cli.evaluation.machine import machine, other_machine
+from dualarm_cli.evaluation.request import machine, other_machine
 from dualarm_cli.scoring.baseline import baseline_bytes, read_baseline
 
 SETTINGS = {"effort": "quick", "platform": None, "redundancy": None, "seed": 0, "timing": "ruckig"}

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from dualarm_cli.errors import UsageError
 from dualarm_cli.model.study import Amount, Sampling
-from dualarm_cli.studies.points import MOST_POINTS, count_points, sample_shares, study_points
+from dualarm_cli.studies.search import MOST_POINTS, count_points, sample_shares, study_points
 
 
 def _numbers(points) -> list[tuple]:

@@ -16,13 +16,13 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.schedule import Provenance
 from dualarm_cli.model.study import Study
 from dualarm_cli.planning.planner import plan
-from dualarm_cli.studies.points import study_points
 from dualarm_cli.studies.requests import (
     check_settings,
     input_problems,
     point_requests,
     reference_requests,
 )
+from dualarm_cli.studies.search import study_points
 
 STUDY = """\
 dualarm: study/1

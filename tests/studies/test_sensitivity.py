@@ -16,7 +16,7 @@ from dualarm_cli.studies.document import (
     sensitivity,
     word_factor,
 )
-from dualarm_cli.studies.points import sample_shares
+from dualarm_cli.studies.search import sample_shares
 
 
 def _grid(function, *levels) -> StudySensitivity:

@@ -8,8 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.model.cell import Cell, Tool
-from dualarm_cli.model.conveyor import Conveyor, OnBelt
+from dualarm_cli.model.cell import Cell, Conveyor, OnBelt, Tool
 from dualarm_cli.model.job import Dwell, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.place import Place

@@ -1,9 +1,13 @@
-"""What a shell completes: names of solvers, robots and jobs, and YAML files. Nothing here may print or raise."""
+"""What a shell completes: names of solvers, robots and jobs, and YAML files. Nothing here may print or raise.
+
+Every family of methods, for lists and for completion; loaded when asked for.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 
 def _begun(names: Iterable[str], incomplete: str) -> list[str]:
@@ -51,8 +55,6 @@ def complete_solver(*names: str) -> Callable[[str], list[str]]:
     """
 
     def complete(incomplete: str) -> list[str]:
-        from dualarm_cli.cli.parts.families import families
-
         named = [family for family in families() if family.family in names]
         return _begun(dict.fromkeys(one.name for family in named for one in family), incomplete)
 
@@ -71,3 +73,22 @@ def complete_kind(incomplete: str) -> list[str]:
     from dualarm_cli.schemas import KINDS
 
     return _begun(KINDS, incomplete)
+
+
+def families() -> list[Any]:
+    """Returns every family of methods: a registry each."""
+    from dualarm_cli.calibration import CALIBRATION_SOLVERS
+    from dualarm_cli.kinds import planning
+    from dualarm_cli.platform_angle import PLATFORM_SOLVERS
+    from dualarm_cli.postures import REDUNDANCY_SOLVERS
+    from dualarm_cli.stages.methods import METHODS
+    from dualarm_cli.timing import TIMING_SOLVERS
+
+    return [
+        METHODS,
+        PLATFORM_SOLVERS,
+        REDUNDANCY_SOLVERS,
+        *(solvers for _, solvers in planning.families()),
+        TIMING_SOLVERS,
+        CALIBRATION_SOLVERS,
+    ]

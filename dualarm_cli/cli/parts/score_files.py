@@ -142,7 +142,7 @@ def write_baseline(
     Raises:
         OutputError: it cannot be written.
     """
-    from dualarm_cli.evaluation.machine import machine
+    from dualarm_cli.evaluation.request import machine
     from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.scoring.baseline import Recorded, baseline_bytes
 

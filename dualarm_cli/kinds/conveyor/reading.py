@@ -14,7 +14,7 @@ from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.schema_tasks import TargetSection, TaskSection, TasksFile
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.files.tasks.task_rules import NOT_AVAILABLE, apart, listed_kinds
-from dualarm_cli.model.conveyor import OnBelt
+from dualarm_cli.model.cell import OnBelt
 from dualarm_cli.model.job import Stop, Task
 
 

@@ -12,7 +12,7 @@ from dualarm_cli.geometry import linear_systems
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.linear_systems import SingularMatrixError, solve
 from dualarm_cli.geometry.products import norm, product
-from dualarm_cli.geometry.quadratic_programs import plain_piqp
+from dualarm_cli.geometry.programs import plain_piqp
 from dualarm_cli.kinds.path.following.problem import (
     NoPath,
     PathMotion,

@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.elementary import cos, power, sin
 from dualarm_cli.geometry.products import product
-from dualarm_cli.geometry.quadratic_programs import plain_piqp
+from dualarm_cli.geometry.programs import plain_piqp
 from dualarm_cli.kinds.seam.closed_chain.chain import KEPT
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
 from dualarm_cli.kinds.seam.closed_chain.problem import SeamProblem

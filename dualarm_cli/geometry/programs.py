@@ -1,6 +1,13 @@
-"""Linear programs, by HiGHS: small ones, many of them."""
+"""Linear programs, by HiGHS: small ones, many of them.
+
+The solver of quadratic programs, as it is on every processor.
+"""
 
 from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 
@@ -44,3 +51,9 @@ def least_cost(
     if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal:
         return None
     return np.array(solver.getSolution().col_value)
+
+
+@cache
+def plain_piqp() -> Any:
+    """Load piqp's variant for any processor, not that for the machine's instructions."""
+    return import_module("piqp.piqp_python")
