@@ -42,6 +42,7 @@ from dualarm_cli.bound.passing import at_rest
 from dualarm_cli.compiled.transfer_times import least_by_groups, least_from
 from dualarm_cli.effort import EFFORTS, Resolution
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable
@@ -108,7 +109,6 @@ ASSUMPTIONS = (
 )
 ROUNDED_DOWN = 1.0 - 1e-5
 """What a bound in single precision is multiplied by."""
-TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from dualarm_cli.bound.stretched_lines import line_bounds
 from dualarm_cli.compiled.transfer_times import CellRuns, Laws, LineEnds, boxes, least_work
 from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.geometry.linear_systems import singular_values
 from dualarm_cli.kinematics.closed_arm import ClosedArm
 from dualarm_cli.kinematics.srs_arm import SrsArm
@@ -38,7 +39,6 @@ SINGULAR = 1e-4
 """Least singular value of the Jacobian, lengths over the arm's, below which a pose's postures count as unknown."""
 MOST_TURNS = 3
 """Number of turns within limits from which a joint may be anywhere."""
-TURN = 2.0 * np.pi
 HERE = np.zeros(2)
 """Borders of the only cell of a platform that stands still."""
 

@@ -11,6 +11,7 @@ import pinocchio as pin
 from dualarm_cli.collision.quick_test import OVERLAP
 from dualarm_cli.collision.solids import WORLD, Solid, shape_solid, solid_distance, tool_body
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.handover import Handover, taken_part
 from dualarm_cli.model.job import LYING, TAKES, PoseTarget, Stop, Task
@@ -105,7 +106,7 @@ def stop_yaws(stop: Stop) -> FloatArray:
     if not isinstance(stop.target, PoseTarget):
         return np.zeros(1)
     turns = YAW_STEPS if stop.target.free_yaw else stop.target.symmetry
-    return np.arange(turns, dtype=np.float64) * (2.0 * np.pi / turns)
+    return np.arange(turns, dtype=np.float64) * (TURN / turns)
 
 
 def turned_poses(stop: Stop) -> Iterator[pin.SE3]:

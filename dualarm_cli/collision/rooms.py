@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from dualarm_cli.collision.solids import WORLD, Solid, shape_solid
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
 from dualarm_cli.model.lying import lying_label
@@ -80,9 +81,7 @@ def held_part(cell: Cell, task: Task) -> tuple[Shape, ...]:
 def pinned(target: PoseTarget, shapes: Sequence[Shape]) -> PoseTarget:
     """Return a target with an open yaw as one at the yaw of the file and those at which its part looks the same."""
     same = (
-        n
-        for n in SYMMETRIES
-        if all(_is_same(shape, _turned(shape, 2.0 * np.pi / n)) for shape in shapes)
+        n for n in SYMMETRIES if all(_is_same(shape, _turned(shape, TURN / n)) for shape in shapes)
     )
     return replace(target, free_yaw=False, symmetry=next(same))
 
@@ -96,7 +95,7 @@ def _over_turns(target: PoseTarget, shapes: Sequence[Shape]) -> tuple[Shape, ...
             continue
         copies: list[Shape] = []
         for k in range(target.symmetry):
-            copy = _turned(shape, 2.0 * np.pi * k / target.symmetry)
+            copy = _turned(shape, TURN * k / target.symmetry)
             if not any(_is_same(copy, other) for other in copies):
                 copies.append(copy)
         found += copies

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.page.scene import DrawnHulls
 
 AROUND, RINGS = 24, 6
@@ -63,7 +64,7 @@ def _box(half: FloatArray, up: float) -> Mesh:
 
 def _turned(outline: list[tuple[float, float]]) -> Mesh:
     """Returns what an outline of radii and heights, from below to above, makes when it turns about z."""
-    angle = np.arange(AROUND) * (2.0 * np.pi / AROUND)
+    angle = np.arange(AROUND) * (TURN / AROUND)
     corners = [[r * np.cos(a), r * np.sin(a), z] for r, z in outline for a in angle]
     triangles = []
     for ring in range(len(outline) - 1):

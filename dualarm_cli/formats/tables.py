@@ -16,6 +16,7 @@ from dualarm_cli.exporting.files import EVENTS, SAMPLES, TARGETS
 from dualarm_cli.formats.request import Column, ExportRequest
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import StopKey
+from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.verification.as_done import events_by_stage
 from dualarm_cli.verification.tool_model import ToolModel
@@ -31,8 +32,6 @@ FORMULA = ("=", "+", "-", "@", "\t")
 """First characters that make a spreadsheet run a cell."""
 SAME_SAMPLE = 1e-9
 """A sample that is later than the end by less is at the end [s]."""
-SAME_TIME = 1e-6
-"""Instants that differ by less are one [s]."""
 POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 """Columns of a pose in the world: position [m], unit quaternion."""
 ZEROS = re.compile(r"\.?0+(?=[,\n])")

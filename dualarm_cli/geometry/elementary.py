@@ -14,6 +14,9 @@ import numpy as np
 
 from dualarm_cli.native import universal
 
+TURN = 2.0 * np.pi
+"""Whole turn [rad]."""
+
 
 def _function(name: str, inputs: int = 1) -> Callable[..., Any]:
     """Wrap a compiled function, which is looked up where it is called first."""

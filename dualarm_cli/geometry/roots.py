@@ -6,6 +6,7 @@ import numpy as np
 
 from dualarm_cli.geometry import elementary
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.geometry.linear_systems import zeros_of
 from dualarm_cli.geometry.products import product
 from dualarm_cli.records import dataclass
@@ -144,7 +145,7 @@ def zeros_by_companion(laurent: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     k = laurent.shape[1] // 2
     orders = np.arange(1, k + 1)
-    charts = np.arange(2 * k + 2) * (2.0 * np.pi / (2 * k + 2))
+    charts = np.arange(2 * k + 2) * (TURN / (2 * k + 2))
     cos, sin = elementary.cos(charts[:, None] * orders), elementary.sin(charts[:, None] * orders)
     values = laurent[:, :1] + product(laurent[:, 1::2], cos.T) + product(laurent[:, 2::2], sin.T)
     infinity = charts[np.argmax(np.abs(values), axis=1)]
@@ -223,7 +224,7 @@ def real_zeros(coefficients: FloatArray) -> RealZeros:
     value = polynomial_value(unit, split)
     touching = (np.abs(value) <= TOUCH) & ~everywhere[:, None]
     gap = np.roll(split, -1, axis=1) - split
-    gap[:, -1] += 2.0 * np.pi
+    gap[:, -1] += TURN
     # Of touching neighbours the last stands for all.
     listed = touching & ~(np.roll(touching, -1, axis=1) & (gap < ONE_ZERO))
     sign = np.where(touching, 0.0, np.sign(value))
@@ -289,7 +290,7 @@ def _derivative_zeros(coefficients: FloatArray) -> FloatArray:
 
 def _wrapped(angle: FloatArray) -> FloatArray:
     """Returns angles in (-pi, pi], unchanged where they are there already."""
-    turned = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
+    turned = angle - TURN * np.round(angle / TURN)
     return np.where(turned <= -np.pi, np.pi, turned)
 
 

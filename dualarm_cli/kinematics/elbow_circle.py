@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.geometry.elementary import arctan2, cos, sin
-from dualarm_cli.kinematics.srs.srs_limits import TURN
+from dualarm_cli.geometry.elementary import TURN, arctan2, cos, sin
 from dualarm_cli.kinematics.srs_arm import SrsArm
 
 THIRDS = np.arange(3) * (TURN / 3.0)

@@ -6,7 +6,7 @@ import numpy as np
 
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
-from dualarm_cli.geometry.elementary import arctan2, cos, sin
+from dualarm_cli.geometry.elementary import TURN, arctan2, cos, sin
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.continuation import (
     SKELETON,
@@ -20,7 +20,6 @@ from dualarm_cli.kinematics.numeric_inverse import least_distances, solve_poses
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.posture_source import Posture, PostureSource, ReachedPostures, ToolPose
 from dualarm_cli.kinematics.serial_chain import SerialChain
-from dualarm_cli.kinematics.srs.srs_limits import TURN
 from dualarm_cli.records import dataclass
 
 CIRCLE_STEP = np.radians(6.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
-from dualarm_cli.geometry.elementary import cos, sin
+from dualarm_cli.geometry.elementary import TURN, cos, sin
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.records import dataclass
 
@@ -117,7 +117,7 @@ class PlatformChain:
         if not self.is_rail or upper <= lower:
             return step
         finest = min(LEVER * step, (upper - lower) / LEAST_PLACES)
-        return max(finest, (upper - lower) * step / (2.0 * np.pi))
+        return max(finest, (upper - lower) * step / TURN)
 
     def shifted(self, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns where the carried frame is seen from itself as it is after a further move of its one joint.

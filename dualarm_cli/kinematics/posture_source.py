@@ -13,8 +13,8 @@ from typing import ClassVar
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.kinematics.srs import srs_limits
-from dualarm_cli.kinematics.srs.srs_limits import TURN
 from dualarm_cli.records import dataclass
 
 LARGEST_STEP = 0.7

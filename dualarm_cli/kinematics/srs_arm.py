@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.compiled import srs as compiled
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
-from dualarm_cli.geometry.elementary import arccos, arctan2, cos, sin
+from dualarm_cli.geometry.elementary import TURN, arccos, arctan2, cos, sin
 from dualarm_cli.geometry.joint_axes import SrsGeometry
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.posture_source import (
@@ -404,7 +404,7 @@ class SrsArm(PostureSource):
         if srs_limits.some_turn_within(np.array(np.pi - zero), float(low), float(high)):
             return np.pi
         ends = np.array([low, high]) + zero
-        return float(np.abs(ends - srs_limits.TURN * np.round(ends / srs_limits.TURN)).max())
+        return float(np.abs(ends - TURN * np.round(ends / TURN)).max())
 
     def branch(self, q: FloatArray) -> IntArray:
         """Returns the branch of postures (..., 7), shape (...)."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dualarm_cli.geometry import elementary
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.geometry.products import product
 from dualarm_cli.geometry.roots import (
     derivative,
@@ -364,7 +365,7 @@ def point_miss(axes: ThreeAxes, p: FloatArray, lower: FloatArray, upper: FloatAr
         lower: lowest positions of joints 2 and 3 [rad], shape (2,), -inf allowed.
         upper: highest positions [rad], shape (2,), inf allowed.
     """
-    free = ~(upper - lower < 2.0 * np.pi)
+    free = ~(upper - lower < TURN)
     low, high = np.where(free, -np.pi, lower), np.where(free, np.pi, upper)
     grid = np.stack(
         np.meshgrid(*(np.linspace(low[k], high[k], COARSE) for k in (0, 1)), indexing="ij"), axis=-1

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
-from dualarm_cli.geometry.elementary import angle_between, arctan2, sin
+from dualarm_cli.geometry.elementary import TURN, angle_between, arctan2, sin
 from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.closed_arm import BRANCHES, EXACT, ClosedArm, PoseSolutions
 from dualarm_cli.kinematics.platform_chain import rotation_z
@@ -57,7 +57,7 @@ def three_turns(R_12: FloatArray, R_23: FloatArray, M: FloatArray, reference: Fl
     theta = arctan2(sine, M[..., 2, 2])
     near = sin(0.5 * (theta + alpha - beta)) * sin(0.5 * (theta - alpha + beta))
     far = sin(0.5 * (alpha + beta + theta)) * sin(0.5 * (alpha + beta - theta))
-    least, most = abs(alpha - beta), min(alpha + beta, 2.0 * np.pi - alpha - beta)
+    least, most = abs(alpha - beta), min(alpha + beta, TURN - alpha - beta)
     possible = (theta >= least - SLACK) & (theta <= most + SLACK)
     phi = 2.0 * arctan2(np.sqrt(np.maximum(near, 0.0)), np.sqrt(np.maximum(far, 0.0)))
     b = np.stack([phi, -phi], axis=-1) + (arctan2(first[1], first[0]) - arctan2(last[1], last[0]))

@@ -17,7 +17,7 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 
 SAME_TIME = 1e-9
-"""Knots nearer than this are one knot [s]."""
+"""Difference of two instants that count as one [s], for plans, reports and checks alike."""
 SAME_JERK = 1e-9
 """Jerks that differ by less than this share of the joint's largest one are the same."""
 DEVIATION = 1e-11

@@ -10,11 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.joint_motion import merge
+from dualarm_cli.model.joint_motion import SAME_TIME, merge
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.schedule import Event, Segment, Stage
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.waiting import SAME_TIME, with_ends
+from dualarm_cli.motion.waiting import with_ends
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.composition import concatenate
 

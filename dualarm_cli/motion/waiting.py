@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
+from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind
 
-SAME_TIME = 1e-9
-"""Instants nearer than this are one [s]."""
 MOVES = ("transfer", "return")
 """Segments that lead to where a line begins."""
 FOR_THE_OTHER = ("partner", "end")

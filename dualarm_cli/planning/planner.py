@@ -12,9 +12,9 @@ from dualarm_cli.bound.bound import LowerBound
 from dualarm_cli.effort import less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.motion.waiting import SAME_TIME
 from dualarm_cli.orders.decided_jobs import file_order, stage_by_stage
 from dualarm_cli.orders.watch import SeenEnoughError, Watch
 from dualarm_cli.planning.decided_plan import decided_plan

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.geometry.elementary import arccos, cos, sin
+from dualarm_cli.geometry.elementary import TURN, arccos, cos, sin
 from dualarm_cli.platform_angle.problem import (
     REACH_SLACK,
     Kind,
@@ -166,7 +166,7 @@ def nearest_turn(angle: FloatArray, start: FloatArray) -> FloatArray:
 
     Nothing else is taken off, so that an angle within half a turn keeps all its digits.
     """
-    return angle - 2.0 * np.pi * np.round((angle - start) / (2.0 * np.pi))
+    return angle - TURN * np.round((angle - start) / TURN)
 
 
 def is_degenerate(coefficients: FloatArray) -> BoolArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.geometry.elementary import cos, sin
+from dualarm_cli.geometry.elementary import TURN, cos, sin
 from dualarm_cli.kinematics.srs.arm_angle_curves import ArmAngleCurves, flips
 from dualarm_cli.postures.stop_batch import StopBatch, ToolPoses
 from dualarm_cli.records import dataclass
@@ -14,7 +14,6 @@ LARGEST_STEP = np.pi / 2
 """A joint that turns more than this between two samples of a line has jumped [rad]."""
 SAME_POSTURE = 1e-6
 """Difference of a given configuration from the solution for its pose up to which they are one [rad]."""
-TURN = 2.0 * np.pi
 FLIPPED = np.column_stack([flips(joint, np.arange(8)) for joint in range(7)])
 """Whether each joint takes the second of its two values in each branch, shape (8, 7)."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.posture_source import PROVEN_MISS
@@ -75,7 +76,7 @@ def _platform_moves(model: CellModel, position: FloatArray) -> list[tuple[FloatA
     limits = model.cell.robot.limits.select(model.platform.joints)
     here = float(position[model.platform_columns][0])
     low, high = float(limits.lower[0]), float(limits.upper[0])
-    if not model.platform.is_rail and not high - low < 2.0 * np.pi:
+    if not model.platform.is_rail and not high - low < TURN:
         low, high = here - np.pi, here + np.pi
     steps = (model.platform.spacing(step, low, high) for step in (COARSE, FINE))
     moves = [np.linspace(low, high, 2 + int((high - low) / step)) - here for step in steps]

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.geometry.elementary import arccos, arctan2, cos, sin
+from dualarm_cli.geometry.elementary import TURN, arccos, arctan2, cos, sin
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.records import dataclass
 
-FULL = 2.0 * np.pi
 ROUNDING = 1e-9
 """What distances are widened by, since they are computed in floating point [m]."""
 TINY = 1e-5
@@ -70,14 +69,14 @@ def reachable_cells(arm: SrsArm, wrist: FloatArray, edges: FloatArray) -> AngleC
         return AngleCells(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
     # In the carried frame the wrist turns backwards: its azimuth is theta - phi.
     nearest = arctan2(wrist[1], wrist[0]) - arctan2(shoulder[1], shoulder[0])
-    nearest += FULL * np.round((0.5 * (edges[0] + edges[-1]) - nearest) / FULL)
+    nearest += TURN * np.round((0.5 * (edges[0] + edges[-1]) - nearest) / TURN)
     inner = arccos(np.clip((A - np.square(least)) / B, -1.0, 1.0))
     outer = arccos(np.clip((A - np.square(most)) / B, -1.0, 1.0))
     index, low, high = [], [], []
     for turn in range(-2, 3):
         for begin, end in ((inner, outer), (-outer, -inner)):
-            first = np.maximum(edges[:-1], nearest + turn * FULL + begin - HAIR)
-            last = np.minimum(edges[1:], nearest + turn * FULL + end + HAIR)
+            first = np.maximum(edges[:-1], nearest + turn * TURN + begin - HAIR)
+            last = np.minimum(edges[1:], nearest + turn * TURN + end + HAIR)
             some = np.flatnonzero(first < last)
             index.append(some)
             low.append(first[some])

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
@@ -113,7 +114,7 @@ def fill(
 
 def _most(turn: int) -> float:
     """Returns how far a joint may move [rad] when the tool is turned by so many of YAWS."""
-    return LARGEST_CHANGE + abs(turn) * 2.0 * np.pi / YAWS
+    return LARGEST_CHANGE + abs(turn) * TURN / YAWS
 
 
 def seeds(model: CellModel, arm: str, grid: TableGrid) -> Postures:

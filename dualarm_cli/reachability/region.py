@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel, general_arms
 from dualarm_cli.model.cell import Cell
@@ -138,7 +139,7 @@ def platform_positions(cell: Cell) -> FloatArray:
     low, high = max(low, -np.pi), min(high, np.pi)
     first, last = np.ceil(low / ANGLE_STEP - 1e-9), np.floor(high / ANGLE_STEP + 1e-9)
     angles = np.arange(first, last + 1) * ANGLE_STEP
-    if high - low > 2.0 * np.pi - 1e-9:
+    if high - low > TURN - 1e-9:
         angles = angles[1:]  # the same as the last one
     return angles[:, None] if len(angles) else home[None]
 

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
-from dualarm_cli.geometry.elementary import arctan2, cos, sin
+from dualarm_cli.geometry.elementary import TURN, arctan2, cos, sin
 from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
@@ -80,7 +80,7 @@ class TableGrid:
         R = product(
             rotation_z(turn),
             leaning,
-            rotation_z(np.asarray(yaw * (2.0 * np.pi / YAWS), dtype=np.float64)),
+            rotation_z(np.asarray(yaw * (TURN / YAWS), dtype=np.float64)),
         )
         return R, tip
 

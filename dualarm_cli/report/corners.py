@@ -11,8 +11,9 @@ import numpy as np
 from dualarm_cli.geometry.elementary import cbrt
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey
+from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Event, Schedule, Segment
-from dualarm_cli.motion.waiting import MOVES, SAME_TIME
+from dualarm_cli.motion.waiting import MOVES
 from dualarm_cli.records import dataclass, field_values
 from dualarm_cli.timing.spline import largest_rates
 from dualarm_cli.verification.tool_model import ToolModel

@@ -10,6 +10,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.elementary import cbrt, cos, power
 from dualarm_cli.geometry.products import norm, product
+from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import DURATION, Schedule
@@ -24,8 +25,6 @@ RATES = ("acceleration", "jerk")
 """Limits that may be assumed."""
 SAMPLES = 9
 """Samples of each path."""
-SAME_TIME = 1e-9
-"""Instants nearer than this are one [s]."""
 INSTANTS = 96
 """Instants per line from which its path is read off the trajectory."""
 PER_PHASE = 2

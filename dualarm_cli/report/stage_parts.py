@@ -7,9 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Event, Schedule, Segment, Stage
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.waiting import MOVES, SAME_TIME, whole_transfers
+from dualarm_cli.motion.waiting import MOVES, whole_transfers
 from dualarm_cli.records import dataclass
 
 STANDS = 1e-9

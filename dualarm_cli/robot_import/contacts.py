@@ -14,6 +14,7 @@ from dualarm_cli.collision.solids import (
     pairs_that_must_keep_apart,
 )
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.records import dataclass
@@ -55,7 +56,7 @@ def bare_cell(robot: Robot) -> Cell:
 
 def sampled_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Returns the lowest and highest positions that are sampled [rad or m]: a turn either way of joints that turn."""
-    most = np.array([np.inf if name in robot.sliding else 2 * np.pi for name in robot.joints])
+    most = np.array([np.inf if name in robot.sliding else TURN for name in robot.joints])
     return np.maximum(robot.limits.lower, -most), np.minimum(robot.limits.upper, most)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, distinct
 from dualarm_cli.geometry.elementary import power
+from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.postures import NoPosture, StopPosture, StopProblem
 from dualarm_cli.postures.arm_angle import choose_near
 from dualarm_cli.postures.reach import moved_flanges
@@ -46,8 +47,6 @@ POSTURE_WIDTH = 0.12
 """Half-width of the variation of postures in the first round [rad]."""
 TRAVEL_ALLOWED = 0.01
 """How much slower than the best a posture may be by the cost of its joints' travel to be looked at [s]."""
-SAME_TIME = 1e-9
-"""Stages whose times differ by less are equally quick [s]."""
 
 
 def choose_quickest(stage: OpenStage, position: FloatArray) -> StagePlan | InfeasibleError:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.geometry.elementary import arctan2, cos, sin
+from dualarm_cli.geometry.elementary import TURN, arctan2, cos, sin
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.srs_arm import closed_form
@@ -47,7 +47,7 @@ def platform_candidates(
     solution = PLATFORM_SOLVERS[solver].solve(stage_problem(model, position, stops))
     limits = model.cell.robot.limits.select(model.platform.joints)
     for angle in solution.preferred(0):
-        turns = 2.0 * np.pi * np.arange(-2, 3)
+        turns = TURN * np.arange(-2, 3)
         inside = [a for a in angle + turns if limits.lower[0] <= a <= limits.upper[0]]
         if inside:
             yield solver, np.array([min(inside, key=lambda a: abs(a - here[0]))])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dualarm_cli.model.joint_motion import SAME_TIME as SAME_TIME
+
 POSITION_AGREEMENT = 1e-8
 """Difference of a knot's position from the integral of the knot before [rad]."""
 VELOCITY_AGREEMENT = 1e-7
@@ -21,8 +23,6 @@ AT_REST = 1e-9
 """Speed [rad/s] and acceleration [rad/s²] that count as none."""
 SAME_JOINTS = 1e-9
 """Difference of two postures that count as one [rad]."""
-SAME_TIME = 1e-9
-"""Difference of two instants that count as one [s]."""
 SAME_PLACE = 1e-9
 """Difference of two places that count as one [m]."""
 EVENT_SPEED = 1e-6

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.geometry.elementary import arctan2
+from dualarm_cli.geometry.elementary import TURN, arctan2
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
@@ -189,7 +189,7 @@ def pose_error(nominal: pin.SE3, target: PoseTarget, pose: pin.SE3, within: floa
     if target.free_yaw:
         tilt = arctan2(np.hypot(error.rotation[0, 2], error.rotation[1, 2]), error.rotation[2, 2])
         return max(off, float(tilt))
-    turns = np.arange(target.symmetry) * (2.0 * np.pi / target.symmetry)
+    turns = np.arange(target.symmetry) * (TURN / target.symmetry)
     angles = [
         float(rotation_angle(product(error.rotation, pin.utils.rotate("z", -turn))))
         for turn in turns

@@ -14,7 +14,7 @@ from dualarm_cli.files.source.yaml_source import Loc
 from dualarm_cli.files.tasks.schema_tasks import TaskSection
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.geometry.elementary import sin
+from dualarm_cli.geometry.elementary import TURN, sin
 from dualarm_cli.kinds.seam.schema import CoordinateSection, FeatureSection, HoldSection, SeamTask
 from dualarm_cli.model.curves.contours import Contour, Ellipse, LineContour, Saddle, SphereArc
 from dualarm_cli.model.curves.feature_curve import (
@@ -40,7 +40,6 @@ SAME_POINT = 1e-6
 """Distance below which neighbouring poses of a file stand at one place [m]."""
 SMALLEST_NORMAL = 1e-9
 """Least length of a normal."""
-FULL_TURN = 2.0 * math.pi
 
 
 SEAM_KEYS = {
@@ -215,7 +214,7 @@ def _shown(point: FloatArray) -> str:
 
 def _contour(section: FeatureSection) -> Contour:
     begin = section.begin or 0.0
-    end = section.finish if section.finish is not None else begin + FULL_TURN
+    end = section.finish if section.finish is not None else begin + TURN
     shift = section.eccentricity or 0.0
     if section.kind == "saddle":
         angle = section.angle if section.angle is not None else math.pi / 2.0
@@ -239,7 +238,7 @@ def _wrong(section: FeatureSection) -> tuple[Loc, str] | None:
     begin = section.begin or 0.0
     if section.finish is not None and section.finish == begin:
         return ("finish",), "the curve ends where it begins; leave 'finish' out for a full turn"
-    if section.finish is not None and abs(section.finish - begin) > FULL_TURN + 1e-9:
+    if section.finish is not None and abs(section.finish - begin) > TURN + 1e-9:
         return ("finish",), "the curve is longer than a full turn; end it after one turn"
     shift = abs(section.eccentricity or 0.0)
     if section.kind == "saddle":

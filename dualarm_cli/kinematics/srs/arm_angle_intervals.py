@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.kinematics.srs.srs_limits import TURN
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.records import dataclass
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.elementary import TURN
 
 LIMIT_SLACK = 1e-10
 """How far an angle may pass a limit by rounding [rad]."""
-TURN = 2.0 * np.pi
 
 
 def wrap(angle: FloatArray) -> FloatArray:

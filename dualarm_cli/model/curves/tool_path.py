@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
-from dualarm_cli.geometry.elementary import arctan2, cos, power
+from dualarm_cli.geometry.elementary import TURN, arctan2, cos, power
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import exp_rotation, log_rotation, right_jacobian
 from dualarm_cli.geometry.splines import PoseSpline
@@ -150,9 +150,7 @@ class Turn:
         about = start.translation + to_centre / (2.0 * size)
         axis = normal / np.sqrt(size)
         first, last = start.translation - about, end.translation - about
-        angle = float(
-            arctan2(product(axis, np.cross(first, last)), product(first, last)) % (2.0 * np.pi)
-        )
+        angle = float(arctan2(product(axis, np.cross(first, last)), product(first, last)) % TURN)
         rotation = log_rotation(product(end.rotation, start.rotation.T))
         return cls(start, about, axis, angle, rotation)
 

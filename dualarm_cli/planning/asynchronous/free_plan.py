@@ -22,12 +22,12 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job, StopKey
+from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.lying import Visit, lying_beside, lying_parts
 from dualarm_cli.model.schedule import Segment
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.motion.transfers import PLATFORM, Drive, transfers_within_tool_speed
-from dualarm_cli.motion.waiting import SAME_TIME
 from dualarm_cli.orders.model.tool_changes import cell_after
 from dualarm_cli.planning.asynchronous.meeting_arms import ArmCoordination
 from dualarm_cli.planning.asynchronous.own_clock import OwnClock, Wait

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import WaitReason
-from dualarm_cli.motion.waiting import SAME_TIME
 from dualarm_cli.records import dataclass
 
 

@@ -11,10 +11,10 @@ import numpy as np
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Event, Segment, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion
-from dualarm_cli.motion.waiting import SAME_TIME
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.composition import concatenate, hold
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.platform_angle.problem import (
     Kind,
     PlatformProblem,
@@ -98,7 +99,7 @@ def _draw_arms(
 ) -> None:
     """Draws platform, shoulders and both arms seen along the platform's axis."""
     style = {"alpha": 0.3, "linestyle": "--"} if faint else {"linestyle": "-"}
-    turn = np.linspace(0.0, 2.0 * np.pi, 181)
+    turn = np.linspace(0.0, TURN, 181)
     # Both elbows point away from the other arm.
     outward = -1.0 if np.sin(problem.offset[0, 1] - problem.offset[0, 0]) > 0 else 1.0
     for radius in sorted(set(problem.radius[0].tolist())):

@@ -8,6 +8,8 @@ import numpy as np
 
 from dualarm_cli.compiled import srs as compiled
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.elementary import TURN
+from dualarm_cli.postures.line_following import SAME_POSTURE
 from dualarm_cli.stages.plans.candidates import (
     FREE_YAWS,
     LINE_FACTOR,
@@ -25,8 +27,6 @@ from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_pos
 
 LARGEST_STEP = np.pi / 2
 """A joint that turns more than this between two samples of a line has jumped [rad]."""
-SAME_POSTURE = 1e-9
-"""Difference of a given configuration from the solution for its pose up to which they are one [rad]."""
 _BLOCK = 4096
 """Candidates that are followed at a time: their joints stay in the cache."""
 SWING_STEPS = 3
@@ -114,7 +114,7 @@ def _at_configurations(
     The configuration itself counts, also where a singular wrist has others for the same pose; a line must start in it.
     """
     given = np.where(carried[:, None], table.configuration[row], q[:, middle])
-    turn = 2.0 * np.pi * np.round((given - q[:, middle]) / (2.0 * np.pi))
+    turn = TURN * np.round((given - q[:, middle]) / TURN)
     q = q + turn[:, None]
     still = length.max(axis=1) == 0.0
     same = np.abs(q[:, middle] - given).max(axis=1) < SAME_POSTURE

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.continuation import SKELETON, FlangeLines, moved_along
 from dualarm_cli.kinematics.general_arm import GeneralArm, numeric_form
@@ -36,7 +37,6 @@ AROUND = np.array([0.0, -0.3, -0.1, 0.1, 0.3])
 """Where on the self-motion nodes around a plan are set [rad]."""
 DRIFTS = np.array([[0.0, 0.0], [-0.2, 0.0], [0.2, 0.0], [0.0, -0.2], [0.0, 0.2]])
 """How the ways along the self-motion that come with both lines are varied there [rad]."""
-TURN = 2.0 * np.pi
 HALF_RANGES = 12
 """Joints whose halves of their ranges tell branches apart at most."""
 

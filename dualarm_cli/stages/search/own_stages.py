@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.kinematics.srs.arm_angle_intervals import ArmAngleIntervals
 from dualarm_cli.postures.platform_reach import reachable_cells, reachable_spans
 from dualarm_cli.records import dataclass
@@ -269,13 +270,13 @@ def _nearest(psi: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
     """Returns the arm angles within intervals (n, k) that are nearest to some (n,) [rad]; NaN where there are none."""
     width = end - start
     inset = INSET * width
-    along = np.mod(psi[:, None] - start, 2.0 * np.pi)
+    along = np.mod(psi[:, None] - start, TURN)
     # From beyond the interval's end back to it, or on to its start.
-    back, on = width - inset - along, 2.0 * np.pi + inset - along
+    back, on = width - inset - along, TURN + inset - along
     moved = np.where(np.abs(back) < on, back, on)
     moved = np.where(along < inset, inset - along, moved)
     moved = np.where((along >= inset) & (along <= width - inset), 0.0, moved)
-    moved = np.where(width >= 2.0 * np.pi, 0.0, moved)
+    moved = np.where(width >= TURN, 0.0, moved)
     size = np.where(np.isfinite(moved), np.abs(moved), np.inf)
     best: IntArray = np.argmin(size, axis=1)
     return psi + moved[np.arange(len(psi)), best]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.geometry.products import product
 from dualarm_cli.kinds.path.following.position_limits import ended_by_limit
 from dualarm_cli.kinds.path.following.problem import NoPath, PathMotion, PathProblem, within_limits
@@ -140,7 +141,7 @@ def _grid_tracks(
     arm: SrsArm, R: FloatArray, p: FloatArray, velocity: FloatArray, start: FloatArray | None
 ) -> list[Track]:
     """Returns the best track of every branch on the grid of arm angles, best first."""
-    grid: FloatArray = np.arange(CELLS, dtype=np.float64) * (2.0 * np.pi / CELLS)
+    grid: FloatArray = np.arange(CELLS, dtype=np.float64) * (TURN / CELLS)
     if start is not None:
         # The grid begins at the given arm angle.
         grid = grid + float(arm.arm_angle(start))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.geometry.elementary import cos, power, sin
+from dualarm_cli.geometry.elementary import TURN, cos, power, sin
 from dualarm_cli.geometry.products import product
 from dualarm_cli.geometry.programs import plain_piqp
 from dualarm_cli.kinds.seam.closed_chain.chain import KEPT
@@ -214,7 +214,7 @@ class SeamProgram:
         bodies = chain.bodies(position)
         if work.tool.tilt > 0.0:
             r, J = chain.offsets(bodies, share)
-            angle = np.arange(LEAN_SIDES) * (2.0 * np.pi / LEAN_SIDES)
+            angle = np.arange(LEAN_SIDES) * (TURN / LEAN_SIDES)
             sides = np.stack([cos(angle), sin(angle)], axis=-1)
             slope = product(sides, J[:, 3:5][:, :, self.decided])
             bound = KEPT * work.tool.tilt * cos(np.pi / LEAN_SIDES) - product(r[:, 3:5], sides.T)

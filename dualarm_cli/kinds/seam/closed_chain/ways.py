@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.geometry.elementary import power
+from dualarm_cli.geometry.elementary import TURN, power
 from dualarm_cli.geometry.linear_systems import singular_values
 from dualarm_cli.kinds.seam.closed_chain.problem import SeamProblem
 from dualarm_cli.model.robot import JointLimits
@@ -49,12 +49,12 @@ AMPLE = 0.93
 
 def turned_back(problem: SeamProblem, ways: FloatArray) -> FloatArray:
     """Returns the ways, joints of several turns as near to the middle of their ranges as whole turns bring them."""
-    limits, full = problem.limits, 2.0 * np.pi
-    several = problem.chain.closes & (limits.upper - limits.lower > full)
+    limits = problem.limits
+    several = problem.chain.closes & (limits.upper - limits.lower > TURN)
     middle = np.where(several, (limits.upper + limits.lower) / 2.0, 0.0)
     center = (ways.max(axis=1) + ways.min(axis=1)) / 2.0
-    turns = np.where(several, np.round((center - middle) / full), 0.0)
-    return ways - full * turns[:, None]
+    turns = np.where(several, np.round((center - middle) / TURN), 0.0)
+    return ways - TURN * turns[:, None]
 
 
 def way_cost(problem: SeamProblem, way: FloatArray) -> float:
