@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -153,7 +154,8 @@ class PairedSearch:
         effort, provable = EFFORTS[self.effort].orders, is_provable(self.problem, self.effort)
         if provable:
             effort = effort.shorter(SHORTER)
-        found = good_orders(
+        wanted = partial(
+            good_orders,
             self.problem,
             effort,
             self.seed,
@@ -161,6 +163,10 @@ class PairedSearch:
             watch.found,
             lambda: watch.stop(kept),
         )
+        found, few = wanted(), is_few(self.problem) and self.start is None
+        if few and not found:
+            # Where the k-th stops of both arms collide, one arm may wait for the other one.
+            found, few = wanted(all_if_few=False), False
         if not found or self._is_late(found[0]):
             # Lateness is as far as the search knows: only what is proven ends here.
             # And with targets that move where they are guessed to be met it proves nothing.
@@ -169,7 +175,6 @@ class PairedSearch:
                 why = why_impossible(self.order, of_stages(self.problem))
             if why is not None or not found:
                 raise why or InfeasibleError(Refusal(NO_ORDER_FOUND))
-        few = is_few(self.problem) and self.start is None
         bound, how = None, SEARCHED
         if few:
             which = "some" if watch.stopped else "all"

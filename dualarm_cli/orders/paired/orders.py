@@ -150,6 +150,8 @@ def good_orders(
     start: IntArray | None = None,
     better: Callable[[float], None] = lambda _: None,
     stop: Callable[[], bool] = lambda: False,
+    *,
+    all_if_few: bool = True,
 ) -> list[StageOrder]:
     """Returns different orders, the best one first; none where none was found.
 
@@ -162,8 +164,9 @@ def good_orders(
         start: an order that is known to be good, to begin with, shape (n, arms).
         better: receives the total of every better order [s].
         stop: whether to stop early; one order is made in any case.
+        all_if_few: whether few tasks have all their orders timed, in which the k-th stops of both arms are together.
     """
-    if is_few(problem) and start is None:
+    if all_if_few and is_few(problem) and start is None:
         best = best_of_all(problem, better, stop)
         return [] if best is None else [best]
     found: list[StageOrder] = []
