@@ -124,12 +124,12 @@ def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> 
         # With no approach (or no retract) the part lies where it is picked (or placed) at that very instant as well.
         first = start - SAME_TIME if start == event.time else start + SAME_TIME
         inside = (time >= first) & (time <= end - SAME_TIME)
-        held[inside, a] |= 1
+        held[inside, a] = holding.cell.loads.on_lines(held[inside, a])
     if stage <= last and holding.handing[stage]:
         # Both at once: from where the taking tool approaches until the giving one is away.
         start, end = _on_lines(motion, holding.cell.arms, this.start, this.end)
         inside = (time >= start - SAME_TIME) & (time <= end + SAME_TIME)
-        held[inside] = holding.cell.at_stops(
+        held[inside] = holding.cell.loads.at_stops(
             held[inside], np.ones(int(inside.sum()), dtype=np.bool_)
         )
     return StageSamples(motion.trajectory.at(time)[0], held, step)

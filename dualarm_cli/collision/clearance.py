@@ -7,6 +7,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
+from dualarm_cli.collision.loads import Load, Loads
 from dualarm_cli.collision.pair_groups import PairGroup
 from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.collision.rooms import PartRoom, rooms_of
@@ -25,12 +26,7 @@ SLACK = 0.002
 
 @dataclass(frozen=True)
 class CellClearance:
-    """The quick test of a cell.
-
-    What an arm holds is a number: twice the place of its name in `parts`, and one more on a stop's lines, where a part
-    need not be clear of what stands still. In a hand-over twice the number of parts are added: the other arm's tool,
-    and what that holds, may touch the part then. What lies meanwhile adds `size` times the number of the scene.
-    """
+    """The quick test of a cell; what arms hold are numbers of its `loads`."""
 
     test: QuickTest
     """Hulls and pairs."""
@@ -38,8 +34,8 @@ class CellClearance:
     """Names of the arms."""
     columns: tuple[tuple[int, ...], ...]
     """Columns of each arm's joints among the robot's."""
-    parts: tuple[str, ...]
-    """Names of all that is ever held, see `Held.name`; the first one is nothing, tools come before parts in them."""
+    loads: Loads
+    """Numbering of everything that is ever held."""
     alone: str | None = None
     """The only arm that is tested, and not against the other one; None for all arms."""
     skew: float = 0.0
@@ -48,10 +44,11 @@ class CellClearance:
     """Rooms of parts that wait or lie at times."""
     scenes: tuple[Scene, ...] = ({},)
     """What lies when; nothing in the first one, unless it lies all the time."""
-    listed: dict[tuple[int, int, bool], tuple[PairGroup, Scenes]] = field(
+    listed: dict[tuple[int, str, bool, bool], tuple[PairGroup, Scenes]] = field(
         default_factory=dict, compare=False
     )
-    """Pairs, and those that count in each scene, by arm, what it holds, and whether they are those that may touch."""
+    """Pairs, and those that count in each scene, by arm, name of what it holds, whether it is on a line, and whether
+    they are those that may touch."""
 
     @classmethod
     def of(
@@ -74,7 +71,7 @@ class CellClearance:
             QuickTest(cell, carried, rooms),
             tuple(arm.name for arm in arms),
             tuple(tuple(cell.robot.columns(arm.joints)) for arm in arms),
-            ("", *dict.fromkeys(part for _, part in carried)),
+            Loads(("", *dict.fromkeys(part for _, part in carried))),
             skew=skew,
             rooms=rooms,
         )
@@ -88,46 +85,20 @@ class CellClearance:
         """Returns the same test with what lies when."""
         return replace(self, scenes=scenes, listed={})
 
-    @property
-    def size(self) -> int:
-        """Number of the numbers of what an arm may hold in one scene."""
-        return 4 * len(self.parts)
-
-    def held(self, part: str, on_line: bool = False) -> int:
-        """Returns the number of what an arm holds."""
-        return 2 * self.parts.index(part) + on_line
-
-    def at_stops(self, held: IntArray, handing: BoolArray) -> IntArray:
-        """Returns the numbers of what arms hold at their stops and on the lines there.
-
-        Args:
-            held: what they hold, shape (..., arms).
-            handing: where a part is handed over, shape (...).
-        """
-        numbers: IntArray = np.where(handing[..., None], held + 2 * len(self.parts), held | 1)
-        return numbers
-
     def may_only_touch(self, held: IntArray) -> BoolArray:
         """Returns where what an arm holds counts only where it reaches into something, shape (n,).
 
         Args:
             held: what each arm holds, shape (n, arms).
         """
-        found: BoolArray = (held % 2 == 1).any(axis=1)
+        found: BoolArray = np.any(self.loads.are_on_lines(held), axis=1)
         if self.rooms:
             for a in range(len(self.arms)):
                 for number in distinct(held[:, a]).tolist():
-                    if self._scenes(a, number, touching=True)[1].of(number // self.size):
+                    load = self.loads.load(number)
+                    if self._scenes(a, load, touching=True)[1].of(load.scene):
                         found |= held[:, a] == number
         return found
-
-    def part_of(self, number: int) -> str:
-        """Returns the part of a number."""
-        return self.parts[(number % self.size // 2) % len(self.parts)]
-
-    def is_handed(self, number: int) -> bool:
-        """Returns whether the part of a number is being handed over."""
-        return number % self.size >= 2 * len(self.parts)
 
     def own_margins(
         self, a: int, position: FloatArray, held: IntArray, *, ground: bool = False
@@ -143,15 +114,15 @@ class CellClearance:
         if self.alone not in (None, self.arms[a]):
             return np.full(len(position), np.inf)
         found = np.empty(len(position))
-        scene, base = held // self.size, held % self.size
-        for number in distinct(base).tolist():
-            rows = np.flatnonzero(base == number)
-            found[rows] = self._margins(a, number, position[rows], scene[rows])
+        scene, plain = self.loads.scenes(held), self.loads.in_first_scene(held)
+        for number in distinct(plain).tolist():
+            rows, load = np.flatnonzero(plain == number), self.loads.load(number)
+            found[rows] = self._margins(a, load, position[rows], scene[rows])
             if not ground:
                 continue
-            groups = [self._margins(a, number, position[rows], scene[rows], touching=True)]
-            if number % 2:
-                lying = self.test.ground(self.arms[a], self.part_of(number))
+            groups = [self._margins(a, load, position[rows], scene[rows], touching=True)]
+            if load.on_line:
+                lying = self.test.ground(self.arms[a], load.name)
                 groups.append(self.test.margins(lying, position[rows]))
             for margin in groups:
                 # What only touches is as good as far away.
@@ -159,41 +130,41 @@ class CellClearance:
         return found
 
     def _margins(
-        self, a: int, number: int, position: FloatArray, scene: IntArray, *, touching: bool = False
+        self, a: int, load: Load, position: FloatArray, scene: IntArray, *, touching: bool = False
     ) -> FloatArray:
         """Returns the margins of one arm that holds one thing, in some scenes [m], shape (n,)."""
         if not self.rooms:
             if touching:
                 return np.full(len(position), np.inf)
-            return self.test.margins(self._own(a, number), position)
-        group, scenes = self._scenes(a, number, touching=touching)
+            return self.test.margins(self._own(a, load), position)
+        group, scenes = self._scenes(a, load, touching=touching)
         if not len(scenes.listed):
             return np.full(len(position), np.inf)
         return self.test.margins(group, position, (scenes, scene))
 
-    def _own(self, a: int, number: int, *, touching: bool = False) -> PairGroup:
-        arm, part = self.arms[a], self.part_of(number)
+    def _own(self, a: int, load: Load, *, touching: bool = False) -> PairGroup:
+        arm = self.arms[a]
         if not touching:
-            return self.test.own(arm, part, bool(number % 2))
+            return self.test.own(arm, load.name, load.on_line)
         scenes = [scene.get(arm, ArmScene()) for scene in self.scenes]
         stops = [s for scene in scenes for s in (*scene.left.items(), *scene.here.items())]
-        return self.test.touching(arm, part, stops)
+        return self.test.touching(arm, load.name, stops)
 
-    def _scenes(self, a: int, number: int, *, touching: bool = False) -> tuple[PairGroup, Scenes]:
-        """Returns pairs of one arm, and those that count in each scene while it holds something."""
-        key = a, number % self.size, touching
+    def _scenes(self, a: int, load: Load, *, touching: bool = False) -> tuple[PairGroup, Scenes]:
+        """Return pairs of one arm, and those that count in each scene while it holds something."""
+        key = a, load.name, load.on_line, touching
         if key not in self.listed:
-            group = self._own(a, number, touching=touching)
-            self.listed[key] = group, self._listed(self.arms[a], number, group, touching=touching)
+            group = self._own(a, load, touching=touching)
+            self.listed[key] = group, self._listed(self.arms[a], load, group, touching=touching)
         return self.listed[key]
 
-    def _listed(self, arm: str, number: int, group: PairGroup, *, touching: bool) -> Scenes:
+    def _listed(self, arm: str, load: Load, group: PairGroup, *, touching: bool) -> Scenes:
         rooms = [self.test.room_of(pair) for pair in group.pairs]
         room = np.array([-1 if r is None else r for r in rooms], dtype=np.int64)
         part = np.array([self.test.carried_in(pair) for pair in group.pairs], dtype=np.bool_)
         part &= room >= 0
         tool = np.array([self.test.is_on_flange(pair, arm) for pair in group.pairs], dtype=np.bool_)
-        holds = bool(self.test.part_in(arm, self.part_of(number)))
+        holds = bool(self.test.part_in(arm, load.name))
         lists = []
         for scene in self.scenes:
             own = scene.get(arm, ArmScene())
@@ -205,7 +176,7 @@ class CellClearance:
             there[-1] = not touching
             counts = there[room] & np.where(part, touched[room] == touching, not touching)
             for r in {**own.left, **own.here}:
-                on_line = bool(number % 2) and r in own.here
+                on_line = load.on_line and r in own.here
                 visits = [side[r] for side in (own.left, own.here) if r in side]
                 for k in np.flatnonzero(there[room] & tool & (room == r)).tolist():
                     needed = min(self.test.needed(group.pairs[k], arm, one) for one in visits)
@@ -223,21 +194,20 @@ class CellClearance:
         """
         if self.alone:
             return np.full(len(position), np.inf)
-        if len(self.parts) == 1:
+        if len(self.loads.names) == 1:
             return self.test.margins(self.test.cross(), position)
         found = np.empty(len(position))
-        parts = held % self.size // 2
-        for numbers in np.unique(parts, axis=0):
-            rows = np.flatnonzero((parts == numbers).all(axis=1))
-            group = self._cross([2 * number for number in numbers.tolist()])
-            found[rows] = self.test.margins(group, position[rows])
+        plain = self.loads.off_lines(held)
+        for numbers in np.unique(plain, axis=0):
+            rows = np.flatnonzero((plain == numbers).all(axis=1))
+            found[rows] = self.test.margins(self._cross(numbers), position[rows])
         return found
 
-    def _cross(self, numbers: Sequence[int]) -> PairGroup:
-        """Returns the pairs of one arm with the other while they hold things of some numbers."""
-        by_arm = dict(zip(self.arms, numbers, strict=True))
-        carried = {arm: self.part_of(number) for arm, number in by_arm.items()}
-        handed = frozenset(arm for arm, number in by_arm.items() if self.is_handed(number))
+    def _cross(self, held: IntArray) -> PairGroup:
+        """Return the pairs of one arm with the other while each holds something, shape (arms,)."""
+        loads = dict(zip(self.arms, map(self.loads.load, held.tolist()), strict=True))
+        carried = {arm: load.name for arm, load in loads.items()}
+        handed = frozenset(arm for arm, load in loads.items() if load.is_handed)
         return self.test.cross(carried, handed)
 
     def nearest(self, position: FloatArray, held: IntArray) -> tuple[str, str, float]:
@@ -259,29 +229,32 @@ class CellClearance:
         return self.test.lacking(position, self._pairs(held))
 
     def _pairs(self, held: IntArray) -> list[Pair]:
-        """Returns all pairs that must keep apart while the arms hold things of some numbers, shape (arms,)."""
-        parts = [self.part_of(number) for number in held.tolist()]
-        found = [] if self.alone else list(self._cross(held.tolist()).pairs)
-        for a, (arm, part, number) in enumerate(zip(self.arms, parts, held.tolist(), strict=True)):
+        """Return all pairs that must keep apart while each arm holds something, shape (arms,)."""
+        found = [] if self.alone else list(self._cross(held).pairs)
+        for a, (arm, number) in enumerate(zip(self.arms, held.tolist(), strict=True)):
             if self.alone not in (None, arm):
                 continue
+            load = self.loads.load(number)
             found += self.own_pairs(a, number)
-            found += self.own_pairs(a, number, touching=True)
-            found += self.test.ground(arm, part).pairs if number % 2 else ()
+            found += self._counting(a, load, touching=True)
+            found += self.test.ground(arm, load.name).pairs if load.on_line else ()
         return found
 
-    def own_pairs(self, a: int, number: int, *, touching: bool = False) -> Sequence[Pair]:
-        """Returns the pairs of one arm, but with the other one, while it holds something.
+    def own_pairs(self, a: int, number: int) -> Sequence[Pair]:
+        """Return the pairs of one arm, but with the other one, that may not touch while it holds something.
 
         Args:
             a: which arm.
             number: what it holds.
-            touching: whether only those of parts that may touch are asked for, or all others.
         """
+        return self._counting(a, self.loads.load(number))
+
+    def _counting(self, a: int, load: Load, *, touching: bool = False) -> Sequence[Pair]:
+        """Return the pairs of one arm that count: those that may touch, or all others."""
         if not self.rooms:
-            return () if touching else self._own(a, number).pairs
-        group, scenes = self._scenes(a, number, touching=touching)
-        return [group.pairs[k] for k in scenes.of(number // self.size)]
+            return () if touching else self._own(a, load).pairs
+        group, scenes = self._scenes(a, load, touching=touching)
+        return [group.pairs[k] for k in scenes.of(load.scene)]
 
     def margins(self, position: FloatArray, held: IntArray) -> FloatArray:
         """Returns the least margin of everything from everything [m], shape (n,); arguments as of `cross_margins`."""

@@ -21,7 +21,7 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class Holding:
-    """A job's cell with its quick test, and what the arms hold in n stages, as numbers of that test."""
+    """A job's cell with its quick test, and what the arms hold in n stages, as numbers of `Loads`."""
 
     cell: CellClearance
     """Hulls and pairs."""
@@ -62,7 +62,7 @@ class Holding:
                 # A tool that comes to its stand may touch it there: what is held has another name then.
                 holds[arm] = task.held_before(stop.action)
                 now[arm] = task.held_after(stop.action)
-            rows.append([[cell.held(state[arm]) for arm in cell.arms] for state in (holds, now)])
+            rows.append([[cell.loads.number(s[arm]) for arm in cell.arms] for s in (holds, now)])
             holds = now
         fitting = {
             (k, arm): _fitting(job, arm, task, stop)
@@ -71,11 +71,12 @@ class Holding:
         }
         if not rows:
             # A transfer alone, on which no part is held.
-            rows.append([[cell.held(holds[arm]) for arm in cell.arms]] * 2)
+            rows.append([[cell.loads.number(holds[arm]) for arm in cell.arms]] * 2)
         numbers = np.array(rows, dtype=np.int64).reshape(-1, 2, len(cell.arms))
         if cell.rooms:
             # Of a transfer alone nothing lies but what lies all the time.
-            numbers += cell.size * np.arange(1, len(numbers) + 1)[:, None, None] * bool(job.tasks)
+            scenes = np.arange(1, len(numbers) + 1) * bool(job.tasks)
+            numbers = cell.loads.in_scenes(numbers, scenes[:, None, None])
         handing = np.zeros(len(numbers), dtype=np.bool_)
         for k, work in enumerate(job.stages()):
             handing[k] = any(stop.action == "give" for _, stop in work.values())
@@ -85,8 +86,8 @@ class Holding:
     @property
     def at_targets(self) -> IntArray:
         """What each arm holds at each stage's targets, shape (n, arms)."""
-        # Of what an arm may hold tools come first, then tools with parts: the larger number is what it holds more of.
-        return self.cell.at_stops(np.maximum(self.before, self.after), self.handing)
+        loads = self.cell.loads
+        return loads.at_stops(loads.fuller(self.before, self.after), self.handing)
 
 
 def _fitting(job: Job, arm: str, task: Task, stop: Stop) -> FloatArray:

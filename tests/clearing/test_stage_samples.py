@@ -16,6 +16,7 @@ from dualarm_cli.clearing.stage_samples import (
     stage_samples,
     which_are_clear,
 )
+from dualarm_cli.collision.loads import Loads
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.motion.motion import realise
@@ -24,7 +25,7 @@ from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
 
-LINES = SimpleNamespace(may_only_touch=lambda held: (held % 2 == 1).any(axis=1))
+LINES = SimpleNamespace(may_only_touch=lambda held: Loads(("",)).are_on_lines(held).any(axis=1))
 """A test in which what is held may touch on lines only."""
 
 

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.collision.clearance import CellClearance
+from dualarm_cli.collision.loads import Load
 from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Obstacle
@@ -43,18 +44,42 @@ def postures(tasks_folder):
     return robot.postures["home"] + random.normal(scale=0.6, size=(40, len(robot.joints)))
 
 
-def test_numbers_say_what_is_held_and_where(clearance):
-    """Even away from lines, odd on them, from twice the number of names on in a hand-over."""
-    assert clearance.parts == ("", "rod", "plate")
-    assert [clearance.held(p, line) for p in clearance.parts for line in (False, True)] == [
-        *range(6)
+def test_every_load_has_a_number_of_its_own(clearance):
+    """Three names on and off lines and handed over, in two scenes: all are told apart, and found again."""
+    loads, names = clearance.loads, ("", "rod", "plate")
+    assert loads.names == names
+    off = np.array([loads.number(name) for name in names])
+    on, handed = loads.on_lines(off), loads.at_stops(off, np.array([True]))
+    assert on.tolist() == [loads.number(name, on_line=True) for name in names]
+    for scene in (0, 1):
+        given = [loads.in_scenes(numbers, np.array(scene)) for numbers in (off, on, handed.ravel())]
+        found = [loads.load(number) for numbers in given for number in numbers.tolist()]
+        assert found == [
+            *(Load(name, scene=scene) for name in names),
+            *(Load(name, on_line=True, scene=scene) for name in names),
+            *(Load(name, is_handed=True, scene=scene) for name in names),
+        ]
+        for numbers, plain in zip(given, (off, off, handed.ravel()), strict=True):
+            assert (loads.scenes(numbers) == scene).all()
+            np.testing.assert_array_equal(loads.off_lines(numbers), plain)
+        assert [bool(loads.are_on_lines(numbers).any()) for numbers in given] == [
+            False,
+            True,
+            False,
+        ]
+        np.testing.assert_array_equal(loads.in_first_scene(given[1]), on)
+    np.testing.assert_array_equal(loads.nothing(2, 1), [off[:1], off[:1]])
+
+
+def test_arms_at_stops_are_on_lines_or_hand_over(clearance):
+    """Two stages: a pick of the right arm, and a hand-over of the rod."""
+    loads = clearance.loads
+    empty, rod = loads.number(""), loads.number("rod")
+    at = loads.at_stops(np.array([[empty, rod], [rod, empty]]), np.array([False, True]))
+    assert [[loads.load(number) for number in row] for row in at.tolist()] == [
+        [Load("", on_line=True), Load("rod", on_line=True)],
+        [Load("rod", is_handed=True), Load("", is_handed=True)],
     ]
-    at = clearance.at_stops(np.array([[0, 2], [2, 4]]), np.array([False, True]))
-    assert at.tolist() == [[1, 3], [8, 10]]
-    assert [clearance.part_of(k) for k in (0, 1, 2, 5, 8, 10)] == [
-        "", "", "rod", "plate", "rod", "plate",
-    ]  # fmt: skip
-    assert [clearance.is_handed(k) for k in (0, 5, 6, 10)] == [False, False, True, True]
 
 
 def test_margins_of_mixed_rows_are_those_of_each_row_alone(clearance, postures):
@@ -86,7 +111,7 @@ def test_of_an_arm_alone_only_its_own_margins_count(clearance, postures):
 @pytest.mark.parametrize("on_line", [False, True])
 def test_a_number_stands_for_the_pairs_of_its_part(clearance, postures, part, on_line):
     """Off lines all pairs of the arm with its part; on lines without what stands, which counts where it is reached."""
-    held = np.full(40, clearance.held(part, on_line))
+    held = np.full(40, clearance.loads.number(part, on_line=on_line))
     test = clearance.test
     for a, arm in enumerate(clearance.arms):
         own = test.margins(test.own(arm, part, on_line), postures)
@@ -104,6 +129,6 @@ def test_arms_keep_clear_of_what_the_other_one_holds(cell, postures, parts):
     clearance, test = CellClearance.of(cell, carried), QuickTest(cell, carried)
     for part in ["", *parts]:
         for on_line in (False, True):
-            held = np.tile([clearance.held(part, on_line), 0], (40, 1))
+            held = np.tile([clearance.loads.number(part, on_line=on_line), 0], (40, 1))
             expected = test.margins(test.cross({"left": part, "right": ""}), postures)
             np.testing.assert_array_equal(clearance.cross_margins(postures, held), expected)

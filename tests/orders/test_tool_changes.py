@@ -152,15 +152,18 @@ def test_what_is_held_goes_from_tool_to_tool_and_part(kit):
     job = dataclasses.replace(job, tasks=(dataclasses.replace(job.tasks[0], part="plate"),))
     holding = Holding.of(with_changes(job))
     a = holding.cell.arms.index("left")
+    loads = holding.cell.loads
     names = [
-        [holding.cell.part_of(k) for k in rows[:, a]] for rows in (holding.before, holding.after)
+        [loads.load(k).name for k in rows[:, a].tolist()]
+        for rows in (holding.before, holding.after)
     ]
     at = " at its stand"
     assert names[0] == [f"fingers{at}", "", "suction", "suction with plate", f"suction{at}", ""]
     assert names[1] == ["", f"suction{at}", "suction with plate", "suction", "", f"fingers{at}"]
-    assert not any(holding.cell.part_of(k) for k in holding.before[:, 1 - a])
+    np.testing.assert_array_equal(loads.off_lines(holding.before[:, 1 - a]), loads.nothing(6))
     # A tool with a part in it counts for more than the tool alone where both are looked at.
-    assert holding.cell.held("suction with plate") > holding.cell.held("suction") > 0
+    tool, both = (np.array([loads.number(name)]) for name in ("suction", "suction with plate"))
+    assert loads.fuller(tool, both) == loads.fuller(both, tool) == both != tool
 
 
 def test_a_part_hangs_at_the_tool_that_grips_it(kit):
@@ -190,7 +193,7 @@ def test_on_its_stand_a_tool_may_touch_what_stands_there_and_nowhere_else(kit):
     a = test.arms.index("left")
 
     def margins(name, on_line):
-        held = np.full(len(position), test.held(name, on_line))
+        held = np.full(len(position), test.loads.number(name, on_line=on_line))
         return test.own_margins(a, position, held, ground=True)
 
     free = margins("", False) >= 0.0
@@ -405,7 +408,7 @@ def test_an_arm_by_its_own_clock_holds_what_its_stops_say(kit):
         (f"suction{at}", True),
         (f"suction{at}", False),  # on the way that is a tool like any other
     ]
-    assert found == [cell.held(*one) for one in expected]
+    assert found == [cell.loads.number(name, on_line=line) for name, line in expected]
 
 
 def test_visits_to_stands_are_kept_apart_from_stops_that_turned_out_to_touch(kit):

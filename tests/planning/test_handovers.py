@@ -185,8 +185,9 @@ def test_tools_may_touch_the_part_only_while_it_is_handed_over(flip, schedule):
     take = next(e for e in schedule.events if e.action == "take")
     [q] = schedule.trajectory.at(np.array([take.time]))[0]
     for before, part in ((("left", "bracket"), 0), (("right", "bracket@flip-1"), 1)):
-        held = np.array([[cell.held(before[1]) if a == part else 0 for a in range(2)]])
-        handed = cell.at_stops(held, np.array([True]))
+        held = cell.loads.nothing(1, 2)
+        held[0, part] = cell.loads.number(before[1])
+        handed = cell.loads.at_stops(held, np.array([True]))
         # The part ends 2 mm before either tool centre point, at which the tool's cap ends.
         assert cell.cross_margins(q[None], held)[0] < -0.005
         assert cell.cross_margins(q[None], handed)[0] > 0.0
@@ -201,7 +202,8 @@ def test_tools_may_touch_the_part_only_while_it_is_handed_over(flip, schedule):
         dataclasses.replace(long, parts={"bracket": (huge,), "bracket@flip-1": (box,)}),
         flip.carried(),
     )
-    handed = cell.at_stops(np.array([[cell.held("bracket"), 0]]), np.array([True]))
+    held = np.array([[cell.loads.number("bracket"), cell.loads.number("")]])
+    handed = cell.loads.at_stops(held, np.array([True]))
     assert cell.cross_margins(q[None], handed)[0] < 0.0
     one, other, _ = cell.nearest(q, handed[0])
     assert "left bracket" in (one, other)
@@ -212,14 +214,14 @@ def test_while_it_is_handed_over_a_part_keeps_clear_of_obstacles(flip):
     """Where parts are picked they may lie on something; in the air they may not."""
     holding = Holding.of(flip)
     assert holding.handing.tolist() == [False, True, False]
-    left, right = holding.at_targets.T
-    cell = holding.cell
-    assert [cell.is_handed(n) for n in left.tolist()] == [False, True, False]
-    assert [cell.part_of(n) for n in left.tolist()] == ["bracket", "bracket", ""]
-    assert [cell.part_of(n) for n in right.tolist()] == ["", "bracket@flip-1", "bracket@flip-1"]
-    # Odd numbers may touch the ground.
-    assert [n % 2 for n in left.tolist()][:2] == [1, 0]
-    assert right[2] % 2 == 1
+    loads = holding.cell.loads
+    left, right = ([loads.load(n) for n in row] for row in holding.at_targets.T.tolist())
+    assert [load.is_handed for load in left] == [False, True, False]
+    assert [load.name for load in left] == ["bracket", "bracket", ""]
+    assert [load.name for load in right] == ["", "bracket@flip-1", "bracket@flip-1"]
+    # What is on a line may touch the ground.
+    assert [load.on_line for load in left][:2] == [True, False]
+    assert right[2].on_line
 
 
 def test_tools_that_would_meet_are_refused(flip):
@@ -281,10 +283,10 @@ def test_an_arm_that_is_late_makes_both_late(flip, late):
     assert off.max() < 2 * 3.0 * samples.step
     assert (thought.held[:count] != real.held[:count]).any(axis=1).sum() <= 6
     # Both hold something else in the end, and the part is being handed over in between.
-    cell = holding.cell
-    states = [tuple(cell.part_of(n) for n in row) for row in real.held.tolist()]
+    loads = [[holding.cell.loads.load(n) for n in row] for row in real.held.tolist()]
+    states = [tuple(load.name for load in row) for row in loads]
     assert list(dict.fromkeys(states)) == [("bracket", ""), ("", "bracket@flip-1")]
-    handed = np.array([any(map(cell.is_handed, row)) for row in real.held.tolist()])
+    handed = np.array([any(load.is_handed for load in row) for row in loads])
     lines = [s for s in made.segments if s.kind in ("approach", "dwell", "retract")]
     span = max(s.end for s in lines) - min(s.start for s in lines)
     assert handed.sum() * samples.step == pytest.approx(span, abs=2 * samples.step)

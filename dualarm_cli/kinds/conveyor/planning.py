@@ -321,17 +321,18 @@ def _worst(
     None where all is clear. The arm of the part (own) may touch it, on its lines (own_lines: of this stage) at will.
     """
     for a, arm in enumerate(cell.arms):
-        held = samples.held[:, a] % cell.size
+        held = cell.loads.in_first_scene(samples.held[:, a])
         for number in np.unique(held[there]).tolist():
-            rows = np.flatnonzero(there & (held == number))
-            part = cell.part_of(number)
-            margins, pairs = cell.test.drifting(r, arm, part, samples.position[rows], shift[rows])
+            rows, load = np.flatnonzero(there & (held == number)), cell.loads.load(number)
+            margins, pairs = cell.test.drifting(
+                r, arm, load.name, samples.position[rows], shift[rows]
+            )
             for margin, pair in zip(margins, pairs, strict=True):
                 least = KEPT
                 if arm == own and cell.test.is_on_flange(pair, arm):
                     room = cell.rooms[r]
                     needed = min(-OVERLAP, cell.test.needed(pair, arm, (room.task, room.stop)))
-                    least = -np.inf if own_lines and number % 2 else needed - pair.required
+                    least = -np.inf if own_lines and load.on_line else needed - pair.required
                 k = int(np.argmin(margin))
                 if margin[k] < least:
                     return *cell.test.labels(pair), max(0.0, -float(margin[k])), int(rows[k])

@@ -428,7 +428,7 @@ LOOKED_AT = 0.02
 
 def is_clear(holding: Holding, position: FloatArray) -> BoolArray:
     """Returns which configurations (k, n) [rad] are collision-free, shape (k,)."""
-    held = np.zeros((len(position), len(holding.cell.arms)), dtype=np.int64)
+    held = holding.cell.loads.nothing(len(position), len(holding.cell.arms))
     return np.asarray(holding.cell.margins(position, held) >= SLACK)
 
 
@@ -438,7 +438,7 @@ def touching_path(holding: Holding, found: FollowedPath) -> Refused | None:
     count = max(2, int(np.ceil(trajectory.duration / LOOKED_AT)) + 1)
     time = np.linspace(0.0, trajectory.duration, count)
     position = trajectory.at(time)[0]
-    held = np.zeros((count, len(holding.cell.arms)), dtype=np.int64)
+    held = holding.cell.loads.nothing(count, len(holding.cell.arms))
     margin = holding.cell.margins(position, held)
     k = int(np.argmin(margin))
     if margin[k] >= SLACK / 2.0:

@@ -152,7 +152,7 @@ def clearance_test(holding: Holding) -> Callable[[FloatArray], BoolArray]:
 
 def nearest_bodies(holding: Holding, position: FloatArray) -> Refusal:
     """Returns which bodies come nearest at a configuration (n,) [rad]."""
-    held = np.zeros(len(holding.cell.arms), dtype=np.int64)
+    held = holding.cell.loads.nothing(len(holding.cell.arms))
     one, other, missing = holding.cell.nearest(position, held)
     return Refusal("touches", measured=max(0.0, -missing), more={"one": one, "other": other})
 
@@ -181,7 +181,7 @@ def where_it_touches(
 
 
 def _margins(holding: Holding, position: FloatArray) -> FloatArray:
-    held = np.zeros((len(position), len(holding.cell.arms)), dtype=np.int64)
+    held = holding.cell.loads.nothing(len(position), len(holding.cell.arms))
     return holding.cell.margins(position, held)
 
 

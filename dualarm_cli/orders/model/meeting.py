@@ -35,10 +35,11 @@ def handover_margins(
     """
     cell, names = order.clearance, list(order.model.arms)
     assert cell is not None  # callers have looked
-    given, taken = (cell.held(order.job.tasks[t].part) for t in shares)
-    before, after = np.zeros((2, 2), dtype=np.int64)
+    loads = cell.loads
+    given, taken = (loads.number(order.job.tasks[t].part) for t in shares)
+    before, after = loads.nothing(2, 2)
     before[giver], after[1 - giver] = given, taken
-    met = cell.at_stops(before + after, np.array(True))
+    met = loads.at_stops(loads.fuller(before, after), np.array(True))
     n = places[0].shape[1]
     least = np.full(n, np.inf)
     for place, held in enumerate((before, met, after)):
@@ -214,9 +215,9 @@ def stop_conflicts(order: OrderModel, f: int) -> BoolArray:
 def _held(order: OrderModel, stops: Sequence[tuple[int, int]]) -> IntArray:
     """Returns what an arm holds at each stop, at most, shape (s,)."""
     assert order.clearance is not None  # callers have looked
-    cell = order.clearance
+    number = order.clearance.loads.number
     held = (Held(order.tasks[t].tool, order.tasks[t].part).name for t, _ in stops)
-    return np.array([cell.held(name) for name in held], dtype=np.int64)
+    return np.array([number(name) for name in held], dtype=np.int64)
 
 
 def _touch(

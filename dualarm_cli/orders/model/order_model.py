@@ -372,10 +372,10 @@ class OrderModel:
     def held(self, t: int, s: int) -> tuple[int, int, int]:
         """Returns what an arm holds where an approach begins, at the target, and where the retract ends."""
         assert self.clearance is not None  # callers have looked
-        held, task = self.clearance.held, self.tasks[t]
+        number, task = self.clearance.loads.number, self.tasks[t]
         action = task.stops[s].action
         came, goes = task.held_before(action), task.held_after(action)
-        return held(came), held(came, True), held(goes)
+        return number(came), number(came, on_line=True), number(goes)
 
     def is_clear(self, name: str, places: FloatArray, angle: IntArray, held: IntArray) -> BoolArray:
         """Returns which stops are clear of all but the other arm, shape (n,).

@@ -324,7 +324,7 @@ def _is_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
         held[:, a] = own.held(time, cell, job)
     if cell.rooms:
         cell, scene = with_motion_scenes(job, cell, motion, time)
-        held += cell.size * scene[:, None]
+        held = cell.loads.in_scenes(held, scene[:, None])
     position = motion.trajectory.at(time)[0]
     stretches: list[StageSamples] = []
     for k in range(0, max(1, count - 1), CHUNK):

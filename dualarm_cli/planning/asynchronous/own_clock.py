@@ -134,17 +134,18 @@ class OwnClock:
             cell: the test.
             job: what is to be done, decided.
         """
-        tasks = {task.id: task for task in job.tasks}
-        found = np.full(len(time), cell.held(job.held_at_start(self.arm)))
+        tasks, number = {task.id: task for task in job.tasks}, cell.loads.number
+        found = np.full(len(time), number(job.held_at_start(self.arm)))
         begins = self._begins()
         for event in self.events:
             if event.task not in tasks:
                 continue
             task, began = tasks[event.task], begins[event.task, event.action]
-            found[time >= began - SAME_TIME] = cell.held(task.held_before(event.action))
-            found[time >= event.changes_held - SAME_TIME] = cell.held(task.held_after(event.action))
+            found[time >= began - SAME_TIME] = number(task.held_before(event.action))
+            found[time >= event.changes_held - SAME_TIME] = number(task.held_after(event.action))
         for start, end in self._lines():
-            found[(time >= start - SAME_TIME) & (time <= end + SAME_TIME)] |= 1
+            inside = (time >= start - SAME_TIME) & (time <= end + SAME_TIME)
+            found[inside] = cell.loads.on_lines(found[inside])
         return found
 
     def _begins(self) -> dict[tuple[str, str], float]:

@@ -77,17 +77,18 @@ class SequenceClearance:
     @property
     def at_targets(self) -> IntArray:
         """What each arm holds at each stage's targets, shape (n, arms)."""
-        return self.cell.at_stops(np.maximum(self.before, self.after), self.handing)
+        loads = self.cell.loads
+        return loads.at_stops(loads.fuller(self.before, self.after), self.handing)
 
     @property
     def coming(self) -> IntArray:
         """What each arm holds on each stage's approaches, shape (n, arms)."""
-        return self.cell.at_stops(self.before, self.handing)
+        return self.cell.loads.at_stops(self.before, self.handing)
 
     @property
     def leaving(self) -> IntArray:
         """What each arm holds on each stage's retracts, shape (n, arms)."""
-        return self.cell.at_stops(self.after, self.handing)
+        return self.cell.loads.at_stops(self.after, self.handing)
 
     def arm_free(
         self, a: int, angle: FloatArray, q: FloatArray, held: int, spare: float = SLACK
