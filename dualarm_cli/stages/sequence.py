@@ -185,27 +185,14 @@ def solve_sequence(problem: MethodProblem) -> Decided:
         model, job, roomy = problem.own.model, problem.own.job, numbers.arms
         problem = replace(problem, model=model, job=job, own=None)
         numbers = _numbers(problem)
-    nearby: list[list[StagePlan]] = []
     # Long orders were chosen by a plan that simpler methods, which take long themselves, do not come near.
     given = problem.start is not None and len(job.stages()) > LONG and spares
-    if problem.unchecked:
+    nearby = _near_unchecked(problem, numbers, roomy)
+    if problem.unchecked and spares:
         # Simpler methods, which take long with clearance, are then asked only where that turns out to be dear.
-        unchecked = decisions_of(numbers, model, list(problem.unchecked))
-        # The search knows no cap on the tools' speed: under one, what is good is left as it is.
-        near = search_near(
-            numbers,
-            unchecked,
-            problem.touching,
-            problem.effort,
-            problem.seed,
-            local=job.tool_speed is not None,
-            roomy=roomy,
-        )
-        if near is not None:
-            nearby.append(stage_plans(model, job, numbers, near.decisions, "sequence"))
-        if nearby and spares:
+        if nearby:
             return Decided(nearby[0], simpler=None if given else lambda: _simpler(problem))
-        if problem.only_near and spares:
+        if problem.only_near:
             raise InfeasibleError(Refusal("no_plan_on_grid"))
     # Greedy plans of arms without closed forms take as long as the search: only where that finds none.
     general = not problem.closed_forms
@@ -246,6 +233,27 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     gap = _grid_gap(found) if problem.holding is None else None
     simpler = (lambda: _simpler(problem)) if general else None
     return Decided(stages, gap, (*nearby, *alternatives), simpler=simpler)
+
+
+def _near_unchecked(
+    problem: MethodProblem, numbers: SequenceProblem, roomy: tuple[ArmWork, ...]
+) -> list[list[StagePlan]]:
+    """Search near the unchecked plan, if there is one; return the stages of the plan found, or nothing."""
+    if not problem.unchecked:
+        return []
+    near = search_near(
+        numbers,
+        decisions_of(numbers, problem.model, list(problem.unchecked)),
+        problem.touching,
+        problem.effort,
+        problem.seed,
+        # The search knows no cap on the tools' speed: under one, what is good is left as it is.
+        local=problem.job.tool_speed is not None,
+        roomy=roomy,
+    )
+    if near is None:
+        return []
+    return [stage_plans(problem.model, problem.job, numbers, near.decisions, "sequence")]
 
 
 def _numbers(problem: MethodProblem) -> SequenceProblem:

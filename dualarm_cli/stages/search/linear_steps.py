@@ -12,7 +12,6 @@ from dualarm_cli.geometry.programs import least_cost
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans import passing
-from dualarm_cli.stages.plans.candidates import CandidatePostures
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import (
@@ -121,19 +120,14 @@ def linear_rows(
     rates = [
         slopes(problem, a, tables[a], best.decisions, best.arms[a]) for a in range(len(tables))
     ]
-    rows = Rows()
+    plan = _LinearisedPlan(problem, tables, variables, best, rates)
     for a in range(len(problem.arms)):
-        _transfer_rows(rows, problem, tables, variables, best, rates[a], a)
-        _line_rows(rows, problem, variables, best, rates[a], a)
-        _limit_rows(rows, problem, variables, best, rates[a], a, radius)
+        plan.add_transfers(a)
+        plan.add_lines(a)
+        plan.add_limits(a, radius)
     if problem.returns:
-        _return_rows(rows, problem, variables, best, rates)
-    return rows.by_stage()
-
-
-def _columns(variables: Variables, arm: int, stages: IntArray) -> IntArray:
-    """Returns the columns of (platform angle, FIELDS) in some stages, shape (m, 5)."""
-    return np.column_stack([variables.angle[stages], variables.arms[arm][stages]])
+        plan.add_return()
+    return plan.rows.by_stage()
 
 
 def timed_slopes(law: RestToRest, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -143,195 +137,172 @@ def timed_slopes(law: RestToRest, moved: FloatArray) -> tuple[FloatArray, FloatA
     return time, np.sign(moved) * (ahead - time) / RATE_STEP
 
 
-def _transfer_rows(
-    rows: Rows,
-    problem: SequenceProblem,
-    tables: tuple[StopTable, ...],
-    variables: Variables,
-    best: Evaluated,
-    rates: Slopes,
-    a: int,
-) -> None:
-    """Appends, per stage and slow joint: transfer + lines + dwell <= stage's length, all linear."""
-    work, found = problem.arms[a], best.arms[a]
-    chain = TransferChain.of(work)
-    k = chain.active
-    came = chain.previous[k]
-    q_from = np.where(
-        came[:, None] >= 0, found.q_retract[came], start_joints(problem, work, chain, found)
-    )
-    time, slope = timed_slopes(work.law, found.q_approach[k] - q_from)
-    if problem.ways is not None:
-        leaving, arriving = (
-            (q_from, left_with(found, came)),
-            (found.q_approach[k], found.rates[k, 0]),
-        )
-        time, slope = passing.timed_slopes(work, leaving, arriving, (time, slope))
-    here = slope[:, :, None] * rates.q_approach[k]
-    there = np.where(came[:, None, None] >= 0, -slope[:, :, None] * rates.q_retract[came], 0.0)
-    columns, columns_before = _columns(variables, a, k), _columns(variables, a, came)
-    longest = time.max(axis=1)
-    lines, dwell = _line_columns(problem, variables, a, k), tables[a].dwell[k]
-    if len(problem.together):
-        # In a hand-over the other arm's lines and dwell count as well.
-        other, met = 1 - a, np.isin(k, problem.together)
-        theirs = np.where(met[:, None], _line_columns(problem, variables, other, k), -1)
-        lines = np.column_stack([lines, theirs])
-        dwell = dwell + np.where(met, tables[other].dwell[k], 0.0)
-    both = np.ones(lines.shape)
-    if problem.platform_law is not None:
-        angle = best.decisions.angle
-        before = np.concatenate([[start_angle(problem, angle)], angle[:-1]])
-        platform_time, platform_slope = timed_slopes(
-            problem.platform_law, (angle - before)[k, None]
-        )
-        longest = np.maximum(longest, platform_time[:, 0])
-        columns_p = np.column_stack(
-            [variables.angle[k], np.where(k > 0, variables.angle[k - 1], -1)]
-        )
-        _add(
-            rows,
-            variables,
-            np.column_stack([columns_p, lines]),
-            np.column_stack([platform_slope, -platform_slope, both]),
-            platform_time[:, 0] + dwell,
-            k,
-            platform_time[:, 0] >= NEAR_CRITICAL * longest,
-        )
-    # A free start moves with the first stop: its transfer takes no time, and only its work counts.
-    if problem.free_start and len(k) and k[0] == 0:
-        here[0] = 0.0
-    for joint in range(work.joints):
-        _add(
-            rows,
-            variables,
-            np.column_stack([columns, np.where(came[:, None] >= 0, columns_before, -1), lines]),
-            np.column_stack([here[:, joint], there[:, joint], both]),
-            time[:, joint] + dwell,
-            k,
-            time[:, joint] >= NEAR_CRITICAL * longest,
-        )
+@dataclass(frozen=True)
+class _LinearisedPlan:
+    """A possible plan, the slopes of its joints and times, and the rows that are made of them."""
 
+    problem: SequenceProblem
+    """The sequence."""
+    tables: tuple[StopTable, ...]
+    """The arms' stops."""
+    variables: Variables
+    """Numbering of the variables."""
+    best: Evaluated
+    """The plan."""
+    rates: list[Slopes]
+    """Slopes of each arm's joints and line times."""
+    rows: Rows = field(default_factory=Rows)
+    """Rows so far."""
 
-def _line_columns(
-    problem: SequenceProblem, variables: Variables, a: int, stages: IntArray
-) -> IntArray:
-    """Returns the columns of the times of approach and retract in some stages, shape (m, 2)."""
-    first = variables.count + problem.stages + 1 + 2 * a * problem.stages
-    return np.column_stack([first + 2 * stages, first + 2 * stages + 1])
+    def add_transfers(self, a: int) -> None:
+        """Append, per stage and slow joint: transfer + lines + dwell <= stage's length, all linear."""
+        problem, rates = self.problem, self.rates[a]
+        chain = TransferChain.of(problem.arms[a])
+        k, came = chain.active, chain.previous[chain.active]
+        time, slope = self._transfer_slopes(a, chain)
+        here = slope[:, :, None] * rates.q_approach[k]
+        there = np.where(came[:, None, None] >= 0, -slope[:, :, None] * rates.q_retract[came], 0.0)
+        # A free start moves with the first stop: its transfer takes no time, and only its work counts.
+        if problem.free_start and len(k) and k[0] == 0:
+            here[0] = 0.0
+        before = np.where(came[:, None] >= 0, self._columns(a, came), -1)
+        columns = np.column_stack([self._columns(a, k), before])
+        moves = (
+            [] if problem.platform_law is None else [self._platform_move(problem.platform_law, k)]
+        )
+        for joint in range(problem.arms[a].joints):
+            values = np.column_stack([here[:, joint], there[:, joint]])
+            moves.append((columns, values, time[:, joint]))
+        longest = np.max([move[2] for move in moves], axis=0)
+        lines, dwell = self._line_columns(a, k), self.tables[a].dwell[k]
+        if len(problem.together):
+            # In a hand-over the other arm's lines and dwell count as well.
+            other, met = 1 - a, np.isin(k, problem.together)
+            theirs = np.where(met[:, None], self._line_columns(other, k), -1)
+            lines = np.column_stack([lines, theirs])
+            dwell = dwell + np.where(met, self.tables[other].dwell[k], 0.0)
+        for columns, values, time in moves:
+            columns = np.column_stack([columns, lines])
+            values = np.column_stack([values, np.ones(lines.shape)])
+            self._add(columns, values, time + dwell, k, time >= NEAR_CRITICAL * longest)
 
+    def _transfer_slopes(self, a: int, chain: TransferChain) -> tuple[FloatArray, FloatArray]:
+        """Time an arm's joints on its transfers [s], with slopes by their displacements [s/rad], (m, joints) each."""
+        problem, work, found = self.problem, self.problem.arms[a], self.best.arms[a]
+        k, came = chain.active, chain.previous[chain.active]
+        q_from = np.where(
+            came[:, None] >= 0, found.q_retract[came], start_joints(problem, work, chain, found)
+        )
+        timed = timed_slopes(work.law, found.q_approach[k] - q_from)
+        if problem.ways is None:
+            return timed
+        leaving = q_from, left_with(found, came)
+        return passing.timed_slopes(work, leaving, (found.q_approach[k], found.rates[k, 0]), timed)
 
-def _line_rows(
-    rows: Rows,
-    problem: SequenceProblem,
-    variables: Variables,
-    best: Evaluated,
-    rates: Slopes,
-    a: int,
-) -> None:
-    """Appends, per line and slow joint: what the joint asks for <= time of the line."""
-    work = problem.arms[a]
-    k = TransferChain.of(work).active
-    columns, lines = _columns(variables, a, k), _line_columns(problem, variables, a, k)
-    found = best.arms[a]
-    pairs = ((found.approach, rates.approach), (found.retract, rates.retract))
-    for end, (time, rate) in enumerate(pairs):
-        # A line that is passed in motion changes as it does from rest to rest.
-        share = found.shares[:, end, None]
-        time, rate = time * share, rate * share[:, :, None]
-        watched = (time[k] >= NEAR_CRITICAL * time[k].max(axis=1, keepdims=True)) & (time[k] > 0)
-        for joint in range(work.joints):
-            used = watched[:, joint]
-            rows.add(
-                np.column_stack([columns, lines[:, end]])[used],
-                np.column_stack([rate[k, joint], -np.ones(len(k))])[used],
-                -time[k, joint][used],
-                k[used],
+    def _platform_move(
+        self, law: RestToRest, k: IntArray
+    ) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Time the platform's moves into some stages [s], shape (m,), with their columns and slopes, (m, 2) each."""
+        angle = self.best.decisions.angle
+        before = np.concatenate([[start_angle(self.problem, angle)], angle[:-1]])
+        time, slope = timed_slopes(law, (angle - before)[k, None])
+        column = self.variables.angle
+        columns = np.column_stack([column[k], np.where(k > 0, column[k - 1], -1)])
+        return columns, np.column_stack([slope, -slope]), time[:, 0]
+
+    def add_lines(self, a: int) -> None:
+        """Append, per line and slow joint: what the joint takes <= time of the line."""
+        work, found, rates = self.problem.arms[a], self.best.arms[a], self.rates[a]
+        k = TransferChain.of(work).active
+        columns, lines = self._columns(a, k), self._line_columns(a, k)
+        pairs = ((found.approach, rates.approach), (found.retract, rates.retract))
+        for end, (time, rate) in enumerate(pairs):
+            # A line that is passed in motion changes as it does from rest to rest.
+            share = found.shares[:, end, None]
+            time, rate = time * share, rate * share[:, :, None]
+            watched = (time[k] >= NEAR_CRITICAL * time[k].max(axis=1, keepdims=True)) & (
+                time[k] > 0
             )
+            for joint in range(work.joints):
+                used = watched[:, joint]
+                self.rows.add(
+                    np.column_stack([columns, lines[:, end]])[used],
+                    np.column_stack([rate[k, joint], -np.ones(len(k))])[used],
+                    -time[k, joint][used],
+                    k[used],
+                )
 
+    def add_return(self) -> None:
+        """Append the return's rows: every slow joint and the platform, back to the start."""
+        problem, variables, best = self.problem, self.variables, self.best
+        last = np.array([problem.stages])
+        angle = best.decisions.angle
+        if problem.platform_law is not None:
+            back = np.array([[start_angle(problem, angle) - angle[-1]]])
+            time, slope = timed_slopes(problem.platform_law, back)
+            first = variables.angle[0] if problem.free_start else -1
+            columns = np.array([[variables.angle[-1], first]])
+            values = np.column_stack([-slope, slope])
+            watched = time[:, 0] >= NEAR_CRITICAL * best.closing
+            self._add(columns, values, time[:, 0], last, watched)
+        for a, work in enumerate(problem.arms):
+            chain, found, rates = TransferChain.of(work), best.arms[a], self.rates[a]
+            if not len(chain.active):
+                continue
+            k = int(chain.active[-1])
+            start = start_joints(problem, work, chain, found)
+            time, slope = timed_slopes(work.law, start - found.q_retract[k])
+            moves = problem.free_start and chain.active[0] == 0
+            for joint in range(work.joints):
+                columns = self._columns(a, np.array([k]))
+                values = (-slope[joint] * rates.q_retract[k, joint])[None]
+                if moves:
+                    columns = np.column_stack([columns, self._columns(a, np.array([0]))])
+                    values = np.column_stack([values, slope[joint] * rates.q_approach[:1, joint]])
+                watched = time[[joint]] >= NEAR_CRITICAL * best.closing
+                self._add(columns, values, time[[joint]], last, watched)
 
-def _add(
-    rows: Rows,
-    variables: Variables,
-    columns: IntArray,
-    values: FloatArray,
-    now: FloatArray,
-    stage: IntArray,
-    watched: BoolArray,
-) -> None:
-    """Appends now + values @ step <= length of the stage for the watched rows."""
-    columns = np.column_stack([columns, variables.count + stage])
-    values = np.column_stack([values, np.full(len(stage), -1.0)])
-    rows.add(columns[watched], values[watched], -now[watched], stage[watched])
+    def add_limits(self, a: int, radius: FloatArray) -> None:
+        """Append position limits of the joints that a step within a radius could bring there."""
+        work, found, rates = self.problem.arms[a], self.best.arms[a], self.rates[a]
+        k = TransferChain.of(work).active
+        columns = self._columns(a, k)
+        for q, rate in (
+            (found.q_approach, rates.q_approach),
+            (found.q_target, rates.q_target),
+            (found.q_retract, rates.q_retract),
+        ):
+            swing = np.abs(rate[k]).sum(axis=2) * radius[k, None]
+            for joint in range(work.joints):
+                for sign, limit in ((1.0, work.limits.upper), (-1.0, work.limits.lower)):
+                    room = sign * (limit[joint] - q[k, joint]) - LIMIT_MARGIN
+                    near = room < swing[:, joint]
+                    if near.any():
+                        values = sign * rate[k, joint]
+                        bound = np.maximum(room[near], 0.0)
+                        self.rows.add(columns[near], values[near], bound, k[near])
 
+    def _columns(self, a: int, stages: IntArray) -> IntArray:
+        """Return the columns of (platform angle, FIELDS) in some stages, shape (m, 5)."""
+        return np.column_stack([self.variables.angle[stages], self.variables.arms[a][stages]])
 
-def _return_rows(
-    rows: Rows,
-    problem: SequenceProblem,
-    variables: Variables,
-    best: Evaluated,
-    rates: list[Slopes],
-) -> None:
-    """Appends the return's rows: every slow joint and the platform, back to the start."""
-    n = problem.stages
-    last = np.array([n])
-    angle = best.decisions.angle
-    if problem.platform_law is not None:
-        back = np.array([[start_angle(problem, angle) - angle[-1]]])
-        time, slope = timed_slopes(problem.platform_law, back)
-        first = variables.angle[0] if problem.free_start else -1
-        columns = np.array([[variables.angle[-1], first]])
-        values = np.column_stack([-slope, slope])
-        watched = time[:, 0] >= NEAR_CRITICAL * best.closing
-        _add(rows, variables, columns, values, time[:, 0], last, watched)
-    for a, work in enumerate(problem.arms):
-        chain, found = TransferChain.of(work), best.arms[a]
-        if not len(chain.active):
-            continue
-        k = int(chain.active[-1])
-        start = start_joints(problem, work, chain, found)
-        time, slope = timed_slopes(work.law, start - found.q_retract[k])
-        moves = problem.free_start and chain.active[0] == 0
-        for joint in range(work.joints):
-            columns = _columns(variables, a, np.array([k]))
-            values = (-slope[joint] * rates[a].q_retract[k, joint])[None]
-            if moves:
-                columns = np.column_stack([columns, _columns(variables, a, np.array([0]))])
-                values = np.column_stack([values, slope[joint] * rates[a].q_approach[:1, joint]])
-            watched = time[[joint]] >= NEAR_CRITICAL * best.closing
-            _add(rows, variables, columns, values, time[[joint]], last, watched)
+    def _line_columns(self, a: int, stages: IntArray) -> IntArray:
+        """Return the columns of the times of approach and retract in some stages, shape (m, 2)."""
+        first = self.variables.count + self.problem.stages + 1 + 2 * a * self.problem.stages
+        return np.column_stack([first + 2 * stages, first + 2 * stages + 1])
 
-
-def _limit_rows(
-    rows: Rows,
-    problem: SequenceProblem,
-    variables: Variables,
-    best: Evaluated,
-    rates: Slopes,
-    a: int,
-    radius: FloatArray,
-) -> None:
-    """Appends position limits of the joints that a step could bring there."""
-    work, found = problem.arms[a], best.arms[a]
-    k = TransferChain.of(work).active
-    columns = _columns(variables, a, k)
-    for q, rate in _ends(found, rates):
-        swing = np.abs(rate[k]).sum(axis=2) * radius[k, None]
-        for joint in range(work.joints):
-            for sign, limit in ((1.0, work.limits.upper), (-1.0, work.limits.lower)):
-                room = sign * (limit[joint] - q[k, joint]) - LIMIT_MARGIN
-                near = room < swing[:, joint]
-                if near.any():
-                    values = sign * rate[k, joint]
-                    rows.add(columns[near], values[near], np.maximum(room[near], 0.0), k[near])
-
-
-def _ends(found: CandidatePostures, rates: Slopes) -> list[tuple[FloatArray, FloatArray]]:
-    return [
-        (found.q_approach, rates.q_approach),
-        (found.q_target, rates.q_target),
-        (found.q_retract, rates.q_retract),
-    ]
+    def _add(
+        self,
+        columns: IntArray,
+        values: FloatArray,
+        now: FloatArray,
+        stage: IntArray,
+        watched: BoolArray,
+    ) -> None:
+        """Append now + values @ step <= length of the stage for the watched rows."""
+        columns = np.column_stack([columns, self.variables.count + stage])
+        values = np.column_stack([values, np.full(len(stage), -1.0)])
+        self.rows.add(columns[watched], values[watched], -now[watched], stage[watched])
 
 
 SHARED = 10

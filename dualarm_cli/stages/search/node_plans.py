@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -156,6 +156,53 @@ class NodePlans:
     """Stages for which no nodes were found, where that is why there is no plan."""
 
 
+@dataclass(frozen=True)
+class _StageNodes:
+    """Nodes of a grid, made stage by stage."""
+
+    problem: SequenceProblem
+    """The sequence."""
+    tables: tuple[StopTable, ...]
+    """The arms' stops."""
+    mesh: Mesh
+    """Resolution of the grid."""
+    angles: FloatArray
+    """Platform angles at each stage [rad], shape (n, f)."""
+    near: Evaluated | None
+    """A plan that the nodes lie around."""
+    loose: BoolArray | None
+    """Stages in which they do, shape (n,); in all others the plan's own postures are the only nodes. None for all."""
+    handed: dict[tuple[int, int], Nodes] = field(default_factory=dict)
+    """Nodes of hand-overs, which are taken twice, by arm and stage."""
+
+    def layers(self, arms: Sequence[int]) -> list[ArmLayers]:
+        """Make the layers of some arms."""
+        return [arm_layers(self.problem, a, self.angles, self._of_stages(a)) for a in arms]
+
+    def _of_stages(self, a: int) -> Iterator[Nodes | None]:
+        for k, stop in enumerate(self.problem.arms[a].stops):
+            if stop is None:
+                yield None
+            elif k in self.problem.together:
+                yield taking_turns(self._handed(a, k), self._handed(1 - a, k))
+            else:
+                yield self._made(a, k)
+
+    def _handed(self, a: int, k: int) -> Nodes:
+        if (a, k) not in self.handed:
+            self.handed[a, k] = self._made(a, k)
+        return self.handed[a, k]
+
+    def _made(self, a: int, k: int) -> Nodes:
+        problem, near, angles = self.problem, self.near, self.angles[k]
+        if near is not None and self.loose is not None and not self.loose[k]:
+            return own_node(problem, a, k, angles, near)
+        grid = Grid(angles, self.mesh.arm_angles, self.mesh.most_nodes)
+        own = None if near is None else near.decisions.arms[a]
+        found = grid_nodes(problem, a, self.tables[a], k, grid, own)
+        return free_nodes(problem, a, k, angles, found)
+
+
 def plans_on_nodes(
     problem: SequenceProblem,
     tables: tuple[StopTable, ...],
@@ -184,36 +231,10 @@ def plans_on_nodes(
         angles = np.tile(grid_angles(problem, mesh.angle_step), (problem.stages, 1))
     if near is not None and loose is not None:
         angles[~loose] = near.decisions.angle[~loose, None]
-
-    handed: dict[tuple[int, int], Nodes] = {}
-
-    def nodes(a: int, k: int) -> Nodes:
-        if k not in problem.together:
-            return made(a, k)
-        # In a hand-over they are asked for twice.
-        if (a, k) not in handed:
-            handed[a, k] = made(a, k)
-        return handed[a, k]
-
-    def made(a: int, k: int) -> Nodes:
-        if near is not None and loose is not None and not loose[k]:
-            return own_node(problem, a, k, angles[k], near)
-        grid = Grid(angles[k], mesh.arm_angles, mesh.most_nodes)
-        own = None if near is None else near.decisions.arms[a]
-        found = grid_nodes(problem, a, tables[a], k, grid, own)
-        return free_nodes(problem, a, k, angles[k], found)
-
-    def of_stages(a: int) -> Iterator[Nodes | None]:
-        for k, stop in enumerate(problem.arms[a].stops):
-            partner = nodes(1 - a, k) if stop is not None and k in problem.together else None
-            yield None if stop is None else taking_turns(nodes(a, k), partner)
-
-    def layers(some: Sequence[int]) -> list[ArmLayers]:
-        return [arm_layers(problem, a, angles, of_stages(a)) for a in some]
-
+    made = _StageNodes(problem, tables, mesh, angles, near, loose)
     # Few stages' nodes are made faster than a process is copied.
     least = 2 if problem.stages >= SHARED else len(problem.arms) + 1
-    arms = tuple(halves(layers, range(len(problem.arms)), least))
+    arms = tuple(halves(made.layers, range(len(problem.arms)), least))
     own: set[int] = set()
     bound: float | None = None
     for _ in range(BANS):
