@@ -21,13 +21,30 @@ from dualarm_cli.records import dataclass
 
 TOUCH_NOISE = 0.5e-3
 """Standard deviation that a touched coordinate is taken to have at most, where no noise is stated [m]."""
-OUTLIER_LEVEL, SCALE_LEVEL = 0.02, 0.01
-"""Chance at which sound points are called to have an outlier, or two scales. With the 1 % of `explained` and for
-whatever number of points, a false alarm comes in less than 5 of 100 sound files."""
-READINGS_LEVEL = 0.0025
-"""Chance at which either of the two tests of a robot's own readings fails sound ones: 1 % in a file of two robots."""
-RELEVANT = 1e-3
-"""A smaller disagreement is not reported, however sure [m]."""
+
+
+@dataclass(frozen=True)
+class JudgementSettings:
+    """Levels at which readings count as contradictions."""
+
+    outlier_level: float = 0.02
+    scale_level: float = 0.01
+    """Chance at which sound points are called to have an outlier, or two scales. With the 1 % of `explained` and for
+    whatever number of points, a false alarm comes in less than 5 of 100 sound files."""
+    readings_level: float = 0.0025
+    """Chance at which either of the two tests of a robot's own readings fails sound ones: 1 % in a file of
+    two robots."""
+    relevant: float = 1e-3
+    """A smaller disagreement is not reported, however sure [m]."""
+    same_point: float = 1e-4
+    """Points nearer than this for both robots are one point [m]."""
+    mirrored: float = 1e-3
+    """Residuals of which the root mean square is less are not those of a mirror image [m]."""
+    turn_off: float = math.radians(0.5)
+    """An uncertainty of rotation that is reported [rad]."""
+
+
+LEVELS = JudgementSettings()
 
 
 @dataclass(frozen=True)
@@ -88,11 +105,11 @@ def readings_apart(apart: FloatArray, noise: float | None, fitted: int) -> float
     """
     squares = (apart**2).sum(axis=1)
     worst, degrees = float(squares.max()), apart.size - fitted
-    if worst <= RELEVANT**2 or degrees <= 0:
+    if worst <= LEVELS.relevant**2 or degrees <= 0:
         return None
     variance = 2.0 * (TOUCH_NOISE if noise is None else noise) ** 2
-    together = explained(float(squares.sum()), degrees, variance, READINGS_LEVEL)
-    if together and explained(worst, 3, variance, READINGS_LEVEL / len(squares)):
+    together = explained(float(squares.sum()), degrees, variance, LEVELS.readings_level)
+    if together and explained(worst, 3, variance, LEVELS.readings_level / len(squares)):
         return None
     return math.sqrt(worst)
 
@@ -104,7 +121,7 @@ def least_squares(problem: CalibrationProblem) -> float:
 
 
 def _outlier(problem: CalibrationProblem, squares: float, fitted: int) -> Outlier | None:
-    """Returns the point without which the others fit so much better that noise does it in OUTLIER_LEVEL of all files.
+    """Returns the point without which the others fit so much better that noise does it in `outlier_level` of all files.
 
     The mean-shift test of each point, F(3, 3 n - 9) under noise of any size, and Bonferroni's bound on the most
     extreme of n.
@@ -124,13 +141,13 @@ def _outlier(problem: CalibrationProblem, squares: float, fitted: int) -> Outlie
     least = max(float(without[worst]), 1e-30)
     off = float(np.linalg.norm(problem.left[worst] - R[worst] @ problem.right[worst] - t[worst]))
     F = (squares - least) / 3.0 * degrees / least
-    if off < RELEVANT or n * float(fdtrc(3, degrees, F)) >= OUTLIER_LEVEL:
+    if off < LEVELS.relevant or n * float(fdtrc(3, degrees, F)) >= LEVELS.outlier_level:
         return None
     return Outlier(worst, off, math.sqrt(squares / (degrees + 3) * degrees / least))
 
 
 def _scale(problem: CalibrationProblem, squares: float, fitted: int) -> float | None:
-    """Returns by how much one robot's lengths are larger, if noise does as much in SCALE_LEVEL of all files.
+    """Returns by how much one robot's lengths are larger, if noise does as much in `scale_level` of all files.
 
     The scale of least squares ([Umeyama1991]) as a seventh unknown: F(1, 3 n - 7) under noise of any size.
     """
@@ -147,17 +164,9 @@ def _scale(problem: CalibrationProblem, squares: float, fitted: int) -> float | 
     least = max(squares - (scale - 1.0) ** 2 * size, 1e-30)
     F = (squares - least) * degrees / least
     off = abs(scale - 1.0) * float(np.linalg.norm(turned[:, None] - turned[None], axis=-1).max())
-    if off < RELEVANT or float(fdtrc(1, degrees, F)) >= SCALE_LEVEL:
+    if off < LEVELS.relevant or float(fdtrc(1, degrees, F)) >= LEVELS.scale_level:
         return None
     return scale
-
-
-SAME_POINT = 1e-4
-"""Points nearer than this for both robots are one point [m]."""
-MIRRORED = 1e-3
-"""Residuals of which the root mean square is less are not those of a mirror image [m]."""
-TURN_OFF = math.radians(0.5)
-"""An uncertainty of rotation that is reported [rad]."""
 
 
 @dataclass(frozen=True)
@@ -272,11 +281,11 @@ def _near_line(problem: CalibrationProblem, left: Spread, right: Spread) -> list
 def _repeated(problem: CalibrationProblem, pairs: tuple[PairDistance, ...]) -> list[str]:
     """Names points that are one."""
     return [
-        f"{pair.first} and {pair.second} are the same point (less than {SAME_POINT * 1000:g} mm "
+        f"{pair.first} and {pair.second} are the same point (less than {LEVELS.same_point * 1000:g} mm "
         "apart): this shows how repeatable "
         "the touching is, but adds nothing to the spread"
         for pair in pairs
-        if max(pair.left, pair.right) < SAME_POINT
+        if max(pair.left, pair.right) < LEVELS.same_point
     ]
 
 
@@ -322,7 +331,7 @@ def mirrored(problem: CalibrationProblem) -> list[str]:
     """Says so where a reflection fits far better: a sign was lost."""
     flipped = CalibrationProblem(problem.left, -problem.right, problem.names)
     plain, mirror = (math.sqrt(least_squares(p) / len(p.names)) for p in (problem, flipped))
-    if plain < MIRRORED or mirror > plain / 3.0:
+    if plain < LEVELS.mirrored or mirror > plain / 3.0:
         return []
     return [
         "one robot's points are the mirror image of the other's: a reflection leaves "
@@ -342,7 +351,7 @@ def _uncertain(widths: FloatArray | None, method: str) -> list[str]:
             "there are as many unknowns as equations, so the uncertainty is not known; touch more points, or "
             "state the noise"
         ]
-    if widths[3:].max() < TURN_OFF:
+    if widths[3:].max() < LEVELS.turn_off:
         return []
     return [
         f"the rotation is known to ±{math.degrees(float(widths[3:].max())):.2g} deg only (95 %), which is "

@@ -65,11 +65,24 @@ def explained(squares: float, degrees: int, variance: float, level: float = 0.01
     return math.isclose(squares, 0.0) or float(chdtrc(degrees, squares / variance)) >= level
 
 
-WEAKEST = 1e-3
-"""Singular values below this, relative to the largest of the scaled Jacobian, count as zero: there noise would come
-out a thousand times as large."""
-SHARE = 1e-4
-"""A parameter with a larger share than this in an unseen direction is not determined."""
+@dataclass(frozen=True)
+class SpreadSettings:
+    """Levels and limits of a calibration's uncertainty."""
+
+    weakest: float = 1e-3
+    """Singular values below this, relative to the largest of the scaled Jacobian, count as zero: there noise would come
+    out a thousand times as large."""
+    share: float = 1e-4
+    """A parameter with a larger share than this in an unseen direction is not determined."""
+    on_a_line: float = 1e-6
+    """Height over length below which they are on a line, whatever the noise."""
+    noise_factor: float = 3.0
+    """A height below this many times the noise is no height."""
+    scale_limit: float = 2.0
+    """A ratio of lengths beyond which the two robots cannot have touched the same points."""
+
+
+SPREAD = SpreadSettings()
 
 
 @dataclass(frozen=True)
@@ -110,23 +123,17 @@ def look(jacobian: FloatArray, scale: FloatArray) -> Sight:
     _, values, Vt = np.linalg.svd(jacobian * scale, full_matrices=True)
     count = jacobian.shape[1]
     values = np.concatenate([values, np.zeros(count - len(values))])
-    good = values > WEAKEST * values[0]
+    good = values > SPREAD.weakest * values[0]
     kept = Vt[good]
     # pinv(J S) = V diag(1 / values²) Vᵀ (J S)ᵀ over the directions that are seen.
     inverse = scale[:, None] * (kept.T / values[good] ** 2) @ kept @ (jacobian * scale).T
     unseen = Vt[~good]
     share = np.linalg.norm(unseen, axis=0)
-    return Sight(inverse, share < SHARE, unseen, int(good.sum()))
+    return Sight(inverse, share < SPREAD.share, unseen, int(good.sum()))
 
 
 NEARLY_A_LINE = 0.2
 """Height over length below which points are called nearly on a line."""
-ON_A_LINE = 1e-6
-"""Height over length below which they are on a line, whatever the noise."""
-NOISE_FACTOR = 3.0
-"""A height below this many times the noise is no height."""
-SCALE_LIMIT = 2.0
-"""A ratio of lengths beyond which the two robots cannot have touched the same points."""
 
 
 @dataclass(frozen=True)
@@ -178,15 +185,17 @@ def refuse_lines(problem: CalibrationProblem) -> None:
     for side, spread in spreads.items():
         if spread.length <= 1e-9:
             raise InfeasibleError(Refusal("points_are_one", arm=side))
-    if max(lengths) > SCALE_LIMIT * min(lengths):
+    if max(lengths) > SPREAD.scale_limit * min(lengths):
         raise InfeasibleError(
             Refusal("sizes_differ", more={"left": lengths[0], "right": lengths[1]})
         )
-    noise = (problem.noise or 0.0) * NOISE_FACTOR
+    noise = (problem.noise or 0.0) * SPREAD.noise_factor
     for side, spread in spreads.items():
-        if spread.height <= max(ON_A_LINE * spread.length, noise):
+        if spread.height <= max(SPREAD.on_a_line * spread.length, noise):
             ends = [problem.names[k] for k in spread.ends]
-            near = [Refusal("near_line", more={"factor": NOISE_FACTOR})] if noise > 0.0 else []
+            near = (
+                [Refusal("near_line", more={"factor": SPREAD.noise_factor})] if noise > 0.0 else []
+            )
             more = {"ends": ends, "near": near, "mm": spread.height * 1000}
             raise InfeasibleError(
                 Refusal("points_on_line", arm=side, measured=spread.height, more=more)

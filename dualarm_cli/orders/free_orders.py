@@ -24,16 +24,26 @@ from dualarm_cli.orders.proof.relaxation import of_ways
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.records import dataclass
 
-MOST_PROVEN = 40
-"""Of so many tasks at most a bound on all orders is looked for."""
-WAIT = 1.5
-"""What a task costs more at which the other arm is in the way wherever it works [s]."""
-SPARE = 4
-"""Orders at one angle that are kept, for the case that the best ones cannot be planned."""
-ROUNDS = 4
-"""So often orders are improved with what the last one has in each other's way."""
-PROMISING = 1.05
-"""Angles whose first orders take longer than the best one's by more than this are left."""
+
+@dataclass(frozen=True)
+class FreeOrderSettings:
+    """Numbers that steer the order search of asynchronous arms."""
+
+    most_proven: int = 40
+    """Of so many tasks at most a bound on all orders is looked for."""
+    wait: float = 1.5
+    """What a task costs more at which the other arm is in the way wherever it works [s]."""
+    spare: int = 4
+    """Orders at one angle that are kept, for the case that the best ones cannot be planned."""
+    rounds: int = 4
+    """So often orders are improved with what the last one has in each other's way."""
+    promising: float = 1.05
+    """Angles whose first orders take longer than the best one's by more than this are left."""
+    steps: int = 500
+    """Steps in which the slower arm's time is divided."""
+
+
+FREE = FreeOrderSettings()
 
 
 @dataclass(frozen=True)
@@ -99,7 +109,7 @@ def free_orders(order: OrderModel, effort: str, seed: int, watch: Watch) -> Free
     exact = exact and not watch.stopped and order.job.start != "free"
     found = []
     for f in rank:
-        if best[f].worth > PROMISING * best[rank[0]].worth:
+        if best[f].worth > FREE.promising * best[rank[0]].worth:
             continue
         ranked = _improved(order, f, problems[f], best[f], how, seed, watch)
         exact = exact and ranked[0][1] <= best[f].total + 1e-9
@@ -124,7 +134,8 @@ def _improved(
 ) -> list[tuple[Timed, float]]:
     """Returns better orders at one angle, in which the arms are seldom in each other's way, and how long they take [s].
 
-    While an arm is at a task the other one is at any of its own: where the two touch, one will wait for about WAIT. So
+    While an arm is at a task the other one is at any of its own: where the two touch, one will wait for
+    about `wait`. So
     tasks are made dearer by that times the share of the other arm's present tasks that they touch, and orders are
     improved anew, a few times.
     """
@@ -137,18 +148,18 @@ def _improved(
             start = Recreator(problem, seed).improve(start, count, stop=watch.stop)
         return [(start, start.total)]
     current, tried = start, [start]
-    for k in range(ROUNDS):
+    for k in range(FREE.rounds):
         dear = _with_conflicts(problem, current, touch)
         again = timed(dear, current.order)
         if is_small(dear):
             again = exact_order(dear) or again
         else:
-            again = Recreator(dear, seed).improve(again, count // ROUNDS, stop=watch.stop)
+            again = Recreator(dear, seed).improve(again, count // FREE.rounds, stop=watch.stop)
         current = timed(problem, again.order)
         tried.append(current)
         if watch.stop() and k:
             break
-    return together_ranked(problem, tried, touch)[:SPARE]
+    return together_ranked(problem, tried, touch)[: FREE.spare]
 
 
 def _with_conflicts(
@@ -164,7 +175,7 @@ def _with_conflicts(
         mine = touch[:, other] if a == 0 else touch[other].T
         stops = mine.mean(axis=1) if other else np.zeros(len(touch))
         share = np.add.reduceat(stops, first[:-1])
-        arms.append(replace(arm, first=arm.first + WAIT * share[:, None]))
+        arms.append(replace(arm, first=arm.first + FREE.wait * share[:, None]))
     return replace(problem, arms=tuple(arms))
 
 
@@ -187,7 +198,7 @@ def _bound(
     watch: Watch,
 ) -> float | None:
     """Returns a bound over all angles [s]; None where there are too many tasks or it was stopped."""
-    if any(one.tasks > MOST_PROVEN for one in problems.values()):
+    if any(one.tasks > FREE.most_proven for one in problems.values()):
         return None
     found = np.inf
     for f, one in problems.items():
@@ -211,10 +222,6 @@ def _decided(order: OrderModel, answer: Timed, ways: int) -> Job:
     return replace(job, tasks=tuple(tasks), order="given", pairing=None)
 
 
-STEPS = 500
-"""Steps in which the slower arm's time is divided."""
-
-
 def time_together(problem: SequencingProblem, order: Order, touch: BoolArray) -> float:
     """Returns when both arms are done if they wait for each other wherever their stops touch [s].
 
@@ -230,7 +237,7 @@ def time_together(problem: SequencingProblem, order: Order, touch: BoolArray) ->
     longest = max((float(own[-1]) for own in ends if len(own)), default=0.0)
     if not all(len(own) for own in ends) or longest <= 0.0:
         return longest
-    step = longest / STEPS
+    step = longest / FREE.steps
     steps = [max(1, int(np.ceil(own[-1] / step - 1e-9))) for own in ends]
     first = np.concatenate([[0], np.cumsum(problem.stops)])
     stops = [

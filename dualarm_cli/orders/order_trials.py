@@ -24,18 +24,29 @@ from dualarm_cli.stages.sequence_problem import sequence_problem
 
 MOST_TRIED = 120
 """No orders of more stages are tried."""
-RANDOM_STEPS = 4
-"""Random steps that each round of polishing offers besides: where something touches others lead nowhere."""
-FEWER, LONGER = 3, 2
-"""Every so-manieth of the orders that were polished is polished again, so many times longer."""
-ALIKE = 0.9
-"""Orders that share more than this part of their stages are much alike: what is off the grid is so as well."""
-UNLIKELY = 10.0
-"""What counts for an order in which arms touch at their stops as it stands [s]: it is one to try at last."""
+
+
+@dataclass(frozen=True)
+class TrialSettings:
+    """Numbers that select the orders worth planning."""
+
+    random_steps: int = 4
+    """Random steps that each round of polishing offers besides: where something touches others lead nowhere."""
+    fewer: int = 3
+    longer: int = 2
+    """Every so-manieth of the orders that were polished is polished again, so many times longer."""
+    alike: float = 0.9
+    """Orders that share more than this part of their stages are much alike: what is off the grid is so as well."""
+    unlikely: float = 10.0
+    """What counts for an order in which arms touch at their stops as it stands [s]: it is one to try at last."""
+    swings: tuple[float, ...] = (1.0, 0.95, 0.8, 0.5, 0.0)
+    """Shares of the arm angle's change along the lines."""
+
+
+TRIALS = TrialSettings()
+
 SHIFTS = np.concatenate([[0.0], np.outer([0.003, 0.01, 0.03, 0.1, 0.3], [1.0, -1.0]).ravel()])
 """Shifts of a stop's arm angles that repairs try [rad]."""
-SWINGS = (1.0, 0.95, 0.8, 0.5, 0.0)
-"""Shares of the arm angle's change along the lines."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +61,14 @@ class _Trial:
     def worth(self) -> float:
         """About how long a plan in this order takes [s], with what it costs to avoid collisions."""
         lost = plan_clearance(self.problem, self.plan).penalty
-        return self.plan.total + min(lost, UNLIKELY)
+        return self.plan.total + min(lost, TRIALS.unlikely)
 
     def polished(self, rounds: int) -> _Trial:
         """Returns the same with a better plan."""
         tables = tuple(StopTable.of(work) for work in self.problem.arms)
-        return replace(self, plan=polish(self.problem, tables, self.plan, rounds, RANDOM_STEPS, 0))
+        return replace(
+            self, plan=polish(self.problem, tables, self.plan, rounds, TRIALS.random_steps, 0)
+        )
 
 
 def most_promising(
@@ -83,8 +96,8 @@ def most_promising(
     count, rounds = how.polished, how.rounds
     trials.sort(key=lambda one: one.worth)
     trials = _polished(trials[:count], count, rounds, watch)
-    while (count := count // FEWER) >= how.planned and not watch.stop():
-        rounds *= LONGER
+    while (count := count // TRIALS.fewer) >= how.planned and not watch.stop():
+        rounds *= TRIALS.longer
         trials = _polished(trials, count, rounds, watch)
     answers = [
         replace(one.order, plan=one.plan.decisions, expected=one.worth)
@@ -113,7 +126,7 @@ def _different(trials: list[_Trial]) -> list[_Trial]:
     seen: list[set[frozenset[StopKey]]] = []
     for one in trials:
         stages = {frozenset(stage) for stage in one.order.job.pairing or ()}
-        like = any(len(stages & other) > ALIKE * len(stages) for other in seen)
+        like = any(len(stages & other) > TRIALS.alike * len(stages) for other in seen)
         (alike if like else news).append(one)
         seen += [] if like else [stages]
     return [*news, *alike]
@@ -172,7 +185,7 @@ def repaired(
 
 def _near(plan: Decisions, a: int, stages: IntArray) -> list[Decisions]:
     """Returns plans with other arm angles of one arm in some stages."""
-    return [_changed(plan, a, stages, shift, swing) for swing in SWINGS for shift in SHIFTS]
+    return [_changed(plan, a, stages, shift, swing) for swing in TRIALS.swings for shift in SHIFTS]
 
 
 def _changed(plan: Decisions, a: int, stages: IntArray, shift: float, swing: float) -> Decisions:

@@ -21,33 +21,48 @@ from dualarm_cli.platform_angle.solution import (
     is_degenerate,
     nearest_turn,
 )
+from dualarm_cli.records import dataclass
 
-NEARLY_REAL = 1e-3
-"""Imaginary part up to which a zero of the squared equation may stand for a real one: where its two branches
-nearly touch, rounding makes a complex pair of them. The unsquared equation decides."""
-NEWTON_STEPS = 5
-"""Steps on the unsquared equation from each zero of the squared one, at most."""
-SOLVED = 1e-13
-"""Difference of displacements at which a root is as good as it gets [rad]."""
-ROOT_TOLERANCE = 5e-10
-"""Largest difference of displacements at a root [rad]."""
-FALSE_ROOT = 0.05
-"""Difference of displacements beyond which a zero of the squared equation is none of the unsquared [rad]."""
-NEARLY_STRETCHED = 1e-3
-"""Distance of |x| from 1 below which the first step is taken on the squared equation."""
-CLOSE_PAIR = 1e-3
-"""Zeros of the squared equation this near to each other may both be nearest to the same true one [rad]."""
-STIFF = 1e-7
-"""Sine of an elbow angle below which an arm counts as stretched or folded."""
-ALIKE = 1e-11
-"""Difference of displacements below which a sign's equation counts as true at every angle."""
-FIXED_POINT_STEPS = 4
-"""Each gains the factor SQUARE or more."""
-SQUARE = 1e-4
-"""Size of h, relative to the swing of x_1 - m x_2, up to which the squared equation is nearly a square, its zeros
-nearly double and inaccurate."""
-SAME_ROOT = 1e-8
-"""Roots nearer than this are one [rad]."""
+
+@dataclass(frozen=True)
+class ExactSettings:
+    """Tolerances and iterations of exact platform angles."""
+
+    nearly_real: float = 1e-3
+    """Imaginary part up to which a zero of the squared equation may stand for a real one: where its two branches
+    nearly touch, rounding makes a complex pair of them. The unsquared equation decides."""
+    newton_steps: int = 5
+    """Steps on the unsquared equation from each zero of the squared one, at most."""
+    solved: float = 1e-13
+    """Difference of displacements at which a root is as good as it gets [rad]."""
+    root_tolerance: float = 5e-10
+    """Largest difference of displacements at a root [rad]."""
+    false_root: float = 0.05
+    """Difference of displacements beyond which a zero of the squared equation is none of the unsquared [rad]."""
+    nearly_stretched: float = 1e-3
+    """Distance of |x| from 1 below which the first step is taken on the squared equation."""
+    close_pair: float = 1e-3
+    """Zeros of the squared equation this near to each other may both be nearest to the same true one [rad]."""
+    stiff: float = 1e-7
+    """Sine of an elbow angle below which an arm counts as stretched or folded."""
+    alike: float = 1e-11
+    """Difference of displacements below which a sign's equation counts as true at every angle."""
+    fixed_point_steps: int = 4
+    """Each gains the factor `square` or more."""
+    square: float = 1e-4
+    """Size of h, relative to the swing of x_1 - m x_2, up to which the squared equation is nearly a square, its zeros
+    nearly double and inaccurate."""
+    same_root: float = 1e-8
+    """Roots nearer than this are one [rad]."""
+    hair: float = 1e-12
+    """How far inside its limit a boundary is put, so that rounding does not put it out of reach."""
+    chunk: int = 4096
+    """Moves solved at a time: their arrays stay in the processor's cache."""
+    fallbacks: int = 4
+    """Candidates kept for a move without a reachable root, the best balanced first."""
+
+
+EXACT = ExactSettings()
 
 
 def balanced_angles(
@@ -72,7 +87,7 @@ def balanced_angles(
     weight = 4.0 * mirror * half * half
     zeros, imaginary = second_order_zeros(_squared(arms, mirror, weight))
     swing = np.hypot(arms[1] - mirror * arms[4], arms[2] - mirror * arms[5])
-    square = np.flatnonzero((np.abs(half) <= SQUARE * swing) & (mirror == sign))
+    square = np.flatnonzero((np.abs(half) <= EXACT.square * swing) & (mirror == sign))
     if square.size:
         zeros[square, :2], exist = _first_order(arms[:, square], sign[square], half[square])
         imaginary[square] = np.inf
@@ -81,10 +96,10 @@ def balanced_angles(
     every = alike | np.tile(is_degenerate(coefficients), 2)
     zeros[every, 0] = start[every]
     imaginary[every] = [0.0, np.inf, np.inf, np.inf]
-    row, column = np.nonzero(imaginary <= NEARLY_REAL)
+    row, column = np.nonzero(imaginary <= EXACT.nearly_real)
     # Both factors of the quartic give their zeros side by side: columns 0 and 1, 2 and 3.
     partner = nearest_turn(zeros - zeros[:, [1, 0, 3, 2]], np.zeros(1))
-    split = np.where(np.abs(partner) < CLOSE_PAIR, [-1.0, 1.0, -1.0, 1.0], 0.0)[row, column]
+    split = np.where(np.abs(partner) < EXACT.close_pair, [-1.0, 1.0, -1.0, 1.0], 0.0)[row, column]
     form = np.vstack([arms, sign, target, start, mirror, weight])[:, row]
     kept, phi = _polish(np.vstack([form, split]), zeros[row, column])
     row, column = row[kept], column[kept]
@@ -113,7 +128,7 @@ def _difference_form(
     mirror = np.where(cos(target) >= 0.0, 1.0, -1.0)
     half = np.where(mirror > 0.0, sin(target / 2.0), cos(target / 2.0))
     gap = np.abs(arms[:3] - mirror * arms[3:]).sum(axis=0)
-    alike = (gap <= ALIKE) & (np.abs(half) <= ALIKE) & (mirror == sign)
+    alike = (gap <= EXACT.alike) & (np.abs(half) <= EXACT.alike) & (mirror == sign)
     return mirror, half, alike
 
 
@@ -148,7 +163,7 @@ def _first_order(
     swing, middle = np.hypot(f1, f2), arctan2(f2, f1)
     u, v, w = (arms[[k, k + 3]][:, :, None] for k in range(3))
     s, right = sign[:, None], np.zeros((len(half), 2))
-    for _ in range(FIXED_POINT_STEPS):
+    for _ in range(EXACT.fixed_point_steps):
         ratio = (right - f0) / np.where(swing > 0.0, swing, 1.0)
         opening = arccos(np.clip(ratio, -1.0, 1.0))
         phi = middle + opening * [-1.0, 1.0]
@@ -174,19 +189,21 @@ def _polish(form: FloatArray, phi: FloatArray) -> tuple[IntArray, FloatArray]:
     phi = nearest_turn(phi, form[8])
     kept: IntArray = np.arange(len(phi))
     busy, true = kept, np.zeros(len(phi), dtype=np.bool_)
-    for step in range(NEWTON_STEPS + 1):
+    for step in range(EXACT.newton_steps + 1):
         part = form[:, busy]
         x, slope, difference = _evaluate(part, phi[busy])
         inside = (np.abs(x) <= 1.0 + 1e-12).all(axis=0)
-        true[busy] = (np.abs(difference) <= ROOT_TOLERANCE) & inside
+        true[busy] = (np.abs(difference) <= EXACT.root_tolerance) & inside
         # Most zeros belong to the false branch: they go at once.
         size = np.abs(difference)
-        near = size < FALSE_ROOT
+        near = size < EXACT.false_root
         if step == 0:
-            stretched: BoolArray = np.asarray((np.abs(x) > 1.0 - NEARLY_STRETCHED).any(axis=0))
+            stretched: BoolArray = np.asarray(
+                (np.abs(x) > 1.0 - EXACT.nearly_stretched).any(axis=0)
+            )
             near |= stretched
-        on = np.flatnonzero((size > SOLVED) & near)
-        if on.size == 0 or step == NEWTON_STEPS:
+        on = np.flatnonzero((size > EXACT.solved) & near)
+        if on.size == 0 or step == EXACT.newton_steps:
             break
         busy = busy[on]
         part, x, slope = part[:, on], x[:, on], slope[:, on]
@@ -216,10 +233,10 @@ def _newton_step(
     That is where it is not small, and where an arm is stretched, so that the slope is infinite.
     """
     sine = np.sqrt(np.maximum((1.0 - x) * (1.0 + x), 0.0))
-    rate = -slope / np.maximum(sine, STIFF)
+    rate = -slope / np.maximum(sine, EXACT.stiff)
     change = rate[0] - form[6] * rate[1]
     move = -difference / np.where(np.abs(change) > 1e-9, change, np.inf)
-    good = (np.abs(move) < FALSE_ROOT) & (np.minimum(sine[0], sine[1]) > STIFF)
+    good = (np.abs(move) < EXACT.false_root) & (np.minimum(sine[0], sine[1]) > EXACT.stiff)
     return np.where(good, move, 0.0)
 
 
@@ -241,7 +258,7 @@ def _squared_step(form: FloatArray, x: FloatArray, slope: FloatArray) -> FloatAr
     nearer = -2.0 * f / np.where(larger == 0.0, np.inf, larger)
     own = (form[11] * root - f1) / np.where(f2 == 0.0, np.inf, f2)
     step = np.where(form[11] == 0.0, nearer, own)
-    return np.where(np.abs(step) < FALSE_ROOT, step, 0.0)
+    return np.where(np.abs(step) < EXACT.false_root, step, 0.0)
 
 
 def _distinct(angle: FloatArray, valid: BoolArray) -> BoolArray:
@@ -251,13 +268,11 @@ def _distinct(angle: FloatArray, valid: BoolArray) -> BoolArray:
     for k in range(1, angle.shape[1]):
         for i in range(k):
             turn = np.abs(nearest_turn(angle[:, k] - angle[:, i], np.zeros(1)))
-            some[:, k] &= ~(some[:, i] & (turn < SAME_ROOT))
+            some[:, k] &= ~(some[:, i] & (turn < EXACT.same_root))
     valid[several] = some
     return valid
 
 
-HAIR = 1e-12
-"""How far inside its limit a boundary is put, so that rounding does not put it out of reach."""
 FALLBACK_KINDS = np.repeat(
     np.array([Kind.START, Kind.STATIONARY_SAME, Kind.STATIONARY_OPPOSITE, Kind.BOUNDARY]),
     [1, 6, 6, 8],
@@ -303,7 +318,7 @@ def _boundaries(coefficients: FloatArray) -> tuple[FloatArray, BoolArray]:
     for arm in (0, 1):
         u, v, w = coefficients[:, arm].T
         swing, middle = np.hypot(v, w), arctan2(w, v)
-        for limit in (1.0 - HAIR, HAIR - 1.0):
+        for limit in (1.0 - EXACT.hair, EXACT.hair - 1.0):
             exists = (np.abs(limit - u) <= swing + REACH_SLACK) & (swing > 0.0)
             ratio = np.where(exists, limit - u, 0.0) / np.where(exists, swing, 1.0)
             half = arccos(np.clip(ratio, -1.0, 1.0))
@@ -361,10 +376,6 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
     return out
 
 
-CHUNK = 4096
-"""Moves solved at a time: their arrays stay in the processor's cache."""
-FALLBACKS = 4
-"""Candidates kept for a move without a reachable root, the best balanced first."""
 ROOTS = (int(Kind.ROOT_SAME), int(Kind.ROOT_OPPOSITE))
 ROOT_KINDS = np.repeat(np.array(ROOTS, dtype=np.int64), 4)
 FIELDS = ("angle", "kind", "valid", "reachable", "delta")
@@ -387,7 +398,10 @@ def solve_exact(problem: PlatformProblem) -> PlatformSolution:
     listed where no other root is reachable. Our own derivation, after [Bottin2021] Eq. 3.
     """
     n = len(problem.angle_0)
-    chunks = [_solve_chunk(problem.rows(slice(k, k + CHUNK))) for k in range(0, max(n, 1), CHUNK)]
+    chunks = [
+        _solve_chunk(problem.rows(slice(k, k + EXACT.chunk)))
+        for k in range(0, max(n, 1), EXACT.chunk)
+    ]
     if len(chunks) == 1:
         return chunks[0]
 
@@ -405,8 +419,8 @@ def _solve_chunk(problem: PlatformProblem) -> PlatformSolution:
     """Returns the candidates of a few thousand moves: eight columns of roots, then the fallbacks."""
     n, coefficients = len(problem.angle_0), cosine_coefficients(problem)
     angle, valid, alike = balanced_angles(coefficients, problem.elbow_0, problem.angle_0)
-    angle = np.hstack([angle, np.zeros((n, FALLBACKS))])
-    valid = np.hstack([valid, np.zeros((n, FALLBACKS), dtype=np.bool_)])
+    angle = np.hstack([angle, np.zeros((n, EXACT.fallbacks))])
+    valid = np.hstack([valid, np.zeros((n, EXACT.fallbacks), dtype=np.bool_)])
     kind = np.zeros(angle.shape, dtype=np.int64)
     kind[:, : ROOT_KINDS.size] = ROOT_KINDS
     # A start out of reach cannot stand for all angles: then the edges of the reach do.
@@ -419,8 +433,8 @@ def _solve_chunk(problem: PlatformProblem) -> PlatformSolution:
             balanced_first=True,
             coefficients=coefficients[missing],
         )
-        best = rest.order[:, :FALLBACKS]
-        level = (rest.imbalance <= ROOT_TOLERANCE) & alike[missing, None]
+        best = rest.order[:, : EXACT.fallbacks]
+        level = (rest.imbalance <= EXACT.root_tolerance) & alike[missing, None]
         way = np.where((rest.delta[..., 0] * rest.delta[..., 1]) >= 0.0, *ROOTS)
         kinds = np.where(level, way, rest.kind)
         for values, found in ((angle, rest.angle), (valid, rest.valid), (kind, kinds)):

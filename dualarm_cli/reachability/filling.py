@@ -15,14 +15,24 @@ from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, descend
 from dualarm_cli.reachability.table_grid import YAWS, TableGrid, flange_poses
 from dualarm_cli.records import dataclass
 
-SEED_STEPS = (4, 3, 2, 1)
-"""Postures are found from scratch on every so many nodes along each axis: the first of these with MANY nodes."""
-MANY, MANY_CLOSED = 200, 1000
-"""So many nodes, and where the arm has closed forms."""
-SEEDS_KEPT = 6
-"""Of the postures found there, those that are looked at."""
-TURNS = (0, 1, -1, 2, -2)
-"""By how many of YAWS the tool is turned on the way to a node next to it, in the order in which they are tried."""
+
+@dataclass(frozen=True)
+class FillingSettings:
+    """Numbers that steer the search for postures of reach maps."""
+
+    seed_steps: tuple[int, ...] = (4, 3, 2, 1)
+    """Postures are found from scratch on every so many nodes along each axis: the first of these with `many` nodes."""
+    many: int = 200
+    many_closed: int = 1000
+    """So many nodes, and where the arm has closed forms."""
+    seeds_kept: int = 6
+    """Of the postures found there, those that are looked at."""
+    turns: tuple[int, ...] = (0, 1, -1, 2, -2)
+    """By how many of YAWS the tool is turned on the way to a node next to it, in the order in which they are tried."""
+
+
+FILLING = FillingSettings()
+
 LARGEST_CHANGE = 1.5
 """A joint that moves more on the way to a node next to it, or along a line, has left its branch [rad]."""
 
@@ -66,7 +76,7 @@ def fill(
     axes = numeric.axes
     q, yaw = np.full((grid.size, axes), np.nan), np.zeros(grid.size, dtype=np.int64)
     done = np.zeros(grid.size, dtype=np.bool_)
-    tried = np.zeros((len(TURNS), 2 * len(grid.shape), grid.size), dtype=np.bool_)
+    tried = np.zeros((len(FILLING.turns), 2 * len(grid.shape), grid.size), dtype=np.bool_)
 
     def keep(found: Postures) -> bool:
         """Keeps the first accepted posture of each node; returns whether there is one."""
@@ -85,14 +95,14 @@ def fill(
 
     keep(seeds(model, arm, grid))
     turn = 0
-    while turn < len(TURNS):
+    while turn < len(FILLING.turns):
         rows: list[Postures] = []
         sources = np.flatnonzero(done)
         for way, (there, exists) in enumerate(grid.neighbours(sources)):
             open_ = exists & ~done[there] & ~tried[turn, way, there]
             tried[turn, way, there[open_]] = True
             source, target = sources[open_], there[open_]
-            rows.append(Postures(target, (yaw[source] + TURNS[turn]) % YAWS, q[source]))
+            rows.append(Postures(target, (yaw[source] + FILLING.turns[turn]) % YAWS, q[source]))
         starts = Postures(
             *(np.concatenate([getattr(r, f) for r in rows]) for f in ("node", "yaw", "q"))
         )
@@ -105,7 +115,7 @@ def fill(
         starts, R, p = starts.take(near), R[near], p[near]
         reached, error = descend(numeric, R, p, starts.q)
         good = (error <= RESIDUAL).all(axis=1)
-        good &= np.abs(reached - starts.q).max(axis=1, initial=0.0) <= _most(TURNS[turn])
+        good &= np.abs(reached - starts.q).max(axis=1, initial=0.0) <= _most(FILLING.turns[turn])
         if keep(Postures(starts.node, starts.yaw, reached).take(good)):
             turn = 0
     nodes = np.flatnonzero(done)
@@ -118,7 +128,7 @@ def _most(turn: int) -> float:
 
 
 def seeds(model: CellModel, arm: str, grid: TableGrid) -> Postures:
-    """Returns postures on nodes spread over the grid; SEEDS_KEPT at most for each pose.
+    """Returns postures on nodes spread over the grid; `seeds_kept` at most for each pose.
 
     Args:
         model: the cell.
@@ -126,13 +136,13 @@ def seeds(model: CellModel, arm: str, grid: TableGrid) -> Postures:
         grid: the nodes.
     """
     kinematics = model.arms[arm].kinematics
-    many = MANY if kinematics.is_numeric else MANY_CLOSED
-    spread = (grid.every(step) for step in SEED_STEPS)
+    many = FILLING.many if kinematics.is_numeric else FILLING.many_closed
+    spread = (grid.every(step) for step in FILLING.seed_steps)
     coarse = next((node for node in spread if len(node) >= many), np.arange(grid.size))
     yaws = 1 if kinematics.is_numeric else YAWS
     node, yaw = np.repeat(coarse, yaws), np.tile(np.arange(yaws), len(coarse))
     R, p = flange_poses(model, arm, grid, node, yaw)
     reached = kinematics.postures(R, p, first_only=True, thorough=False)
     pose = reached.pose
-    kept = np.arange(len(pose)) - np.searchsorted(pose, pose) < SEEDS_KEPT
+    kept = np.arange(len(pose)) - np.searchsorted(pose, pose) < FILLING.seeds_kept
     return Postures(node[pose[kept]], yaw[pose[kept]], reached.q[kept])

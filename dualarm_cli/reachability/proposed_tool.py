@@ -22,24 +22,37 @@ from dualarm_cli.model.robot import Arm
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.records import dataclass
 
-LENGTH, LENGTH_SHARE = 0.12, 0.13
-"""Length of a gripper on a bare flange [m], and what share of the arm's length it is at most."""
-RADIUS_SHARE = 0.25
-"""Its radius as a share of its length."""
-HAND = 0.06
-"""Shapes that stand out farther than this from the flange are a hand [m]."""
-BEYOND, FINGER = 0.01, 0.04
-"""Where the tool centre point is beyond the hand's shapes [m], and the length of a capsule at the end of a hand."""
-LONGER = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
-"""How far from the flange a gripper may begin, as shares of its length: where the arm's own shapes leave it room."""
-POSTURES, TOUCHED = 200, 0.3
-"""Postures in which that is looked at, and the share of them in which the two may touch."""
-ROUNDED = 0.005
-"""Lengths are multiples of this [m], or of a fifth of it for arms shorter than SHORT."""
-SHORT = 0.3
-"""[m]"""
-ALONG = 0.6
-"""Cosine from which on a flange is taken to point along the last joint's axis."""
+
+@dataclass(frozen=True)
+class ToolSettings:
+    """Dimensions of a proposed tool, and numbers of its search."""
+
+    length: float = 0.12
+    length_share: float = 0.13
+    """Length of a gripper on a bare flange [m], and what share of the arm's length it is at most."""
+    radius_share: float = 0.25
+    """Its radius as a share of its length."""
+    hand: float = 0.06
+    """Shapes that stand out farther than this from the flange are a hand [m]."""
+    beyond: float = 0.01
+    finger: float = 0.04
+    """Where the tool centre point is beyond the hand's shapes [m], and the length of a capsule at the end of a hand."""
+    longer: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
+    """How far from the flange a gripper may begin, as shares of its length: where the arm's own shapes leave
+    it room."""
+    postures: int = 200
+    touched: float = 0.3
+    """Postures in which that is looked at, and the share of them in which the two may touch."""
+    rounded: float = 0.005
+    """Lengths are multiples of this [m], or of a fifth of it for arms shorter than `short`."""
+    short: float = 0.3
+    """[m]"""
+    along: float = 0.6
+    """Cosine from which on a flange is taken to point along the last joint's axis."""
+
+
+TOOL = ToolSettings()
+
 _DIRECTIONS = {
     "+x": ((1.0, 0.0, 0.0), (0.0, 90.0, 0.0)),
     "-x": ((-1.0, 0.0, 0.0), (0.0, -90.0, 0.0)),
@@ -121,7 +134,7 @@ def _outward(arm: GeneralArm) -> str:
     direction = last * np.sign(last[np.argmax(np.abs(last))])
     if length > 1e-3:
         cosine = float(product(away, last)) / length
-        direction = last * np.sign(cosine) if abs(cosine) >= ALONG else away
+        direction = last * np.sign(cosine) if abs(cosine) >= TOOL.along else away
     return max(
         _DIRECTIONS, key=lambda axis: round(float(product(direction, _DIRECTIONS[axis][0])), 6)
     )
@@ -129,16 +142,16 @@ def _outward(arm: GeneralArm) -> str:
 
 def _tool(cell: Cell, arm: Arm, axis: str, reach: float) -> ProposedTool:
     """Returns the tool of an arm whose flange points along one of its axes."""
-    step = ROUNDED if reach > SHORT else 0.2 * ROUNDED
+    step = TOOL.rounded if reach > TOOL.short else 0.2 * TOOL.rounded
     out = _extent(cell, arm, ProposedTool(axis, 0.0, 0.0, 0.0, False).along(0.0))
-    if out > HAND:
-        end = step * float(np.ceil(round((out + BEYOND) / step, 6)))
-        return ProposedTool(axis, end - FINGER, FINGER, 0.01, True)
-    length = step * float(np.ceil(round(min(LENGTH, LENGTH_SHARE * reach) / step, 6)))
-    radius = step * round(RADIUS_SHARE * length / step)
+    if out > TOOL.hand:
+        end = step * float(np.ceil(round((out + TOOL.beyond) / step, 6)))
+        return ProposedTool(axis, end - TOOL.finger, TOOL.finger, 0.01, True)
+    length = step * float(np.ceil(round(min(TOOL.length, TOOL.length_share * reach) / step, 6)))
+    radius = step * round(TOOL.radius_share * length / step)
     tries = [
         ProposedTool(axis, step * round(share * length / step), length, radius, False)
-        for share in LONGER
+        for share in TOOL.longer
     ]
     return next((one for one in tries if _has_room(cell, arm, one)), tries[0])
 
@@ -161,9 +174,9 @@ def _has_room(cell: Cell, arm: Arm, tool: ProposedTool) -> bool:
     results = pin.GeometryData(geometry)
     low = np.maximum(model.lowerPositionLimit, -np.pi)
     high = np.minimum(model.upperPositionLimit, np.pi)
-    postures = np.random.default_rng(0).uniform(low, high, (POSTURES, model.nq))
+    postures = np.random.default_rng(0).uniform(low, high, (TOOL.postures, model.nq))
     touched = sum(pin.computeCollisions(model, data, geometry, results, q, True) for q in postures)
-    return touched <= TOUCHED * POSTURES
+    return touched <= TOOL.touched * TOOL.postures
 
 
 def _extent(cell: Cell, arm: Arm, T_flange_turned: pin.SE3) -> float:

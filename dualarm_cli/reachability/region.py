@@ -13,22 +13,31 @@ from dualarm_cli.reachability.reach_map import ReachMap, reach_map
 from dualarm_cli.reachability.table_grid import TableGrid
 from dualarm_cli.records import dataclass
 
-ANGLE_STEP = np.radians(15.0)
-"""Spacing of platform angles [rad]."""
-RAIL_POSITIONS = 9
-"""Positions of a platform that slides."""
-STEPS = (0.01, 0.02, 0.025, 0.04, 0.05, 0.08, 0.1)
-"""Spacings that a grid may have [m]."""
-STEP_SHARE = 0.08
-"""Spacing as a share of an arm's length."""
+
+@dataclass(frozen=True)
+class RegionSettings:
+    """Resolution of the region that arms reach."""
+
+    angle_step: float = np.radians(15.0)
+    """Spacing of platform angles [rad]."""
+    rail_positions: int = 9
+    """Positions of a platform that slides."""
+    steps: tuple[float, ...] = (0.01, 0.02, 0.025, 0.04, 0.05, 0.08, 0.1)
+    """Spacings that a grid may have [m]."""
+    step_share: float = 0.08
+    """Spacing as a share of an arm's length."""
+    below: float = 0.2
+    """How far a table should be below the shoulder, as a share of the arm's length."""
+    some: float = 0.3
+    """Heights at which it is not count only where this share of the best is not reached at others."""
+    nearly: float = 0.9
+    """Heights at which this share of the best is reached are as good."""
+
+
+REGION = RegionSettings()
+
 COARSER = 2
 """By how many spacings the grid is coarser on which heights are compared."""
-BELOW = 0.2
-"""How far a table should be below the shoulder, as a share of the arm's length."""
-SOME = 0.3
-"""Heights at which it is not count only where this share of the best is not reached at others."""
-NEARLY = 0.9
-"""Heights at which this share of the best is reached are as good."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +115,8 @@ def region(cell: Cell) -> Region:
     radius = float((norm(at[:, :2] - centre, axis=1) + reach).max())
     along = platform_positions(cell) - home if model.platform.is_rail else np.zeros(1)
     travel = float(np.abs(along).max()) + max(slides)
-    wanted = STEP_SHARE * float(reach.min())
-    step = max((s for s in STEPS if s <= wanted + 1e-9), default=STEPS[0])
+    wanted = REGION.step_share * float(reach.min())
+    step = max((s for s in REGION.steps if s <= wanted + 1e-9), default=REGION.steps[0])
     return Region(
         (float(centre[0]), float(centre[1])),
         (float(at[0, 0] - at[-1, 0]), float(at[0, 1] - at[-1, 1])),
@@ -115,7 +124,7 @@ def region(cell: Cell) -> Region:
         travel if np.isfinite(travel) else 0.0,
         float((at[:, 2] - reach).min()),
         float(at[:, 2].max()),
-        (float(cell.base.translation[2]), float((at[:, 2] - BELOW * reach).max())),
+        (float(cell.base.translation[2]), float((at[:, 2] - REGION.below * reach).max())),
         step,
         home,
     )
@@ -134,11 +143,11 @@ def platform_positions(cell: Cell) -> FloatArray:
     limits = cell.robot.limits.select(model.platform.joints)
     low, high = float(limits.lower[0]), float(limits.upper[0])
     if model.platform.is_rail:
-        count = RAIL_POSITIONS if np.isfinite(high - low) and high > low else 0
+        count = REGION.rail_positions if np.isfinite(high - low) and high > low else 0
         return np.linspace(low, high, count)[:, None] if count else home[None]
     low, high = max(low, -np.pi), min(high, np.pi)
-    first, last = np.ceil(low / ANGLE_STEP - 1e-9), np.floor(high / ANGLE_STEP + 1e-9)
-    angles = np.arange(first, last + 1) * ANGLE_STEP
+    first, last = np.ceil(low / REGION.angle_step - 1e-9), np.floor(high / REGION.angle_step + 1e-9)
+    angles = np.arange(first, last + 1) * REGION.angle_step
     if high - low > TURN - 1e-9:
         angles = angles[1:]  # the same as the last one
     return angles[:, None] if len(angles) else home[None]
@@ -171,8 +180,8 @@ def best_height(cell: Cell, here: Region) -> float | None:
     by_arm = [reach.reached(arm).sum(axis=(0, 2, 3)) for arm in reach.postures]
     score = np.min(by_arm, axis=0) + 0.5 * reach.both.sum(axis=(0, 2, 3))
     easy = here.is_easy(heights)
-    if score[easy].max(initial=0.0) > SOME * score.max():
+    if score[easy].max(initial=0.0) > REGION.some * score.max():
         score = np.where(easy, score, 0.0)
     # Among heights that are about as good as the best one, the middle one.
-    good = heights[score >= NEARLY * score.max()]
+    good = heights[score >= REGION.nearly * score.max()]
     return round(float(good[len(good) // 2]), 6) if score.max() > 0.0 else None

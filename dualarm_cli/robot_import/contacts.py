@@ -22,16 +22,27 @@ from dualarm_cli.robot_import.structure import count_of
 
 MARGIN = 0.01
 """Distance below which links count as touching: that much clearance a cell may ask for [m]."""
-POSTURES = 10_000
-"""Postures that are sampled."""
-FEW = 200
-"""Postures after which pairs that have not yet touched in most of them are looked at no longer."""
-ALWAYS = 0.95
-"""Share of postures from which on two links overlap by construction."""
-MOSTLY, NEAR = 0.55, 3
-"""Share of postures from which on the shapes of links at most NEAR moving joints apart are assumed to be too wide."""
-OFTEN = 0.5
-"""Share of postures from which on links that are farther apart are named."""
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """Numbers of sampled postures that tell which bodies touch."""
+
+    postures: int = 10_000
+    """Postures that are sampled."""
+    few: int = 200
+    """Postures after which pairs that have not yet touched in most of them are looked at no longer."""
+    always: float = 0.95
+    """Share of postures from which on two links overlap by construction."""
+    mostly: float = 0.55
+    near: int = 3
+    """Share of postures from which on the shapes of links at most `near` moving joints apart are assumed to
+    be too wide."""
+    often: float = 0.5
+    """Share of postures from which on links that are farther apart are named."""
+
+
+CONTACT = ContactSettings()
 
 
 @dataclass(frozen=True)
@@ -93,9 +104,9 @@ def find_contacts(
     if not pairs:
         return [], []
     named = [frozenset(solids[k].body for k in pair) in known for pair in pairs]
-    postures = in_model_order(model, robot, random_postures(robot, POSTURES, seed))
-    few = _touching(model, solids, pairs, postures[:FEW]).mean(axis=0)
-    chosen = np.flatnonzero(np.array(named) | (few >= 0.5 * OFTEN))
+    postures = in_model_order(model, robot, random_postures(robot, CONTACT.postures, seed))
+    few = _touching(model, solids, pairs, postures[: CONTACT.few]).mean(axis=0)
+    chosen = np.flatnonzero(np.array(named) | (few >= 0.5 * CONTACT.often))
     share = dict(enumerate(few.tolist()))
     if len(chosen):
         all_postures = _touching(model, solids, [pairs[k] for k in chosen], postures).mean(axis=0)
@@ -107,14 +118,16 @@ def find_contacts(
         by_bodies[names] = max((share[k], between), by_bodies.get(names, (0.0, between)))
     found, often = [], []
     for names, (of, between) in by_bodies.items():
-        why = f"touch in {100 * of:.3g}% of {POSTURES} postures"
+        why = f"touch in {100 * of:.3g}% of {CONTACT.postures} postures"
         stated = known.get(frozenset(names))
         if stated is not None:
             why = f"SRDF: {stated}; {why}"
-        if of >= ALWAYS or (stated is not None and of == 0.0):
+        if of >= CONTACT.always or (stated is not None and of == 0.0):
             found.append(Contact(names, why, stated=stated is not None))
-        elif stated is not None or of >= (MOSTLY if between <= NEAR else OFTEN):
-            assumed = stated is not None or between <= NEAR
+        elif stated is not None or of >= (
+            CONTACT.mostly if between <= CONTACT.near else CONTACT.often
+        ):
+            assumed = stated is not None or between <= CONTACT.near
             often.append(Contact(names, why, assumed, stated is not None))
     return found, often
 

@@ -31,18 +31,36 @@ from dualarm_cli.refusals import Refusal
 
 PICKS = 6
 """Picks of all arms together."""
-ROWS_KEPT, PAIRS_KEPT, LAYOUTS_TRIED = 80, 150, 400
-"""Rows of targets of an arm, pairs of such rows, and pairs of those of both arms that are looked at."""
-CLEARANCE = 0.005
-"""That bodies keep, or a tenth of a step: less than what imported robots' links come together by construction [m]."""
-TABLES_TRIED = 6
-"""Tables that are looked at."""
-DEPTH = 3
-"""A target that many nodes from the border of what is reached is as good as any other."""
-LEAST_APART, APART, ARMS_APART = 2.0, 4.0, 4.0
-"""Distance of an arm's tray from its box at least and at best, and of what different arms work at, in steps."""
-ALIKE = 0.2
-"""What a step off the mirror image of the other arm's targets counts, where a step farther apart counts 1."""
+
+
+@dataclass(frozen=True)
+class LayoutSettings:
+    """Distances of a proposed cell, and numbers of its search."""
+
+    rows_kept: int = 80
+    pairs_kept: int = 150
+    layouts_tried: int = 400
+    """Rows of targets of an arm, pairs of such rows, and pairs of those of both arms that are looked at."""
+    clearance: float = 0.005
+    """That bodies keep, or a tenth of a step: less than what imported robots' links come together by
+    construction [m]."""
+    tables_tried: int = 6
+    """Tables that are looked at."""
+    depth: int = 3
+    """A target that many nodes from the border of what is reached is as good as any other."""
+    least_apart: float = 2.0
+    apart: float = 4.0
+    arms_apart: float = 4.0
+    """Distance of an arm's tray from its box at least and at best, and of what different arms work at, in steps."""
+    alike: float = 0.2
+    """What a step off the mirror image of the other arm's targets counts, where a step farther apart counts 1."""
+    room: float = 0.03
+    """Room between a table and the robot as it stands [m]."""
+    front: float = 0.5
+    """What a node in front of the robot is worth more than one beside it."""
+
+
+LAYOUT = LayoutSettings()
 
 
 @dataclass(frozen=True)
@@ -105,7 +123,7 @@ def find_layout(bare: Cell, name: str) -> Layout:
     """
     cell, tools = with_tools(bare)
     here = region(cell)
-    cell = replace(cell, clearance=min(CLEARANCE, 0.1 * here.step))
+    cell = replace(cell, clearance=min(LAYOUT.clearance, 0.1 * here.step))
     heights, reach = heights_reached(cell, here, 0.5 * here.step)
     if not reach.both.any() and not all(reach.reached(arm).any() for arm in reach.postures):
         raise _refused("no_table", name)
@@ -134,7 +152,7 @@ def _tables(
         if np.isfinite(worth):
             table = _under(grid.x[columns], grid.y[rows], COARSER * step, (top, thickness))
             found.append((not easy[k], -worth, k, table))
-    return [table for *_, table in sorted(found, key=lambda one: one[:3])[:TABLES_TRIED]]
+    return [table for *_, table in sorted(found, key=lambda one: one[:3])[: LAYOUT.tables_tried]]
 
 
 def _on_table(
@@ -185,7 +203,7 @@ def _front(cell: Cell, here: Region, grid: TableGrid) -> FloatArray:
     cosine = products.product(away, ahead) / (
         products.norm(ahead) * np.maximum(products.norm(away, axis=-1), 1e-9)
     )
-    return np.asarray(1.0 + FRONT * cosine)
+    return np.asarray(1.0 + LAYOUT.front * cosine)
 
 
 def _starts_at_home(cell: Cell, top: float) -> bool:
@@ -211,7 +229,7 @@ def _rows(
     both = reach.both[0, 0]
     model, clearance = CellModel.from_cell(cell), CellClearance.of(cell, ())
     # As far from the border as there are enough rows; by and by nearer.
-    for depth in range(DEPTH, 0, -1):
+    for depth in range(LAYOUT.depth, 0, -1):
         pairs = {arm: _pairs(reach, one, count, depth) for arm, one in found.items()}
         for chosen in _layouts(pairs, middle, here.across[::-1]) if all(pairs.values()) else ():
             work = dict(zip(found, chosen, strict=True))
@@ -255,17 +273,18 @@ def _pairs(reach: ReachMap, found: _Found, count: int, depth: int) -> list[tuple
             nodes = tuple((int(iy) + k * dy, int(ix) + k * dx) for k in range(count))
             if nodes[-1][0] < ny and nodes[-1][1] < nx and all(good[node] for node in nodes):
                 rows.append(nodes)
-    if len(rows) > ROWS_KEPT:
-        rows = [rows[k] for k in np.linspace(0, len(rows) - 1, ROWS_KEPT).astype(int)]
+    if len(rows) > LAYOUT.rows_kept:
+        rows = [rows[k] for k in np.linspace(0, len(rows) - 1, LAYOUT.rows_kept).astype(int)]
     pairs = [(_distance(one, other), one, other) for one in rows for other in rows]
     # Far enough apart, but no farther; of many that are, some all over the table.
     pairs = sorted(
-        (pair for pair in pairs if pair[0] >= LEAST_APART), key=lambda pair: abs(pair[0] - APART)
+        (pair for pair in pairs if pair[0] >= LAYOUT.least_apart),
+        key=lambda pair: abs(pair[0] - LAYOUT.apart),
     )
-    near = [pair for pair in pairs if abs(pair[0] - APART) <= 1.0]
-    if len(near) > PAIRS_KEPT:
-        pairs = [near[k] for k in np.linspace(0, len(near) - 1, PAIRS_KEPT).astype(int)]
-    return [(one, other) for _, one, other in pairs[:PAIRS_KEPT]]
+    near = [pair for pair in pairs if abs(pair[0] - LAYOUT.apart) <= 1.0]
+    if len(near) > LAYOUT.pairs_kept:
+        pairs = [near[k] for k in np.linspace(0, len(near) - 1, LAYOUT.pairs_kept).astype(int)]
+    return [(one, other) for _, one, other in pairs[: LAYOUT.pairs_kept]]
 
 
 def _distance(one: Nodes, other: Nodes) -> float:
@@ -287,7 +306,7 @@ def _layouts(
         apart: from the right shoulder to the left one, along rows and columns.
     """
     if len(pairs) == 1:
-        return [(pair,) for pair in next(iter(pairs.values()))][:LAYOUTS_TRIED]
+        return [(pair,) for pair in next(iter(pairs.values()))][: LAYOUT.layouts_tried]
     left, right = pairs.values()
     a, b = (
         np.array([[np.mean(row, axis=0) for row in pair] for pair in one]) for one in (left, right)
@@ -299,11 +318,11 @@ def _layouts(
     along = across.sum(axis=2, keepdims=True)
     along /= np.maximum(products.norm(along, axis=-1, keepdims=True), 1e-9)
     aside = np.abs((between * along).sum(axis=-1)).sum(axis=-1)
-    score = np.minimum(gap, 2.0 * ARMS_APART) - ALIKE * (unlike + aside)
+    score = np.minimum(gap, 2.0 * LAYOUT.arms_apart) - LAYOUT.alike * (unlike + aside)
     # Arms that work on each other's side would have to pass each other.
     own_side = (products.product(across, np.array(apart)) >= 0.0).all(axis=-1)
-    score = np.where((gap >= ARMS_APART) & own_side, score, -np.inf)
-    order = np.argsort(-score, axis=None, kind="stable")[:LAYOUTS_TRIED]
+    score = np.where((gap >= LAYOUT.arms_apart) & own_side, score, -np.inf)
+    order = np.argsort(-score, axis=None, kind="stable")[: LAYOUT.layouts_tried]
     order = order[np.isfinite(score.ravel()[order])]
     first, second = np.unravel_index(order, score.shape)
     return [(left[i], right[j]) for i, j in zip(first.tolist(), second.tolist(), strict=True)]
@@ -339,12 +358,6 @@ def _row(grid: TableGrid, nodes: Nodes, both: BoolArray) -> Row:
     )
     along = "y" if nodes[0][1] == nodes[-1][1] else "x"
     return Row((round(x, 4), round(y, 4)), along, all(bool(both[node]) for node in nodes))
-
-
-ROOM = 0.03
-"""Room between a table and the robot as it stands [m]."""
-FRONT = 0.5
-"""What a node in front of the robot is worth more than one beside it."""
 
 
 @dataclass(frozen=True)
@@ -394,7 +407,7 @@ def room_for_table(
     model, home = pin.buildModelFromXML(cell.robot.urdf), cell.robot.postures["home"]
     solids, data = cell_solids(cell, model, ()), model.createData()
     moved = {model.getJointId(joint) for arm in cell.robot.arms for joint in arm.joints}
-    half = 0.5 * (x[1] - x[0] if len(x) > 1 else 0.0) + ROOM
+    half = 0.5 * (x[1] - x[0] if len(x) > 1 else 0.0) + LAYOUT.room
     free = np.ones((len(y), len(x)), dtype=np.bool_)
     for k, turn in enumerate(np.append(0.0, np.radians(np.arange(10.0, 360.0, 10.0)))):
         q = np.array(home)
@@ -417,7 +430,7 @@ def room_for_table(
             )
             body = coal.CollisionObject(solid.geometry, pose.rotation, pose.translation).getAABB()
             low, high = np.array(body.min_), np.array(body.max_)
-            if low[2] - ROOM < levels[1] and high[2] + ROOM > levels[0]:
+            if low[2] - LAYOUT.room < levels[1] and high[2] + LAYOUT.room > levels[0]:
                 across = (x > low[0] - half) & (x < high[0] + half)
                 along = (y > low[1] - half) & (y < high[1] + half)
                 free &= ~(along[:, None] & across[None])

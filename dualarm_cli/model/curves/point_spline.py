@@ -13,19 +13,30 @@ from dualarm_cli.geometry.splines import closed_quintic_spline, quintic_spline
 from dualarm_cli.model.curves.contours import NODES
 from dualarm_cli.records import dataclass
 
-ALONG = 1e-9
-"""Sine of the angle to the curve below which a normal points along it."""
+
+@dataclass(frozen=True)
+class SplineSettings:
+    """Tolerances and iterations of splines through points."""
+
+    along: float = 1e-9
+    """Sine of the angle to the curve below which a normal points along it."""
+    few: int = 8
+    """Points below which the ends of an open spline are straight; more of them tell how it bends there."""
+    exact: float = 1e-9
+    rounded: float = 1e-5
+    """How near a spline through some of the points comes to the others where these add nothing, and where
+    what is left may
+    be what files round away [m]."""
+    gained: float = 4.0
+    """Factor by which twice as many points have to bring it nearer: rounding gains nothing."""
+
+
+SPLINE = SplineSettings()
+
 SAME_NORMAL = 1e-6
 """Difference of the first and last normal of a closed spline below which they are one."""
-FEW = 8
-"""Points below which the ends of an open spline are straight; more of them tell how it bends there."""
-EXACT, ROUNDED = 1e-9, 1e-5
-"""How near a spline through some of the points comes to the others where these add nothing, and where what is left may
-be what files round away [m]."""
 UNIT = 0.2
 """Length that a unit vector counts as there [m]: rounded points also misplace vectors along the curve."""
-GAINED = 4.0
-"""Factor by which twice as many points have to bring it nearer: rounding gains nothing."""
 
 
 @dataclass(frozen=True)
@@ -134,23 +145,23 @@ def telling(knots: FloatArray, values: FloatArray, *, closed: bool) -> IntArray:
 
     A curve is the same however densely a file describes it: derivatives of a spline through all of many points are
     those of what the file rounds away. Those that are taken are equally many apart; they are doubled until the spline
-    passes the others at EXACT, or at ROUNDED and twice as many bring it no nearer.
+    passes the others at `exact`, or at `rounded` and twice as many bring it no nearer.
 
     Args:
         knots: parameters of the values, rising, shape (k,).
         values: points, or unit vectors by UNIT [m], shape (k, d).
         closed: whether the last value is the first one.
     """
-    last, pieces, before = len(knots) - 1, FEW, np.inf
+    last, pieces, before = len(knots) - 1, SPLINE.few, np.inf
     fewer = np.arange(0)
     values = np.concatenate([values[:-1], values[:1]]) if closed else values
     while 2 * pieces <= last:
         k: IntArray = np.linspace(0, last, pieces + 1).round().astype(np.int64)
         found = np.asarray(quintic(knots[k], values[k], closed=closed)(knots))  # type: ignore[operator]
         off = float(np.abs(found - values).max())
-        if before <= ROUNDED and off * GAINED > before:
+        if before <= SPLINE.rounded and off * SPLINE.gained > before:
             return fewer
-        if off <= EXACT:
+        if off <= SPLINE.exact:
             return k
         pieces, before, fewer = 2 * pieces, off, k
     return np.arange(last + 1)
@@ -164,7 +175,7 @@ def quintic(knots: FloatArray, values: FloatArray, *, closed: bool) -> object:
     """
     if closed:
         return closed_quintic_spline(knots, values)
-    if len(knots) > FEW:
+    if len(knots) > SPLINE.few:
         ends = _end_rates(knots[:5], values[:5]), _end_rates(knots[:-6:-1], values[:-6:-1])
         return quintic_spline(knots, values, *ends)
     free = [(2, np.zeros(values.shape[1])), (4, np.zeros(values.shape[1]))]
@@ -200,7 +211,7 @@ def _carried_along(up: FloatArray, p: FloatArray, rate: FloatArray) -> FloatArra
     tangent = rate / norm(rate, axis=1)[:, None]
     found = np.empty_like(p)
     r = up - product(up, tangent[0]) * tangent[0]
-    if norm(r) < ALONG * norm(up):
+    if norm(r) < SPLINE.along * norm(up):
         return np.zeros_like(p)
     found[0] = r = r / norm(r)
     for k in range(len(p) - 1):

@@ -12,8 +12,35 @@ from dualarm_cli.orders.asynchronous.problem import Order, SequencingProblem
 from dualarm_cli.orders.asynchronous.times import Timed, best_ways, timed
 from dualarm_cli.records import dataclass
 
-NEIGHBOURS = 40
-"""So many of a task's nearest tasks are thought of when pieces about it are removed."""
+
+@dataclass(frozen=True)
+class RecreateSettings:
+    """Numbers that steer ruin and recreate of asynchronous orders."""
+
+    neighbours: int = 40
+    """So many of a task's nearest tasks are thought of when pieces about it are removed."""
+    tries: int = 6
+    """So often all is begun anew where it leads nowhere."""
+    looks: int = 8
+    """So many of an arm's next units are looked at before all are."""
+    removed: float = 8.0
+    """Tasks that are removed at a time, on average."""
+    longest: int = 10
+    """Longest piece that is removed from one arm's order."""
+    blink: float = 0.02
+    """Share of the places that are overlooked when a task is put back."""
+    hot: float = 0.3
+    cold: float = 0.001
+    """First and last temperature of the annealing, in shares of a task's mean share of the first order's total."""
+    weights: tuple[float, ...] = (0.02, 0.3, 1.0)
+    """What the sum of the arms' times counts against the slower arm's, one of these at a time."""
+    varied: float = 0.3
+    """Where buffers make arms wait: by what share of a task's mean time what a place costs is varied, on average."""
+    overlooked: float = 1e6
+    """What makes a place as good as none [s]."""
+
+
+RECREATE = RecreateSettings()
 
 
 @dataclass(frozen=True)
@@ -86,7 +113,7 @@ def neighbours(problem: SequencingProblem, units: list[TaskUnit]) -> list[list[i
         possible = np.array([np.isfinite(unit.inside[a]).any() for unit in units])
         one = np.where(possible[:, None] & possible[None, :], np.minimum(one, one.T), np.inf)
         least = np.minimum(least, one)
-    order = np.argsort(least, axis=1, kind="stable")[:, : NEIGHBOURS + 1]
+    order = np.argsort(least, axis=1, kind="stable")[:, : RECREATE.neighbours + 1]
     return [[int(v) for v in row if v != u] for u, row in enumerate(order)]
 
 
@@ -104,12 +131,6 @@ def ranks(before: list[set[int]]) -> list[int]:
     return rank
 
 
-TRIES = 6
-"""So often all is begun anew where it leads nowhere."""
-LOOKS = 8
-"""So many of an arm's next units are looked at before all are."""
-
-
 def order_that_is_served(
     problem: SequencingProblem, units: list[TaskUnit], random: np.random.Generator
 ) -> Timed | None:
@@ -122,7 +143,7 @@ def order_that_is_served(
         units: tasks that go together.
         random: for the order in which units are looked at.
     """
-    for _ in range(TRIES):
+    for _ in range(RECREATE.tries):
         found = _tried(problem, units, random)
         if found is not None:
             return found
@@ -140,7 +161,7 @@ def _tried(
     while left:
         best = None
         taken = (0, 0)
-        for some in (left[:LOOKS], left[LOOKS:]):
+        for some in (left[: RECREATE.looks], left[RECREATE.looks :]):
             for u in some:
                 for a in range(len(rows)):
                     if not _may_be_next(problem, units, left, u, a):
@@ -171,22 +192,6 @@ def _may_be_next(
     return u == next(v for v in left if np.isfinite(units[v].inside[a]).any())
 
 
-REMOVED = 8.0
-"""Tasks that are removed at a time, on average."""
-LONGEST = 10
-"""Longest piece that is removed from one arm's order."""
-BLINK = 0.02
-"""Share of the places that are overlooked when a task is put back."""
-HOT, COLD = 0.3, 0.001
-"""First and last temperature of the annealing, in shares of a task's mean share of the first order's total."""
-WEIGHTS = (0.02, 0.3, 1.0)
-"""What the sum of the arms' times counts against the slower arm's, one of these at a time."""
-VARIED = 0.3
-"""Where buffers make arms wait: by what share of a task's mean time what a place costs is varied, on average."""
-OVERLOOKED = 1e6
-"""What makes a place as good as none [s]."""
-
-
 class Recreator:
     """Ruin and recreate with simulated annealing on one problem."""
 
@@ -207,7 +212,7 @@ class Recreator:
                 self._after[u].add(v)
         self._rank = ranks(self._before)
         least = [min(float(i.min()) for i in unit.inside) for unit in self._units]
-        self._spread = VARIED * float(np.mean(least)) if least else 0.0
+        self._spread = RECREATE.varied * float(np.mean(least)) if least else 0.0
 
     def first(self) -> Timed | None:
         """Returns an order by insertion of the longest tasks first, None where none was found.
@@ -218,7 +223,7 @@ class Recreator:
         dear = [-min(float(np.min(one)) for one in unit.inside) for unit in self._units]
         order = sorted(range(len(self._units)), key=lambda u: (self._rank[u], dear[u]))
         found = None
-        if self._insert(routes, order, WEIGHTS[0], 0.0):
+        if self._insert(routes, order, RECREATE.weights[0], 0.0):
             found = self._polished(routes)
         if self.problem.stores is not None and (found is None or found.left):
             found = order_that_is_served(self.problem, self._units, self._random) or found
@@ -242,16 +247,16 @@ class Recreator:
         best = current = start
         routes = self._routes(start.order)
         scale = start.total / len(self._units) if np.isfinite(start.total) else 1.0
-        cooling = power(COLD / HOT, 1.0 / max(1, iterations))
-        heat = HOT * scale
+        cooling = power(RECREATE.cold / RECREATE.hot, 1.0 / max(1, iterations))
+        heat = RECREATE.hot * scale
         for _ in range(iterations):
             heat *= cooling
             if stop():
                 break
             tried = list(routes)
             gone = self._ruin(tried)
-            weight = WEIGHTS[int(self._random.integers(len(WEIGHTS)))]
-            if not self._insert(tried, self._sorted(gone), weight, BLINK):
+            weight = RECREATE.weights[int(self._random.integers(len(RECREATE.weights)))]
+            if not self._insert(tried, self._sorted(gone), weight, RECREATE.blink):
                 continue
             # Ways that suit the neighbours they were put between need not suit the whole order.
             found = self._polished(tried)
@@ -299,9 +304,9 @@ class Recreator:
     def _ruin(self, routes: list[IntArray]) -> list[int]:
         """Removes strings of neighbouring units from the routes; returns what was removed."""
         count = len(self._units)
-        longest = min(LONGEST, max(1.0, count / max(1, len(routes))))
+        longest = min(RECREATE.longest, max(1.0, count / max(1, len(routes))))
         strings = int(
-            self._random.uniform(1.0, max(1.0, 4.0 * REMOVED / (1.0 + longest) - 1.0) + 1)
+            self._random.uniform(1.0, max(1.0, 4.0 * RECREATE.removed / (1.0 + longest) - 1.0) + 1)
         )
         where = {
             u: (a, k) for a, route in enumerate(routes) for k, u in enumerate(route[:, 0].tolist())
@@ -356,7 +361,7 @@ class Recreator:
                     # What is waited for is not priced here: places that look dearer are tried as well.
                     delta += self._random.exponential(self._spread, len(delta))
                 if blink and len(delta) > 1:
-                    delta[self._random.random(len(delta)) < blink] += OVERLOOKED
+                    delta[self._random.random(len(delta)) < blink] += RECREATE.overlooked
                 k = int(delta.argmin())
                 cost = float(delta[k])
                 others = max((t for b, t in enumerate(own) if b != a), default=0.0)
@@ -366,7 +371,7 @@ class Recreator:
             if best is None:
                 return False
             _, a, k, chosen, cost = best
-            if cost > 0.5 * OVERLOOKED:
+            if cost > 0.5 * RECREATE.overlooked:
                 return False
             routes[a] = np.insert(routes[a], k, (u, chosen), axis=0)
             own[a] += cost

@@ -23,22 +23,34 @@ from dualarm_cli.stages.plans.source import grid_nodes, has_closed_form
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.sequence_problem import stops_problem
 
-SIMILAR = 0.08
-"""Postures of a stop that are nearer to one another than this are one [s]."""
-DEARER = 0.6
-"""Postures that cost more than this beyond the best one's are left out [s]."""
-HUB_ROUNDS = 2
-"""So often the middle of an arm's work is looked for from the one before."""
-MOST_GIVEN = 160
-"""Most ways of tasks whose targets are joint configurations."""
-ARM_ANGLES = 12
-"""Arm angles around the circle."""
-MOST_NODES = 6000
-"""Nodes of one stop over all platform angles at most."""
-FEW_NODES = 24
-"""Nodes of one stop and platform angle at most, of arms without closed forms."""
-ANGLE_STEP = np.radians(15.0)
-"""Spacing of the platform angles [rad]; of a rail as `PlatformChain.spacing` has it."""
+
+@dataclass(frozen=True)
+class OrderNodeSettings:
+    """Numbers of postures and candidates that the search for orders samples."""
+
+    similar: float = 0.08
+    """Postures of a stop that are nearer to one another than this are one [s]."""
+    dearer: float = 0.6
+    """Postures that cost more than this beyond the best one's are left out [s]."""
+    hub_rounds: int = 2
+    """So often the middle of an arm's work is looked for from the one before."""
+    most_given: int = 160
+    """Most ways of tasks whose targets are joint configurations."""
+    arm_angles: int = 12
+    """Arm angles around the circle."""
+    most_nodes: int = 6000
+    """Nodes of one stop over all platform angles at most."""
+    few_nodes: int = 24
+    """Nodes of one stop and platform angle at most, of arms without closed forms."""
+    angle_step: float = np.radians(15.0)
+    """Spacing of the platform angles [rad]; of a rail as `PlatformChain.spacing` has it."""
+    candidates: int = 16
+    """Postures of a stop at one platform angle that are looked at for whether they are collision-free."""
+    ways: tuple[tuple[int, ...], ...] = ((12, 6), (40, 4), (120, 2))
+    """Ways of every task, by up to how many tasks; one beyond."""
+
+
+NODES = OrderNodeSettings()
 
 
 @dataclass(frozen=True)
@@ -79,7 +91,7 @@ def hub(
     start = np.array(job.start_joints)
     hub: FloatArray = start[model.arms[name].columns]
     own = [one for (arm, _, _), one in nodes.items() if arm == name and len(one.work)]
-    for _ in range(HUB_ROUNDS if own else 0):
+    for _ in range(NODES.hub_rounds if own else 0):
         nearest = []
         for one in own:
             rows = np.arange(len(one.work))
@@ -109,9 +121,15 @@ def spread(ends: FloatArray, cost: FloatArray, most: int, duration: object) -> I
     order = np.argsort(cost, kind="stable")
     kept: list[int] = []
     for k in order.tolist():
-        if len(kept) == most or (cost[k] > cost[order[0]] + DEARER and most != MOST_GIVEN):
+        if len(kept) == most or (
+            cost[k] > cost[order[0]] + NODES.dearer and most != NODES.most_given
+        ):
             break
-        if kept and most != MOST_GIVEN and duration(ends[kept] - ends[k]).min() < SIMILAR:
+        if (
+            kept
+            and most != NODES.most_given
+            and duration(ends[kept] - ends[k]).min() < NODES.similar
+        ):
             continue
         kept.append(k)
     return np.array(kept, dtype=np.int64)
@@ -128,12 +146,6 @@ def widened(arm: ArmTasks, width: int) -> ArmTasks:
     first = np.pad(arm.first, pad, constant_values=np.inf)
     second = np.pad(arm.second, pad)
     return replace(arm, entry=entry, leaving=leaving, first=first, second=second)
-
-
-CANDIDATES = 16
-"""Postures of a stop at one platform angle that are looked at for whether they are collision-free."""
-WAYS = ((12, 6), (40, 4), (120, 2))
-"""Ways of every task, by up to how many tasks; one beyond."""
 
 
 @dataclass(frozen=True)
@@ -286,7 +298,7 @@ class OrderModel:
         if not task.allows(name):
             return TaskWays.none(joints)
         given = all(isinstance(stop.target, JointTarget) for stop in task.stops)
-        few = next((w for most, w in WAYS if len(self.job.tasks) <= most), 1)
+        few = next((w for most, w in NODES.ways if len(self.job.tasks) <= most), 1)
         rows = [self.rows(name, t, s, f) for s in range(len(task.stops))]
         if any(len(row) == 0 for row in rows):
             return TaskWays.none(joints)
@@ -299,7 +311,9 @@ class OrderModel:
         if len(nodes) == 1:
             cost = stop_costs(one, k, start, law.duration)
             kept = k[
-                spread(one.q_approach[k], cost, few if not given else MOST_GIVEN, law.duration)
+                spread(
+                    one.q_approach[k], cost, few if not given else NODES.most_given, law.duration
+                )
             ]
             return TaskWays(
                 one.q_approach[kept],
@@ -324,7 +338,7 @@ class OrderModel:
             half = moved.shape[-1] // 2
             return np.maximum(law.duration(moved[..., :half]), law.duration(moved[..., half:]))
 
-        kept = spread(ends, cost, few if not given else MOST_GIVEN, apart)
+        kept = spread(ends, cost, few if not given else NODES.most_given, apart)
         return TaskWays(
             one.q_approach[k[i[kept]]],
             other.q_retract[m[j[kept]]],
@@ -351,11 +365,11 @@ class OrderModel:
         cost = stop_costs(nodes, rows, self.hubs[name], self.clock.arms[name].law.duration)
         given = isinstance(self.tasks[t].stops[s].target, JointTarget)
         rows = rows[np.argsort(cost, kind="stable")]
-        few = rows if given else rows[:CANDIDATES]
+        few = rows if given else rows[: NODES.candidates]
         clear = few[self._is_clear(name, t, s, f, nodes, few)]
         if len(clear) or len(few) == len(rows):
             return clear
-        others = rows[CANDIDATES:]
+        others = rows[NODES.candidates :]
         return others[self._is_clear(name, t, s, f, nodes, others)]
 
     def _is_clear(
@@ -409,7 +423,7 @@ def platform_angles(model: CellModel, job: Job) -> FloatArray:
     low, high = model.platform.around(
         float(here[0, 0]), float(limits.lower[0]), float(limits.upper[0])
     )
-    step = model.platform.spacing(ANGLE_STEP, low, high)
+    step = model.platform.spacing(NODES.angle_step, low, high)
     below, above = int((here[0, 0] - low) / step), int((high - here[0, 0]) / step)
     others = np.delete(np.arange(-below, above + 1), below)
     return np.concatenate([here, here + step * others[:, None]])
@@ -436,11 +450,11 @@ def stop_nodes(model: CellModel, job: Job, angles: FloatArray) -> dict[tuple[str
     found = {}
     for a, work in enumerate(problem.arms):
         table = StopTable.of(work)
-        most = MOST_NODES if has_closed_form(work) else FEW_NODES * len(turned)
+        most = NODES.most_nodes if has_closed_form(work) else NODES.few_nodes * len(turned)
         for k, (t, s, _) in enumerate(every):
             if work.stops[k] is None:
                 continue
             found[work.name, t, s] = grid_nodes(
-                problem, a, table, k, Grid(turned, ARM_ANGLES, most)
+                problem, a, table, k, Grid(turned, NODES.arm_angles, most)
             )
     return found

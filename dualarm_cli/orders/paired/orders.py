@@ -30,6 +30,7 @@ from dualarm_cli.orders.paired.problem import (
 )
 from dualarm_cli.orders.paired.search import StageSearch
 from dualarm_cli.orders.paired.times import with_angles
+from dualarm_cli.records import dataclass
 
 
 def nearest_stages(problem: StageProblem) -> IntArray | None:
@@ -96,24 +97,42 @@ def _stages(
     return found
 
 
-WHOLE = 30
-"""Orders of up to so many stages are improved as a whole, longer ones in stretches as well."""
-LEAST = 120
-"""How often something is removed and put back at least."""
-SHORT = 20
-"""How often in a short search; of long orders so many stretches are improved."""
-FULL, LEAST_SHARE, MOST_SHARE = 60, 0.15, 1.6
-"""Orders of so many stages get the rounds of annealing, shorter ones fewer, longer ones more, by these shares."""
-SOONER, SHORTEST = 8, 100
-"""Annealing is preceded by coolings that are so many times quicker each, down to so many rounds."""
-NEAR = 0.02
-"""By less than this share an order is longer than another one that is nearly as good."""
-WARM, AGAIN = 0.02, 0.4
-"""First temperature and share of the rounds from an order that is known to be good."""
-MANY = 100
-"""Of more tasks no first order is made by insertion where a simpler one is possible."""
-FIRST_TRIES = 6
-"""So many orders in which tasks are put in are tried until one serves."""
+@dataclass(frozen=True)
+class StageSearchSettings:
+    """Numbers that steer the search for orders of stages."""
+
+    whole: int = 30
+    """Orders of up to so many stages are improved as a whole, longer ones in stretches as well."""
+    least: int = 120
+    """How often something is removed and put back at least."""
+    short: int = 20
+    """How often in a short search; of long orders so many stretches are improved."""
+    full: int = 60
+    least_share: float = 0.15
+    most_share: float = 1.6
+    """Orders of so many stages get the rounds of annealing, shorter ones fewer, longer ones more, by these shares."""
+    sooner: int = 8
+    shortest: int = 100
+    """Annealing is preceded by coolings that are so many times quicker each, down to so many rounds."""
+    near: float = 0.02
+    """By less than this share an order is longer than another one that is nearly as good."""
+    warm: float = 0.02
+    again: float = 0.4
+    """First temperature and share of the rounds from an order that is known to be good."""
+    many: int = 100
+    """Of more tasks no first order is made by insertion where a simpler one is possible."""
+    first_tries: int = 6
+    """So many orders in which tasks are put in are tried until one serves."""
+    hot: float = 0.06
+    cold: float = 0.0015
+    """First and last temperature, in shares of a stage's mean length."""
+    nearest_tasks: int = 24
+    """Tasks that are near another one."""
+    refreshed: int = 20
+    """After so many rounds all platform angles are chosen anew."""
+
+
+SEARCH = StageSearchSettings()
 
 
 class NearOrders:
@@ -133,8 +152,8 @@ class NearOrders:
             del self._kept[max(self._kept, key=lambda key: self._kept[key].total)]
 
     def of(self, best: float) -> list[StageOrder]:
-        """Returns those that are longer than the best one by less than NEAR."""
-        return [one for one in self._kept.values() if one.total < (1.0 + NEAR) * best]
+        """Returns those that are longer than the best one by less than `near`."""
+        return [one for one in self._kept.values() if one.total < (1.0 + SEARCH.near) * best]
 
 
 def is_few(problem: StageProblem) -> bool:
@@ -186,13 +205,13 @@ def good_orders(
         if effort.rounds and is_served(problem) and np.isfinite(first.total):
             found += _annealed(search, first, effort, told, stop, known=start is not None)
             break
-        steps = max(LEAST, effort.steps // len(first.slots))
+        steps = max(SEARCH.least, effort.steps // len(first.slots))
         one = search.improve(first, steps, told, stop)
-        if len(one.slots) > WHOLE:
+        if len(one.slots) > SEARCH.whole:
             count = round(effort.stretches * len(one.slots))
             one = search.improve_stretches(one, count, told, stop)
         found.append(one)
-        if len(one.slots) > WHOLE:
+        if len(one.slots) > SEARCH.whole:
             break
     given = in_file_order(problem, stage_units(problem))
     if given is not None and start is None:
@@ -208,8 +227,8 @@ def short_search(problem: StageProblem, seed: int) -> float | None:
     first = _first(search, None, in_order=True)
     if first is None:
         return None
-    improve = search.improve if len(first.slots) <= WHOLE else search.improve_stretches
-    return improve(first, SHORT).total
+    improve = search.improve if len(first.slots) <= SEARCH.whole else search.improve_stretches
+    return improve(first, SEARCH.short).total
 
 
 def different_orders(found: Sequence[StageOrder]) -> list[StageOrder]:
@@ -231,24 +250,24 @@ def _annealed(
 ) -> list[StageOrder]:
     """Returns the best orders found by annealing; `known` is whether the first one is a good one already."""
     problem, one = search.problem, first
-    if len(first.slots) <= WHOLE:
+    if len(first.slots) <= SEARCH.whole:
         # Annealing exchanges what is there: where arms are idle for long, tasks are put together first.
-        one = search.improve(first, LEAST, told, stop)
-    share = min(MOST_SHARE, max(LEAST_SHARE, len(first.slots) / FULL))
+        one = search.improve(first, SEARCH.least, told, stop)
+    share = min(SEARCH.most_share, max(SEARCH.least_share, len(first.slots) / SEARCH.full))
     rounds = round(effort.rounds * share)
     annealing = StageAnnealing(problem, search.seed)
     if known:
-        return [annealing.improve(one, round(AGAIN * rounds), told, stop, WARM)]
+        return [annealing.improve(one, round(SEARCH.again * rounds), told, stop, SEARCH.warm)]
     # While it is hot nothing is found: whoever ends it early then has what came of quicker coolings.
     coolings = [rounds]
-    while coolings[0] >= SOONER * SHORTEST:
-        coolings.insert(0, coolings[0] // SOONER)
+    while coolings[0] >= SEARCH.sooner * SEARCH.shortest:
+        coolings.insert(0, coolings[0] // SEARCH.sooner)
     for count in coolings[:-1]:
         if stop():
             return [one]
         one = annealing.improve(one, count, told, stop)
     found = [one]
-    times = effort.coolings * min(1.0, WHOLE / len(one.slots))
+    times = effort.coolings * min(1.0, SEARCH.whole / len(one.slots))
     for k in range(max(1, round(times))):
         if stop():
             break
@@ -274,8 +293,8 @@ def _first(search: StageSearch, start: IntArray | None, *, in_order: bool) -> St
         if given is not None:
             tries.append(with_angles(search.problem, never_touching(search.problem, given)))
     # Insertion takes long there, and is no better than what is refined anyway.
-    enough = len(search.units) > MANY and any(np.isfinite(one.total) for one in tries)
-    for _ in range(0 if enough else FIRST_TRIES):
+    enough = len(search.units) > SEARCH.many and any(np.isfinite(one.total) for one in tries)
+    for _ in range(0 if enough else SEARCH.first_tries):
         one = search.first()
         if one is not None:
             tries.append(one)
@@ -351,15 +370,9 @@ def never_touching(problem: StageProblem, slots: IntArray) -> IntArray:
     return apart(slots, never)
 
 
-HOT, COLD = 0.06, 0.0015
-"""First and last temperature, in shares of a stage's mean length."""
 SHARES = AnnealingShares.of((384, 48, 128), (1, 2, 3, 2, 4, 2, 3, 5), (0.15, 0.1, 0.02))
 """Exchanges, changes within a few stages and moves of runs in each round; how many stages those are, round after round;
 shares of exchanges with a task that is not near, with an idle arm, and with stages of its own."""
-NEAREST_TASKS = 24
-"""Tasks that are near another one."""
-REFRESHED = 20
-"""After so many rounds all platform angles are chosen anew."""
 
 
 def is_served(problem: StageProblem) -> bool:
@@ -407,7 +420,7 @@ class StageAnnealing:
         rounds: int,
         better: Callable[[StageOrder], None] = lambda _: None,
         stop: Callable[[], bool] = lambda: False,
-        heat: float = HOT,
+        heat: float = SEARCH.hot,
         met: Callable[[StageOrder], None] = lambda _: None,
     ) -> StageOrder:
         """Returns the best order found from one to begin with, never a worse one.
@@ -422,11 +435,11 @@ class StageAnnealing:
         """
         line = self.line(start.slots)
         total, warm = line.best, heat * line.total / len(line.slots)
-        cooling = power(COLD / heat, 1.0 / max(1, rounds))
-        for k in range(0, rounds, REFRESHED):
+        cooling = power(SEARCH.cold / heat, 1.0 / max(1, rounds))
+        for k in range(0, rounds, SEARCH.refreshed):
             if stop():
                 break
-            some = range(k, min(rounds, k + REFRESHED))
+            some = range(k, min(rounds, k + SEARCH.refreshed))
             self.anneal(line, some, (warm * power(cooling, k + 1), cooling))
             met(StageOrder(line.slots, line.angles[1:], line.total))
             if line.best < total:
@@ -439,7 +452,7 @@ class StageAnnealing:
 
 
 def _near_tasks(problem: StageProblem, lengths: tuple[FloatArray, FloatArray]) -> IntArray:
-    """Returns the nearest other tasks of each: those that follow it soonest, shape (t, NEAREST_TASKS or fewer).
+    """Returns the nearest other tasks of each: those that follow it soonest, shape (t, `nearest_tasks` or fewer).
 
     Args:
         problem: what is asked.
@@ -452,4 +465,6 @@ def _near_tasks(problem: StageProblem, lengths: tuple[FloatArray, FloatArray]) -
         quickest = length[np.ix_(last, first)]
         least = np.minimum(least, np.minimum(quickest, quickest.T))
     np.fill_diagonal(least, np.inf)
-    return np.argsort(least, axis=1, kind="stable")[:, : max(1, min(NEAREST_TASKS, len(first) - 1))]
+    return np.argsort(least, axis=1, kind="stable")[
+        :, : max(1, min(SEARCH.nearest_tasks, len(first) - 1))
+    ]

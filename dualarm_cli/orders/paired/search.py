@@ -225,16 +225,24 @@ class Insertions:
         return found
 
 
-REMOVED = (2, 7)
-"""Fewest and most units that are removed at a time."""
-HOT, COLD = 0.25, 0.002
-"""First and last temperature of the annealing, in shares of a unit's mean share of the first order's total."""
-BLINK = 0.03
-"""Share of the places that are overlooked when a unit is put back."""
-STRETCH = 12
-"""Stages of a long order that are improved together."""
-PER_STRETCH = 25
-"""How often something is removed and put back in each."""
+@dataclass(frozen=True)
+class InsertionSettings:
+    """Numbers that steer removal and insertion of tasks."""
+
+    removed: tuple[int, ...] = (2, 7)
+    """Fewest and most units that are removed at a time."""
+    hot: float = 0.25
+    cold: float = 0.002
+    """First and last temperature of the annealing, in shares of a unit's mean share of the first order's total."""
+    blink: float = 0.03
+    """Share of the places that are overlooked when a unit is put back."""
+    stretch: int = 12
+    """Stages of a long order that are improved together."""
+    per_stretch: int = 25
+    """How often something is removed and put back in each."""
+
+
+INSERTION = InsertionSettings()
 
 
 class StageSearch:
@@ -286,7 +294,7 @@ class StageSearch:
             stop: whether to stop early.
         """
         share = start.total / len(self.units) if np.isfinite(start.total) else 1.0
-        heat = HOT * share, COLD * share
+        heat = INSERTION.hot * share, INSERTION.cold * share
 
         def found(slots: IntArray, total: float) -> None:
             better(StageOrder(slots, np.zeros(0, dtype=np.int64), total))
@@ -315,14 +323,20 @@ class StageSearch:
             if stop():
                 break
             values = Stretches(self.problem, slots)
-            span = min(len(slots), STRETCH)
+            span = min(len(slots), INSERTION.stretch)
             begin = int(self._random.integers(len(slots) - span + 1))
             ends = values.ends(begin, begin + span)
             own = slots[begin : begin + span]
             before = float(totals(self.problem, own[None], ends)[0])
-            warm = HOT * share * (1.0 - k / stretches)
+            warm = INSERTION.hot * share * (1.0 - k / stretches)
             found, after = self._annealed(
-                own, before, PER_STRETCH, (warm, COLD * share), ends, lambda *_: None, stop
+                own,
+                before,
+                INSERTION.per_stretch,
+                (warm, INSERTION.cold * share),
+                ends,
+                lambda *_: None,
+                stop,
             )
             if after < before - 1e-9:
                 slots = np.concatenate([slots[:begin], found, slots[begin + span :]])
@@ -348,7 +362,7 @@ class StageSearch:
             if stop():
                 break
             left, gone = self._ruined(current[0])
-            tried = self.inserted(left, self._sorted(gone), BLINK, ends) if gone else None
+            tried = self.inserted(left, self._sorted(gone), INSERTION.blink, ends) if gone else None
             if tried is None:
                 continue
             found = float(totals(self.problem, tried[None], ends)[0])
@@ -362,7 +376,7 @@ class StageSearch:
 
     def _ruined(self, slots: IntArray) -> tuple[IntArray, list[int]]:
         """Returns an order without some units that are near to one another, or stages that follow one another."""
-        count = int(self._random.integers(REMOVED[0], REMOVED[1] + 1))
+        count = int(self._random.integers(INSERTION.removed[0], INSERTION.removed[1] + 1))
         there = self._whole(slots)
         if not there:
             return slots, []

@@ -87,8 +87,19 @@ class StageSteps:
         return found
 
 
-HALVINGS = 16
-"""So often a threshold is halved to keep as many as there is room for."""
+@dataclass(frozen=True)
+class LabelSettings:
+    """Numbers that steer the extension of partial orders."""
+
+    halvings: int = 16
+    """So often a threshold is halved to keep as many as there is room for."""
+    most_looked_at: int = 20_000
+    """So many labels at most are followed back to the start for different orders."""
+    same_ends: int = 2
+    """So many of those that end with the same stops, at whatever angles, the quickest first."""
+
+
+LABELS = LabelSettings()
 
 
 @dataclass(frozen=True)
@@ -135,7 +146,7 @@ class Continuations:
         if counts.sum() <= most:
             return counts, 0.0
         low, high = 0.0, float(room.max()) + self.step
-        for _ in range(HALVINGS):
+        for _ in range(LABELS.halvings):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if found(middle).sum() > most else (low, middle)
         return found(high), high
@@ -145,10 +156,6 @@ MOST_STOPS = 62
 """Stops made are bits of one integer."""
 TRIED = 12
 """So many continuations are looked at for each label that is kept at most."""
-MOST_LOOKED_AT = 20_000
-"""So many labels at most are followed back to the start for different orders."""
-SAME_ENDS = 2
-"""So many of those that end with the same stops, at whatever angles, the quickest first."""
 MIXED = np.uint64(0x9E3779B97F4A7C15)
 """An odd number: times it, modulo 2^64, no two integers become one."""
 
@@ -355,14 +362,14 @@ class LabelSearch:
         heapify(heap)
         seen: set[bytes] = set()
         ends: dict[bytes, int] = {}
-        for _ in range(MOST_LOOKED_AT):
+        for _ in range(LABELS.most_looked_at):
             if not heap or len(seen) == count:
                 return
             total, k, row, nodes = heappop(heap)
             # The same stops at other angles are the same order: few ways to end it are enough.
             end = self.graph.stops[list(nodes)].tobytes()
             ends[end] = ends.get(end, 0) + 1
-            if ends[end] > SAME_ENDS:
+            if ends[end] > LABELS.same_ends:
                 continue
             came = k - int(self.graph.weight[nodes[0]])
             if came == 0:

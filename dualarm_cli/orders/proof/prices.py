@@ -17,14 +17,24 @@ from dualarm_cli.records import dataclass
 
 ROUNDING = 1e-4
 """What single precision may add to the length of a path [s]."""
-PATIENCE, SHORTER = 6, 0.6
-"""After so many steps without a better bound steps become shorter, by this factor."""
-LITTLE = 1e-3
-"""What is little at the first step [s]; less at shorter ones."""
-FEW_NODES = 3000
-"""Of more nodes prices are found by way of so many."""
-SHORTEST = 2e-3
-"""Steps shorter than this share of the first one are not worth it."""
+
+
+@dataclass(frozen=True)
+class PriceSettings:
+    """Numbers that steer the prices of stops."""
+
+    patience: int = 6
+    shorter: float = 0.6
+    """After so many steps without a better bound steps become shorter, by this factor."""
+    little: float = 1e-3
+    """What is little at the first step [s]; less at shorter ones."""
+    few_nodes: int = 3000
+    """Of more nodes prices are found by way of so many."""
+    shortest: float = 2e-3
+    """Steps shorter than this share of the first one are not worth it."""
+
+
+PRICES = PriceSettings()
 
 
 @dataclass(frozen=True)
@@ -120,12 +130,12 @@ def best_prices(
         if not np.isfinite(value):
             return Prices(price, np.inf)
         # A little better is as good as not better.
-        waited = 0 if value > best.bound + LITTLE * share else waited + 1
+        waited = 0 if value > best.bound + PRICES.little * share else waited + 1
         if value > best.bound:
             best = Prices(price, value)
-        if waited >= PATIENCE:
-            share, waited = share * SHORTER, 0
-            if share < SHORTEST:
+        if waited >= PRICES.patience:
+            share, waited = share * PRICES.shorter, 0
+            if share < PRICES.shortest:
                 break
             if best.price is not price:
                 price = best.price
@@ -157,10 +167,10 @@ def good_prices(
         begin: prices to begin with [s], shape (s,).
         stop: whether to stop early.
     """
-    if graph.nodes <= FEW_NODES:
+    if graph.nodes <= PRICES.few_nodes:
         return best_prices(graph, upper, steps, begin, stop)
     paths = Paths(graph)
-    some = np.arange(0, graph.nodes, -(-graph.nodes // FEW_NODES))
+    some = np.arange(0, graph.nodes, -(-graph.nodes // PRICES.few_nodes))
     best = Prices(np.full(paths.count, upper / paths.count), -np.inf)
     price = begin
     for left in (2, 1, 0):
@@ -174,7 +184,7 @@ def good_prices(
         if not left or stop() or value >= upper:
             break
         least = (to + paths.backward(price)[::-1]).min(axis=0)
-        some = np.sort(np.argsort(least, kind="stable")[:FEW_NODES])
+        some = np.sort(np.argsort(least, kind="stable")[: PRICES.few_nodes])
     return best
 
 
