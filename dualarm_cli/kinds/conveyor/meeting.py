@@ -65,13 +65,28 @@ def followed_posture(asked: Tracking, near: Tracked | None) -> tuple[StopPosture
     raise failure
 
 
-SPARE = 1e-3
-"""By how much an arm is to be earlier than its part at most where nothing else makes it wait [s]."""
-SIDE = 0.1
-"""A new time is within what is known of both sides by this share of it at least."""
+@dataclass(frozen=True)
+class MeetingSettings:
+    """Numbers that steer the search for a meeting with a part."""
 
-FARTHEST = 8.0
-"""A time is tried no later than by so many times what the arm is late."""
+    spare: float = 1e-3
+    """By how much an arm is to be earlier than its part at most where nothing else makes it wait [s]."""
+    side: float = 0.1
+    """A new time is within what is known of both sides by this share of it at least."""
+    farthest: float = 8.0
+    """A time is tried no later than by so many times what the arm is late."""
+    rounds: int = 14
+    """So often the time at which a part is met is corrected by when the arm can be there."""
+    exact: float = 1e-9
+    """An arm that is there so much earlier or later than its part is there with it [s]."""
+    tries: int = 8
+    narrow: float = 0.02
+    """Parts of a window after which a later time is tried where a part cannot be followed, and how closely
+    the first time
+    at which it can be is found [s]."""
+
+
+MEETING = MeetingSettings()
 
 
 @dataclass
@@ -108,30 +123,30 @@ class MeetingTime:
             if self.too_early is None or self.time > self.too_early[0]:
                 if self.too_early is not None:
                     closed = (self.too_early[1] + spare) / (self.time - self.too_early[0])
-                    self.rate = min(1.5, max(1.0 / FARTHEST, closed))
+                    self.rate = min(1.5, max(1.0 / MEETING.farthest, closed))
                 self.too_early = self.time, -spare
             return False
         if self.possible is None or self.time < self.possible[0]:
             self.possible = self.time, spare
-        return spare <= SPARE or self.time <= self.least
+        return spare <= MEETING.spare or self.time <= self.least
 
     def next(self) -> bool:
         """Takes the next time to be tried; returns whether there is one: else even the last one is too early."""
         if self.possible is None:
             assert self.too_early is not None  # one of the two has been noted
             tried, late = self.too_early
-            self.time = min(tried + late / self.rate + 0.5 * SPARE, self.last)
+            self.time = min(tried + late / self.rate + 0.5 * MEETING.spare, self.last)
             return tried < self.last
         high, spare = self.possible
         if self.too_early is None or self.too_early[0] >= high:
-            self.time = max(self.least, high - self.boldness * spare + 0.5 * SPARE)
-            self.boldness = min(2.0 * self.boldness, FARTHEST)
+            self.time = max(self.least, high - self.boldness * spare + 0.5 * MEETING.spare)
+            self.boldness = min(2.0 * self.boldness, MEETING.farthest)
             return True
         low, late = self.too_early
         # Where the arm would just be in time if that went straight from one to the other; a little later.
         share = late / (late + spare) if late + spare > 0.0 else 0.5
-        goal = low + share * (high - low) + 0.25 * SPARE
-        room = SIDE * (high - low)
+        goal = low + share * (high - low) + 0.25 * MEETING.spare
+        room = MEETING.side * (high - low)
         self.time = max(self.least, min(max(goal, low + room), high - room))
         return True
 
@@ -186,14 +201,6 @@ def _named_belt(arm_stop: ArmStop) -> OnBelt:
     return belt
 
 
-ROUNDS = 14
-"""So often the time at which a part is met is corrected by when the arm can be there."""
-EXACT = 1e-9
-"""An arm that is there so much earlier or later than its part is there with it [s]."""
-TRIES, NARROW = 8, 0.02
-"""Parts of a window after which a later time is tried where a part cannot be followed, and how closely the first time
-at which it can be is found [s]."""
-
 Times = Mapping[tuple[str, str], float]
 """When targets on conveyors are met [s], by task and action."""
 Delays = Mapping[tuple[int, str], float]
@@ -234,7 +241,8 @@ class ConveyorMeeting:
 
         The method decided platform angles, branches, yaws and arm angles for parts that stand where they were guessed
         to be. These stay. Where a part is when it is met depends on when that is, and this on how far the arm has to
-        go: the time is corrected until it is no earlier than the arm's arrival and later by SPARE at most, or the part
+        go: the time is corrected until it is no earlier than the arm's arrival and later by `spare` at most,
+        or the part
         comes just then. What begins and ends elsewhere for that, the stages before and after are led to.
 
         Args:
@@ -275,7 +283,7 @@ class ConveyorMeeting:
         }
         tracked: dict[str, Tracked] = {}
         best: tuple[StagePlan, Motion] | None = None
-        for _ in range(ROUNDS):
+        for _ in range(MEETING.rounds):
             stops = dict(plan.stops)
             for name in search:
                 stops[name] = self._followed(plan, plan.stops[name], search, tracked.get(name))
@@ -291,7 +299,7 @@ class ConveyorMeeting:
                 one.note(early[name] + self.delays.get((k, name), 0.0))
                 for name, one in search.items()
             ]
-            if all(abs(there[name] - one.time) <= EXACT for name, one in search.items()):
+            if all(abs(there[name] - one.time) <= MEETING.exact for name, one in search.items()):
                 if best is None or motion.trajectory.duration < best[1].trajectory.duration:
                     best = stage, motion
                 if all(soon):
@@ -322,11 +330,11 @@ class ConveyorMeeting:
             try:
                 found = self._tracked(plan, arm_stop, time, near)
             except InfeasibleError as error:
-                before, time = time, time + (one.last - one.least) / TRIES
+                before, time = time, time + (one.last - one.least) / MEETING.tries
                 if time > one.last:
                     left = unfollowed(arm_stop, asked, error)
                     raise MissedError(left, _named(plan, search)) from None
-        while time - before > NARROW:
+        while time - before > MEETING.narrow:
             middle = 0.5 * (before + time)
             try:
                 found, time = self._tracked(plan, arm_stop, middle, near), middle

@@ -23,6 +23,7 @@ from dualarm_cli.kinds.planning import KindPlanning
 from dualarm_cli.model.job import Job, Stop, Task
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
@@ -30,16 +31,25 @@ from dualarm_cli.stages.serving import FIXED, NUMERIC
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TimingSolver
 
-ROUNDS = 4
-"""So often a plan is made at most."""
-GUESSES = 2
-"""So often plans of a simple method correct where parts are met, before the method itself is asked."""
-SHARES = (0.5, 0.2, 0.8)
-"""Shares of all windows at which parts are guessed to be met at first; the next one where one cannot be reached."""
-SAME_PLACE = 0.08
-"""A guess that is off by less than this leads to about the same postures [m]."""
-LATE = 1e-9
-"""An arm that is later than its part by no more is there in time [s]."""
+
+@dataclass(frozen=True)
+class BeltSettings:
+    """Numbers that steer the planning of targets on belts."""
+
+    rounds: int = 4
+    """So often a plan is made at most."""
+    guesses: int = 2
+    """So often plans of a simple method correct where parts are met, before the method itself is asked."""
+    shares: tuple[float, ...] = (0.5, 0.2, 0.8)
+    """Shares of all windows at which parts are guessed to be met at first; the next one where one cannot be reached."""
+    same_place: float = 0.08
+    """A guess that is off by less than this leads to about the same postures [m]."""
+    late: float = 1e-9
+    """An arm that is later than its part by no more is there in time [s]."""
+
+
+BELT = BeltSettings()
+
 NO_SENSITIVITY = (
     "sensitivity: none for tasks with conveyors: faster arms would meet parts elsewhere"
 )
@@ -121,7 +131,7 @@ def quickest_meeting(
     delays: dict[tuple[int, str], float] = {}
     best: ClearedPlan | None = None
     failure: InfeasibleError | None = None
-    for _ in range(ROUNDS):
+    for _ in range(BELT.rounds):
         meeting = ConveyorMeeting(asked.model, asked.job, timing, dict(delays))
         try:
             found = quickest_clear(asked, _meeting(solve, meeting), timing, progress, clear=clear)
@@ -129,7 +139,7 @@ def quickest_meeting(
             # About when parts would be met is known better now.
             failure = failure or error
             better = met_at(asked.job, error.times)
-            if _off(asked.job, error.times) <= SAME_PLACE:
+            if _off(asked.job, error.times) <= BELT.same_place:
                 break
             asked = replace(asked, job=better)
             continue
@@ -147,7 +157,7 @@ def quickest_meeting(
         elif not late and (best is None or _length(found) < _length(best)):
             best = found
         times = met_times(found.cleared.plans)
-        if not late and _off(asked.job, times) <= SAME_PLACE:
+        if not late and _off(asked.job, times) <= BELT.same_place:
             break
         delays = {key: delays.get(key, 0.0) + late.get(key, 0.0) for key in {*delays, *late}}
         progress("planning again with parts where they are met")
@@ -161,10 +171,10 @@ def quickest_meeting(
 def _better_guessed(problem: MethodProblem, timing: TimingSolver) -> Job:
     """Returns a job in which targets on conveyors are about where a simple plan meets them."""
     method = MINIMUM_TIME if problem.turns_for_both and problem.redundancy != NUMERIC else FIXED
-    for share in SHARES:
+    for share in BELT.shares:
         job, known = guessed(problem.job, share), False
         try:
-            for _ in range(GUESSES):
+            for _ in range(BELT.guesses):
                 plans = choose_stages(problem.model, job, method, problem.redundancy, refine=False)
                 try:
                     times = met_times(ConveyorMeeting(problem.model, job, timing).met(plans))
@@ -235,7 +245,7 @@ def _late(found: ClearedPlan) -> dict[tuple[int, str], float]:
             if stop.stop.belt is None:
                 continue
             behind = events[name, stop.task.id, stop.stop.action] - stop.stop.belt.at
-            if behind > before + LATE:
+            if behind > before + BELT.late:
                 late[k, name] = behind - before
             here.append(max(0.0, behind))
         # Where a part was waited for in between, what was late before is made up for.

@@ -20,12 +20,47 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
 
-LINE_SHAPES = ((2, 0), (1, 2), (1, 1), (1, 0))
-"""Double-S shapes of lines: length of their jerks, and of constant acceleration between two of them, in eighths of the
-line's time; what is left in the middle is passed at one speed."""
 
-CHECKS_PER_KNOT = 4
-"""Instants per interval at which the tool is looked at."""
+@dataclass(frozen=True)
+class TrackingSettings:
+    """Numbers that steer the tracking of a conveyor."""
+
+    line_shapes: tuple[tuple[int, ...], ...] = ((2, 0), (1, 2), (1, 1), (1, 0))
+    """Double-S shapes of lines: length of their jerks, and of constant acceleration between two of them, in
+    eighths of the
+    line's time; what is left in the middle is passed at one speed."""
+    checks_per_knot: int = 4
+    """Instants per interval at which the tool is looked at."""
+    parts: tuple[int, ...] = (16, 32, 64, 128)
+    """Knots per phase that are tried until the tool stays with the part; where jerks change there is one of them."""
+    first_ramp: float = 0.04
+    """What every phase of motion is tried with at first at full speed [s]: less than any arm can do."""
+    tries: int = 40
+    """So often phases are made longer until every limit holds."""
+    growth: float = 1.002
+    """Phases are made longer by this factor more than one would think."""
+    slowest: float = 20.0
+    """No phase is made longer than this at full speed [s]: what needs more time is impossible."""
+    with_part: float = 4e-7
+    """How far the tool may be from the part in the dwell [m], and turned from it [rad]: less than half of what is
+    verified."""
+    with_belt: float = 5e-5
+    """How far the tool may be from where it should be elsewhere [m], and turned [rad]: half of what is verified."""
+    speed_margin: float = 2e-4
+    """Share of a cap on the tool's speed that is kept free."""
+    least_factor: float = 0.9
+    shrinks: int = 6
+    used: float = 0.98
+    """Phases are made shorter by this factor at most at a time, so often at most after every limit holds,
+    and no more where
+    each of them uses this share of its time's limits."""
+    dwell: int = 2
+    """Number of the phase that is as long as it is."""
+    rounding: float = 1e-9
+    """Share by which a rate in the dwell may exceed its limit for no phase beside it to be made longer."""
+
+
+TRACKING = TrackingSettings()
 
 
 def ramp_way(share: FloatArray) -> FloatArray:
@@ -39,7 +74,7 @@ def line_way(share: FloatArray, shape: int) -> FloatArray:
 
     Args:
         share: of the time, from 0 to 1.
-        shape: number of one of LINE_SHAPES.
+        shape: number of one of `line_shapes`.
     """
     time, jerk = _pieces(shape)
     state = np.zeros((3, len(time)))
@@ -59,7 +94,7 @@ def line_way(share: FloatArray, shape: int) -> FloatArray:
 
 def _pieces(shape: int) -> tuple[FloatArray, FloatArray]:
     """Returns the ends of a shape's pieces, from 0 to 1, and their jerks."""
-    jerk, constant = LINE_SHAPES[shape]
+    jerk, constant = TRACKING.line_shapes[shape]
     ramp = np.array([jerk, constant, jerk]) if constant else np.array([jerk, jerk])
     signs = [1.0, 0.0, -1.0] if constant else [1.0, -1.0]
     cruise = 8 - 2 * int(ramp.sum())
@@ -70,35 +105,9 @@ def _pieces(shape: int) -> tuple[FloatArray, FloatArray]:
 
 def dense(time: FloatArray) -> FloatArray:
     """Returns instants between knots, and the knots."""
-    share = np.arange(CHECKS_PER_KNOT) / CHECKS_PER_KNOT
+    share = np.arange(TRACKING.checks_per_knot) / TRACKING.checks_per_knot
     inside = (time[:-1, None] + np.diff(time)[:, None] * share).ravel()
     return np.append(inside, time[-1])
-
-
-PARTS = (16, 32, 64, 128)
-"""Knots per phase that are tried until the tool stays with the part; where jerks change there is one of them."""
-FIRST_RAMP = 0.04
-"""What every phase of motion is tried with at first at full speed [s]: less than any arm can do."""
-TRIES = 40
-"""So often phases are made longer until every limit holds."""
-GROWTH = 1.002
-"""Phases are made longer by this factor more than one would think."""
-SLOWEST = 20.0
-"""No phase is made longer than this at full speed [s]: what needs more time is impossible."""
-WITH_PART = 4e-7
-"""How far the tool may be from the part in the dwell [m], and turned from it [rad]: less than half of what is
-verified."""
-WITH_BELT = 5e-5
-"""How far the tool may be from where it should be elsewhere [m], and turned [rad]: half of what is verified."""
-SPEED_MARGIN = 2e-4
-"""Share of a cap on the tool's speed that is kept free."""
-LEAST_FACTOR, SHRINKS, USED = 0.9, 6, 0.98
-"""Phases are made shorter by this factor at most at a time, so often at most after every limit holds, and no more where
-each of them uses this share of its time's limits."""
-DWELL = 2
-"""Number of the phase that is as long as it is."""
-ROUNDING = 1e-9
-"""Share by which a rate in the dwell may exceed its limit for no phase beside it to be made longer."""
 
 
 @dataclass(frozen=True)
@@ -135,24 +144,26 @@ class Tracking:
             InfeasibleError: the belt is too fast for the arm or the cap, or goes where the posture cannot follow.
         """
         speed = float(norm(self.velocity))
-        if self.cap is not None and speed >= self.cap * (1.0 - SPEED_MARGIN):
+        if self.cap is not None and speed >= self.cap * (1.0 - TRACKING.speed_margin):
             raise InfeasibleError(Refusal("conveyor_above_cap", measured=speed, allowed=self.cap))
         found = phases or self._quickest_shape()
-        for parts in PARTS:
+        for parts in TRACKING.parts:
             motion, found = self._within_limits(found, parts)
             if self._stays(motion, found):
                 return Tracked(motion, found)
-        more = {"micrometres": WITH_PART * 1e6}
-        raise InfeasibleError(Refusal("part_left", allowed=WITH_PART, more=more))
+        more = {"micrometres": TRACKING.with_part * 1e6}
+        raise InfeasibleError(Refusal("part_left", allowed=TRACKING.with_part, more=more))
 
     def _shapes(self) -> Sequence[int]:
         """Returns the shapes of lines that are tried; where postures are followed by numbers that takes too long."""
         lines = self.problem.approach > 0.0 or self.problem.retract > 0.0
-        return range(len(LINE_SHAPES)) if lines and self.problem.arm.has_arm_angle else (1,)
+        return (
+            range(len(TRACKING.line_shapes)) if lines and self.problem.arm.has_arm_angle else (1,)
+        )
 
     def _quickest_shape(self) -> TrackingPhases:
         """Returns the phases of the shape of lines that is quickest by few knots."""
-        short = FIRST_RAMP * self.pace
+        short = TRACKING.first_ramp * self.pace
         lines = [
             short if length > 0.0 else 0.0
             for length in (self.problem.approach, self.problem.retract)
@@ -162,7 +173,7 @@ class Tracking:
         for shape in self._shapes():
             first = TrackingPhases(short, lines[0], self.dwell, lines[1], short, shape)
             try:
-                _, found = self._within_limits(first, PARTS[0])
+                _, found = self._within_limits(first, TRACKING.parts[0])
             except InfeasibleError as error:
                 failure = failure or error
                 continue
@@ -179,23 +190,23 @@ class Tracking:
         """Returns the motion with phases made longer until it keeps every limit, and shorter where they can be."""
         best: tuple[Trajectory, TrackingPhases] | None = None
         shrunk, excess = 0, np.ones(5)
-        for _ in range(TRIES):
+        for _ in range(TRACKING.tries):
             motion, index = self._motion(phases, parts)
             excess = self._excess(motion, phases, index)
-            used = excess[[k for k in range(5) if k != DWELL and index[k + 1] > index[k]]]
+            used = excess[[k for k in range(5) if k != TRACKING.dwell and index[k + 1] > index[k]]]
             if (excess <= 1.0).all():
                 if best is None or motion.duration < best[0].duration:
                     best = motion, phases
                 shrunk += 1
-                if shrunk > SHRINKS or used.min() >= USED:
+                if shrunk > TRACKING.shrinks or used.min() >= TRACKING.used:
                     break
             # A phase too long by much is shortened by some: its neighbours' limits hang together with its own.
-            factor = np.maximum(excess * GROWTH, LEAST_FACTOR)
-            if excess[DWELL] > 1.0 + ROUNDING:
+            factor = np.maximum(excess * TRACKING.growth, TRACKING.least_factor)
+            if excess[TRACKING.dwell] > 1.0 + TRACKING.rounding:
                 # What is too quick in the dwell is helped, if at all, by gentler phases about it.
-                factor = np.maximum(factor, excess[DWELL])
+                factor = np.maximum(factor, excess[TRACKING.dwell])
             phases = phases.longer(factor)
-            if phases.edges[-1] - phases.dwell > SLOWEST * self.pace:
+            if phases.edges[-1] - phases.dwell > TRACKING.slowest * self.pace:
                 break
         if best is not None:
             return best
@@ -284,13 +295,13 @@ class Tracking:
         return found
 
     def _speed(self, motion: Trajectory, rows: slice) -> float:
-        """Returns the largest speed of the tool between some knots [m/s], SPEED_MARGIN added."""
+        """Returns the largest speed of the tool between some knots [m/s], `speed_margin` added."""
         time = dense(motion.time[rows])
         step = 1e-6 * max(1.0, self.pace)
         at = np.clip(np.stack([time - step, time + step]), motion.time[0], motion.time[-1])
         before, after = (self._tool(motion.at(instants)[0])[1] for instants in at)
         speed = norm(after - before, axis=1) / (at[1] - at[0])
-        return float(speed.max()) / (1.0 - SPEED_MARGIN)
+        return float(speed.max()) / (1.0 - TRACKING.speed_margin)
 
     def _tool(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns rotations (m, 3, 3) of the flange and positions (m, 3) [m] of the tool, in the arm's base frame."""
@@ -315,5 +326,5 @@ class Tracking:
         off = np.maximum(off, turned)
         edges = phases.edges
         dwells: BoolArray = (time >= edges[2]) & (time <= edges[3])
-        near = off[dwells].max(initial=0.0) <= WITH_PART
-        return bool(near and off.max() <= WITH_BELT)
+        near = off[dwells].max(initial=0.0) <= TRACKING.with_part
+        return bool(near and off.max() <= TRACKING.with_belt)

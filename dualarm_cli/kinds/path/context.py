@@ -27,18 +27,41 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.double_s import fastest_phases
 
-RAMP = 0.2
-"""Time in which the speed is reached at constant acceleration, where the file gives no acceleration [s]."""
-GRID = 0.002
-"""Spacing of the times at which a clock that eases off is kept [s]."""
-SLOWEST = 0.02
-"""Least factor on the speed."""
-EASING = 0.15
-"""Time before and after a place that asks for less speed in which a clock eases off [s]."""
-CAP_MARGIN = 5e-4
-"""Share of a cap on the tools' speed that is kept free: knots are joined by curves."""
-RISE = 0.1
-"""Time in which the acceleration is reached, where the file gives no jerk [s]."""
+
+@dataclass(frozen=True)
+class PathSettings:
+    """Resolution and margins of paths."""
+
+    ramp: float = 0.2
+    """Time in which the speed is reached at constant acceleration, where the file gives no acceleration [s]."""
+    grid: float = 0.002
+    """Spacing of the times at which a clock that eases off is kept [s]."""
+    slowest: float = 0.02
+    """Least factor on the speed."""
+    easing: float = 0.15
+    """Time before and after a place that asks for less speed in which a clock eases off [s]."""
+    cap_margin: float = 5e-4
+    """Share of a cap on the tools' speed that is kept free: knots are joined by curves."""
+    rise: float = 0.1
+    """Time in which the acceleration is reached, where the file gives no jerk [s]."""
+    longest: float = 0.15
+    """Time over which a jump of acceleration is spread, at most [s]."""
+    smallest: float = 0.01
+    """Jumps of acceleration that need no rounding [m/s²]."""
+    fade: float = 4.0
+    """Windows from a junction after which the path is followed to the letter again."""
+    rounds: int = 12
+    """How often a shorter window is tried."""
+    beside: int = 3
+    """Instants before and after a junction at which its accelerations are looked at."""
+    step: float = 1e-3
+    longest_step: float = 1e-2
+    """Time between the instants at which joints are found [s]; on long paths more, up to the second."""
+    most: int = 5_000
+    """Instants beyond which the time between them grows."""
+
+
+PATH = PathSettings()
 
 
 @dataclass(frozen=True)
@@ -79,14 +102,14 @@ class PathClock:
         """
         speed = work.speed * pace
         if cap is not None:
-            speed = min(speed, cap * (1.0 - CAP_MARGIN))
+            speed = min(speed, cap * (1.0 - PATH.cap_margin))
         # Followed slower, everything takes longer in the same way.
         acceleration = (
             work.acceleration * np.square(pace)
             if work.acceleration
-            else speed / (RAMP * gentle / pace)
+            else speed / (PATH.ramp * gentle / pace)
         )
-        jerk = work.jerk * cube(pace) if work.jerk else acceleration / (RISE * gentle / pace)
+        jerk = work.jerk * cube(pace) if work.jerk else acceleration / (PATH.rise * gentle / pace)
         law = RestToRest(np.array([speed]), np.array([acceleration]), np.array([jerk]))
         edges = np.array([0.0, *work.corners(), 1.0]) * work.length
         starts, states, clock = [], [], 0.0
@@ -101,7 +124,7 @@ class PathClock:
                 s += h * (v + h * (a / 2.0 + h * j / 6.0))
                 v += h * (a + h * j / 2.0)
                 clock += float(h)
-        ease = np.ones(max(2, int(np.ceil(clock / GRID)) + 1))
+        ease = np.ones(max(2, int(np.ceil(clock / PATH.grid)) + 1))
         return cls(np.array(starts), np.array(states), clock, clock, work.length, speed, ease)
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -122,7 +145,9 @@ class PathClock:
         own, _ = self._own_time(time)
         wanted = np.interp(grid, own, 1.0 / np.maximum(excess, 1.0))
         # The more it eases off, the longer this takes in real time: a shorter while of its own time will do.
-        window = EASING * gently * float(np.sqrt(np.clip((wanted * self.ease).min(), 0.04, 1.0)))
+        window = (
+            PATH.easing * gently * float(np.sqrt(np.clip((wanted * self.ease).min(), 0.04, 1.0)))
+        )
         half = max(2, int(window / (grid[1] - grid[0])))
         # The least within the window about each instant, then a mean over it: never above what is wanted there.
         padded = np.pad(wanted, 2 * half, mode="edge")
@@ -130,7 +155,7 @@ class PathClock:
         weight = np.hanning(2 * half + 3)[1:-1]
         about = np.lib.stride_tricks.sliding_window_view(least, len(weight))
         mean = product(about, weight / weight.sum())
-        ease = np.maximum(self.ease * mean, SLOWEST)
+        ease = np.maximum(self.ease * mean, PATH.slowest)
         slowness = 1.0 / ease
         duration = float((slowness[1:] + slowness[:-1]).sum() * 0.5 * (grid[1] - grid[0]))
         return replace(self, ease=ease, duration=duration)
@@ -171,16 +196,6 @@ class PathClock:
 
 SHARE = 0.7
 """Share of the tolerance by which rounding may leave the path."""
-LONGEST = 0.15
-"""Time over which a jump of acceleration is spread, at most [s]."""
-SMALLEST = 0.01
-"""Jumps of acceleration that need no rounding [m/s²]."""
-FADE = 4.0
-"""Windows from a junction after which the path is followed to the letter again."""
-ROUNDS = 12
-"""How often a shorter window is tried."""
-BESIDE = 3
-"""Instants before and after a junction at which its accelerations are looked at."""
 
 
 def tool_targets(path: ToolPath, share: FloatArray, step: float, tolerance: float) -> Poses:
@@ -214,8 +229,8 @@ def tool_targets(path: ToolPath, share: FloatArray, step: float, tolerance: floa
     if not len(joints):
         return R, p
     stops = np.array([0, *np.searchsorted(share, np.array(path.corners) / path.length), len(p) - 1])
-    window = LONGEST
-    for _ in range(ROUNDS):
+    window = PATH.longest
+    for _ in range(PATH.rounds):
         half = int(window / (2.0 * step))
         if half < 2:
             break
@@ -229,12 +244,13 @@ def tool_targets(path: ToolPath, share: FloatArray, step: float, tolerance: floa
 
 def _jumps(way: FloatArray, k: int, step: float) -> bool:
     """Returns whether the acceleration jumps about an instant, turns counted by TURN_LENGTH."""
-    if k < BESIDE + 1 or k > len(way) - BESIDE - 2:
+    if k < PATH.beside + 1 or k > len(way) - PATH.beside - 2:
         return False
     before, after = (
-        (way[i + 1] - 2.0 * way[i] + way[i - 1]) / np.square(step) for i in (k - BESIDE, k + BESIDE)
+        (way[i + 1] - 2.0 * way[i] + way[i - 1]) / np.square(step)
+        for i in (k - PATH.beside, k + PATH.beside)
     )
-    return bool(norm(after - before) >= SMALLEST)
+    return bool(norm(after - before) >= PATH.smallest)
 
 
 def _means(way: FloatArray, half: int) -> FloatArray:
@@ -253,7 +269,7 @@ def _fade(count: int, joints: IntArray, stops: IntArray, half: int) -> FloatArra
     instants = np.arange(count)
     near = np.abs(instants[:, None] - joints).min(axis=1) / half
     far = np.abs(instants[:, None] - stops).min(axis=1) / half
-    return _smooth((2.0 * FADE - near) / (2.0 * FADE - 1.0)) * _smooth(far - 1.0)
+    return _smooth((2.0 * PATH.fade - near) / (2.0 * PATH.fade - 1.0)) * _smooth(far - 1.0)
 
 
 def _smooth(x: FloatArray) -> FloatArray:
@@ -263,10 +279,6 @@ def _smooth(x: FloatArray) -> FloatArray:
     return found
 
 
-STEP, LONGEST_STEP = 1e-3, 1e-2
-"""Time between the instants at which joints are found [s]; on long paths more, up to the second."""
-MOST = 5_000
-"""Instants beyond which the time between them grows."""
 PER_KNOT = (4, 8)
 """Instants per knot of the trajectory."""
 
@@ -334,7 +346,7 @@ class PathContext:
             finer: how many times as many instants as usual.
         """
         widest = PER_KNOT[-1]
-        step = min(max(STEP, clock.duration / MOST), LONGEST_STEP) / finer
+        step = min(max(PATH.step, clock.duration / PATH.most), PATH.longest_step) / finer
         count = widest * max(5, int(np.ceil(clock.duration / (step * widest))))
         step = clock.duration / count
         share, pace = clock.at(instants(count + 1, step))

@@ -73,38 +73,49 @@ def _means(position: FloatArray, half: int) -> FloatArray:
     return position + fade * (mean - position)
 
 
-SMOOTHED = (0.0, 0.04, 0.08, 0.16, 0.32)
-"""Times over which self-motion is evened out, where joints would exceed their limits without [s]."""
-HOPELESS, HOPELESS_YET = 3.0, 1.3
-"""Factors too fast above which no evening out helps, or slowing down is tried first."""
-FINEST = 8
-"""How many times as many instants as usual are tried where a curve through them strays."""
-TOLERATED, STRAY = 0.2, 2e-5
-"""Share of its tolerance, and distance, by which the trajectory may leave a path between knots [m]."""
-GENTLER = (2.0, 4.0)
-"""How many times as long as usual ramps take that are tried next where the file leaves them open."""
-SLOWER = 0.9
-"""Largest share of the speed that is tried next where easing off locally does not do."""
-HALVED = 0.5
-"""Share of the speed that is tried next where the method does not say how much slower it has to be."""
-BISECTIONS = 3
-"""How often the speed is bisected between the last that is too fast and the first that is not, after halving."""
-SLOWEST = 0.05
-"""Least share of its speed at which a path is tried."""
-ROUNDS = 16
-"""How often a path is tried slower."""
-GENTLY = 1.3
-"""By how much more gently it eases off every time."""
-EASED = 8
-"""How often it is tried slower only where it was too fast."""
-GAINED = 0.98
-"""Share of what exceeds the limits above which evening out has gained nothing."""
-NEAR_JUNCTION = 0.02
-"""Distance from a junction of pieces within which it is to blame [m]."""
-AMPLE = 1.02
-"""By how much more than needed speed is reduced."""
-TIGHTENED = 3
-"""How often a method that keeps the limits itself is given less of them, where the curve exceeds them."""
+@dataclass(frozen=True)
+class FollowSettings:
+    """Numbers that steer the timing of a followed path."""
+
+    smoothed: tuple[float, ...] = (0.0, 0.04, 0.08, 0.16, 0.32)
+    """Times over which self-motion is evened out, where joints would exceed their limits without [s]."""
+    hopeless: float = 3.0
+    hopeless_yet: float = 1.3
+    """Factors too fast above which no evening out helps, or slowing down is tried first."""
+    finest: int = 8
+    """How many times as many instants as usual are tried where a curve through them strays."""
+    tolerated: float = 0.2
+    stray: float = 2e-5
+    """Share of its tolerance, and distance, by which the trajectory may leave a path between knots [m]."""
+    gentler: tuple[float, ...] = (2.0, 4.0)
+    """How many times as long as usual ramps take that are tried next where the file leaves them open."""
+    slower: float = 0.9
+    """Largest share of the speed that is tried next where easing off locally does not do."""
+    halved: float = 0.5
+    """Share of the speed that is tried next where the method does not say how much slower it has to be."""
+    bisections: int = 3
+    """How often the speed is bisected between the last that is too fast and the first that is not, after halving."""
+    slowest: float = 0.05
+    """Least share of its speed at which a path is tried."""
+    rounds: int = 16
+    """How often a path is tried slower."""
+    gently: float = 1.3
+    """By how much more gently it eases off every time."""
+    eased: int = 8
+    """How often it is tried slower only where it was too fast."""
+    gained: float = 0.98
+    """Share of what exceeds the limits above which evening out has gained nothing."""
+    near_junction: float = 0.02
+    """Distance from a junction of pieces within which it is to blame [m]."""
+    ample: float = 1.02
+    """By how much more than needed speed is reduced."""
+    tightened: int = 3
+    """How often a method that keeps the limits itself is given less of them, where the curve exceeds them."""
+    looked_at: float = 0.02
+    """Time between the postures of a path that are looked at [s]."""
+
+
+FOLLOW = FollowSettings()
 
 
 Remedy = Literal["slower", "limit", "other", "clear", "tolerance"]
@@ -208,7 +219,7 @@ def follow_path(
         if refused is not None:
             return refused
     # Where it may be slower it eases off in its ramps as anywhere.
-    for gentle in GENTLER if open_ramps and not work.slower else ():
+    for gentle in FOLLOW.gentler if open_ramps and not work.slower else ():
         if tried.slower_helps:
             clock = context.clock(work, gentle=gentle)
             full = clock.duration
@@ -218,9 +229,9 @@ def follow_path(
         if tried.trajectory is not None:
             # Ramps up to a speed that is never reached are too steep, and easing off in them takes long.
             reached = float(clock.at(clock.duration * np.linspace(0.0, 1.0, 201))[1].max())
-            gentle = GENTLER[0] if open_ramps else 1.0
+            gentle = FOLLOW.gentler[0] if open_ramps else 1.0
             lower = context.clock(work, gentle=gentle, peak=reached * clock.speed)
-            again = trials.once(lower, HOPELESS_YET)
+            again = trials.once(lower, FOLLOW.hopeless_yet)
             if np.isfinite(again.excess):
                 again, lower = trials.eased(lower, again)
             if again.trajectory is not None and lower.duration < clock.duration:
@@ -284,35 +295,41 @@ class _Trials:
     def eased(self, clock: PathClock, tried: _Tried) -> tuple[_Tried, PathClock]:
         """Returns what comes of easing off where it was too fast, or else of less speed all along, and the clock."""
         slower = too_fast = 1.0
-        for k in range(ROUNDS):
+        for k in range(FOLLOW.rounds):
             if not tried.slower_helps or self.budget.spent:
                 break
-            if tried.profile is not None and k < EASED:
+            if tried.profile is not None and k < FOLLOW.eased:
                 clock = clock.eased(
-                    tried.profile.time, tried.profile.excess * AMPLE, power(GENTLY, k)
+                    tried.profile.time, tried.profile.excess * FOLLOW.ample, power(FOLLOW.gently, k)
                 )
             else:
                 # It is not known where, or easing off there does not do: slower all along.
                 too_fast, known = slower, np.isfinite(tried.excess)
-                slower *= min(SLOWER, 1.0 / (AMPLE * tried.excess)) if known else HALVED
-                if slower < SLOWEST:
+                slower *= (
+                    min(FOLLOW.slower, 1.0 / (FOLLOW.ample * tried.excess))
+                    if known
+                    else FOLLOW.halved
+                )
+                if slower < FOLLOW.slowest:
                     break
                 clock = self.context.clock(self.work, slower)
-            tried = self.once(clock, HOPELESS_YET, tried.share)
+            tried = self.once(clock, FOLLOW.hopeless_yet, tried.share)
         # The step to a speed that will do may have been a long one.
-        for _ in range(BISECTIONS if slower <= HALVED * too_fast else 0):
+        for _ in range(FOLLOW.bisections if slower <= FOLLOW.halved * too_fast else 0):
             if tried.trajectory is None or self.budget.spent:
                 break
             between = float(np.sqrt(slower * too_fast))
             faster = self.context.clock(self.work, between)
-            again = self.once(faster, HOPELESS_YET, tried.share)
+            again = self.once(faster, FOLLOW.hopeless_yet, tried.share)
             if again.trajectory is None:
                 too_fast = between
             else:
                 tried, clock, slower = again, faster, between
         return tried, clock
 
-    def once(self, clock: PathClock, hopeless: float = HOPELESS, share: float = 1.0) -> _Tried:
+    def once(
+        self, clock: PathClock, hopeless: float = FOLLOW.hopeless, share: float = 1.0
+    ) -> _Tried:
         """Returns the trajectory by one clock, or why there is none.
 
         Above a factor too fast nothing is evened out. Where a method keeps the limits itself, what exceeds them is the
@@ -320,12 +337,12 @@ class _Trials:
         help then: the method is given the limits of a slower pace.
         """
         tried = self._with_share(clock, hopeless, share)
-        for _ in range(TIGHTENED):
+        for _ in range(FOLLOW.tightened):
             if not tried.tighter_helps or not tried.slower_helps or self.budget.spent:
                 break
-            tighter = tried.share / (tried.excess * AMPLE)
+            tighter = tried.share / (tried.excess * FOLLOW.ample)
             again = self._with_share(clock, hopeless, tighter)
-            if again.trajectory is None and not 1.0 < again.excess <= GAINED * tried.excess:
+            if again.trajectory is None and not 1.0 < again.excess <= FOLLOW.gained * tried.excess:
                 break
             tried = again
         return tried
@@ -344,7 +361,7 @@ class _Trials:
             return _Tried(None, replace(refused, excess=found.excess), found.excess, share=share)
         left = leaves(problem, found)
         rounded = ROUNDED if any(path.junctions for path in self.work.paths.values()) else 0.0
-        if left > (1.0 - rounded - TOLERATED) * self.work.tolerance:
+        if left > (1.0 - rounded - FOLLOW.tolerated) * self.work.tolerance:
             more = {
                 "method": self.follower.name,
                 "turn": TURN_LENGTH,
@@ -354,7 +371,7 @@ class _Trials:
             reason = Refusal("path_left", measured=left, allowed=self.work.tolerance, more=more)
             return _Tried(None, Refused(reason, 1.0, "tolerance"))
         joined: list[Joined] = []
-        for window in SMOOTHED:
+        for window in FOLLOW.smoothed:
             if len(joined) > len(PER_KNOT) and _in_vain(joined):
                 break
             if joined and min(curve.worst for curve in joined) > hopeless:
@@ -371,13 +388,13 @@ class _Trials:
                 if curve.worst > 1.0:
                     continue
                 if strays(problem, found, curve.trajectory) <= min(
-                    TOLERATED * self.work.tolerance, STRAY
+                    FOLLOW.tolerated * self.work.tolerance, FOLLOW.stray
                 ):
                     return _Tried(curve.trajectory, None, share=share)
         curve = min(joined, key=lambda one: one.worst)
         if curve.worst <= 1.0:
             # What keeps the limits strays from the path between instants that are too far apart.
-            if finer < FINEST:
+            if finer < FOLLOW.finest:
                 return self._with_share(clock, hopeless, share, 2 * finer)
             return _Tried(None, Refused(Refusal("path_not_joined"), 1.0))
         along = float(
@@ -390,20 +407,22 @@ class _Trials:
         refused = _refused(self.work, cause, curve.when, along, remedy)
         refused = replace(refused, excess=curve.worst)
         excess = curve.worst if curve.slower_helps else 0.0
-        return _Tried(None, refused, excess, curve, share, found.keeps_rates and excess <= HOPELESS)
+        return _Tried(
+            None, refused, excess, curve, share, found.keeps_rates and excess <= FOLLOW.hopeless
+        )
 
 
 def _in_vain(joined: list[Joined]) -> bool:
     """Returns whether the first evening out gained nothing."""
     before, after = joined[: len(PER_KNOT)], joined[len(PER_KNOT) :]
-    return min(c.worst for c in after) > GAINED * min(c.worst for c in before)
+    return min(c.worst for c in after) > FOLLOW.gained * min(c.worst for c in before)
 
 
 def _junction_words(work: PathWork, share: float) -> str:
     """Returns that the path's curvature jumps where a limit is exceeded, or nothing."""
     for path in work.paths.values():
         for edge in path.junctions:
-            if edge not in path.corners and abs(edge - share * path.length) < NEAR_JUNCTION:
+            if edge not in path.corners and abs(edge - share * path.length) < FOLLOW.near_junction:
                 return (
                     f" near where two pieces meet with different curvature ({edge * 1e3:.1f} mm along; a larger "
                     "tolerance rounds the path more)"
@@ -422,10 +441,6 @@ def _refused(work: PathWork, reason: str, time: float, share: float, remedy: Rem
     return Refused(Refusal("path_fails_at", more=more), share, remedy)
 
 
-LOOKED_AT = 0.02
-"""Time between the postures of a path that are looked at [s]."""
-
-
 def is_clear(holding: Holding, position: FloatArray) -> BoolArray:
     """Returns which configurations (k, n) [rad] are collision-free, shape (k,)."""
     held = holding.cell.loads.nothing(len(position), len(holding.cell.arms))
@@ -435,7 +450,7 @@ def is_clear(holding: Holding, position: FloatArray) -> BoolArray:
 def touching_path(holding: Holding, found: FollowedPath) -> Refused | None:
     """Returns where a followed path collides, or None."""
     trajectory = found.trajectory
-    count = max(2, int(np.ceil(trajectory.duration / LOOKED_AT)) + 1)
+    count = max(2, int(np.ceil(trajectory.duration / FOLLOW.looked_at)) + 1)
     time = np.linspace(0.0, trajectory.duration, count)
     position = trajectory.at(time)[0]
     held = holding.cell.loads.nothing(count, len(holding.cell.arms))

@@ -42,16 +42,26 @@ from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
-LONGEST = 1800.0
-"""Longest time of a path that is planned [s]."""
-ALIKE, SAME_PLACE, FAR_TOO_FAST = 3, 0.02, 1.2
-"""So many starts that are too fast at the same place, to this share of the path, by this factor, speak for all."""
-CHEAP = 0.1
-"""What keeping a transfer clear may cost for no other start to be looked at [s]."""
-MOST_STARTS = 16
-"""So many starts of a path are tried."""
-MOST_STUCK = 3
-"""So many of those from which less speed may help, but how much less is not known, are tried slower."""
+
+@dataclass(frozen=True)
+class PathTrials:
+    """Numbers of starts and refusals that are tried."""
+
+    longest: float = 1800.0
+    """Longest time of a path that is planned [s]."""
+    alike: int = 3
+    same_place: float = 0.02
+    far_too_fast: float = 1.2
+    """So many starts that are too fast at the same place, to this share of the path, by this factor, speak for all."""
+    cheap: float = 0.1
+    """What keeping a transfer clear may cost for no other start to be looked at [s]."""
+    most_starts: int = 16
+    """So many starts of a path are tried."""
+    most_stuck: int = 3
+    """So many of those from which less speed may help, but how much less is not known, are tried slower."""
+
+
+TRIALS = PathTrials()
 
 
 def check_paths(job: Job) -> list[Diagnostic]:
@@ -94,12 +104,12 @@ def check_paths(job: Job) -> list[Diagnostic]:
             continue
         place, length = task.path.place, task.path.length
         least = length / (task.path.speed * job.speed)
-        if least > LONGEST:
+        if least > TRIALS.longest:
             message = (
                 f"{length * 1e3:.4g} mm at {task.path.speed * job.speed * 1e3:.4g} mm/s take {least:.4g} s, but at "
-                f"most {LONGEST:g} s are planned; raise the speed"
+                f"most {TRIALS.longest:g} s are planned; raise the speed"
             )
-            about = {"task": task.id, "value": least, "allowed": LONGEST}
+            about = {"task": task.id, "value": least, "allowed": TRIALS.longest}
             findings.append(Diagnostic(*place.order, "E300", message, about=about))
     return list(dict.fromkeys(findings))
 
@@ -177,11 +187,11 @@ class PathSearch:
         holding = Holding.of(self.tools.part((), start).job) if self.tools.clear else None
         clear = None if holding is None else partial(is_clear, holding)
         starts = path_starts(self.context, self.work, start, problem.seed, clear)
-        for q in starts.configurations[:MOST_STARTS]:
+        for q in starts.configurations[: TRIALS.most_starts]:
             if self._try(q, holding, halve=False):
                 break
         if self.best is None and not self.budget.spent and self.work.slower:
-            for _, q in sorted(self.stuck, key=lambda trial: -trial[0])[:MOST_STUCK]:
+            for _, q in sorted(self.stuck, key=lambda trial: -trial[0])[: TRIALS.most_stuck]:
                 if self._try(q, holding, halve=True):
                     break
         return starts.nearest
@@ -210,17 +220,17 @@ class PathSearch:
             self.best = transfer, path
         self.accepted += 1
         effort = EFFORTS[self.tools.problem.effort]
-        cheap = transfer is None or (transfer.cost or 0.0) <= CHEAP
+        cheap = transfer is None or (transfer.cost or 0.0) <= TRIALS.cheap
         return self.accepted >= effort.section_starts or (effort.spares and cheap)
 
 
 def _always_there(refusals: list[Refused]) -> bool:
     """Returns whether the last few starts came to the same place, and there too fast: others will as well."""
-    last = refusals[-ALIKE:]
+    last = refusals[-TRIALS.alike :]
     places = [one.share for one in last]
-    same = max(places) - min(places) < SAME_PLACE
-    much = all(one.remedy == "slower" and one.excess > FAR_TOO_FAST for one in last)
-    return len(last) == ALIKE and same and much
+    same = max(places) - min(places) < TRIALS.same_place
+    much = all(one.remedy == "slower" and one.excess > TRIALS.far_too_fast for one in last)
+    return len(last) == TRIALS.alike and same and much
 
 
 def _time(transfer: ClearedPlan | None, followed: FollowedPath) -> float:

@@ -17,20 +17,28 @@ from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
 
-PLATFORMS = 24
-"""Platform angles at which starts are looked for."""
-STATIONS = 31
-"""Places along the path at which ways along it are compared."""
-BRANCHES = 3
-"""Branches of each arm that are taken at a platform angle, those of least motion."""
-SEEDS = 24
-"""Configurations drawn at random from which starts are looked for."""
-MOST = 120
-"""So many ways are looked at for what they touch, the cheapest first."""
-ALIKE = 1e-3
-"""Starts that differ by less are one [rad]."""
-EASE = 0.2
-"""What the cost of a way along the path counts among the times to get to its start [s/s²]."""
+
+@dataclass(frozen=True)
+class StartSettings:
+    """Numbers of starts that a path is tried from."""
+
+    platforms: int = 24
+    """Platform angles at which starts are looked for."""
+    stations: int = 31
+    """Places along the path at which ways along it are compared."""
+    branches: int = 3
+    """Branches of each arm that are taken at a platform angle, those of least motion."""
+    seeds: int = 24
+    """Configurations drawn at random from which starts are looked for."""
+    most: int = 120
+    """So many ways are looked at for what they touch, the cheapest first."""
+    alike: float = 1e-3
+    """Starts that differ by less are one [rad]."""
+    ease: float = 0.2
+    """What the cost of a way along the path counts among the times to get to its start [s/s²]."""
+
+
+STARTS = StartSettings()
 
 
 @dataclass(frozen=True)
@@ -81,16 +89,16 @@ def path_starts(
     near = [_near(context, work, q, here) for q in seeds]
     if work.posture is None and not easiest:
         random, limits = np.random.default_rng(seed), context.limits
-        drawn = (random.uniform(limits.lower, limits.upper) for _ in range(SEEDS))
+        drawn = (random.uniform(limits.lower, limits.upper) for _ in range(STARTS.seeds))
         near += [_near(context, work, q, here) for q in drawn]
     nearest = min(near, key=lambda one: one.distance + one.angle)
     found = [_Way(_time_to(context, here, one.q), one.q[None]) for one in near if one.exact]
     found = sorted([*found, *easiest], key=lambda one: one.cost)
     if clear is not None and found:
-        found = _clear_first(found[:MOST], clear)
+        found = _clear_first(found[: STARTS.most], clear)
     kept: list[FloatArray] = []
     for q in (way.joints[0] for way in found):
-        if all(np.abs(q - other).max() > ALIKE for other in kept):
+        if all(np.abs(q - other).max() > STARTS.alike for other in kept):
             kept.append(q)
     return PathStarts(kept, nearest)
 
@@ -122,7 +130,7 @@ def _time_to(context: PathContext, here: FloatArray, q: FloatArray) -> float:
 def _easiest(context: PathContext, work: PathWork, here: FloatArray) -> list[_Way]:
     """Returns the ways of least motion along the path at platform angles around."""
     model, limits = context.model, context.limits
-    share = np.linspace(0.0, 1.0, STATIONS)
+    share = np.linspace(0.0, 1.0, STARTS.stations)
     poses = {arm: path.at(share * path.length) for arm, path in work.paths.items()}
     found = []
     for angles in _platforms(context, here):
@@ -134,11 +142,11 @@ def _easiest(context: PathContext, work: PathWork, here: FloatArray) -> list[_Wa
             assert isinstance(arm.kinematics, SrsArm)
             ways.append(_ways(arm, arm.kinematics, flange_poses(model, arm, q, R, p), limits, here))
         for some in product(*ways):
-            joints, cost = np.tile(q, (STATIONS, 1)), 0.0
+            joints, cost = np.tile(q, (STARTS.stations, 1)), 0.0
             for name, (own_joints, own) in zip(poses, some, strict=True):
                 joints[:, model.arms[name].columns] = own_joints
                 cost += own
-            found.append(_Way(_time_to(context, here, joints[0]) + EASE * cost, joints))
+            found.append(_Way(_time_to(context, here, joints[0]) + STARTS.ease * cost, joints))
     return found
 
 
@@ -149,10 +157,10 @@ def _ways(
     limits: JointLimits,
     here: FloatArray,
 ) -> list[tuple[FloatArray, float]]:
-    """Returns an arm's easiest ways along a path, one per branch, joints (STATIONS, 7), with what they cost."""
+    """Returns an arm's easiest ways along a path, one per branch, joints (`stations`, 7), with what they cost."""
     tracks = coarse_tracks(kinematics, *flanges, limits.velocity[arm.columns])
     found = []
-    for track in tracks[:BRANCHES]:
+    for track in tracks[: STARTS.branches]:
         joints, _ = kinematics.solve_branch(*flanges, track.psi, np.array(track.branch))
         found.append((kinematics.nearest_turns(joints, here[arm.columns]), track.cost))
     return found
@@ -166,4 +174,4 @@ def _platforms(context: PathContext, here: FloatArray) -> FloatArray:
         return now[None]
     limits = context.limits.select(model.platform.joints)
     low, high = model.platform.around(float(now[0]), float(limits.lower[0]), float(limits.upper[0]))
-    return np.concatenate([now, np.linspace(low, high, PLATFORMS)])[:, None]
+    return np.concatenate([now, np.linspace(low, high, STARTS.platforms)])[:, None]

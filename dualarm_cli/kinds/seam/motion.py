@@ -24,28 +24,38 @@ from dualarm_cli.timing.steady_search import (
     steady_limit,
 )
 
-SPACINGS = (0.02, 0.01, 0.005, 0.0025, 0.00125)
-"""Times between knots that are tried until the chain is closed between them too [s]."""
-OPEN = 4e-7
-"""How far the chain may be open between knots [m, rad]."""
-UNEVEN = 4e-4
-"""Share by which the speed along the seam may be off between knots, ramps not counted, and its acceleration above what
-the file allows."""
-MOMENT = 2e-4
-"""Time by which accelerations along the seam are measured [s]."""
-PER_KNOT = 3
-"""Instants between knots that are looked at."""
-TIGHTER = (1.0, 0.97, 0.92, 0.85)
-"""Shares of the joints' limits with which a profile is looked for, until its spline keeps them."""
+
+@dataclass(frozen=True)
+class SeamMotionSettings:
+    """Tolerances and margins of a seam's motion."""
+
+    spacings: tuple[float, ...] = (0.02, 0.01, 0.005, 0.0025, 0.00125)
+    """Times between knots that are tried until the chain is closed between them too [s]."""
+    open: float = 4e-7
+    """How far the chain may be open between knots [m, rad]."""
+    uneven: float = 4e-4
+    """Share by which the speed along the seam may be off between knots, ramps not counted, and its
+    acceleration above what
+    the file allows."""
+    moment: float = 2e-4
+    """Time by which accelerations along the seam are measured [s]."""
+    per_knot: int = 3
+    """Instants between knots that are looked at."""
+    tighter: tuple[float, ...] = (1.0, 0.97, 0.92, 0.85)
+    """Shares of the joints' limits with which a profile is looked for, until its spline keeps them."""
+    as_asked: float = 1.0 - 1e-9
+    acceleration_margin: float = 0.99
+    """Share of the file's acceleration along the seam that is used: the motion's spline is a little dearer."""
+    cap_margin: float = 0.999
+    """Share of a cap on the tools' speed that is used: between places and knots they are a little faster."""
+
+
+MOTION = SeamMotionSettings()
+
 LESS = ("less_speed", "slower")
 """What helps against what is too fast."""
 DIVIDE = ("less_speed", "divide")
 """What helps where the motion between knots strays."""
-AS_ASKED = 1.0 - 1e-9
-ACCELERATION_MARGIN = 0.99
-"""Share of the file's acceleration along the seam that is used: the motion's spline is a little dearer."""
-CAP_MARGIN = 0.999
-"""Share of a cap on the tools' speed that is used: between places and knots they are a little faster."""
 
 
 @dataclass(frozen=True)
@@ -90,17 +100,17 @@ def timed_seam(
         np.inf if work.acceleration is None else work.acceleration * np.square(pace) / work.length
     )
     reason = Refusal("seam_exceeds_limits", remedy=DIVIDE)
-    for share in TIGHTER:
+    for share in MOTION.tighter:
         tight = replace(
             limits,
             velocity=limits.velocity * (1.0 if share == 1.0 else 0.999),
             acceleration=limits.acceleration * share,
             jerk=limits.jerk * share,
         )
-        profile = _profile(path, work, tight, pace, cap * CAP_MARGIN, trapezoid=jumps)
+        profile = _profile(path, work, tight, pace, cap * MOTION.cap_margin, trapezoid=jumps)
         if isinstance(profile, Refusal):
             return profile
-        for k, spacing in enumerate(SPACINGS):
+        for k, spacing in enumerate(MOTION.spacings):
             trajectory = _trajectory(path, profile, limits, spacing, jumps=jumps)
             worst = _largest_share(trajectory, limits)
             if worst > 1.0:
@@ -108,18 +118,18 @@ def timed_seam(
                 break
             residual, uneven, acceleration = _deviations(path.chain, profile, trajectory)
             excess = acceleration / allowed - 1.0
-            if residual <= OPEN and max(uneven, excess) <= UNEVEN:
-                capped = profile.speed >= cap * CAP_MARGIN * AS_ASKED
+            if residual <= MOTION.open and max(uneven, excess) <= MOTION.uneven:
+                capped = profile.speed >= cap * MOTION.cap_margin * MOTION.as_asked
                 return TimedSeam(trajectory, profile, residual, capped)
             reason = (
                 Refusal("seam_opens", measured=residual, remedy=DIVIDE, more={"um": residual * 1e6})
-                if residual > OPEN
+                if residual > MOTION.open
                 else Refusal("seam_uneven", measured=uneven, remedy=DIVIDE)
-                if uneven > UNEVEN
+                if uneven > MOTION.uneven
                 else Refusal("seam_rushes", measured=excess, remedy=DIVIDE)
             )
             # A spline's error falls with the fourth power of its knots' distance.
-            if residual > OPEN * 2.0 * power(16.0, len(SPACINGS) - 1 - k):
+            if residual > MOTION.open * 2.0 * power(16.0, len(MOTION.spacings) - 1 - k):
                 return reason
     return reason
 
@@ -137,7 +147,7 @@ def _profile(
     length = work.length
     acceleration = None
     if work.acceleration is not None:
-        acceleration = ACCELERATION_MARGIN * work.acceleration * np.square(pace) / length
+        acceleration = MOTION.acceleration_margin * work.acceleration * np.square(pace) / length
     if work.duration is not None:
         found = profile_of_duration(
             path.rates, limits, work.duration / pace, acceleration, trapezoid=trapezoid
@@ -153,7 +163,7 @@ def _profile(
         return Refusal("seam_ramps")
     if work.slower:
         return found
-    if work.duration is None and found.speed >= most * AS_ASKED:
+    if work.duration is None and found.speed >= most * MOTION.as_asked:
         longest = longest_ramp(work, pace)
         if max(found.start.time, found.end.time) <= longest:
             return found
@@ -161,7 +171,7 @@ def _profile(
         return Refusal("seam_ramp_long", None, "", "", ramp, longest, LESS, {"asked": asked})
     top = steady_limit(path.rates, limits)
     more = {"asked": asked, "speed": found.speed * length * 1e3, "duration": found.duration}
-    if found.speed >= cap * AS_ASKED:
+    if found.speed >= cap * MOTION.as_asked:
         return Refusal("seam_capped", remedy=("raise_cap", *LESS), more=more)
     if top.speed > most:
         return Refusal("seam_too_short", remedy=LESS, more=more)
@@ -229,7 +239,7 @@ def _deviations(
         acceleration along the seam [1/s²].
     """
     knots = distinct(trajectory.time)
-    share = np.arange(PER_KNOT) / PER_KNOT
+    share = np.arange(MOTION.per_knot) / MOTION.per_knot
     time = np.append((knots[:-1, None] + np.diff(knots)[:, None] * share).ravel(), knots[-1])
     bodies = chain.bodies(trajectory.at(time)[0])
     nearest = chain.nearest_share(bodies, profile.at(time)[0])
@@ -246,7 +256,7 @@ def _deviations(
 
 def _acceleration(chain: Chain, profile: SteadyProfile, trajectory: Trajectory) -> float:
     """Returns the greatest acceleration along the seam at a motion's knots [1/s²], where a spline has it."""
-    step = min(MOMENT, profile.duration / 100.0)
+    step = min(MOTION.moment, profile.duration / 100.0)
     knots = distinct(np.clip(trajectory.time, step, profile.duration - step))
     behind, here, ahead = (
         chain.nearest_share(chain.bodies(trajectory.at(time)[0]), profile.at(time)[0])

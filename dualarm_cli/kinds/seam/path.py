@@ -23,22 +23,31 @@ from dualarm_cli.timing.steady_search import PathRates, steady_limit
 
 PER_NODE = 16
 """Places at which the chain is closed at first, from node to node."""
-BETWEEN = 5e-8
-"""Residual between two places above which there is one more [m, radians by TURN]."""
-HALVINGS = 6
-"""How often places are added."""
-CLOSING_STEPS = 6
-"""Newton steps at each place."""
-CLOSED = 1e-9
-"""Residual that counts as closed [m, radians by TURN]."""
-EVENED_OUT = (0.0, 0.6, 1.2, 2.0, 3.0)
-"""Half widths over which joints are evened out, in distances of nodes; the one that allows most speed is taken."""
-FARTHEST = 0.05
-"""Joints that closing the chain moves by more have come to another way [rad]."""
-FADED = 0.2
-"""Share of a seam within which it comes to its own from where another one ended."""
-STANDS = 1e-9
-"""Joints that move less along the nodes stand [rad]."""
+
+
+@dataclass(frozen=True)
+class SeamPathSettings:
+    """Resolution and tolerances of a seam's joint path."""
+
+    between: float = 5e-8
+    """Residual between two places above which there is one more [m, radians by TURN]."""
+    halvings: int = 6
+    """How often places are added."""
+    closing_steps: int = 6
+    """Newton steps at each place."""
+    closed: float = 1e-9
+    """Residual that counts as closed [m, radians by TURN]."""
+    evened_out: tuple[float, ...] = (0.0, 0.6, 1.2, 2.0, 3.0)
+    """Half widths over which joints are evened out, in distances of nodes; the one that allows most speed is taken."""
+    farthest: float = 0.05
+    """Joints that closing the chain moves by more have come to another way [rad]."""
+    faded: float = 0.2
+    """Share of a seam within which it comes to its own from where another one ended."""
+    stands: float = 1e-9
+    """Joints that move less along the nodes stand [rad]."""
+
+
+PATH = SeamPathSettings()
 
 
 @dataclass(frozen=True)
@@ -63,7 +72,7 @@ class SeamPath:
         even = np.linspace(0.0, 1.0, PER_NODE * (len(problem.shares) - 1) + 1)
         position = quintic_spline(problem.shares, motion.position)(even)
         best, highest = None, 0.0
-        for width in EVENED_OUT:
+        for width in PATH.evened_out:
             near = quintic_spline(even, _evened_out(position, width))
             found = cls._closed(problem, motion, even, near)
             if found is None:
@@ -88,11 +97,11 @@ class SeamPath:
         position = _closed(problem, motion, share, near(share))
         if position is None:
             return None
-        for _ in range(HALVINGS):
+        for _ in range(PATH.halvings):
             middle = (share[1:] + share[:-1]) / 2.0
             between = quintic_spline(share, position)(middle)
             left = all_equations(problem.chain, between, middle, _poses(problem, middle)).exact
-            opens = left.size > BETWEEN
+            opens = left.size > PATH.between
             if not opens.any():
                 break
             # The spline between two places hangs on their neighbours too.
@@ -150,21 +159,21 @@ def _closed(
         lambda q: all_equations(chain, q, share, poses).exact,
         position,
         np.square(limits.velocity) * (chain.closes & ~_stands(problem, motion)),
-        CLOSING_STEPS,
+        PATH.closing_steps,
     )
     q = found.position
     inside = ((q >= limits.lower) & (q <= limits.upper))[:, chain.closes].all()
     moved = float(np.abs(q - position).max())
-    good = inside and found.residual.max() < CLOSED and moved < FARTHEST
+    good = inside and found.residual.max() < PATH.closed and moved < PATH.farthest
     return q if good and not chain.leans_too_far(chain.bodies(q), share) else None
 
 
 def _from(begin: FloatArray, share: FloatArray, position: FloatArray) -> FloatArray:
-    """Returns joints (k, n) at shares (k,) that begin exactly where they have to (n,), and are their own after FADED.
+    """Returns joints (k, n) at shares (k,) that begin exactly where they have to (n,), and are their own after `faded`.
 
     Where a seam goes on from another, what files round away opens the chain a little at first.
     """
-    x = np.clip(share / FADED, 0.0, 1.0)
+    x = np.clip(share / PATH.faded, 0.0, 1.0)
     fade = 1.0 - power(x, 4) * (35.0 - 84.0 * x + 70.0 * np.square(x) - 20.0 * cube(x))
     return position + fade[:, None] * (begin - position[0])
 
@@ -197,7 +206,7 @@ def _evened_out(position: FloatArray, width: float) -> FloatArray:
 
 def _stands(problem: SeamProblem, motion: SeamMotion) -> BoolArray:
     """Returns the joints that are the same at all nodes, shape (n,)."""
-    still = np.ptp(motion.position, axis=0) < STANDS
+    still = np.ptp(motion.position, axis=0) < PATH.stands
     return standing_joints(problem, moving=True) | still
 
 

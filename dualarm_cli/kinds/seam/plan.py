@@ -35,22 +35,43 @@ from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.problem import LineProblem
 
-SEAM_LINE_SAMPLES = 65
-"""Places along a line at which joints are solved for."""
-STEPS = 6
-"""Newton steps from one place to the next."""
-EXACT = 1e-9
-"""Residual that counts as none [m and rad]."""
-KNOTS = (24, 48, 96, 192, 384)
-"""Numbers of knots that are tried until the tool stays near enough to its line."""
-NEAR = 5e-5
-"""How far the tool may leave its line [m] and its orientation [rad]: half of what is verified."""
+
+@dataclass(frozen=True)
+class SeamPlanSettings:
+    """Numbers that steer the planning of a seam."""
+
+    seam_line_samples: int = 65
+    """Places along a line at which joints are solved for."""
+    steps: int = 6
+    """Newton steps from one place to the next."""
+    exact: float = 1e-9
+    """Residual that counts as none [m and rad]."""
+    knots: tuple[int, ...] = (24, 48, 96, 192, 384)
+    """Numbers of knots that are tried until the tool stays near enough to its line."""
+    near: float = 5e-5
+    """How far the tool may leave its line [m] and its orientation [rad]: half of what is verified."""
+    looked_at: float = 0.01
+    """Time between the postures of a seam that are looked at [s]."""
+    rounds: int = 3
+    """How often other starts are drawn where what comes of the first ones cannot be worked."""
+    enough_refusals: int = 2
+    """So many times too fast, and other starts will be as well."""
+    steady_share: float = 0.8
+    """Share of a given duration in which the tool is at its steady speed, about: solvers know no ramps."""
+    together: float = 2e-7
+    """Residual up to which the robot counts as having tool and part where a seam begins [m, rad]: what files
+    round away."""
+    slowed: float = 1.0005
+    """Factor on time or speed above which a seam falls short of what is asked."""
+
+
+SEAM = SeamPlanSettings()
 
 
 def drawn_back(
     chain: Chain, limits: JointLimits, position: FloatArray, length: float
 ) -> FloatArray | Refusal:
-    """Returns joints (SEAM_LINE_SAMPLES, n) [rad] while the tool is drawn back along its axis, or why it cannot be.
+    """Returns joints (`seam_line_samples`, n) [rad] while the tool is drawn back along its axis, or why it cannot be.
 
     Only the slave's own joints move, by Newton steps of least norm.
 
@@ -63,22 +84,22 @@ def drawn_back(
     here = chain.bodies(position[None])
     R, p, back = here.R_tool[0], here.p_tool[0], -here.R_tool[0, :, 2]
     weight = np.square(limits.velocity) * chain.slave_joints
-    found = np.empty((SEAM_LINE_SAMPLES, len(position)))
+    found = np.empty((SEAM.seam_line_samples, len(position)))
     found[0] = q = np.array(position)
-    for k in range(1, SEAM_LINE_SAMPLES):
-        there = p + back * (length * k / (SEAM_LINE_SAMPLES - 1))
+    for k in range(1, SEAM.seam_line_samples):
+        there = p + back * (length * k / (SEAM.seam_line_samples - 1))
         if k > 1:
             q = 2.0 * found[k - 1] - found[k - 2]
-        for _ in range(STEPS):
+        for _ in range(SEAM.steps):
             bodies = chain.bodies(q[None])
             left = np.append(bodies.p_tool[0] - there, log_rotation(product(bodies.R_tool[0], R.T)))
-            if np.abs(left).max() < EXACT:
+            if np.abs(left).max() < SEAM.exact:
                 break
             JW = bodies.J_tool[0] * weight
             gram = product(JW, bodies.J_tool[0].T)
             q = q - product(JW.T, solve(gram + 1e-12 * np.eye(6), left))
-        away = {"mm": length * k / (SEAM_LINE_SAMPLES - 1) * 1e3}
-        if np.abs(left).max() > 100.0 * EXACT:
+        away = {"mm": length * k / (SEAM.seam_line_samples - 1) * 1e3}
+        if np.abs(left).max() > 100.0 * SEAM.exact:
             return Refusal("seam_line_out_of_reach", arm=chain.work.slave, more=away)
         beyond = np.maximum(limits.lower - q, q - limits.upper) * chain.slave_joints
         if beyond.max() > 0.0:
@@ -111,7 +132,7 @@ def line_motion(
     R, start = ends.R_tool[0], ends.p_tool[0]
     along = (ends.p_tool[1] - start) / length
     off = np.inf
-    for knots in KNOTS:
+    for knots in SEAM.knots:
         found = timing.line(LineProblem(limits.joints, position, way, limits, tool_speed, knots))
         middle = (found.time[1:] + found.time[:-1]) / 2.0
         bodies = chain.bodies(found.at(middle)[0])
@@ -122,13 +143,11 @@ def line_motion(
             float(norm(beside, axis=1).max()),
             float(norm(turned, axis=1).max()),
         )
-        if off <= NEAR:
+        if off <= SEAM.near:
             return found
-    return Refusal("seam_line_left", measured=off, allowed=NEAR, more={"mm": off * 1e3})
+    return Refusal("seam_line_left", measured=off, allowed=SEAM.near, more={"mm": off * 1e3})
 
 
-LOOKED_AT = 0.01
-"""Time between the postures of a seam that are looked at [s]."""
 KEPT_AT_NODES, KEPT_BETWEEN = SLACK / 2.0, SLACK / 4.0
 """What is kept beyond the required clearance at a seam's nodes, and at the postures that are looked at [m]."""
 
@@ -169,7 +188,7 @@ def where_it_touches(
     for words, motion in motions:
         if motion is None:
             continue
-        count = max(2, int(np.ceil(motion.duration / LOOKED_AT)) + 1)
+        count = max(2, int(np.ceil(motion.duration / SEAM.looked_at)) + 1)
         time = np.linspace(0.0, motion.duration, count)
         position = motion.at(time)[0]
         margin = _margins(holding, position)
@@ -183,18 +202,6 @@ def where_it_touches(
 def _margins(holding: Holding, position: FloatArray) -> FloatArray:
     held = holding.cell.loads.nothing(len(position), len(holding.cell.arms))
     return holding.cell.margins(position, held)
-
-
-ROUNDS = 3
-"""How often other starts are drawn where what comes of the first ones cannot be worked."""
-ENOUGH_REFUSALS = 2
-"""So many times too fast, and other starts will be as well."""
-STEADY_SHARE = 0.8
-"""Share of a given duration in which the tool is at its steady speed, about: solvers know no ramps."""
-TOGETHER = 2e-7
-"""Residual up to which the robot counts as having tool and part where a seam begins [m, rad]: what files round away."""
-SLOWED = 1.0005
-"""Factor on time or speed above which a seam falls short of what is asked."""
 
 
 @dataclass(frozen=True)
@@ -246,7 +253,7 @@ class SeamPlanner:
         chain = Chain(self.job.cell, work)
         holding = seam_holding(self.job, work) if self.clear else None
         goes_on = self._goes_on(after)
-        tries = [(_Start(here, number=k), goes_on) for k in range(ROUNDS)]
+        tries = [(_Start(here, number=k), goes_on) for k in range(SEAM.rounds)]
         if work.approach == 0.0 and _together(chain, here):
             tries.insert(0, (_Start(here, here), goes_on))
         if goes_on is not None:
@@ -254,13 +261,13 @@ class SeamPlanner:
             tries.append((_Start(here), None))
         refusals: list[Refusal] = []
         for start, test in tries:
-            if test is not None and sum(map(is_too_fast, refusals)) >= ENOUGH_REFUSALS:
+            if test is not None and sum(map(is_too_fast, refusals)) >= SEAM.enough_refusals:
                 continue
             planned = self._tried(task, self._problem(chain, start, holding, test), holding)
             if isinstance(planned, PlannedSeam):
                 return planned
             refusals += planned
-            if goes_on is None and sum(map(is_too_fast, refusals)) >= ENOUGH_REFUSALS:
+            if goes_on is None and sum(map(is_too_fast, refusals)) >= SEAM.enough_refusals:
                 break
         # That less speed would do says more than that something else was in the way of another try.
         cause = min(refusals, key=lambda one: not is_too_fast(one))
@@ -310,7 +317,7 @@ class SeamPlanner:
         robot, work = self.job.cell.robot, chain.work
         near = None if work.posture is None else np.array(robot.postures[work.posture])
         time = (
-            work.duration * STEADY_SHARE
+            work.duration * SEAM.steady_share
             if work.duration is not None
             else work.length / (work.speed or np.inf)
         )
@@ -383,9 +390,9 @@ class SeamPlanner:
         if isinstance(planned, Refusal):
             return is_too_fast(planned)
         if work.duration is not None:
-            return planned.seam.trajectory.duration > work.duration / self.job.speed * SLOWED
+            return planned.seam.trajectory.duration > work.duration / self.job.speed * SEAM.slowed
         assert work.speed is not None
-        return planned.seam.speed(work.length) * SLOWED < work.speed * self.job.speed
+        return planned.seam.speed(work.length) * SEAM.slowed < work.speed * self.job.speed
 
     def _timed(self, problem: SeamProblem, motion: SeamMotion, name: str) -> PlannedSeam | Refusal:
         """Returns a solver's answer in time, with the tool's lines, or why there is none."""
@@ -430,4 +437,4 @@ def _together(chain: Chain, position: FloatArray) -> bool:
     given = chain.work.master is not None and chain.work.hold.given
     poses = chain.work.hold.at(share) if given else None
     left = all_equations(chain, position[None], share, part=poses).left
-    return bool(np.abs(left).max() < TOGETHER)
+    return bool(np.abs(left).max() < SEAM.together)

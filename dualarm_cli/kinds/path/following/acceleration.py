@@ -22,26 +22,35 @@ from dualarm_cli.kinematics.manipulability import manipulability_rates
 from dualarm_cli.kinematics.whole_body import tool_drift
 from dualarm_cli.records import dataclass
 
-STIFFNESS = 400.0
-"""Task-space feedback on the tools' errors [1/s²]."""
-DAMPING = 40.0
-"""Task-space feedback on their velocities [1/s]: critical."""
-ETA = 20.0
-"""eta_1 of [Zhang2024] Eq. 23 [1/s]; eta_2 is a quarter of it."""
-JERK_SHARE = 0.8
-"""Share of the jerk limits that is used: accelerations are constant between instants, their curve is rougher."""
-KEPT_FREE = 5e-4
-"""Distance from the position limits that is kept [rad]."""
-MARGIN = 5e-3
-"""Share of every limit that is kept free: knots are joined by curves."""
-TORQUE_SHARE = 0.98
-"""Share of the torque limits that is used: evening out and curves between instants change accelerations a little."""
-BRAKING = 0.15
-"""Share of the time at the end in which self-motion dies out, at least."""
-LEAST_BRAKING = 0.8
-"""Time in which it dies out [s], but for paths that take less than twice as long."""
-ORDER = 3.0
-"""It dies out with this power of the time that is left, so that velocity, acceleration and jerk end at nothing."""
+
+@dataclass(frozen=True)
+class AccelerationSettings:
+    """Gains and margins of the acceleration-level program."""
+
+    stiffness: float = 400.0
+    """Task-space feedback on the tools' errors [1/s²]."""
+    damping: float = 40.0
+    """Task-space feedback on their velocities [1/s]: critical."""
+    eta: float = 20.0
+    """eta_1 of [Zhang2024] Eq. 23 [1/s]; eta_2 is a quarter of it."""
+    jerk_share: float = 0.8
+    """Share of the jerk limits that is used: accelerations are constant between instants, their curve is rougher."""
+    kept_free: float = 5e-4
+    """Distance from the position limits that is kept [rad]."""
+    margin: float = 5e-3
+    """Share of every limit that is kept free: knots are joined by curves."""
+    torque_share: float = 0.98
+    """Share of the torque limits that is used: evening out and curves between instants change accelerations
+    a little."""
+    braking: float = 0.15
+    """Share of the time at the end in which self-motion dies out, at least."""
+    least_braking: float = 0.8
+    """Time in which it dies out [s], but for paths that take less than twice as long."""
+    order: float = 3.0
+    """It dies out with this power of the time that is left, so that velocity, acceleration and jerk end at nothing."""
+
+
+ACCELERATION = AccelerationSettings()
 
 
 @dataclass(frozen=True)
@@ -64,9 +73,11 @@ class Bounds:
     @classmethod
     def of(cls, problem: PathProblem) -> Bounds:
         """Returns the bounds of a problem's limits."""
-        limits, share = problem.limits, 1.0 - MARGIN
-        eta = np.minimum(ETA, JERK_SHARE * limits.jerk / limits.acceleration)
-        room = np.minimum(KEPT_FREE, (limits.upper - limits.lower) / 4.0)
+        limits, share = problem.limits, 1.0 - ACCELERATION.margin
+        eta = np.minimum(
+            ACCELERATION.eta, ACCELERATION.jerk_share * limits.jerk / limits.acceleration
+        )
+        room = np.minimum(ACCELERATION.kept_free, (limits.upper - limits.lower) / 4.0)
         return cls(
             limits.lower + room,
             limits.upper - room,
@@ -117,7 +128,7 @@ def follow_manipulability(problem: PathProblem) -> PathMotion | NoPath:
 def braking_time(problem: PathProblem) -> float:
     """Returns how long before the end self-motion begins to die out [s]."""
     whole = (problem.instants - 1) * problem.step
-    return max(BRAKING * whole, min(LEAST_BRAKING, 0.5 * whole))
+    return max(ACCELERATION.braking * whole, min(ACCELERATION.least_braking, 0.5 * whole))
 
 
 def stoppable(problem: PathProblem) -> FloatArray:
@@ -127,7 +138,8 @@ def stoppable(problem: PathProblem) -> FloatArray:
     """
     t, limits = braking_time(problem), problem.limits
     return np.minimum(
-        limits.acceleration * t / ORDER, limits.jerk * np.square(t) / (ORDER * (ORDER - 1.0))
+        limits.acceleration * t / ACCELERATION.order,
+        limits.jerk * np.square(t) / (ACCELERATION.order * (ACCELERATION.order - 1.0)),
     )
 
 
@@ -174,7 +186,7 @@ def _holding_words(problem: PathProblem, q: FloatArray) -> str:
     if problem.torque is None or problem.dynamics is None:
         return ""
     rest = np.abs(problem.dynamics(q, np.zeros_like(q))[1])
-    share = np.where(problem.free, rest / (problem.torque * TORQUE_SHARE), 0.0)
+    share = np.where(problem.free, rest / (problem.torque * ACCELERATION.torque_share), 0.0)
     joint = int(np.argmax(share))
     if share[joint] <= 1.0:
         return ""
@@ -194,7 +206,7 @@ class AccelerationStep:
         self._velocity, self._acceleration = problem.twists()
         self._free = np.flatnonzero(problem.free)
         self._follows = np.flatnonzero(problem.follows)
-        self._jerk = problem.limits.jerk * (problem.step * JERK_SHARE)
+        self._jerk = problem.limits.jerk * (problem.step * ACCELERATION.jerk_share)
         self._program = LeastSquares()
 
     def solve(
@@ -218,7 +230,12 @@ class AccelerationStep:
         )
         drift = tool_drift(state.S, state.p, body.moves, body.before, qd)[problem.rows]
         slip = self._velocity[k] - product(J, qd)
-        A = self._acceleration[k] + DAMPING * slip + STIFFNESS * error - drift
+        A = (
+            self._acceleration[k]
+            + ACCELERATION.damping * slip
+            + ACCELERATION.stiffness * error
+            - drift
+        )
         left = (problem.instants - 1 - k) * problem.step
         aim = self._rest(J, qd, left) if left < self._braking else self._wanted(state.S, qd)
         low, high = self._bounds.at(q, qd)
@@ -254,7 +271,7 @@ class AccelerationStep:
     def _rest(self, J: FloatArray, qd: FloatArray, left: float) -> FloatArray:
         """Returns the accelerations under which self-motion ends when the path does, shape (n,)."""
         inner = qd - product(J.T, solve(product(J, J.T), product(J, qd)))
-        return -ORDER / max(left, self._problem.step) * inner
+        return -ACCELERATION.order / max(left, self._problem.step) * inner
 
     def _torques(
         self, q: FloatArray, qd: FloatArray
@@ -265,5 +282,5 @@ class AccelerationStep:
             return None
         mass, rest = problem.dynamics(q, qd)
         free, limit = self._free, problem.torque
-        limit = limit * TORQUE_SHARE
+        limit = limit * ACCELERATION.torque_share
         return mass[np.ix_(free, free)], (-limit - rest)[free], (limit - rest)[free]

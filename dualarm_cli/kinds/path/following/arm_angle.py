@@ -13,23 +13,31 @@ from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.kinematics.srs_arm import SrsArm, closed_form
 from dualarm_cli.records import dataclass
 
-STATIONS = 61
-"""Places along the path at which arm angles are compared."""
-CELLS = 72
-"""Arm angles that are compared."""
-REACH = 5
-"""By how many of them the arm angle may change between two places."""
-BRANCHES = 8
-ROUNDS = 30
-"""Rounds in which the best angles are refined, at most."""
-ENOUGH = 1e-6
-"""Share of the cost whose gain in one round ends the refinement."""
-DELTA = 1e-5
-"""Step of the derivatives by the arm angle [rad]."""
-FARTHEST = 1.0
-"""Joints that differ by more between two places jump [rad]."""
-KEPT_FREE = np.deg2rad(0.5)
-"""Distance from the joints' limits that is kept where angles are compared [rad]."""
+
+@dataclass(frozen=True)
+class TrackSettings:
+    """Resolution of the search for arm angles along a path."""
+
+    stations: int = 61
+    """Places along the path at which arm angles are compared."""
+    cells: int = 72
+    """Arm angles that are compared."""
+    reach: int = 5
+    """By how many of them the arm angle may change between two places."""
+    branches: int = 8
+    rounds: int = 30
+    """Rounds in which the best angles are refined, at most."""
+    enough: float = 1e-6
+    """Share of the cost whose gain in one round ends the refinement."""
+    delta: float = 1e-5
+    """Step of the derivatives by the arm angle [rad]."""
+    farthest: float = 1.0
+    """Joints that differ by more between two places jump [rad]."""
+    kept_free: float = np.deg2rad(0.5)
+    """Distance from the joints' limits that is kept where angles are compared [rad]."""
+
+
+TRACK = TrackSettings()
 
 
 @dataclass(frozen=True)
@@ -62,7 +70,7 @@ def follow_arm_angle(problem: PathProblem) -> PathMotion | NoPath:
     from scipy.interpolate import CubicSpline
 
     position = np.tile(problem.start, (problem.instants, 1))
-    stations = np.linspace(0.0, 1.0, STATIONS)
+    stations = np.linspace(0.0, 1.0, TRACK.stations)
     at = np.interp(stations, problem.share, np.arange(problem.instants))
     for b, a in enumerate(np.flatnonzero(problem.follows)):
         name = problem.body.arms[a]
@@ -141,13 +149,13 @@ def _grid_tracks(
     arm: SrsArm, R: FloatArray, p: FloatArray, velocity: FloatArray, start: FloatArray | None
 ) -> list[Track]:
     """Returns the best track of every branch on the grid of arm angles, best first."""
-    grid: FloatArray = np.arange(CELLS, dtype=np.float64) * (TURN / CELLS)
+    grid: FloatArray = np.arange(TRACK.cells, dtype=np.float64) * (TURN / TRACK.cells)
     if start is not None:
         # The grid begins at the given arm angle.
         grid = grid + float(arm.arm_angle(start))
     solved = arm.solve(R[:, None], p[:, None], grid)
     q = solved.q
-    inside = (q >= arm.lower + KEPT_FREE) & (q <= arm.upper - KEPT_FREE)
+    inside = (q >= arm.lower + TRACK.kept_free) & (q <= arm.upper - TRACK.kept_free)
     good = inside.all(axis=-1) & solved.reachable[..., None]
     if start is not None:
         good[0] = False
@@ -177,14 +185,14 @@ def _least(scaled: FloatArray, q: FloatArray, good: BoolArray) -> list[tuple[Int
     )
     m, cells, branches = good.shape
     value = np.where(good[0], 0.0, np.inf)
-    shifts = np.arange(-REACH, REACH + 1)
+    shifts = np.arange(-TRACK.reach, TRACK.reach + 1)
     back = np.zeros((m, cells, branches), dtype=np.int64)
     for k in range(1, m):
         # From cell c + shift at the station before to cell c here.
         source = (np.arange(cells)[:, None] + shifts) % cells
         moved = scaled[k][:, :, None] - scaled[k - 1][:, source]
         cost = (moved * moved).sum(axis=0) + value[source]
-        cost[np.abs(q[k][:, :, None] - q[k - 1][:, source]).max(axis=0) > FARTHEST] = np.inf
+        cost[np.abs(q[k][:, :, None] - q[k - 1][:, source]).max(axis=0) > TRACK.farthest] = np.inf
         best = cost.argmin(axis=1)
         back[k] = np.take_along_axis(source[..., None], best[:, None], axis=1)[:, 0]
         value = np.where(good[k], np.take_along_axis(cost, best[:, None], axis=1)[:, 0], np.inf)
@@ -222,8 +230,10 @@ def _refined(
         return arm.solve_branch(R, p, angles, np.array(branch))[0]
 
     def cost_of(q: FloatArray) -> float:
-        inside = ((q >= arm.lower + KEPT_FREE / 2) & (q <= arm.upper - KEPT_FREE / 2)).all()
-        jumps = np.abs(np.diff(q, axis=0)).max() > FARTHEST
+        inside = (
+            (q >= arm.lower + TRACK.kept_free / 2) & (q <= arm.upper - TRACK.kept_free / 2)
+        ).all()
+        jumps = np.abs(np.diff(q, axis=0)).max() > TRACK.farthest
         return (
             float(np.square(np.diff(q / velocity, axis=0)).sum())
             if inside and not jumps
@@ -232,8 +242,10 @@ def _refined(
 
     q = joints(psi)
     cost, damping = cost_of(q), 1e-6
-    for _ in range(ROUNDS):
-        slope = (joints(psi + DELTA) - joints(psi - DELTA)) / (2.0 * DELTA) / velocity
+    for _ in range(TRACK.rounds):
+        slope = (
+            (joints(psi + TRACK.delta) - joints(psi - TRACK.delta)) / (2.0 * TRACK.delta) / velocity
+        )
         rest = np.diff(q / velocity, axis=0)
         squares = (slope * slope).sum(axis=1)
         bands = np.zeros((2, len(psi)))
@@ -252,7 +264,7 @@ def _refined(
         if lower < cost:
             gained = cost - lower
             psi, q, cost, damping = tried, moved, lower, damping / 10.0
-            if gained < ENOUGH * cost:
+            if gained < TRACK.enough * cost:
                 break
         else:
             damping *= 30.0

@@ -9,19 +9,29 @@ from dualarm_cli.geometry.linear_systems import singular_values, solve
 from dualarm_cli.geometry.products import product
 from dualarm_cli.kinds.path.following.problem import NoPath, PathProblem, limit_words
 from dualarm_cli.kinds.path.following.velocity import pose_error
+from dualarm_cli.records import dataclass
 
-STATIONS = 400
-"""Places along the path between which joints are followed without time."""
-STEPS, CENTRING = 12, 3
-"""Newton steps per place, and those that self-motion uses to leave limits."""
-SHARE = 0.2
-"""Share of the distance to mid-range by which self-motion moves joints."""
-FOLLOWED = 1e-9
-"""Error of the tools that counts as none [m, rad]."""
-BEYOND = 1e-4
-"""Distance beyond a limit that no follower uses [rad]."""
-SINGULAR = 1e-3
-"""Smallest singular value of the tools' Jacobian with which joints are moved."""
+
+@dataclass(frozen=True)
+class LimitSettings:
+    """Numbers that keep paths within position limits."""
+
+    stations: int = 400
+    """Places along the path between which joints are followed without time."""
+    steps: int = 12
+    centring: int = 3
+    """Newton steps per place, and those that self-motion uses to leave limits."""
+    share: float = 0.2
+    """Share of the distance to mid-range by which self-motion moves joints."""
+    followed: float = 1e-9
+    """Error of the tools that counts as none [m, rad]."""
+    beyond: float = 1e-4
+    """Distance beyond a limit that no follower uses [rad]."""
+    singular: float = 1e-3
+    """Smallest singular value of the tools' Jacobian with which joints are moved."""
+
+
+LIMITS = LimitSettings()
 
 
 def ended_by_limit(problem: PathProblem, moves: BoolArray | None = None) -> NoPath | None:
@@ -36,12 +46,12 @@ def ended_by_limit(problem: PathProblem, moves: BoolArray | None = None) -> NoPa
     """
     limits, free = problem.limits, problem.free if moves is None else moves
     q = np.array(problem.start)
-    count = min(problem.instants, STATIONS)
+    count = min(problem.instants, LIMITS.stations)
     for k in np.linspace(0, problem.instants - 1, count).round().astype(np.int64).tolist():
         held, worst = np.zeros(len(q), dtype=np.bool_), -1
         while (found := _followed(problem, q, k, free & ~held)) is not None:
             beyond = np.maximum(limits.lower - found, found - limits.upper)
-            out = (beyond > BEYOND) & free & ~held
+            out = (beyond > LIMITS.beyond) & free & ~held
             if not out.any():
                 break
             worst, held = int(np.argmax(np.where(out, beyond, 0.0))), held | out
@@ -57,17 +67,17 @@ def _followed(problem: PathProblem, q: FloatArray, k: int, moves: BoolArray) -> 
     limits, follows = problem.limits, np.flatnonzero(problem.follows)
     middle = 0.5 * (limits.lower + limits.upper)
     middle = np.where(np.isfinite(middle), middle, problem.start)
-    for number in range(STEPS):
+    for number in range(LIMITS.steps):
         state = problem.body.at(q)
         error = pose_error(problem.R[k], problem.p[k], state.R[follows], state.p[follows])
-        if np.abs(error).max() < FOLLOWED and number >= CENTRING:
+        if np.abs(error).max() < LIMITS.followed and number >= LIMITS.centring:
             return q
         J = state.J[problem.rows][:, moves]
-        if J.shape[1] < len(J) or singular_values(J)[-1] < SINGULAR:
+        if J.shape[1] < len(J) or singular_values(J)[-1] < LIMITS.singular:
             return None
         pull = np.zeros(J.shape[1])
-        if number < CENTRING and J.shape[1] > len(J):
-            pull = SHARE * (middle - q)[moves]
+        if number < LIMITS.centring and J.shape[1] > len(J):
+            pull = LIMITS.share * (middle - q)[moves]
         step = np.zeros(len(q))
         step[moves] = pull + product(J.T, solve(product(J, J.T), error - product(J, pull)))
         q = q + step

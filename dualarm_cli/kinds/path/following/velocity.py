@@ -22,9 +22,35 @@ from dualarm_cli.kinds.path.following.problem import (
     within_limits,
 )
 from dualarm_cli.kinematics.whole_body import BodyState, WholeBody
+from dualarm_cli.records import dataclass
 
-ABSOLUTE, RELATIVE = 1e-9, 1e-10
-"""Tolerances of the solver."""
+
+@dataclass(frozen=True)
+class VelocitySettings:
+    """Gains and margins of the velocity-level program."""
+
+    absolute: float = 1e-9
+    relative: float = 1e-10
+    """Tolerances of the solver."""
+    largest_step: float = 0.5
+    """A joint that would move farther between two instants is at a singular posture [rad]."""
+    corrections: int = 10
+    """So many Newton corrections of the tools follow a step at most."""
+    settled: float = 1e-11
+    """Error of the tools at which they end [m, rad]."""
+    self_share: float = 0.5
+    """Share of a cap on the tools' speed that self-motion may give the tools of arms that do not follow."""
+    self_speed: float = 0.4
+    """Share of its speed limit that self-motion may give a joint."""
+    kept_free: float = 1e-3
+    """Distance from the joints' limits at which they are stopped [rad]."""
+    braking: float = 4.0
+    """A joint's speed towards a limit is at most so many times its distance from it [1/s]."""
+    margin: float = 1e-3
+    """Share of the speed limits that is kept free: instants are joined by curves."""
+
+
+VELOCITY = VelocitySettings()
 
 
 class LeastSquares:
@@ -39,8 +65,8 @@ class LeastSquares:
         """Loads the solver."""
         piqp = plain_piqp()
         self._solver: Any = piqp.DenseSolver()
-        self._solver.settings.eps_abs = ABSOLUTE
-        self._solver.settings.eps_rel = RELATIVE
+        self._solver.settings.eps_abs = VELOCITY.absolute
+        self._solver.settings.eps_rel = VELOCITY.relative
         self._solved = piqp.PIQP_SOLVED
         self._ready = False
 
@@ -79,24 +105,6 @@ class LeastSquares:
         if self._solver.solve() != self._solved:
             return None
         return np.array(self._solver.result.x)
-
-
-LARGEST_STEP = 0.5
-"""A joint that would move farther between two instants is at a singular posture [rad]."""
-CORRECTIONS = 10
-"""So many Newton corrections of the tools follow a step at most."""
-SETTLED = 1e-11
-"""Error of the tools at which they end [m, rad]."""
-SELF_SHARE = 0.5
-"""Share of a cap on the tools' speed that self-motion may give the tools of arms that do not follow."""
-SELF_SPEED = 0.4
-"""Share of its speed limit that self-motion may give a joint."""
-KEPT_FREE = 1e-3
-"""Distance from the joints' limits at which they are stopped [rad]."""
-BRAKING = 4.0
-"""A joint's speed towards a limit is at most so many times its distance from it [1/s]."""
-MARGIN = 1e-3
-"""Share of the speed limits that is kept free: instants are joined by curves."""
 
 
 def follow_min_norm(problem: PathProblem) -> PathMotion | NoPath:
@@ -152,7 +160,7 @@ def _follow(problem: PathProblem, *, exact: bool, pulled: bool) -> PathMotion | 
             moved = step(q, k)
         except SingularMatrixError:
             return NoPath(f"the joints cannot follow{singular_words(problem, q)}", k)
-        if not np.abs(moved - q).max() < LARGEST_STEP:
+        if not np.abs(moved - q).max() < VELOCITY.largest_step:
             found = _judged(problem, room, position[:k])
             if isinstance(found, NoPath):
                 return found
@@ -184,9 +192,9 @@ def make_step(
     follows = np.flatnonzero(problem.follows)
     speed = problem.pace * problem.step
     damping = np.square(problem.damping) * np.eye(6 * len(follows))
-    most = SELF_SPEED * problem.limits.velocity
+    most = VELOCITY.self_speed * problem.limits.velocity
     idle = ~problem.rows
-    cap = SELF_SHARE * problem.tool_speed if problem.tool_speed is not None else np.inf
+    cap = VELOCITY.self_share * problem.tool_speed if problem.tool_speed is not None else np.inf
 
     def swing(J: FloatArray, v: FloatArray) -> float:
         """Returns how many times faster than it may self-motion swings the tools of arms that do not follow."""
@@ -241,13 +249,13 @@ def corrected(
         p_goal: positions to be reached [m], shape (b, 3).
     """
     body, which, before = problem.body, np.flatnonzero(problem.follows), 0.0
-    for _ in range(CORRECTIONS):
+    for _ in range(VELOCITY.corrections):
         R, p = body.tools(q)
         left = pose_error(R_goal, p_goal, R[which], p[which])
         q = q + product(plus, left)
         size = float(np.abs(left).max())
         # What this step leaves, at the rate of the one before.
-        if size * size <= SETTLED * before:
+        if size * size <= VELOCITY.settled * before:
             break
         before = size
     return q
@@ -262,9 +270,12 @@ class Room:
     def __init__(self, problem: PathProblem) -> None:
         """Prepares a problem's limits."""
         limits, step = problem.limits, problem.step
-        self._lower, self._upper = limits.lower + KEPT_FREE, limits.upper - KEPT_FREE
-        self._farthest = limits.velocity * (step * (1.0 - MARGIN))
-        self._share = min(1.0, BRAKING * step)
+        self._lower, self._upper = (
+            limits.lower + VELOCITY.kept_free,
+            limits.upper - VELOCITY.kept_free,
+        )
+        self._farthest = limits.velocity * (step * (1.0 - VELOCITY.margin))
+        self._share = min(1.0, VELOCITY.braking * step)
         self._free = np.flatnonzero(problem.free)
         self._program: LeastSquares | None = None
 

@@ -14,12 +14,22 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
-FEWEST_NODES, MOST_NODES = 41, 321
-"""Places along the seam at which joints are decided: intervals are halved until they tell the curve."""
-TOLD, TOLD_TURN = 1e-4, 1e-2
-"""How far a smooth curve through the seam's frames at the nodes may be from it [m], and how far turned [rad]."""
-KEPT_FREE = 0.03
-"""Distance from the joints' limits that is kept where they are decided [rad]."""
+
+@dataclass(frozen=True)
+class SeamProblemSettings:
+    """Resolution of a seam's program."""
+
+    fewest_nodes: int = 41
+    most_nodes: int = 321
+    """Places along the seam at which joints are decided: intervals are halved until they tell the curve."""
+    told: float = 1e-4
+    told_turn: float = 1e-2
+    """How far a smooth curve through the seam's frames at the nodes may be from it [m], and how far turned [rad]."""
+    kept_free: float = 0.03
+    """Distance from the joints' limits that is kept where they are decided [rad]."""
+
+
+NODES = SeamProblemSettings()
 
 
 @dataclass(frozen=True)
@@ -67,11 +77,11 @@ class SeamProblem:
 
         A quintic through the seam's frames at the nodes tells where the seam is between them.
         """
-        count = FEWEST_NODES
-        while count < MOST_NODES:
+        count = NODES.fewest_nodes
+        while count < NODES.most_nodes:
             share = np.linspace(0.0, 1.0, 2 * count - 1)
             R, p = self.chain.work.tool_frames(share)
-            frame = np.concatenate([p / TOLD, R.reshape(len(R), 9) / TOLD_TURN], axis=1)
+            frame = np.concatenate([p / NODES.told, R.reshape(len(R), 9) / NODES.told_turn], axis=1)
             between = quintic_spline(share[::2], frame[::2])(share[1::2])
             if np.abs(between - frame[1::2]).max() <= 1.0:
                 break
@@ -86,7 +96,7 @@ class SeamProblem:
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest joint positions that are taken [rad], each (n,)."""
-        return self.limits.lower + KEPT_FREE, self.limits.upper - KEPT_FREE
+        return self.limits.lower + NODES.kept_free, self.limits.upper - NODES.kept_free
 
 
 @dataclass(frozen=True)

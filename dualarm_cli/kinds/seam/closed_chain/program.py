@@ -18,22 +18,30 @@ from dualarm_cli.kinds.seam.closed_chain.starts import part_poses
 from dualarm_cli.kinds.seam.closed_chain.ways import ROOM
 from dualarm_cli.records import dataclass
 
-SMOOTH = 1e-4
-"""Weight of the joints' effort against time, both as shares: decides what time leaves open."""
-STAY = 1e-6
-"""Weight of the step itself."""
-ACCURACY = 1e-6
-"""Tolerances of the solver."""
-MOST_ITERATIONS = 60
-"""Iterations of the solver; what it has then is tried."""
-LEAN_SIDES = 8
-"""Sides of the polygon that stands for the cone in which the tool's axis may lean."""
-BACK = 100.0
-"""Weight of a radian beyond limits, as a share of the time."""
-AWAY = 3.0
-"""Weight of the room at limits that joints use up, as a share, against their effort."""
-LEAST_TIME = 0.3
-"""Share of its time that a seam keeps in one step."""
+
+@dataclass(frozen=True)
+class StepSettings:
+    """Numbers of one quadratic program."""
+
+    smooth: float = 1e-4
+    """Weight of the joints' effort against time, both as shares: decides what time leaves open."""
+    stay: float = 1e-6
+    """Weight of the step itself."""
+    accuracy: float = 1e-6
+    """Tolerances of the solver."""
+    most_iterations: int = 60
+    """Iterations of the solver; what it has then is tried."""
+    lean_sides: int = 8
+    """Sides of the polygon that stands for the cone in which the tool's axis may lean."""
+    back: float = 100.0
+    """Weight of a radian beyond limits, as a share of the time."""
+    away: float = 3.0
+    """Weight of the room at limits that joints use up, as a share, against their effort."""
+    least_time: float = 0.3
+    """Share of its time that a seam keeps in one step."""
+
+
+STEP = StepSettings()
 
 
 @dataclass(frozen=True)
@@ -120,20 +128,20 @@ class SeamProgram:
         A = hstack([A @ S, csr_matrix((A.shape[0], 2))]).tocsc()
         effort = self._effort(time)
         smooth = effort @ S
-        weight = SMOOTH * time if pace > 0.0 else 1.0
-        quadratic = weight * (smooth.T @ smooth) + STAY * identity(count)
+        weight = STEP.smooth * time if pace > 0.0 else 1.0
+        quadratic = weight * (smooth.T @ smooth) + STEP.stay * identity(count)
         pull = weight * (smooth.T @ (effort @ y))
         if pace == 0.0:
             crowded, away = self._crowded(y)
             quadratic = quadratic + diags(crowded)
             pull = pull - away
         P = block_diag([quadratic, 1e-9 * identity(2)]).tocsc()
-        c = np.append(pull, [pace, BACK * time])
+        c = np.append(pull, [pace, STEP.back * time])
         low, top = self._bounds(y, radius)
         solver = piqp.SparseSolver()
-        solver.settings.eps_abs = solver.settings.eps_rel = ACCURACY
-        solver.settings.max_iter = MOST_ITERATIONS
-        least = (LEAST_TIME - 1.0) * time if pace > 0.0 else 0.0
+        solver.settings.eps_abs = solver.settings.eps_rel = STEP.accuracy
+        solver.settings.max_iter = STEP.most_iterations
+        least = (STEP.least_time - 1.0) * time if pace > 0.0 else 0.0
         solver.setup(
             P,
             c,
@@ -214,10 +222,12 @@ class SeamProgram:
         bodies = chain.bodies(position)
         if work.tool.tilt > 0.0:
             r, J = chain.offsets(bodies, share)
-            angle = np.arange(LEAN_SIDES) * (TURN / LEAN_SIDES)
+            angle = np.arange(STEP.lean_sides) * (TURN / STEP.lean_sides)
             sides = np.stack([cos(angle), sin(angle)], axis=-1)
             slope = product(sides, J[:, 3:5][:, :, self.decided])
-            bound = KEPT * work.tool.tilt * cos(np.pi / LEAN_SIDES) - product(r[:, 3:5], sides.T)
+            bound = KEPT * work.tool.tilt * cos(np.pi / STEP.lean_sides) - product(
+                r[:, 3:5], sides.T
+            )
             found.append((block_diag(list(slope)).tocsr(), np.maximum(bound, 0.0).ravel()))
         if work.downhand is not None:
             upward, J = chain.upward(bodies, share)
@@ -240,7 +250,8 @@ class SeamProgram:
         y = position[:, self.decided].ravel()
         near, effort = self._near(y), self._effort(time) @ y
         return (
-            float(product(effort, effort) + AWAY / self.problem.nodes * product(near, near)) / 2.0
+            float(product(effort, effort) + STEP.away / self.problem.nodes * product(near, near))
+            / 2.0
         )
 
     @cached_property
@@ -266,8 +277,8 @@ class SeamProgram:
         near, room = self._near(y), self._room
         column, count = self.column.ravel(), self._spread.shape[1]
         crowded, away = np.zeros(count), np.zeros(count)
-        np.add.at(crowded, column, AWAY / self.problem.nodes * (near != 0.0) / np.square(room))
-        np.add.at(away, column, AWAY / self.problem.nodes * near / room)
+        np.add.at(crowded, column, STEP.away / self.problem.nodes * (near != 0.0) / np.square(room))
+        np.add.at(away, column, STEP.away / self.problem.nodes * near / room)
         return crowded, away
 
     def _back_inside(self, y: FloatArray) -> tuple[Any, FloatArray]:

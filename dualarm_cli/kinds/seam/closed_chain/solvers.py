@@ -28,25 +28,43 @@ from dualarm_cli.kinds.seam.closed_chain.ways import (
     steady_time,
     way_cost,
 )
+from dualarm_cli.records import dataclass
 
-ROUNDS = 60
-"""Steps at most."""
-FIRST_RADIUS, WIDEST, NARROWEST = 0.2, 0.5, 1e-3
-"""How far joints may move in the first step, and in any [rad]."""
-GOOD, POOR = 0.5, 0.2
-"""Share of the gain promised above which steps grow, and below which they shrink."""
-GROWN, SHRUNK, REFUSED = 1.5, 0.5, 0.35
-"""Factors on the radius."""
-LOOKED_BACK, ENOUGH = 6, 2e-3
-"""So many steps that together gain less than this share end it."""
-CLOSING_STEPS = 8
-"""Newton steps after each step."""
+
+@dataclass(frozen=True)
+class ProgramSettings:
+    """Numbers that steer the sequential quadratic programs."""
+
+    rounds: int = 60
+    """Steps at most."""
+    first_radius: float = 0.2
+    widest: float = 0.5
+    narrowest: float = 1e-3
+    """How far joints may move in the first step, and in any [rad]."""
+    good: float = 0.5
+    poor: float = 0.2
+    """Share of the gain promised above which steps grow, and below which they shrink."""
+    grown: float = 1.5
+    shrunk: float = 0.5
+    refused: float = 0.35
+    """Factors on the radius."""
+    looked_back: int = 6
+    enough: float = 2e-3
+    """So many steps that together gain less than this share end it."""
+    closing_steps: int = 8
+    """Newton steps after each step."""
+    smoothing: int = 16
+    """Steps at most that make the motion easy at the end, the time kept."""
+    easy: float = 0.01
+    """Share of what a motion costs whose gain in a step ends that."""
+    first_rounds: int = 16
+    """Steps by which starts are compared before the best is improved further."""
+
+
+PROGRAM = ProgramSettings()
+
 LEANT = (1.0 + KEPT) / 2.0
 """Share of what tool and surface may lean up to which a step is taken."""
-SMOOTHING = 16
-"""Steps at most that make the motion easy at the end, the time kept."""
-EASY = 0.01
-"""Share of what a motion costs whose gain in a step ends that."""
 SPARE_TIME = 1.003
 """Factor on a way's own time within which it is made easy: at the time that is asked for, effort may mean nothing."""
 
@@ -55,7 +73,7 @@ def improved(
     problem: SeamProblem,
     position: FloatArray,
     stands: BoolArray,
-    rounds: int = ROUNDS,
+    rounds: int = PROGRAM.rounds,
     *,
     easy: bool = True,
 ) -> FloatArray:
@@ -96,26 +114,39 @@ def _descended(
     best, time = position, steady_time(position, problem.limits)
     beyond = float(beyond_limits(problem, best).max())
     enough = AMPLE * problem.time
-    radius, history = FIRST_RADIUS, [_cost(time, beyond)]
+    radius, history = PROGRAM.first_radius, [_cost(time, beyond)]
     for _ in range(rounds):
-        if (time <= enough and beyond == 0.0) or radius < NARROWEST:
+        if (time <= enough and beyond == 0.0) or radius < PROGRAM.narrowest:
             break
         found = program.step(best, time, radius, pace=1.0)
         tried = None if found is None else _closed(problem, found[0], stands)
         if found is None or tried is None:
-            radius *= REFUSED
+            radius *= PROGRAM.refused
             continue
         reached = steady_time(tried, problem.limits)
         still_beyond = float(beyond_limits(problem, tried).max())
         gained = _cost(time, beyond) - _cost(reached, still_beyond)
         if gained <= 0.0 or touches(tried):
-            radius *= REFUSED
+            radius *= PROGRAM.refused
             continue
         gain = gained / max(_cost(time, beyond) - found[1], 1e-12)
         best, time, beyond = tried, reached, still_beyond
-        radius = min(WIDEST, radius * (GROWN if gain > GOOD else SHRUNK if gain < POOR else 1.0))
+        radius = min(
+            PROGRAM.widest,
+            radius
+            * (
+                PROGRAM.grown
+                if gain > PROGRAM.good
+                else PROGRAM.shrunk
+                if gain < PROGRAM.poor
+                else 1.0
+            ),
+        )
         history.append(_cost(time, beyond))
-        if len(history) > LOOKED_BACK and history[-LOOKED_BACK] - history[-1] < ENOUGH * time:
+        if (
+            len(history) > PROGRAM.looked_back
+            and history[-PROGRAM.looked_back] - history[-1] < PROGRAM.enough * time
+        ):
             break
     if beyond > 0.0 or not easy:
         return best
@@ -132,11 +163,11 @@ def _smoothed(
     problem: SeamProblem, program: SeamProgram, position: FloatArray, time: float
 ) -> FloatArray:
     """Returns the smoothest motion near by, away from limits, that takes no longer than a time, (nodes, n) [rad]."""
-    best, radius = position, FIRST_RADIUS
+    best, radius = position, PROGRAM.first_radius
     unease = program.unease(best, time)
     # Where little is to be moved an arm that is stretched has the least to do.
     regular = min(least_singular_value(problem, best), REGULAR) / 2.0
-    for _ in range(SMOOTHING):
+    for _ in range(PROGRAM.smoothing):
         found = program.step(best, time, radius, pace=0.0)
         tried = None if found is None else _closed(problem, found[0], program.stands)
         if (
@@ -146,13 +177,13 @@ def _smoothed(
             or program.unease(tried, time) >= unease
             or least_singular_value(problem, tried) < regular
         ):
-            radius *= REFUSED
-            if radius < NARROWEST:
+            radius *= PROGRAM.refused
+            if radius < PROGRAM.narrowest:
                 break
             continue
         gained = unease - program.unease(tried, time)
-        best, unease, radius = tried, unease - gained, min(WIDEST, radius * GROWN)
-        if gained < EASY * unease:
+        best, unease, radius = tried, unease - gained, min(PROGRAM.widest, radius * PROGRAM.grown)
+        if gained < PROGRAM.easy * unease:
             break
     return best
 
@@ -171,7 +202,7 @@ def _closed(problem: SeamProblem, position: FloatArray, stands: BoolArray) -> Fl
             ),
             position[:1],
             np.square(limits.velocity) * chain.closes,
-            CLOSING_STEPS,
+            PROGRAM.closing_steps,
         )
         position = np.where(chain.master_joints, first.position, position)
         poses = None
@@ -179,17 +210,13 @@ def _closed(problem: SeamProblem, position: FloatArray, stands: BoolArray) -> Fl
         partial(all_equations, chain, share=problem.shares, part=poses),
         position,
         np.square(limits.velocity) * (chain.closes & ~stands),
-        CLOSING_STEPS,
+        PROGRAM.closing_steps,
     )
     # What one step leans beyond what is kept the next one takes back; a still part cannot while its tool is moved.
     bodies = chain.bodies(found.position)
     exact = chain.equations(bodies, problem.shares).exact.size
     too_far = chain.leans_too_far(bodies, problem.shares, LEANT)
     return found.position if exact.max() < CLOSED and not too_far else None
-
-
-FIRST_ROUNDS = 16
-"""Steps by which starts are compared before the best is improved further."""
 
 
 def work_least_motion(problem: SeamProblem) -> SeamMotion | NoSeam:
@@ -241,12 +268,12 @@ def _ways(problem: SeamProblem, *, moving: bool) -> list[FloatArray] | NoSeam:
         return starts.failure
     stands = standing_joints(problem, moving=moving)
     tried = [
-        improved(problem, way, stands, FIRST_ROUNDS, easy=False)
+        improved(problem, way, stands, PROGRAM.first_rounds, easy=False)
         for way in starts.position[: problem.tried]
     ]
     tried = sorted(tried, key=lambda way: way_cost(problem, way))
     # What is quicker may have come near to a singular posture: then the one before is only made easy.
-    best = [improved(problem, tried[0], stands, rounds) for rounds in (ROUNDS, 0)]
+    best = [improved(problem, tried[0], stands, rounds) for rounds in (PROGRAM.rounds, 0)]
     best.sort(key=lambda way: way_cost(problem, way))
     every = [*best, *tried, *starts.position]
     ways = list(islice((way for way in every if _possible(problem, way)), _kept(problem)))

@@ -19,28 +19,40 @@ JUMPS = "each place of it is reached, but no motion was found from one end to th
 GOES_ON = "no motion along it was found that ends where the next seam can begin"
 """Reason where all else is as it should be."""
 TOUCHES = "every motion found along it collides or lacks clearance"
-FINER = 8
-"""Steps from node to node where the first place that fails is looked for."""
-CLOSING_STEPS, FOLLOWING_STEPS, PULLS = 24, 8, 2
-"""Newton steps from drawn joints, and from one node to the next; of these so many pull joints to the middle."""
+
+
+@dataclass(frozen=True)
+class SeamStartSettings:
+    """Numbers that steer the search for a seam's starts."""
+
+    finer: int = 8
+    """Steps from node to node where the first place that fails is looked for."""
+    closing_steps: int = 24
+    following_steps: int = 8
+    pulls: int = 2
+    """Newton steps from drawn joints, and from one node to the next; of these so many pull joints to the middle."""
+    width: float = 0.7
+    """Share of the joints' ranges from which starts are drawn."""
+    widest: float = 2.6
+    """Widest half range from which starts are drawn [rad]."""
+    about: float = 0.7
+    """Standard deviation of starts about where the robot is [rad]."""
+    spread: float = 0.3
+    """Standard deviation of starts about joints that the file names [rad]."""
+    beyond: float = 0.5
+    """Starts may be beyond joints' limits by this, as the steps that follow bring joints back [rad]."""
+    farthest: float = 0.7
+    """Joints that differ by more from node to node jump [rad]."""
+
+
+STARTS = SeamStartSettings()
+
 CLOSED = 1e-8
 """Residual of a chain that counts as closed [m, radians by TURN]."""
-WIDTH = 0.7
-"""Share of the joints' ranges from which starts are drawn."""
-WIDEST = 2.6
-"""Widest half range from which starts are drawn [rad]."""
-ABOUT = 0.7
-"""Standard deviation of starts about where the robot is [rad]."""
-SPREAD = 0.3
-"""Standard deviation of starts about joints that the file names [rad]."""
-BEYOND = 0.5
-"""Starts may be beyond joints' limits by this, as the steps that follow bring joints back [rad]."""
 ROUNDED = 5e-3
 """How far joints may be beyond the bounds for decisions, which lie inside the limits [rad]."""
 DEAR = 5.0
 """What a radian beyond limits counts, as a share of the time."""
-FARTHEST = 0.7
-"""Joints that differ by more from node to node jump [rad]."""
 
 
 @dataclass(frozen=True)
@@ -131,12 +143,14 @@ def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
     if not len(drawn):
         return NoSeam(_apart(problem), 0.0)
     here = before = drawn
-    fine = np.linspace(0.0, 1.0, FINER * (problem.nodes - 1) + 1)
+    fine = np.linspace(0.0, 1.0, STARTS.finer * (problem.nodes - 1) + 1)
     for k in range(1, len(fine)):
         guess = here + (here - before) * (k > 1)
         found = _step(problem, guess, fine[k], stands)
-        near = (found.residual < CLOSED) & (np.abs(found.position - here).max(axis=1) < FARTHEST)
-        good = near & (beyond_limits(problem, found.position) < BEYOND)
+        near = (found.residual < CLOSED) & (
+            np.abs(found.position - here).max(axis=1) < STARTS.farthest
+        )
+        good = near & (beyond_limits(problem, found.position) < STARTS.beyond)
         if not good.any():
             return NoSeam(_why(problem, found.position[near]), float(fine[k]))
         before, here = here[good], found.position[good]
@@ -162,7 +176,7 @@ def _drawn(problem: SeamProblem, node: int) -> FloatArray:
     if problem.begin is not None:
         return problem.begin[None]
     found = _closed_draws(problem, node)
-    good = (found.residual < CLOSED) & (beyond_limits(problem, found.position) < BEYOND)
+    good = (found.residual < CLOSED) & (beyond_limits(problem, found.position) < STARTS.beyond)
     return found.position[good]
 
 
@@ -176,13 +190,13 @@ def _closed_draws(problem: SeamProblem, node: int) -> Closed:
     middle = (limits.lower + limits.upper) / 2.0
     middle = np.where(np.isfinite(middle), middle, 0.0)
     if problem.near is not None:
-        spread = SPREAD * np.linspace(0.0, 1.0, count)[:, None]
+        spread = STARTS.spread * np.linspace(0.0, 1.0, count)[:, None]
         q = np.where(drawn, problem.near + spread * random.normal(size=(count, n)), q)
         towards = problem.near
     else:
-        half = np.minimum((limits.upper - limits.lower) / 2.0 * WIDTH, WIDEST)
+        half = np.minimum((limits.upper - limits.lower) / 2.0 * STARTS.width, STARTS.widest)
         wide = middle + half * random.uniform(-1.0, 1.0, size=(count, n))
-        about = problem.start + ABOUT * random.normal(size=(count, n))
+        about = problem.start + STARTS.about * random.normal(size=(count, n))
         # Every other one about where the robot is: of ways as good as each other the nearer one shall be met.
         near = (np.arange(count) % 2 == 0)[:, None] & (problem.coming is not None)
         q = np.where(drawn, np.where(near, about, wide), q)
@@ -193,9 +207,9 @@ def _closed_draws(problem: SeamProblem, node: int) -> Closed:
         partial(all_equations, chain, share=share, part=part_poses(problem, share)),
         q,
         weight,
-        CLOSING_STEPS,
+        STARTS.closing_steps,
         towards=towards,
-        pulls=CLOSING_STEPS // 2,
+        pulls=STARTS.closing_steps // 2,
     )
 
 
@@ -223,8 +237,8 @@ def _next(
     guess = here if first else here + (here - ways[alive, node - 2 * side])
     found = _step(problem, guess, problem.shares[node], stands)
     ways[alive, node] = found.position
-    near = (found.residual < CLOSED) & (np.abs(found.position - here).max(axis=1) < FARTHEST)
-    return np.asarray(near & (beyond_limits(problem, found.position) < BEYOND))
+    near = (found.residual < CLOSED) & (np.abs(found.position - here).max(axis=1) < STARTS.farthest)
+    return np.asarray(near & (beyond_limits(problem, found.position) < STARTS.beyond))
 
 
 def _step(problem: SeamProblem, guess: FloatArray, share: float, stands: BoolArray) -> Closed:
@@ -236,9 +250,9 @@ def _step(problem: SeamProblem, guess: FloatArray, share: float, stands: BoolArr
         partial(all_equations, chain, share=shares, part=part_poses(problem, shares)),
         guess,
         np.square(limits.velocity) * (chain.closes & ~stands),
-        FOLLOWING_STEPS,
+        STARTS.following_steps,
         towards=np.where(np.isfinite(middle), middle, 0.0) if problem.near is None else None,
-        pulls=PULLS,
+        pulls=STARTS.pulls,
     )
 
 

@@ -9,6 +9,7 @@ from dualarm_cli.geometry.elementary import TURN, power
 from dualarm_cli.geometry.linear_systems import singular_values
 from dualarm_cli.kinds.seam.closed_chain.problem import SeamProblem
 from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.records import dataclass
 
 
 def steady_times(position: FloatArray, limits: JointLimits) -> FloatArray:
@@ -35,12 +36,22 @@ def steady_time(position: FloatArray, limits: JointLimits) -> float:
 
 ROOM = 0.25
 """Distance from limits, as a share of a joint's range, beyond which more is no better."""
-CROWDED = 0.15
-"""What a joint at its limit counts, as a share of the time."""
-LONG = 10.0
-"""Time beyond which limits and singular postures count no more [s]: the way to where the seam begins counts too."""
-ARM = 0.5
-"""Length by which singular values count metres [m]: about an arm's."""
+
+
+@dataclass(frozen=True)
+class WaySettings:
+    """Numbers that choose between branches of a seam."""
+
+    crowded: float = 0.15
+    """What a joint at its limit counts, as a share of the time."""
+    long: float = 10.0
+    """Time beyond which limits and singular postures count no more [s]: the way to where the seam begins counts too."""
+    arm: float = 0.5
+    """Length by which singular values count metres [m]: about an arm's."""
+
+
+WAYS = WaySettings()
+
 REGULAR, SINGULAR = 0.15, 0.5
 """Least singular value above which more is no better, and what a singular posture counts, as a share of the time."""
 AMPLE = 0.93
@@ -68,15 +79,15 @@ def way_cost(problem: SeamProblem, way: FloatArray) -> float:
     time = max(steady_time(way, limits), AMPLE * problem.time)
     singular = 1.0 - min(least_singular_value(problem, way) / REGULAR, 1.0)
     coming = 0.0 if problem.coming is None else float(problem.coming(way[:1])[0])
-    near = (CROWDED * crowded + SINGULAR * singular) * min(time, LONG)
+    near = (WAYS.crowded * crowded + SINGULAR * singular) * min(time, WAYS.long)
     return time + near + coming
 
 
 def least_singular_value(problem: SeamProblem, way: FloatArray) -> float:
-    """Returns how near to singular working arms come: the least singular value of their Jacobians, metres by ARM."""
+    """Returns how near to singular working arms come: the least singular value of their Jacobians, metres by `arm`."""
     chain = problem.chain
     bodies = chain.bodies(way)
-    scale = np.array([1.0 / ARM] * 3 + [1.0] * 3)[:, None]
+    scale = np.array([1.0 / WAYS.arm] * 3 + [1.0] * 3)[:, None]
     values = []
     for J, joints in ((bodies.J_tool, chain.slave_joints), (bodies.J_part, chain.master_joints)):
         if joints.any():
