@@ -20,9 +20,9 @@ import numpy as np
 from blended_cycles import sequence_job
 
 from dualarm_cli.bound.bound import lower_bound
+from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate

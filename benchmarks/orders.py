@@ -19,11 +19,11 @@ from dataclasses import replace
 from jobs.nearest_neighbour import each_arms_nearest, nearest_neighbour
 from jobs.random_orders import FAMILIES, Instance, random_instance
 
+from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job, StopKey
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 

@@ -16,11 +16,11 @@ from pathlib import Path
 
 from jobs.random_jobs import random_job
 
+from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 

@@ -12,6 +12,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from dualarm_cli.beside import Beside, both
+from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.errors import UsageError
 from dualarm_cli.exporting.cell_urdf import cell_urdf
 from dualarm_cli.exporting.files import REPORT, write_schedule_set
@@ -25,7 +26,6 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning import planner
-from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.redundancy_choice import with_redundancy
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.printable import printable

@@ -21,10 +21,10 @@ import gp4
 import numpy as np
 import proseqqo
 
+from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.errors import DualArmError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 

@@ -3,7 +3,7 @@
 What is proven, up to rounding in floating point (enclosures are widened by a thousand times as much). Of a plan that
 keeps the stages, let an arm be at each stop in some cell where its approach begins (at the target if there is none)
 and in some cell where its retract ends, both over one cell of the platform's angle, as the platform stands while any
-arm is at its stop of the stage. `stop_boxes` leaves out no posture at an angle from which all arms of the stage reach
+arm is at its stop of the stage. `StopCells` leaves out no posture at an angle from which all arms of the stage reach
 both ends of their lines, so that these cells exist. Then
 
 - the transfer takes at least the rest-to-rest time of the slowest joint, or of the platform, over the gap between the
@@ -23,84 +23,19 @@ bound pairs of cells instead of nodes stems from interval methods.
 from __future__ import annotations
 
 from dataclasses import field, replace
-from functools import lru_cache
 
 import numpy as np
 
-from dualarm_cli.bound.cells import finer_edges
-from dualarm_cli.bound.layers import (
-    PostureBoxes,
-    StopBoxes,
-    StopReach,
-    StopWork,
-    Times,
-    stop_boxes,
-    stop_reach,
-    stop_work,
-)
+from dualarm_cli.bound.layers import StopCells, StopWork
 from dualarm_cli.bound.passing import at_rest
-from dualarm_cli.compiled.transfer_times import least_by_groups, least_from
 from dualarm_cli.effort import EFFORTS, Resolution
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import TransferChain
 from dualarm_cli.stages.search.potentials import platform_columns, transfer_table
-from dualarm_cli.stages.search.transfer_table import TransferTable
-
-
-@dataclass(frozen=True)
-class Pairs:
-    """Transfers from some cells (n) to others (m), of g platform cells.
-
-    Pairs of runs are looked at in order of what they can give at best, and their cells only while that may be better
-    than what is found.
-    """
-
-    table: TransferTable
-    """Their times."""
-    before: PostureBoxes
-    """Where they begin."""
-    after: PostureBoxes
-    """Where they end."""
-    without: tuple[int, ...]
-    """Coordinates that do not count."""
-
-    def by_cells(self, work: Times, cells: int) -> Times:
-        """Returns the least of transfer and work for every pair of platform cells [s], (g, g), infinite for none.
-
-        Args:
-            work: least work of each cell where a transfer ends [s], shape (m,).
-            cells: number g of platform cells.
-        """
-        least = np.full((cells, cells), np.inf, dtype=np.float32)
-        least_by_groups(
-            self.table.laws(self.without), self.before.runs, self.after.runs, work, least
-        )
-        return least
-
-    def least_from(self, own: Times, floor: Times, beyond: Times) -> Times:
-        """Returns min over the pairs of max(transfer + own, floor + beyond), shape (n,).
-
-        Args:
-            own: from each cell where a transfer ends, the arm's work and all the rest [s], shape (m,).
-            floor: least length of the stage for every pair of platform cells [s], shape (g, g).
-            beyond: from each cell where a transfer ends, all the rest alone [s], shape (m,).
-        """
-        least = np.empty(len(self.before.index), dtype=np.float32)
-        least_from(
-            self.table.laws(self.without),
-            self.before.runs,
-            self.after.runs,
-            own,
-            floor,
-            beyond,
-            least,
-        )
-        return least
-
+from dualarm_cli.timing.transfer_table import Pairs, PostureBoxes, Times, TransferTable
 
 ASSUMPTIONS = (
     "lower bound: holds for every plan that keeps the order and pairing of the stages, is at rest at the ends of all "
@@ -151,20 +86,21 @@ class _Arm:
     table_at_rest: TransferTable
     """For transfers from rest to rest."""
     chain: TransferChain
-    stops: StopTable
-    here: StopBoxes | None = None
+    here: StopWork | None = None
     """The last stop that has not been dealt with; None if there is none left."""
     to_go: Times = field(default_factory=lambda: np.zeros(1, dtype=np.float32))
     """How much longer all stages that have been dealt with take at least, from each of n cells where the next transfer
     begins, shape (n,); (1,) without a stop [s]."""
 
     @classmethod
-    def of(cls, problem: SequenceProblem, work: ArmWork, works: OtherWork) -> _Arm:
+    def of(
+        cls, problem: SequenceProblem, work: ArmWork, table: TransferTable, works: OtherWork
+    ) -> _Arm:
         """Returns an arm before any of its stages."""
-        table = table_at_rest = transfer_table(problem, work)
+        table_at_rest = table
         if works.at_rest.any():
             table_at_rest = transfer_table(problem, replace(work, law=at_rest(work.law)))
-        return cls(table, table_at_rest, TransferChain.of(work), StopTable.of(work))
+        return cls(table, table_at_rest, TransferChain.of(work))
 
 
 @dataclass(frozen=True)
@@ -220,29 +156,23 @@ def _turns_tell(problem: SequenceProblem) -> bool:
 
 def _backward(problem: SequenceProblem, resolution: Resolution, works: OtherWork) -> float:
     edges = platform_edges(problem, resolution.step)
-    arms = [_Arm.of(problem, work, works) for work in problem.arms]
-    parts = finer_edges(edges, resolution.finer)
+    cells = StopCells(problem, edges, resolution)
+    arms = [
+        _Arm.of(problem, work, table, works)
+        for work, table in zip(problem.arms, cells.tables, strict=True)
+    ]
+    pending: dict[tuple[int, int], StopWork] = {}
 
-    # Of a stage and the one before; where arms are idle in between it is found again.
-    @lru_cache(maxsize=2)
-    def reach_of(stage: int) -> dict[int, StopReach]:
-        each = {
-            a: stop_reach(problem, a, arm.stops, stage, parts)
-            for a, arm in enumerate(arms)
-            if problem.arms[a].stops[stage] is not None
-        }
-        shared = np.logical_and.reduce([own.parts for own in each.values()])
-        return {a: own.within(shared) for a, own in each.items()}
-
-    def cells_of(a: int, stage: int) -> StopBoxes | None:
+    def work_of(a: int, stage: int) -> StopWork | None:
         if stage < 0:
             return None
-        reach = reach_of(stage)[a]
-        return stop_boxes(problem, a, arms[a].table, stage, reach, edges, resolution)
+        if (a, stage) not in pending:
+            pending.update({(b, stage): work for b, work in cells.works(stage).items()})
+        return pending.pop((a, stage))
 
     for a, arm in enumerate(arms):
         if len(arm.chain.active):
-            arm.here = cells_of(a, int(arm.chain.active[-1]))
+            arm.here = work_of(a, int(arm.chain.active[-1]))
             arm.to_go = _return_times(problem, a, arm, works)
     passed = _take_common(arms)
     longest = 0.0
@@ -251,7 +181,7 @@ def _backward(problem: SequenceProblem, resolution: Resolution, works: OtherWork
         for a, arm in enumerate(arms):
             if arm.here is None or problem.arms[a].stops[k] is None:
                 continue
-            before[a] = cells_of(a, int(arm.chain.previous[k]))
+            before[a] = work_of(a, int(arm.chain.previous[k]))
             if not all(stop is None or stop.possible for stop in (arm.here, before[a])):
                 return np.inf
             stages[a] = _stage(problem, a, arm, k, before[a], len(edges) - 1, works)
@@ -320,21 +250,20 @@ def _stage(
     a: int,
     arm: _Arm,
     k: int,
-    before: StopBoxes | None,
+    before: StopWork | None,
     cells: int,
     works: OtherWork,
 ) -> _Stage:
     """Returns an arm's transfers into stage k, and its work there; the platform's grid has so many cells."""
     stop = arm.here
     assert stop is not None  # callers ask for active stages only
-    work = stop_work(arm.table, stop)
     came = int(arm.chain.previous[k])
     begins = k == 0 and problem.free_start
     if begins or works.moved[a, came + 1 : k + 1].any():
         table = np.full((cells, cells), np.inf, dtype=np.float32)
         columns, first = np.unique(stop.approach.index, return_index=True)
-        table[:, columns] = np.minimum.reduceat(work.least, first)
-        return _Stage(None, False, work, table)
+        table[:, columns] = np.minimum.reduceat(stop.least, first)
+        return _Stage(None, False, stop, table)
     known = came == k - 1
     origin = _start(problem, a, arm.table) if before is None else before.retract
     if not known:
@@ -343,12 +272,12 @@ def _stage(
     without = _untold(problem, a, free, known)
     rests = works.at_rest[k] and (before is None or works.at_rest[came])
     pairs = Pairs(arm.table_at_rest if rests else arm.table, origin, stop.approach, without)
-    by_cells = pairs.by_cells(work.least, cells)
-    return _Stage(pairs, known, work, by_cells if known else np.tile(by_cells[0], (cells, 1)))
+    by_cells = pairs.by_cells(stop.least, cells)
+    return _Stage(pairs, known, stop, by_cells if known else np.tile(by_cells[0], (cells, 1)))
 
 
 def _least_from(
-    arm: _Arm, stage: _Stage, others: list[Times], least: np.float32, before: StopBoxes | None
+    arm: _Arm, stage: _Stage, others: list[Times], least: np.float32, before: StopWork | None
 ) -> Times:
     """Returns the least time from every cell before to the end, beyond what has passed, shape (n before,).
 
@@ -360,5 +289,5 @@ def _least_from(
         np.maximum(floor, other if stage.known else other.min(axis=0), out=floor)
     if stage.pairs is not None:
         return stage.pairs.least_from(own, floor, beyond)
-    found = np.maximum(own, floor.min(axis=0)[stage.work.stop.approach.index] + beyond)
+    found = np.maximum(own, floor.min(axis=0)[stage.work.approach.index] + beyond)
     return np.full(1 if before is None else len(before.retract.index), found.min())

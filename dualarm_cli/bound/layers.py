@@ -6,18 +6,17 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dualarm_cli.bound.cells import (
     ROUNDING,
     Cells,
     LineToTarget,
+    finer_edges,
     free_cells,
     point_cells,
     pose_cells,
 )
 from dualarm_cli.bound.stretched_lines import line_bounds
-from dualarm_cli.compiled.transfer_times import CellRuns, Laws, LineEnds, boxes, least_work
 from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.elementary import TURN
@@ -28,88 +27,17 @@ from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem, StopTarget
 from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
-from dualarm_cli.stages.search.transfer_table import Coordinates, TransferTable
+from dualarm_cli.stages.search.potentials import transfer_table
+from dualarm_cli.timing.transfer_table import Pairs, PostureBoxes, Times, TransferTable
 
-Times = NDArray[np.float32]
 Pose = tuple[FloatArray, FloatArray, FloatArray]
 """Of the flange at the target, and the tool's direction, as of `flange_poses`, shape (1, ...)."""
-RUN = 32
-"""Most cells of one run."""
 SINGULAR = 1e-4
 """Least singular value of the Jacobian, lengths over the arm's, below which a pose's postures count as unknown."""
 MOST_TURNS = 3
 """Number of turns within limits from which a joint may be anywhere."""
 HERE = np.zeros(2)
 """Borders of the only cell of a platform that stands still."""
-
-
-@dataclass(frozen=True)
-class PostureBoxes:
-    """Cells in steps of a table, rounded outward; n of them."""
-
-    index: IntArray
-    """Platform cell of each, ascending, shape (n,)."""
-    kind: IntArray
-    """See `Cells`, shape (n,)."""
-    low: Coordinates
-    """Lowest joints and platform, shape (c, n)."""
-    high: Coordinates
-    """Highest ones, shape (c, n)."""
-    line: Times
-    """Least time of the line at this end [s], shape (n,)."""
-
-    @classmethod
-    def of(cls, table: TransferTable, cells: Cells, columns: int) -> PostureBoxes:
-        """Returns cells in steps."""
-        low, high = table.box(cells.low[:, :columns], cells.high[:, :columns])
-        return cls(cells.index, cells.kind, low, high, cells.line.astype(np.float32))
-
-    def ends(self, groups: int) -> LineEnds:
-        """Returns the cells as one end of lines, in so many platform cells."""
-        first = np.searchsorted(self.index, np.arange(groups + 1)).astype(np.int64)
-        return LineEnds.of(boxes(self.low, self.high), first, self.line)
-
-    @cached_property
-    def runs(self) -> CellRuns:
-        """The cells in runs of those next to each other in platform cell, branch and arm angle."""
-        n = len(self.index)
-        change = (np.diff(self.index) != 0) | (np.diff(self.kind) != 0)
-        begins = np.concatenate([[True], change])
-        start = np.maximum.accumulate(np.where(begins, np.arange(n), 0))
-        first = np.flatnonzero((np.arange(n) - start) % RUN == 0)
-        low = np.minimum.reduceat(self.low, first, axis=1)
-        high = np.maximum.reduceat(self.high, first, axis=1)
-        index = np.ascontiguousarray(self.index, dtype=np.int64)
-        cells = boxes(self.low, self.high)
-        return CellRuns.of(cells, index, boxes(low, high), np.append(first, n))
-
-
-@dataclass(frozen=True)
-class StopBoxes:
-    """One stop."""
-
-    approach: PostureBoxes
-    """Where its transfer ends."""
-    retract: PostureBoxes
-    """Where the next transfer begins."""
-    same: bool
-    """Whether both are one posture, there being no lines."""
-    dwell: float
-    """Time at the target [s]."""
-    free: int | None
-    """The last joint where it tells nothing, because turning the tool turns it alone; None where it does."""
-
-    @property
-    def untold(self) -> tuple[int, ...]:
-        """The coordinates that do not count."""
-        return () if self.free is None else (self.free,)
-
-    @property
-    def possible(self) -> bool:
-        """Whether there are postures at all: at both ends, for one platform cell."""
-        used = [np.bincount(end.index) > 0 for end in (self.approach, self.retract)]
-        most = min(map(len, used))
-        return bool((used[0][:most] & used[1][:most]).any())
 
 
 @dataclass(frozen=True)
@@ -138,38 +66,156 @@ class StopReach:
         return replace(self, ends=ends, parts=self.parts & parts)
 
 
-def stop_reach(
-    problem: SequenceProblem, arm: int, stops: StopTable, stage: int, edges: FloatArray
-) -> StopReach:
-    """Returns the reach of one arm's stop.
+@dataclass(frozen=True)
+class StopWork:
+    """Approach, dwell and retract of one stop, between cells of postures."""
 
-    Args:
-        problem: the sequence.
-        arm: index of the arm.
-        stops: its stops.
-        stage: which stage; the arm works in it.
-        edges: borders of the parts of the platform's cells [rad], shape (f + 1,).
-    """
-    work = problem.arms[arm]
-    stop = work.stops[stage]
-    assert stop is not None  # callers ask for active stages only
-    every = np.ones(len(edges) - 1, dtype=np.bool_)
-    yaw_is_free = stop.configurations is None and (stop.free_yaw or len(stop.yaw) > 1)
-    free_last = yaw_is_free and work.last_axis_is_tools
-    if stop.configurations is not None or (stop.free_yaw and not free_last):
-        return StopReach((), (), every, free_last)
-    yaws = np.zeros(1) if free_last else stop.yaw
-    row, zero = stops.first[[stage]], platform_positions(problem, np.zeros(1))
-    poses = tuple(
-        flange_poses(problem.platform, work, stops, row, np.array([yaw]), zero) for yaw in yaws
-    )
-    if not isinstance(work.kinematics, SrsArm):
-        return StopReach(poses, (), every, free_last)
-    ends = tuple(_ends_within_reach(work.kinematics, stop, pose, edges) for pose in poses)
-    parts = np.zeros_like(every)
-    for approach, retract in ends:
-        parts[np.intersect1d(approach.index, retract.index)] = True
-    return StopReach(poses, ends, parts, free_last)
+    lines: Pairs
+    """Pairs of cells where the approach begins and where the retract ends."""
+    same: bool
+    """Flag of a stop without lines, whose ends are one posture."""
+    dwell: float
+    """Time at the target [s]."""
+
+    @property
+    def approach(self) -> PostureBoxes:
+        """Cells where its transfer ends."""
+        return self.lines.before
+
+    @property
+    def retract(self) -> PostureBoxes:
+        """Cells where the next transfer begins."""
+        return self.lines.after
+
+    @property
+    def untold(self) -> tuple[int, ...]:
+        """Coordinates that do not count: the last joint, if turning the tool turns it alone."""
+        return self.lines.without
+
+    @property
+    def possible(self) -> bool:
+        """Flag of stops with postures at both ends for one platform cell."""
+        used = [np.bincount(end.index) > 0 for end in (self.approach, self.retract)]
+        most = min(map(len, used))
+        return bool((used[0][:most] & used[1][:most]).any())
+
+    @cached_property
+    def least(self) -> Times:
+        """Least work from each approach cell, whatever follows [s], shape (n,)."""
+        return self.with_rest(np.zeros(len(self.retract.index), dtype=np.float32))[0]
+
+    def with_rest(self, rest: Times) -> tuple[Times, Times]:
+        """Compute the least of work and rest, and of the rest alone, from each approach cell [s], shape (n,) each.
+
+        Args:
+            rest: from each retract cell [s].
+        """
+        sums, alone = (rest, rest) if self.same else self.lines.least_within(rest)
+        return sums + np.float32(self.dwell), alone
+
+
+@dataclass(frozen=True)
+class StopCells:
+    """Cells of all stops of a sequence, over a grid of platform angles."""
+
+    problem: SequenceProblem
+    """The sequence."""
+    edges: FloatArray
+    """Borders of the platform's cells [rad], shape (g + 1,)."""
+    resolution: Resolution
+    """Fineness of the cells."""
+
+    @cached_property
+    def tables(self) -> tuple[TransferTable, ...]:
+        """Transfer times of each arm."""
+        return tuple(transfer_table(self.problem, work) for work in self.problem.arms)
+
+    @cached_property
+    def stops(self) -> tuple[StopTable, ...]:
+        """Stops of each arm."""
+        return tuple(map(StopTable.of, self.problem.arms))
+
+    @cached_property
+    def parts(self) -> FloatArray:
+        """Borders of the parts of the platform's cells [rad], shape (f + 1,)."""
+        return finer_edges(self.edges, self.resolution.finer)
+
+    def works(self, stage: int) -> dict[int, StopWork]:
+        """Compute the work of each active arm in a stage, from platform angles within reach of all of them."""
+        arms = [a for a, arm in enumerate(self.problem.arms) if arm.stops[stage] is not None]
+        reach = {a: self.reach(a, stage) for a in arms}
+        shared = np.logical_and.reduce([each.parts for each in reach.values()])
+        return {a: self.work(a, stage, reach[a].within(shared)) for a in arms}
+
+    def reach(self, a: int, stage: int) -> StopReach:
+        """Find the parts of the platform's cells from which an active arm reaches its stop."""
+        problem = self.problem
+        work = problem.arms[a]
+        stop = work.stops[stage]
+        assert stop is not None  # callers ask for active stages only
+        every = np.ones(len(self.parts) - 1, dtype=np.bool_)
+        yaw_is_free = stop.configurations is None and (stop.free_yaw or len(stop.yaw) > 1)
+        free_last = yaw_is_free and work.last_axis_is_tools
+        if stop.configurations is not None or (stop.free_yaw and not free_last):
+            return StopReach((), (), every, free_last)
+        yaws = np.zeros(1) if free_last else stop.yaw
+        row, zero = self.stops[a].first[[stage]], platform_positions(problem, np.zeros(1))
+        poses = tuple(
+            flange_poses(problem.platform, work, self.stops[a], row, np.array([yaw]), zero)
+            for yaw in yaws
+        )
+        if not isinstance(work.kinematics, SrsArm):
+            return StopReach(poses, (), every, free_last)
+        ends = tuple(_ends_within_reach(work.kinematics, stop, pose, self.parts) for pose in poses)
+        parts = np.zeros_like(every)
+        for approach, retract in ends:
+            parts[np.intersect1d(approach.index, retract.index)] = True
+        return StopReach(poses, ends, parts, free_last)
+
+    def work(self, a: int, stage: int, reach: StopReach) -> StopWork:
+        """Compute the cells of one arm's stop, which hold all of its postures at the platform angles of its reach.
+
+        Given configurations are points where there is no line, and free otherwise; a pose whose yaw is free is free
+        too where yaw moves more than the last joint. An arm without an arm angle has other closed forms, and its
+        platform stands still.
+        """
+        problem = self.problem
+        work = problem.arms[a]
+        stop = work.stops[stage]
+        assert stop is not None  # callers ask for active stages only
+        columns = work.joints + (1 if problem.turns else 0)
+        still = stop.approach == 0.0 and stop.retract == 0.0
+        if stop.configurations is not None and still:
+            ends = [point_cells(stop.configurations, self.edges)] * 2
+        elif not reach.poses:
+            ends = [free_cells(work.kinematics, self.edges)] * 2
+        else:
+            if reach.ends:
+                found = [
+                    _pose_cells(work, stop, pose, within, self.resolution, reach.free_last)
+                    for pose, within in zip(reach.poses, reach.ends, strict=True)
+                ]
+            else:
+                found = [
+                    branch_cells(work, self.tables[a], stop, pose, reach.free_last)
+                    for pose in reach.poses
+                ]
+            ends = (
+                found[0]
+                if len(found) == 1
+                else [Cells.joined([one[end] for one in found]) for end in (0, 1)]
+            )
+        approach = retract = _boxes(self.tables[a], ends[0], columns)
+        if ends[1] is not ends[0]:
+            retract = _boxes(self.tables[a], ends[1], columns)
+        free = (work.joints - 1,) if reach.free_last else ()
+        return StopWork(Pairs(self.tables[a], approach, retract, free), still, stop.dwell)
+
+
+def _boxes(table: TransferTable, cells: Cells, columns: int) -> PostureBoxes:
+    """Round cells to steps of a table."""
+    low, high = table.box(cells.low[:, :columns], cells.high[:, :columns])
+    return PostureBoxes(cells.index, cells.kind, low, high, cells.line.astype(np.float32))
 
 
 def _ends_within_reach(
@@ -180,59 +226,6 @@ def _ends_within_reach(
     lengths = dict.fromkeys((stop.approach, stop.retract))
     ends = [reachable_cells(arm, arm.wrist_center(R, p - x * z), edges) for x in lengths]
     return ends[0], ends[-1]
-
-
-def stop_boxes(
-    problem: SequenceProblem,
-    arm: int,
-    table: TransferTable,
-    stage: int,
-    reach: StopReach,
-    edges: FloatArray,
-    resolution: Resolution,
-) -> StopBoxes:
-    """Returns the cells of one arm's stop, which hold all of its postures at the platform angles of its reach.
-
-    Given configurations are points where there is no line, and free otherwise; a pose whose yaw is free is free too
-    where yaw moves more than the last joint. An arm without an arm angle has other closed
-    forms, and its platform stands still.
-
-    Args:
-        problem: the sequence.
-        arm: index of the arm.
-        table: its transfer times.
-        stage: which stage; the arm works in it.
-        reach: of the stop.
-        edges: borders of the platform's cells [rad], shape (g + 1,).
-        resolution: how finely.
-    """
-    work = problem.arms[arm]
-    stop = work.stops[stage]
-    assert stop is not None  # callers ask for active stages only
-    columns = work.joints + (1 if problem.turns else 0)
-    still = stop.approach == 0.0 and stop.retract == 0.0
-    if stop.configurations is not None and still:
-        ends = [point_cells(stop.configurations, edges)] * 2
-    elif not reach.poses:
-        ends = [free_cells(work.kinematics, edges)] * 2
-    else:
-        if reach.ends:
-            found = [
-                _pose_cells(work, stop, pose, within, resolution, reach.free_last)
-                for pose, within in zip(reach.poses, reach.ends, strict=True)
-            ]
-        else:
-            found = [branch_cells(work, table, stop, pose, reach.free_last) for pose in reach.poses]
-        ends = (
-            found[0]
-            if len(found) == 1
-            else [Cells.joined([one[end] for one in found]) for end in (0, 1)]
-        )
-    approach = retract = PostureBoxes.of(table, ends[0], columns)
-    if ends[1] is not ends[0]:
-        retract = PostureBoxes.of(table, ends[1], columns)
-    free = work.joints - 1 if reach.free_last else None
-    return StopBoxes(approach, retract, still, stop.dwell, free)
 
 
 def _pose_cells(
@@ -255,59 +248,6 @@ def _pose_cells(
 
     approach = cells(stop.approach, within[0])
     return [approach, approach if stop.approach == stop.retract else cells(stop.retract, within[1])]
-
-
-@dataclass(frozen=True)
-class StopWork:
-    """Approach, dwell and retract of one stop."""
-
-    laws: Laws
-    """The arm's transfer times."""
-    stop: StopBoxes
-    """The cells."""
-
-    @cached_property
-    def least(self) -> Times:
-        """From each approach cell, whatever follows [s], shape (n,)."""
-        return self._with(np.zeros(len(self.stop.retract.index), dtype=np.float32))
-
-    @cached_property
-    def _ends(self) -> tuple[int, LineEnds, LineEnds]:
-        """Number of platform cells, and both ends for the compiled function."""
-        approach, retract = self.stop.approach, self.stop.retract
-        groups = 1 + int(max(approach.index[-1], retract.index[-1]))
-        return groups, approach.ends(groups), retract.ends(groups)
-
-    def _with(self, rest: Times) -> Times:
-        dwell = np.float32(self.stop.dwell)
-        if self.stop.same:
-            return rest + dwell
-        groups, approach, retract = self._ends
-        return least_work(self.laws, approach, retract, groups, rest) + dwell
-
-    def with_rest(self, rest: Times) -> tuple[Times, Times]:
-        """Returns the least of work and rest, and of the rest alone, from each approach cell [s], shape (n,) each.
-
-        Args:
-            rest: from each retract cell [s].
-        """
-        if self.stop.same:
-            return self._with(rest), rest
-        index = self.stop.retract.index
-        cells, first = np.unique(index, return_index=True)
-        beyond = np.full(self._ends[0], np.inf, dtype=np.float32)
-        beyond[cells] = np.minimum.reduceat(rest, first)
-        return self._with(rest), beyond[self.stop.approach.index]
-
-
-def stop_work(table: TransferTable, stop: StopBoxes) -> StopWork:
-    """Returns the least times of approach, dwell and retract between the cells of one stop.
-
-    Args:
-        table: the arm's transfer times.
-        stop: the cells, some of either end in one platform cell.
-    """
-    return StopWork(table.laws(stop.untold), stop)
 
 
 def branch_cells(

@@ -224,7 +224,7 @@ def figures_of(plot: Path, job: Job) -> dict[Path, Draw]:
 
 def refuse_rate(job: Job, rate: float) -> None:
     """Raises before a job is planned where even the quickest plan that there could be has too many rows."""
-    from dualarm_cli.planning.job_bound import job_bound
+    from dualarm_cli.bound.job_bound import job_bound
 
     most = MAX_ROWS / rate
     if most > STOP_LASTS * sum(max(1, len(task.stops)) for task in job.tasks):

@@ -42,18 +42,25 @@ UPWARDS = 0.5
 """Vertical part of a tool's z axis from which the tool points up."""
 
 
-def job_faults(job: Job, *, clear: bool = True, rules: RoomRules | None = None) -> list[Refusal]:
+def job_faults(
+    job: Job,
+    model: CellModel | None = None,
+    *,
+    clear: bool = True,
+    rules: RoomRules | None = None,
+) -> list[Refusal]:
     """List all that is proven to make a job impossible, by file and line.
 
     Nothing for a robot that is not planned.
 
     Args:
         job: of a file, with its lines as long as they have to be straight.
+        model: its cell with closed forms; None to measure it.
         clear: whether anything has to be collision-free.
         rules: of its parts' rooms, where they are at hand.
     """
     try:
-        model = CellModel.from_cell(job.cell)
+        model = model or CellModel.from_cell(job.cell)
     except UnsupportedError:
         return []
     found = (rules or RoomRules.of(job)).faults() if clear else []

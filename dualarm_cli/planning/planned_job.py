@@ -20,7 +20,7 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.registry import Solver
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.methods import METHODS
-from dualarm_cli.stages.serving import cell_model, served_settings, why_redundancy_unserved
+from dualarm_cli.stages.serving import NUMERIC, cell_model, served_settings, why_redundancy_unserved
 from dualarm_cli.timing import TIMING_SOLVERS, TimingSolver
 
 Route = Literal["sections", "paired", "own clocks"]
@@ -38,6 +38,8 @@ class PlannedJob:
     """Notes on solvers taken in place of the defaults."""
     model: CellModel
     """Cell, measured for the redundancy solver."""
+    closed_forms: CellModel
+    """Cell with the closed forms of all arms that have one, for what is proven."""
     method: Solver[MethodProblem, Decided]
     """Method that decides the stages."""
     timing: TimingSolver
@@ -111,11 +113,13 @@ def resolve(job: Job, settings: PlanSettings, *, clear: bool = True) -> PlannedJ
         raise UnsupportedError(
             f"--redundancy {settings.redundancy} cannot plan {robot.name}: {reason}"
         )
-    model = cell_model(job.cell, settings.redundancy)
+    model = closed = cell_model(job.cell, settings.redundancy)
+    if settings.redundancy == NUMERIC:
+        closed = CellModel.from_cell(job.cell)
     if settings.blend != "none":
         job = job.blended()
     kinds = tuple(kinds_of(job))
-    work = PlannedJob(job, settings, tuple(replaced), model, method, timing, kinds, clear)
+    work = PlannedJob(job, settings, tuple(replaced), model, closed, method, timing, kinds, clear)
     if reason := method.why_unsupported(work.problem):
         raise UnsupportedError(f"--platform {method.name} cannot plan {robot.name}: {reason}")
     if job.in_sections:
@@ -123,6 +127,6 @@ def resolve(job: Job, settings: PlanSettings, *, clear: bool = True) -> PlannedJ
         if wrong := [fault for kind in kinds for fault in kind.check(job)]:
             raise InputError(wrong)
     rules = RoomRules.of(job) if clear else None
-    if faults := job_faults(job, clear=clear, rules=rules):
+    if faults := job_faults(job, closed, clear=clear, rules=rules):
         raise InfeasibleError(*faults)
     return work if rules is None else work.with_job(rules.ruled())

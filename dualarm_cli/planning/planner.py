@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from dualarm_cli.beside import Beside
 from dualarm_cli.bound.bound import LowerBound
+from dualarm_cli.bound.job_bound import JobBound
 from dualarm_cli.effort import less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job
@@ -18,7 +19,6 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders.decided_jobs import file_order, stage_by_stage
 from dualarm_cli.orders.watch import SeenEnoughError, Watch
 from dualarm_cli.planning.decided_plan import decided_plan
-from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.planned_job import PlannedJob, Route, resolve
 
 NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
@@ -48,9 +48,10 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
     watch.tell("reading the robot")
     work = resolve(job, settings)
     blended = settings.blend != "none"
+    bound = JobBound(job, work.closed_forms, work.kinds, settings.effort, blended)
     notes: list[str] = []
     with (
-        Beside(lambda: job_bound(job, settings.effort, blended=blended)) as bounding,
+        Beside(bound.value) as bounding,
         Beside(lambda: _of_less_effort(work)) as beside,
     ):
         try:
@@ -66,7 +67,7 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
             watch.keep(schedule)
             is_found = False
         watch.tell("computing the lower bound")
-        bound = _until_seen_enough(watch, bounding.result) or LowerBound(None, (NOT_BOUNDED,))
+        least = _until_seen_enough(watch, bounding.result) or LowerBound(None, (NOT_BOUNDED,))
         if is_found and _less_efforts(work):
             watch.tell("planning with less effort")
             easier = None if watch.enough() else _until_seen_enough(watch, beside.result)
@@ -76,8 +77,8 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
                 schedule = _as_asked(easier, settings, schedule.duration)
     if job.is_decided and settings.time_limit is not None:
         notes.append(UNLIMITED)
-    notes = [*schedule.notes, *notes, *bound.assumptions]
-    return replace(schedule, lower_bound=bound.value, notes=tuple(notes))
+    notes = [*schedule.notes, *notes, *least.assumptions]
+    return replace(schedule, lower_bound=least.value, notes=tuple(notes))
 
 
 def plan_without_bound(

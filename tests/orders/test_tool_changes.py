@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.bound.job_bound import JobBound, least_visits
 from dualarm_cli.clearing.blocked import start_faults
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.errors import InfeasibleError
@@ -32,7 +33,6 @@ from dualarm_cli.planning.asynchronous.free_epochs import FreeEpochs, plan_epoch
 from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
 from dualarm_cli.planning.asynchronous.own_clock import OwnClock
 from dualarm_cli.planning.decided_plan import schedule_of
-from dualarm_cli.planning.job_bound import BoundMethod, least_visits, shared_bound
 from dualarm_cli.planning.job_faults import job_faults
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.holding import Holding
@@ -45,7 +45,6 @@ from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.verification import verify
 
 QUICK = PlanSettings(effort="quick")
-BOUNDS = BoundMethod("quick", lambda problem: problem)
 THERE = ["leave fingers ({})", "take suction ({})"]
 BACK = ["leave suction ({})", "take fingers ({})"]
 END = "left arm, at the end"
@@ -330,12 +329,12 @@ def test_the_fewest_visits_are_those_of_any_order(kit, ids, returns, start, expe
 def test_the_bound_over_all_orders_has_the_fewest_visits_in_it(kit):
     """Four visits of at least 0.8 s more than without; the plan of the shipped job takes 20.5 s."""
     model = CellModel.from_cell(kit.cell)
-    bound = shared_bound(BOUNDS, model, kit).value
+    bound = JobBound(kit, model, (), "quick").over_all_orders(kit).value
     screws = dataclasses.replace(
         kit,
         tasks=tuple(dataclasses.replace(t, tool="fingers" if t.tool else "") for t in kit.tasks),
     )
-    without = shared_bound(BOUNDS, model, screws).value
+    without = JobBound(screws, model, (), "quick").over_all_orders(screws).value
     # Bounds are rounded down by a hundred-thousandth.
     assert without + 4 * 0.8 <= bound * (1.0 + 2e-5)
     assert bound < 20.5

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.errors import InfeasibleError, InputError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.path.following import PATH_SOLVERS
@@ -17,7 +18,6 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 

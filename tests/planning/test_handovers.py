@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.bound.bound import lower_bound
+from dualarm_cli.bound.job_bound import _least_work, job_bound
 from dualarm_cli.clearing.repairs import Clearing
 from dualarm_cli.clearing.stage_samples import arm_ways, combined, stage_samples
 from dualarm_cli.collision.clearance import CellClearance
@@ -20,7 +21,6 @@ from dualarm_cli.model.cell import Buffer
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.motion import realise
-from dualarm_cli.planning.job_bound import _least_work, job_bound
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.report.corners import corners

@@ -44,7 +44,7 @@ def chosen(monkeypatch: pytest.MonkeyPatch):
             return Plan(duration, Provenance("", {}, own.as_dict() | {"redundancy": "numeric"}, 0))
 
         monkeypatch.setattr(planner, "_planned", made)
-        monkeypatch.setattr(planner, "job_bound", lambda *_, **__: LowerBound(1.0, ()))
+        monkeypatch.setattr(planner.JobBound, "value", lambda _: LowerBound(1.0, ()))
         return planner.plan(job, settings), asked
 
     return found

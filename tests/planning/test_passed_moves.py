@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.errors import InputError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.job import Job, PoseTarget
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.corners import corners
 from dualarm_cli.verification import verify

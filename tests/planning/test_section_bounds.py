@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.bound.job_bound import OPEN_PATH_BOUND, PATH_BOUND, job_bound
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import kind_of
@@ -23,7 +24,6 @@ from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.seam import Hold, SeamTool, SeamWork
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.job_bound import OPEN_PATH_BOUND, PATH_BOUND, job_bound
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.console import bound_line
 from dualarm_cli.report.report import build_report

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.errors import InfeasibleError, InputError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.planning import kind_of
@@ -16,7 +17,6 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.sensitivity import sensitivity
 from dualarm_cli.verification import verify

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dualarm_cli.bound.job_bound import STAGES_AS_ZERO, job_bound
 from dualarm_cli.cli.run import run
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.asynchronous.free_epochs import FreeEpochs
 from dualarm_cli.planning.free_ordered_plan import epoch_notes
-from dualarm_cli.planning.job_bound import STAGES_AS_ZERO, job_bound
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.verification import verify
 

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.bound.job_bound import NO_BOUND_ON_RAILS
 from dualarm_cli.cli.run import run
 from dualarm_cli.errors import InputError, UnsupportedError
 from dualarm_cli.files.cells.cells import load_cell
@@ -23,7 +24,6 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.job_bound import NO_BOUND_ON_RAILS
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.postures.platform_reach import reachable_spans
 from dualarm_cli.stages.methods import METHODS

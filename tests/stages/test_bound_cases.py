@@ -10,9 +10,9 @@ import pytest
 from scipy.optimize import linprog
 
 from dualarm_cli.bound import bound as bound_pairs
-from dualarm_cli.bound.bound import Pairs, lower_bound, platform_edges
+from dualarm_cli.bound.bound import lower_bound, platform_edges
 from dualarm_cli.bound.cells import finer_edges, free_cells, point_cells, pose_cells
-from dualarm_cli.bound.layers import PostureBoxes, StopBoxes, stop_boxes, stop_reach, stop_work
+from dualarm_cli.bound.layers import StopCells, StopReach, StopWork
 from dualarm_cli.effort import Resolution
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -24,8 +24,8 @@ from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.potentials import transfer_table
 from dualarm_cli.stages.search.search import search
-from dualarm_cli.stages.search.transfer_table import TransferTable
 from dualarm_cli.stages.sequence_problem import sequence_problem
+from dualarm_cli.timing.transfer_table import Pairs, PostureBoxes, TransferTable
 from tests.posture_cells_numpy import within_reach
 
 Problems = Callable[..., SequenceProblem]
@@ -142,17 +142,15 @@ def test_a_stage_lasts_as_long_as_the_slower_arm(packing: Job, start: str, retur
     assert 4.2 + 0.99 * moves - 1e-4 < value <= 4.2 + moves
 
 
-def _boxes(problem: SequenceProblem, tilt: float, **changes: object) -> StopBoxes:
+def _boxes(problem: SequenceProblem, tilt: float, **changes: object) -> StopWork:
     """Returns the cells of the first arm's first stop, changed, its tool tilted, over two platform cells."""
     work = problem.arms[0]
     stop = replace(work.stops[0], **changes)
     R = pin.rpy.rpyToMatrix(tilt, 0.0, 0.0) @ work.R_tool_flange
     work = replace(work, R_tool_flange=R, stops=(stop, *work.stops[1:]))
     problem = replace(problem, arms=(work, *problem.arms[1:]))
-    table = transfer_table(problem, work)
-    edges = np.array([-0.5, 0.0, 0.5])
-    reach = stop_reach(problem, 0, StopTable.of(work), 0, edges)
-    return stop_boxes(problem, 0, table, 0, reach, edges, Resolution(0.5, 9, 1))
+    cells = StopCells(problem, np.array([-0.5, 0.0, 0.5]), Resolution(0.5, 9, 1))
+    return cells.work(0, 0, cells.reach(0, 0))
 
 
 def test_cells_of_a_stop_are_points_poses_or_anything(random_problem: Problems) -> None:
@@ -170,7 +168,7 @@ def test_cells_of_a_stop_are_points_poses_or_anything(random_problem: Problems) 
         )
     ]
 
-    def is_anything(boxes: StopBoxes) -> bool:
+    def is_anything(boxes: StopWork) -> bool:
         ends = (boxes.approach, boxes.retract)
         return all(
             end.index.tolist() == [0, 1]
@@ -244,14 +242,13 @@ def test_every_posture_that_a_stage_can_have_lies_in_its_cells(
     """
     looked_at = {}
 
-    def noted(
-        problem: SequenceProblem, a: int, table: TransferTable, stage: int, *given: object
-    ) -> StopBoxes:
-        boxes = stop_boxes(problem, a, table, stage, *given)
-        looked_at[a, stage] = table, *given, boxes
-        return boxes
+    def noted(cells: StopCells, a: int, stage: int, reach: StopReach) -> StopWork:
+        work = compute(cells, a, stage, reach)
+        looked_at[a, stage] = cells, reach, work
+        return work
 
-    monkeypatch.setattr(bound_pairs, "stop_boxes", noted)
+    compute = StopCells.work
+    monkeypatch.setattr(StopCells, "work", noted)
     tilt = pin.rpy.rpyToMatrix(0.5, 0.0, 0.0)
     random, checked, left_out = np.random.default_rng(16), 0, 0
     for seed in range(3):
@@ -276,8 +273,9 @@ def test_every_posture_that_a_stage_can_have_lies_in_its_cells(
             ]
             together = can[0] & can[1]
             for a in (0, 1):
-                table, reach, edges, resolution, boxes = looked_at[a, stage]
-                part = np.searchsorted(finer_edges(edges, resolution.finer), phi) - 1
+                grid, reach, boxes = looked_at[a, stage]
+                edges, table = grid.edges, grid.tables[a]
+                part = np.searchsorted(finer_edges(edges, grid.resolution.finer), phi) - 1
                 assert reach.parts[part[together]].all()
                 every = np.arange(len(reach.parts))
                 ends_of = [[np.isin(every, end.index) for end in both] for both in reach.ends]
@@ -305,16 +303,17 @@ def test_cells_that_one_arm_reaches_alone_make_no_bound_better(
     random_problem: Problems, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With all cells of either arm, as if each reached its stops from everywhere: never a greater bound."""
+    reach_of = StopCells.reach
 
     def from_everywhere(*given: object) -> object:
-        reach = stop_reach(*given)
+        reach = reach_of(*given)
         return replace(reach, parts=np.ones_like(reach.parts))
 
     for seed in range(4):
         problem = random_problem(seed, (4, 4), line=0.05)
         value = lower_bound(problem, "quick").value
         with monkeypatch.context() as patch:
-            patch.setattr(bound_pairs, "stop_reach", from_everywhere)
+            patch.setattr(StopCells, "reach", from_everywhere)
             alone = lower_bound(problem, "quick").value
         assert 0.0 < alone <= value * (1.0 + 1e-5)
 
@@ -338,7 +337,8 @@ def test_where_arms_share_no_angle_there_is_no_plan(random_problem: Problems) ->
     for turn in np.linspace(-np.pi, np.pi, 12, endpoint=False):
         arms = moved(one, 1.3, 0.0), moved(other, 1.3, turn)
         pair = replace(problem, arms=arms)
-        masks = [stop_reach(pair, a, StopTable.of(arms[a]), 0, edges).parts for a in (0, 1)]
+        grid = StopCells(pair, edges, Resolution(0.5, 9, 1))
+        masks = [grid.reach(a, 0).parts for a in (0, 1)]
         if not masks[0].any() or not masks[1].any() or (masks[0] & masks[1]).any():
             continue
         apart += 1
@@ -491,9 +491,9 @@ def test_a_stop_takes_its_lines_or_the_way_between_its_cells() -> None:
             *(np.ascontiguousarray(x[:, few]) for x in (retract.low, retract.high)),
             retract.line[few],
         )
-        work = stop_work(table, StopBoxes(approach, retract, False, 0.2, free))
-        rest = random.uniform(0.0, 1.0, len(retract.index)).astype(np.float32)
         without = () if free is None else (free,)
+        work = StopWork(Pairs(table, approach, retract, without), False, 0.2)
+        rest = random.uniform(0.0, 1.0, len(retract.index)).astype(np.float32)
         way = table.gap_times(approach.low, approach.high, retract.low, retract.high, without)
         lines = approach.line[:, None] + retract.line
         whole = np.where(

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from dualarm_cli.bound.bound import lower_bound
+from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.bound.layers import branch_cells
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.planner import plan, plan_without_bound
 from dualarm_cli.stages.plans.problem import ArmWork
 from dualarm_cli.stages.plans.stops import StopTable, flange_poses

@@ -6,11 +6,11 @@ import dataclasses
 
 import pytest
 
+from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.report.console import summary_lines
 from dualarm_cli.report.report import build_report

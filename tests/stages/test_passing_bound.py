@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from dualarm_cli.bound.bound import OtherWork, lower_bound
+from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.bound.passing import PassingLaw, passing
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.planner import plan, plan_without_bound
 from dualarm_cli.verification import verify
 

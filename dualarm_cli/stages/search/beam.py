@@ -22,7 +22,7 @@ from dualarm_cli.stages.search.potentials import (
     platform_columns,
     start_coordinates,
 )
-from dualarm_cli.stages.search.transfer_table import Coordinates, rows_of
+from dualarm_cli.timing.transfer_table import Coordinates, rows_of
 
 
 @dataclass(frozen=True)

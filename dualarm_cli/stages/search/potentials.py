@@ -14,7 +14,7 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import Nodes
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem
 from dualarm_cli.stages.plans.times import TransferChain
-from dualarm_cli.stages.search.transfer_table import Coordinates, TransferTable
+from dualarm_cli.timing.transfer_table import Coordinates, TransferTable
 
 Times = NDArray[np.float32]
 

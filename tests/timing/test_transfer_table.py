@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.model.rest_to_rest import RestToRest
-from dualarm_cli.stages.search.transfer_table import TransferTable
+from dualarm_cli.timing.transfer_table import TransferTable
 
 LAWS = {
     "one law": (np.array([1.0, 2.0, 4.0]), 1 / 0.3, 10 / 0.3),

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.compiled.transfer_times import Laws, boxes, gap_times
+from dualarm_cli.compiled.transfer_times import (
+    CellRuns,
+    Laws,
+    LineEnds,
+    boxes,
+    gap_times,
+    least_by_groups,
+    least_from,
+    least_work,
+)
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.records import dataclass
@@ -21,6 +31,9 @@ WIDEST = 4.0 * np.pi
 
 Coordinates = NDArray[np.int16]
 """Joints in steps of a table, coordinate first."""
+Times = NDArray[np.float32]
+RUN = 32
+"""Most cells of one run."""
 
 
 @dataclass(frozen=True)
@@ -156,3 +169,102 @@ class TransferTable:
 def rows_of(coordinates: Coordinates, rows: IntArray) -> Coordinates:
     """Returns the coordinates of some postures."""
     return np.ascontiguousarray(coordinates[:, rows])
+
+
+@dataclass(frozen=True)
+class PostureBoxes:
+    """Boxes of postures in steps of a table, rounded outward; n of them."""
+
+    index: IntArray
+    """Platform cell of each, ascending, shape (n,)."""
+    kind: IntArray
+    """Branch or the like: only boxes of one kind share a run, shape (n,)."""
+    low: Coordinates
+    """Lowest joints and platform, shape (c, n)."""
+    high: Coordinates
+    """Highest ones, shape (c, n)."""
+    line: Times
+    """Least time of the line at this end [s], shape (n,)."""
+
+    def ends(self, groups: int) -> LineEnds:
+        """Return the boxes as one end of lines, in so many platform cells."""
+        first = np.searchsorted(self.index, np.arange(groups + 1)).astype(np.int64)
+        return LineEnds.of(boxes(self.low, self.high), first, self.line)
+
+    @cached_property
+    def runs(self) -> CellRuns:
+        """The boxes in runs of neighbours in platform cell, branch and arm angle."""
+        n = len(self.index)
+        change = (np.diff(self.index) != 0) | (np.diff(self.kind) != 0)
+        begins = np.concatenate([[True], change])
+        start = np.maximum.accumulate(np.where(begins, np.arange(n), 0))
+        first = np.flatnonzero((np.arange(n) - start) % RUN == 0)
+        low = np.minimum.reduceat(self.low, first, axis=1)
+        high = np.maximum.reduceat(self.high, first, axis=1)
+        index = np.ascontiguousarray(self.index, dtype=np.int64)
+        cells = boxes(self.low, self.high)
+        return CellRuns.of(cells, index, boxes(low, high), np.append(first, n))
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Transfers or lines from some cells (n) to others (m), of g platform cells.
+
+    Pairs of runs are looked at in order of what they can give at best, and their cells only while that may be better
+    than what is found.
+    """
+
+    table: TransferTable
+    """Their times."""
+    before: PostureBoxes
+    """Where they begin."""
+    after: PostureBoxes
+    """Where they end."""
+    without: tuple[int, ...]
+    """Coordinates that do not count."""
+
+    @property
+    def _laws(self) -> Laws:
+        return self.table.laws(self.without)
+
+    def by_cells(self, work: Times, cells: int) -> Times:
+        """Returns the least of transfer and work for every pair of platform cells [s], (g, g), infinite for none.
+
+        Args:
+            work: least work of each cell where a transfer ends [s], shape (m,).
+            cells: number g of platform cells.
+        """
+        least = np.full((cells, cells), np.inf, dtype=np.float32)
+        least_by_groups(self._laws, self.before.runs, self.after.runs, work, least)
+        return least
+
+    def least_from(self, own: Times, floor: Times, beyond: Times) -> Times:
+        """Returns min over the pairs of max(transfer + own, floor + beyond), shape (n,).
+
+        Args:
+            own: from each cell where a transfer ends, the arm's work and all the rest [s], shape (m,).
+            floor: least length of the stage for every pair of platform cells [s], shape (g, g).
+            beyond: from each cell where a transfer ends, all the rest alone [s], shape (m,).
+        """
+        least = np.empty(len(self.before.index), dtype=np.float32)
+        least_from(self._laws, self.before.runs, self.after.runs, own, floor, beyond, least)
+        return least
+
+    @cached_property
+    def _line_ends(self) -> tuple[int, LineEnds, LineEnds]:
+        """Number of platform cells, and both ends for the compiled function."""
+        cells = 1 + int(max(self.before.index[-1], self.after.index[-1]))
+        return cells, self.before.ends(cells), self.after.ends(cells)
+
+    def least_within(self, rest: Times) -> tuple[Times, Times]:
+        """Compute least sums within one platform cell: of line and rest, and of the rest alone [s], shape (n,) each.
+
+        Args:
+            rest: after each cell where a line ends [s], shape (m,).
+        """
+        cells, before, after = self._line_ends
+        present, first = np.unique(self.after.index, return_index=True)
+        alone = np.full(cells, np.inf, dtype=np.float32)
+        alone[present] = np.minimum.reduceat(rest, first)
+        sums = least_work(self._laws, before, after, cells, rest)
+        return sums, alone[self.before.index]

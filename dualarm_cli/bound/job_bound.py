@@ -1,0 +1,375 @@
+"""Lower bound on the cycle time of every plan of a job, by the bound that fits it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from dualarm_cli.bound.bound import ASSUMPTIONS, ROUNDED_DOWN, LowerBound, OtherWork, lower_bound
+from dualarm_cli.bound.passing import passing
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.programs import least_cost
+from dualarm_cli.kinds.planning import KindPlanning, Section, kind_of, kinds_of
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.closed_arm import ClosedArm
+from dualarm_cli.kinematics.srs_arm import SrsArm
+from dualarm_cli.model.job import Dwell, Job, Stop, Task
+from dualarm_cli.model.place import NOWHERE
+from dualarm_cli.orders.model.tool_changes import stand_tasks, with_changes
+from dualarm_cli.records import dataclass
+from dualarm_cli.stages.plans.problem import SequenceProblem
+from dualarm_cli.stages.sequence_problem import sequence_problem, stops_problem
+
+SHARED = (
+    "lower bound: holds for every plan of these tasks, whichever arm does what in whatever order: each task takes at "
+    "least its shortest time alone, with its best platform angle, postures and yaws, and the slower arm does at least "
+    "its share; transfers between tasks count as zero, tool changes as the fewest visits to stands"
+)
+"""What the bound over all orders assumes."""
+OWN_CLOCKS = (
+    "lower bound: holds for every plan in this order in which the arms run asynchronously: the time of the slower "
+    "arm's stops, as if the platform moved for this arm only"
+)
+"""What the bound of asynchronous arms assumes."""
+BLENDED = (
+    "lower bound: holds for every plan that keeps the order, if one is given, and stops at its targets only: transfers "
+    "take at least each joint's way at full speed, the straight parts of lines what joints need from rest to any "
+    "speed; these are followed exactly, and the platform stands during them and dwells"
+)
+"""What a bound assumes of plans with blended lines."""
+DWELLS_ONLY = "lower bound: tasks after the first {most} count with their dwells only"
+"""Message where there are too many tasks to bound each."""
+MOST_TASKS = 60
+"""So many tasks are bounded one by one."""
+
+
+def least_visits(job: Job, arm: str) -> list[Task]:
+    """Returns the visits to stands that an arm makes at least, whatever the order, for tasks that only it may do.
+
+    Every tool of theirs is taken once, that of the start again where it has to be on in the end; before each of these
+    what was on is left.
+
+    Args:
+        job: what is to be done.
+        arm: which arm.
+    """
+    start = job.cell.start_tool(arm)
+    wanted = {task.tool for task in job.tasks if task.arm == arm} - {start}
+    if not wanted:
+        return []
+    again = {start} if job.returns else set()
+    takes = sorted((wanted | again) - {""})
+    # In a cycle what is taken is left once as well; else one of them stays on, or may.
+    leaves = takes if job.returns else [start] if start else []
+    stands = {
+        (task.tool, task.stops[0].action): task for task in stand_tasks(job.cell) if task.arm == arm
+    }
+    return [stands[tool, "take_tool"] for tool in takes] + [
+        stands[tool, "leave_tool"] for tool in leaves
+    ]
+
+
+def _least_makespan(times: FloatArray, besides: FloatArray) -> float:
+    """Returns the least T of tasks shared out in fractions.
+
+    Args:
+        times: of every task on every arm [s], infinite where an arm cannot, shape (arms, n).
+        besides: what every arm does besides [s], shape (arms,).
+    """
+    arms, n = times.shape
+    can = np.isfinite(times)
+    if not can.any(axis=0).all():
+        return np.inf
+    task, arm = np.tile(np.arange(n), arms), np.repeat(np.arange(arms), n)
+    column, last = np.arange(arms * n), np.full(arms, arms * n)
+    # Each arm's load is at most T, the last variable; all shares of a task are at least the task.
+    matrix = (
+        np.concatenate([arm, np.arange(arms), arms + task]),
+        np.concatenate([column, last, column]),
+        np.concatenate([np.where(can, times, 0.0).ravel(), -np.ones(arms), -np.ones(arms * n)]),
+    )
+    cost = np.append(np.zeros(arms * n), 1.0)
+    most = np.append(can.ravel().astype(np.float64), np.inf)
+    found = least_cost(cost, matrix, np.append(-besides, -np.ones(n)), np.zeros(arms * n + 1), most)
+    return 0.0 if found is None else float(found[-1])
+
+
+PATH_BOUND = (
+    "lower bound: paths and seams count at full speed; they begin and end at rest, exactly where the file has them; an "
+    "arm that takes no part stands still; transfers to and from them count where the file gives the tool's pose, or "
+    "how long they take"
+)
+"""What a bound of paths and seams in a given order counts."""
+OPEN_PATH_BOUND = (
+    "lower bound: paths and seams count at full speed; transfers to and from them count only as long as the file says "
+    "they take, as their order is not given"
+)
+"""What it counts of them in any order."""
+STAGES_AS_ZERO = (
+    "lower bound: paths and seams count at full speed; stages beside them count as zero on this robot, and transfers "
+    "to and from them only as long as the file says they take"
+)
+"""What it counts on a robot whose stages have no bound."""
+NO_BOUND = "lower bound: none for arms without closed forms"
+"""Message where there is no bound."""
+NO_BOUND_ON_RAILS = (
+    "lower bound: none for a platform that slides; frozen at a position (`frozen`) there is one"
+)
+NO_TURNING_BOUND = "lower bound: none for arms of six axes on a platform that turns"
+"""Messages where there is none for the platform's sake."""
+NO_CORNER_BOUND = (
+    "lower bound: none with `blend` at targets of moves, as tools need not come to these"
+)
+"""Message where tools pass beside targets."""
+
+
+def _kind(section: Section) -> KindPlanning:
+    """Returns the kind of a path or seam."""
+    kind = kind_of(section)
+    assert kind is not None  # stops have no kind
+    return kind
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One stage of a job with paths and seams; a path or seam has two, which end where it begins and where it ends."""
+
+    stops: Mapping[str, Stop]
+    """By arm."""
+    least: float = 0.0
+    """Least length of the stage [s]."""
+    earliest: float = 0.0
+    """When it begins at the earliest [s]."""
+    moved: tuple[str, ...] = ()
+    """Arms that come to its end by the path or seam."""
+    at_rest: bool = False
+    """Whether a path or seam begins or ends there, so that tools are at rest."""
+
+
+def _other_work(job: Job, section: Section) -> list[_Row]:
+    """Returns the two stages of a path or seam."""
+    kind = _kind(section)
+    begin, end = (
+        {arm: Stop("move", pose, 0.0, 0.0, Dwell(), NOWHERE) for arm, pose in poses.items()}
+        for poses in kind.ends(job, section)
+    )
+    arms = tuple(task.arm for task in section)
+    return [
+        _Row(begin, kind.least_transfer(job, section), at_rest=True),
+        _Row(end, kind.least(job, section), kind.opens(section), arms, at_rest=True),
+    ]
+
+
+def _least_work(problem: SequenceProblem, a: int, k: int, effort: str) -> float:
+    """Returns what lines and dwell of one arm's stop take at least [s]."""
+    stop = problem.arms[a].stops[k]
+    if stop is None:
+        return 0.0
+    arms = tuple(
+        replace(arm, stops=(stop if i == a else None,)) for i, arm in enumerate(problem.arms)
+    )
+    alone = replace(problem, arms=arms, free_start=True, returns=False, handing=())
+    return max(stop.dwell, lower_bound(alone, effort).value or 0.0)
+
+
+def job_bound(job: Job, effort: str, *, blended: bool = False) -> LowerBound:
+    """Measure a job's cell and compute its bound; see `JobBound`."""
+    model, kinds = CellModel.from_cell(job.cell), tuple(kinds_of(job))
+    return JobBound(job, model, kinds, effort, blended).value()
+
+
+@dataclass(frozen=True)
+class JobBound:
+    """Lower bound on the cycle time of every plan of a job."""
+
+    job: Job
+    """Work to do, as its file has it."""
+    model: CellModel
+    """Cell, with all closed forms."""
+    kinds: tuple[KindPlanning, ...]
+    """Kinds of work among the tasks."""
+    effort: str
+    """Word of `--effort`: finer cells give a better bound."""
+    blended: bool = False
+    """Flag of tools that may pass the outer ends of lines in motion: only straight parts of lines count then."""
+
+    def value(self) -> LowerBound:
+        """Compute the bound, or say why there is none."""
+        stops = [stop for task in self.job.tasks for stop in task.stops]
+        if self.blended and any(stop.blend > 0.0 for stop in stops):
+            return LowerBound(None, (NO_CORNER_BOUND,))
+        if why := next((kind.unbounded for kind in self.kinds if kind.unbounded), ""):
+            return LowerBound(None, (why,))
+        if not self.blended:
+            return self._of_job(self.job)
+        bound = self._of_job(self.job.blended())
+        # A bound of paths and seams alone counts no stops.
+        has_stops = any(not task.alone for task in self.job.tasks)
+        if bound.value is None or STAGES_AS_ZERO in bound.assumptions or not has_stops:
+            return bound
+        kept = (text for text in bound.assumptions if text not in ASSUMPTIONS)
+        return replace(bound, assumptions=(*kept, BLENDED))
+
+    def _of_job(self, job: Job) -> LowerBound:
+        """Bound a job whose lines are as long as they count."""
+        unbounded = self._why_unbounded()
+        job = with_changes(job)
+        if unbounded and not job.in_sections:
+            return LowerBound(None, (unbounded,))
+        if not job.is_decided and not job.in_sections:
+            return self.over_all_orders(job)
+        if job.mode == "free":
+            return self._by_own_clocks(job)
+        if not job.in_sections:
+            return self._of_stages(sequence_problem(self.model, job))
+        if unbounded or job.order != "given":
+            return self._sum_of_sections(job, stages_count=not unbounded)
+        return self._with_other_work(job)
+
+    def _law(self, problem: SequenceProblem) -> SequenceProblem:
+        """Give a sequence the law of the plans that are bounded."""
+        return passing(problem) if self.blended else problem
+
+    def _of_order(self, job: Job) -> LowerBound:
+        """Bound the stages of a decided job."""
+        return lower_bound(self._law(sequence_problem(self.model, job)), self.effort)
+
+    def _why_unbounded(self) -> str:
+        """Say why the stages have no bound; empty where they have one."""
+        job, robot = self.job, self.job.cell.robot
+        others = [
+            a.kinematics for a in self.model.arms.values() if not isinstance(a.kinematics, SrsArm)
+        ]
+        if not all(isinstance(arm, ClosedArm) for arm in others):
+            return NO_BOUND
+        # The cells of the bound are of platform angles; several joints stand where the start has them, but along paths
+        # and seams they move, and stages after these are made from elsewhere.
+        if len(robot.platform) == 1:
+            if robot.sliding.issuperset(robot.platform):
+                return NO_BOUND_ON_RAILS
+            return NO_TURNING_BOUND if others else ""
+        return STAGES_AS_ZERO if robot.platform and job.in_sections else ""
+
+    def over_all_orders(self, job: Job) -> LowerBound:
+        """Bound a job over all orders and assignments.
+
+        The least T so that tasks, shared out in fractions, take no arm longer than T: a linear programme.
+        """
+        times = np.full((len(self.model.arms), len(job.tasks)), np.inf)
+        for t, task in enumerate(job.tasks):
+            for a, name in enumerate(self.model.arms):
+                if not task.allows(name):
+                    continue
+                times[a, t] = sum(stop.dwell.total for stop in task.stops)
+                if t < MOST_TASKS:
+                    own = replace(task, arm=name, after=())
+                    alone = replace(job, tasks=(own,), start="free", returns=False, pairing=None)
+                    found = self._of_order(alone).value
+                    times[a, t] = max(times[a, t], found or 0.0)
+        more = (DWELLS_ONLY.format(most=MOST_TASKS),) if len(job.tasks) > MOST_TASKS else ()
+        visits = np.zeros(len(self.model.arms))
+        for a, name in enumerate(self.model.arms):
+            for stand in least_visits(job, name):
+                alone = replace(job, tasks=(stand,), start="free", returns=False, pairing=None)
+                visits[a] += self._of_order(alone).value or 0.0
+        return LowerBound(_least_makespan(times, visits), (SHARED, *more))
+
+    def _by_own_clocks(self, job: Job) -> LowerBound:
+        """Bound a job whose arms are asynchronous."""
+        value = 0.0
+        for name in self.model.arms:
+            tasks = tuple(task for task in job.tasks if task.arm == name)
+            if tasks:
+                alone = replace(job, tasks=tasks, pairing=None)
+                found = self._of_order(alone).value
+                value = max(value, found or 0.0)
+        return LowerBound(value, (OWN_CLOCKS,))
+
+    def _sum_of_sections(self, job: Job, *, stages_count: bool) -> LowerBound:
+        """Bound a job whose paths and seams may come in any order, or whose stages have no bound.
+
+        Args:
+            job: what is to be done.
+            stages_count: whether this robot has bounds of stages.
+        """
+        value, assumptions = 0.0, [OPEN_PATH_BOUND if stages_count else STAGES_AS_ZERO]
+        others = tuple(task for task in job.tasks if not task.alone)
+        if others and stages_count:
+            alone = replace(job, tasks=others, start="free", returns=False)
+            bound = self.over_all_orders(alone)
+            value = bound.value or 0.0
+            assumptions = [*bound.assumptions, *assumptions]
+        works = [section for section in job.sections() if section[0].alone]
+        if job.order != "given":
+            # The transfer may be over when a work opens. Done in the order in which they may begin, all end soonest.
+            works.sort(
+                key=lambda work: _kind(work).opens(work) - _kind(work).least_transfer(job, work)
+            )
+        for work in works:
+            kind = _kind(work)
+            there = max(value + kind.least_transfer(job, work), kind.opens(work))
+            value = there + kind.least(job, work)
+        return LowerBound(value * ROUNDED_DOWN, tuple(assumptions))
+
+    def _with_other_work(self, job: Job) -> LowerBound:
+        """Bound a job with paths and seams in a given order."""
+        assumptions = dict[str, None]()
+        rows: list[_Row] = []
+        for section in job.sections():
+            if section[0].alone:
+                rows += _other_work(job, section)
+            elif (own := replace(job, tasks=section)).is_decided:
+                assumptions |= dict.fromkeys(ASSUMPTIONS)
+                rows += [
+                    _Row({a: stop for a, (_, stop) in stage.items()}) for stage in own.stages()
+                ]
+            else:
+                shared = self.over_all_orders(replace(own, start="free", returns=False))
+                rows.append(_Row({}, shared.value or 0.0, moved=tuple(self.model.arms)))
+                assumptions |= dict.fromkeys(shared.assumptions)
+        value = self._of_rows(job, rows)
+        if np.isinf(value):
+            # Within its tolerance a path may end where no posture is at its pose.
+            rows = [replace(row, stops={}) if row.at_rest else row for row in rows]
+            value = self._of_rows(job, rows)
+        return LowerBound(value, (*assumptions, PATH_BOUND))
+
+    def _of_rows(self, job: Job, rows: list[_Row]) -> float:
+        """Bound stages [s], under a job's limits and with its start and return."""
+        stops = {name: [row.stops.get(name) for row in rows] for name in self.model.arms}
+        handing = tuple(any(stop.action == "give" for stop in row.stops.values()) for row in rows)
+        problem = replace(stops_problem(self.model, job, stops), handing=handing)
+        works = OtherWork(
+            least=np.array([row.least for row in rows]),
+            earliest=np.array([row.earliest for row in rows]),
+            moved=np.array([[name in row.moved for row in rows] for name in self.model.arms]),
+            at_rest=np.array([row.at_rest for row in rows]),
+        )
+        value = self._of_stages(problem, works).value
+        assert value is not None  # there are cells for every stop of this robot
+        return value
+
+    def _of_stages(self, problem: SequenceProblem, works: OtherWork | None = None) -> LowerBound:
+        """Bound stages in a given order, each arm by itself.
+
+        In a hand-over what the other arm does comes before or after one's own lines and dwell: at least what its stop
+        takes by itself from wherever it likes.
+
+        Args:
+            problem: the stages.
+            works: paths and seams among them; None for none.
+        """
+        problem = self._law(problem)
+        arms = [list(arm.stops) for arm in problem.arms]
+        for k in problem.together.tolist():
+            least = [_least_work(problem, a, k, self.effort) for a in range(len(arms))]
+            for a, stops in enumerate(arms):
+                stop = stops[k]
+                if stop is not None:
+                    stops[k] = replace(stop, dwell=stop.dwell + sum(least) - least[a])
+        whole = tuple(
+            replace(arm, stops=tuple(stops)) for arm, stops in zip(problem.arms, arms, strict=True)
+        )
+        return lower_bound(replace(problem, arms=whole, handing=()), self.effort, works)
