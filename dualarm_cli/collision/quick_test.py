@@ -28,23 +28,33 @@ from dualarm_cli.geometry.products import product
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.lying import Visit
+from dualarm_cli.records import dataclass
 
-ENOUGH = 0.01
-"""Margins that balls around two solids show to be greater than this are not looked at more closely [m]."""
+
+@dataclass(frozen=True)
+class QuickSettings:
+    """Thresholds of the quick collision test."""
+
+    enough: float = 0.01
+    """Margins that balls around two solids show to be greater than this are not looked at more closely [m]."""
+    overlaps: float = 1e-3
+    """Boxes that no axis shows to overlap by less are looked at by coal [m]."""
+    rounded: float = 1e-9
+    """What margins are less by, for rounding [m]."""
+    apart: float = 0.003
+    """Margin of a tool from its own part at the outer end of a line from which on it keeps its clearance
+    elsewhere [m]."""
+    sure: float = 5e-4
+    """Margins of boxes that are greater are as good as true ones [m]."""
+    doubted: float = 0.004
+    """Margins below this of solids in wider hulls are computed by coal, if all else is collision-free [m]."""
+
+
+QUICK = QuickSettings()
 
 
 OVERLAP = 3e-4
 """How far a part may reach into what it lies on by rounding [m]; less than the verifier lets pass."""
-OVERLAPS = 1e-3
-"""Boxes that no axis shows to overlap by less are looked at by coal [m]."""
-ROUNDED = 1e-9
-"""What margins are less by, for rounding [m]."""
-APART = 0.003
-"""Margin of a tool from its own part at the outer end of a line from which on it keeps its clearance elsewhere [m]."""
-SURE = 5e-4
-"""Margins of boxes that are greater are as good as true ones [m]."""
-DOUBTED = 0.004
-"""Margins below this of solids in wider hulls are computed by coal, if all else is collision-free [m]."""
 
 
 class QuickTest:
@@ -71,7 +81,9 @@ class QuickTest:
         self._pairs = [
             pair
             for pair in pairs_that_must_keep_apart(model, self._solids, cell)
-            if reach.can_meet(self._solids[pair.first], self._solids[pair.second], pair, ENOUGH)
+            if reach.can_meet(
+                self._solids[pair.first], self._solids[pair.second], pair, QUICK.enough
+            )
         ]
         first = len(self._solids)
         for room in rooms:
@@ -82,7 +94,9 @@ class QuickTest:
         self._pairs += [
             pair
             for pair in pairs_with_lying(self._solids, lying, cell)
-            if reach.can_meet(self._solids[pair.first], self._solids[pair.second], pair, ENOUGH)
+            if reach.can_meet(
+                self._solids[pair.first], self._solids[pair.second], pair, QUICK.enough
+            )
         ]
         self._steps = self._tree.steps()
         self._hulls = Hulls.of(self._solids, self._tree)
@@ -229,7 +243,7 @@ class QuickTest:
             apart = np.sqrt(np.square(middle.T - there).sum(axis=1))
             apart -= one.geometry.aabb_radius + other.geometry.aabb_radius + pair.required
             found[k] = apart
-            for row in np.flatnonzero(apart < ENOUGH).tolist():
+            for row in np.flatnonzero(apart < QUICK.enough).tolist():
                 place = pin.SE3(R_joint[..., row], p[:, row]) * one.pose
                 moved = pin.SE3(other.pose.rotation, other.pose.translation + shift[row])
                 found[k, row] = _distance(one, other, (place, moved)) - pair.required
@@ -256,7 +270,7 @@ class QuickTest:
             solid, part = self._solids[pair.first], self._solids[pair.second]
             there = _distance(solid, part, (T_root_tcp * T_joint_tcp.actInv(solid.pose), part.pose))
             least = min(there, 0.0) - OVERLAP
-            self._needed[key] = pair.required if there - pair.required >= APART else least
+            self._needed[key] = pair.required if there - pair.required >= QUICK.apart else least
         return self._needed[key]
 
     def margins(
@@ -269,10 +283,10 @@ class QuickTest:
             position: all joints of the robot [rad], shape (n, columns).
             scenes: which pairs count in which scene, and the scene of each row; None: all pairs.
         """
-        sure, rough = pair_margins(self._steps, group.arrays, position, ENOUGH, scenes)
+        sure, rough = pair_margins(self._steps, group.arrays, position, QUICK.enough, scenes)
         if len(rough):
             self._look_closer(group, position, sure, rough)
-        return np.minimum(sure, rough.min(axis=0, initial=np.inf)) - ROUNDED
+        return np.minimum(sure, rough.min(axis=0, initial=np.inf)) - QUICK.rounded
 
     def nearest(self, position: FloatArray, pairs: Sequence[Pair]) -> tuple[str, str, float]:
         """Returns the two bodies of some pairs that have the least margin, and it [m]; by coal.
@@ -341,7 +355,7 @@ class QuickTest:
             sure: least margins of the pairs that are not rough [m], shape (n,).
             rough: margins of those that are [m], shape (r, n).
         """
-        doubted = (rough < DOUBTED) & (sure >= 0.0)
+        doubted = (rough < QUICK.doubted) & (sure >= 0.0)
         rows = np.flatnonzero(doubted.any(axis=0))
         if not len(rows):
             return
@@ -353,8 +367,8 @@ class QuickTest:
             gap = boxes.gaps(which, frames, place)
             rough[at] = np.maximum(rough[at], gap - boxes.required[which])
             # Between boxes that hardly overlap, or are apart by less than required, it may be a little more.
-            sure_from = np.where(boxes.required[which] < 0.0, 0.0, SURE)
-            doubted[at] = (rough[at] < sure_from) & (gap > -OVERLAPS)
+            sure_from = np.where(boxes.required[which] < 0.0, 0.0, QUICK.sure)
+            doubted[at] = (rough[at] < sure_from) & (gap > -QUICK.overlaps)
         known = np.where(doubted[:, rows], np.inf, rough[:, rows]).min(axis=0)
         known = np.minimum(known, sure[rows])
         left = np.flatnonzero((doubted[:, rows] & (rough[:, rows] < known)).any(axis=0))

@@ -15,17 +15,27 @@ from dualarm_cli.evaluation.crew import Crew
 from dualarm_cli.evaluation.fingerprint import GONE, digest, hashes_now, programs
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.model.evaluation import Evaluation, Finding
+from dualarm_cli.records import dataclass
 
-CONNECTING = 10.0
-"""How long a scheduler may take to answer [s]."""
-POLL = 0.02
-"""How often it is looked what has been done meanwhile [s]."""
-LOOK = 5.0
-"""How often it is looked whether there are workers, while nothing comes [s]."""
-DESERTED = 60.0
-"""How long a cluster may be without workers [s]: those that die are started again, by whoever sees to them."""
-CLOSING = 1.0
-"""How long taking leave of it may take [s]."""
+
+@dataclass(frozen=True)
+class ClusterSettings:
+    """Times that a cluster is given [s]."""
+
+    connecting: float = 10.0
+    """How long a scheduler may take to answer [s]."""
+    poll: float = 0.02
+    """How often it is looked what has been done meanwhile [s]."""
+    look: float = 5.0
+    """How often it is looked whether there are workers, while nothing comes [s]."""
+    deserted: float = 60.0
+    """How long a cluster may be without workers [s]: those that die are started again, by whoever sees to them."""
+    closing: float = 1.0
+    """How long taking leave of it may take [s]."""
+
+
+WAITS = ClusterSettings()
+
 ELSEWHERE = (
     "a worker of the cluster lacks this file or has another version of it; give workers the same files at the same "
     "paths, such as in a shared folder"
@@ -63,7 +73,7 @@ class Cluster:
         for logger in ("distributed", "distributed.client"):
             logging.getLogger(logger).setLevel(logging.CRITICAL)
         try:
-            self._client = Client(address, timeout=CONNECTING, set_as_default=False)
+            self._client = Client(address, timeout=WAITS.connecting, set_as_default=False)
         except Exception as error:
             raise _no_scheduler(address, error) from None
         try:
@@ -83,7 +93,7 @@ class Cluster:
     def close(self) -> None:
         """Takes leave of the cluster; what it is doing for this client it does no longer, as soon as it can stop."""
         with suppress(Exception):
-            self._client.close(timeout=CLOSING)
+            self._client.close(timeout=WAITS.closing)
 
     def _check(self, address: str) -> None:
         """Raises UsageError where no worker is there, or one would plan otherwise."""
@@ -147,8 +157,8 @@ class Cluster:
                     yield index, answer
                     answered += 1
                     seen = looked = time.monotonic()
-                time.sleep(POLL)
-                if time.monotonic() > looked + LOOK:
+                time.sleep(WAITS.poll)
+                if time.monotonic() > looked + WAITS.look:
                     looked = time.monotonic()
                     seen = looked if self._has_workers() else seen
                     self._refuse_deserted(seen)
@@ -165,9 +175,9 @@ class Cluster:
 
     def _refuse_deserted(self, seen: float) -> None:
         """Raises UsageError where the last worker was seen too long ago."""
-        if time.monotonic() > seen + DESERTED:
+        if time.monotonic() > seen + WAITS.deserted:
             raise UsageError(
-                f"--scheduler {self._address}: it has had no workers for {DESERTED:g} s; start some by "
+                f"--scheduler {self._address}: it has had no workers for {WAITS.deserted:g} s; start some by "
                 f"`dask worker {self._address}` and run the same command again"
             )
 
@@ -183,11 +193,11 @@ def _ask(address: str) -> None:
 
     async def ask() -> Any:
         arguments = Security().get_connection_args("client")
-        async with rpc(address, timeout=CONNECTING, connection_args=arguments) as there:
+        async with rpc(address, timeout=WAITS.connecting, connection_args=arguments) as there:
             return await there.identity()
 
     try:
-        found = asyncio.run(asyncio.wait_for(ask(), CONNECTING))
+        found = asyncio.run(asyncio.wait_for(ask(), WAITS.connecting))
     except Exception as error:
         raise _no_scheduler(address, error) from None
     if not isinstance(found, dict) or found.get("type") != "Scheduler":

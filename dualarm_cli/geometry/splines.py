@@ -13,14 +13,25 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import exp_rotation, log_rotation, right_jacobian
 from dualarm_cli.records import dataclass
 
-DEGREE = 5
-AROUND = 48
-"""Values repeated beyond each end of a closed spline.
 
-The effect of their ends is below the last digit within.
-"""
-ROUNDS, SETTLED, STEP = 30, 1e-12, 1e-4
-"""Maximum rounds for turning rates, relative tolerance, and step of differences [rad]."""
+@dataclass(frozen=True)
+class SplineTolerances:
+    """Resolution of splines."""
+
+    degree: int = 5
+    around: int = 48
+    """Values repeated beyond each end of a closed spline.
+
+    The effect of their ends is below the last digit within.
+    """
+    rounds: int = 30
+    settled: float = 1e-12
+    step: float = 1e-4
+    """Maximum rounds for turning rates, relative tolerance, and step of differences [rad]."""
+
+
+SPLINES = SplineTolerances()
+
 Rates = Sequence[tuple[int, FloatArray]]
 """Orders of derivatives at an end, ascending, and their values (d,)."""
 
@@ -38,26 +49,30 @@ def quintic_spline(x: FloatArray, y: FloatArray, first: Rates = (), last: Rates 
     from scipy.interpolate import BSpline
 
     inner = x[1:-1] if len(first) else x[3:-3]
-    ends = np.full(DEGREE + 1, x[0]), np.full(DEGREE + 1, x[-1])
+    ends = np.full(SPLINES.degree + 1, x[0]), np.full(SPLINES.degree + 1, x[-1])
     t = np.concatenate([ends[0], inner, ends[1]])
-    count, begin = len(t) - DEGREE - 1, len(first)
-    rows = np.zeros((count, 2 * DEGREE + 1))
+    count, begin = len(t) - SPLINES.degree - 1, len(first)
+    rows = np.zeros((count, 2 * SPLINES.degree + 1))
     values = np.empty((count, y.shape[1]))
-    given = BSpline.design_matrix(x, t, DEGREE).tocoo()
+    given = BSpline.design_matrix(x, t, SPLINES.degree).tocoo()
     # Derivatives come after the first value and before the last one: so no pivot is zero.
     place = np.arange(len(x)) + np.where(np.arange(len(x)) > 0, begin, 0)
     place[-1] = count - 1
-    rows[place[given.row], given.col - place[given.row] + DEGREE] = given.data
+    rows[place[given.row], given.col - place[given.row] + SPLINES.degree] = given.data
     values[place] = y
-    six, columns = np.eye(DEGREE + 1), np.arange(DEGREE + 1)
+    six, columns = np.eye(SPLINES.degree + 1), np.arange(SPLINES.degree + 1)
     for row, (order, value) in enumerate(first, start=1):
-        rows[row, columns - row + DEGREE] = BSpline(t[:12], six, DEGREE)(x[0], order)
+        rows[row, columns - row + SPLINES.degree] = BSpline(t[:12], six, SPLINES.degree)(
+            x[0], order
+        )
         values[row] = value
     for away, (order, value) in enumerate(last, start=1):
         row = count - 1 - away
-        rows[row, columns + count - 6 - row + DEGREE] = BSpline(t[-12:], six, DEGREE)(x[-1], order)
+        rows[row, columns + count - 6 - row + SPLINES.degree] = BSpline(
+            t[-12:], six, SPLINES.degree
+        )(x[-1], order)
         values[row] = value
-    return BSpline(t, solve_banded(rows, values), DEGREE)
+    return BSpline(t, solve_banded(rows, values), SPLINES.degree)
 
 
 def closed_quintic_spline(x: FloatArray, y: FloatArray) -> Any:
@@ -70,12 +85,12 @@ def closed_quintic_spline(x: FloatArray, y: FloatArray) -> Any:
     from scipy.interpolate import BSpline
 
     n = len(x) - 1
-    turns, place = np.divmod(np.arange(-AROUND, n + AROUND + 1), n)
+    turns, place = np.divmod(np.arange(-SPLINES.around, n + SPLINES.around + 1), n)
     unrolled = quintic_spline(x[place] + turns * (x[-1] - x[0]), y[place])
-    t = unrolled.t[AROUND - 2 : AROUND + n + 9]
+    t = unrolled.t[SPLINES.around - 2 : SPLINES.around + n + 9]
     # The last digits too are the same a turn later.
-    c = unrolled.c[AROUND - 2 + np.arange(n + DEGREE) % n]
-    return BSpline(t, c, DEGREE, extrapolate="periodic")
+    c = unrolled.c[SPLINES.around - 2 + np.arange(n + SPLINES.degree) % n]
+    return BSpline(t, c, SPLINES.degree, extrapolate="periodic")
 
 
 @dataclass(frozen=True)
@@ -153,15 +168,15 @@ def _natural(knots: FloatArray, ways: FloatArray, *, turning: bool) -> CubicStep
         for away, block in ((2, near), (5, own), (8, far)):
             rows[a::3, away + b - a] = block[:, a, b]
     rate, last = np.zeros((n, 3)), np.zeros((n - 1, 3))
-    for _ in range(ROUNDS if turning else 1):
+    for _ in range(SPLINES.rounds if turning else 1):
         right = given.copy()
         if turning:
-            step = STEP / max(float(norm(last)), STEP)
+            step = SPLINES.step / max(float(norm(last)), SPLINES.step)
             change = right_jacobian(ways + step * last) - right_jacobian(ways - step * last)
             right[1:] -= np.einsum("kij,kj->ki", change, last) / (2.0 * step)
         before, rate = rate, solve_banded(rows, right.reshape(-1, 1)).reshape(n, 3)
         last = np.einsum("kij,kj->ki", back, rate[1:])
-        if norm(rate - before) <= SETTLED * norm(rate):
+        if norm(rate - before) <= SPLINES.settled * norm(rate):
             break
     two = (3.0 * ways / h - 2.0 * rate[:-1] - last) / h
     three = (rate[:-1] + last - 2.0 * ways / h) / np.square(h)

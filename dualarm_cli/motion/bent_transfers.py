@@ -30,24 +30,37 @@ from dualarm_cli.timing.line_profile import estimate_line_durations
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 from dualarm_cli.timing.ruckig_ import solve_moving_transfer
 
-CONTROLS = 4
-"""Control points between start and goal: curves of degree five."""
-TIMED_SAMPLES = 9
-"""Points of a curve from which its time is estimated."""
-POPULATION = 40
-"""Curves of a round."""
-ELITE = 8
-"""Best ones of a round, about which the next one is drawn."""
-ROUNDS = 20
-"""Rounds of a search."""
-SPREADS = (0.15, 0.3, 0.6, 1.0)
-"""Standard deviations of the first control points about the straight way [rad]."""
-FIRST = 50
-"""First curves of each spread."""
-LEAST_SPREAD = 0.01
-"""Standard deviation below which nothing is to be gained [rad]."""
-MISSING_WEIGHT = 350.0
-"""What a metre of missing clearance costs at full speed [s/m]."""
+
+@dataclass(frozen=True)
+class CurveSettings:
+    """Numbers that steer the search for curved detours."""
+
+    controls: int = 4
+    """Control points between start and goal: curves of degree five."""
+    timed_samples: int = 9
+    """Points of a curve from which its time is estimated."""
+    population: int = 40
+    """Curves of a round."""
+    elite: int = 8
+    """Best ones of a round, about which the next one is drawn."""
+    rounds: int = 20
+    """Rounds of a search."""
+    spreads: tuple[float, ...] = (0.15, 0.3, 0.6, 1.0)
+    """Standard deviations of the first control points about the straight way [rad]."""
+    first: int = 50
+    """First curves of each spread."""
+    least_spread: float = 0.01
+    """Standard deviation below which nothing is to be gained [rad]."""
+    missing_weight: float = 350.0
+    """What a metre of missing clearance costs at full speed [s/m]."""
+    curve_points: int = 65
+    """Points of a curve that is passed along."""
+    curve_knots: int = 48
+    """Knots of its motion at least."""
+
+
+CURVES = CurveSettings()
+
 
 Missing = Callable[[FloatArray], FloatArray]
 """How much clearance curves (c, points, 7) lack, at their points on the average [m], shape (c,); 0 for free ones."""
@@ -100,8 +113,8 @@ class CurveCost:
         self, start: FloatArray, controls: FloatArray, goal: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Returns what curves cost [s], what they lack included, and what they lack [m], both (c,)."""
-        few = curve(start, controls, goal, TIMED_SAMPLES)
-        share = np.linspace(0.0, 1.0, TIMED_SAMPLES)
+        few = curve(start, controls, goal, CURVES.timed_samples)
+        share = np.linspace(0.0, 1.0, CURVES.timed_samples)
         time = np.maximum(estimate_line_durations(few, share, self.limits), self.least)
         points = curve(start, controls, goal, self.samples)
         if self.tool is not None:
@@ -111,13 +124,13 @@ class CurveCost:
         lack = self.missing(points) + beyond.sum(axis=(1, 2))
         # Of equally quick ones the one that moves least.
         travel = np.abs(np.diff(points, axis=1)).sum(axis=(1, 2))
-        return time + self.pace * MISSING_WEIGHT * lack + 1e-3 * travel, lack
+        return time + self.pace * CURVES.missing_weight * lack + 1e-3 * travel, lack
 
 
 def quick_curves(
     start: FloatArray, goal: FloatArray, cost: CurveCost, seed: int
 ) -> list[FloatArray]:
-    """Returns control points (CONTROLS, n) of the quickest free curves found, best first; none where none is free.
+    """Returns control points (`controls`, n) of the quickest free curves found, best first; none where none is free.
 
     The cross-entropy method [Rubinstein1999] over the control points, with what is missing of the clearance as a
     penalty: normal distributions about the best of every round.
@@ -129,36 +142,34 @@ def quick_curves(
         seed: of the random curves.
     """
     random, n, limits = np.random.default_rng(seed), len(start), cost.limits
-    share = np.linspace(0.0, 1.0, CONTROLS + 2)[1:-1, None]
+    share = np.linspace(0.0, 1.0, CURVES.controls + 2)[1:-1, None]
     straight = start + share * (goal - start)
     # Most first curves bulge as a whole; the ends of their bulges differ.
-    bulge = random.normal(size=(len(SPREADS), FIRST, 1, n)) + 0.5 * random.normal(
-        size=(len(SPREADS), FIRST, CONTROLS, n)
+    bulge = random.normal(size=(len(CURVES.spreads), CURVES.first, 1, n)) + 0.5 * random.normal(
+        size=(len(CURVES.spreads), CURVES.first, CURVES.controls, n)
     )
-    drawn = straight + (np.array(SPREADS)[:, None, None, None] * bulge).reshape(-1, CONTROLS, n)
+    drawn = straight + (np.array(CURVES.spreads)[:, None, None, None] * bulge).reshape(
+        -1, CURVES.controls, n
+    )
     drawn = np.clip(drawn, limits.lower, limits.upper)
-    best: FloatArray = np.empty((0, CONTROLS, n))
+    best: FloatArray = np.empty((0, CURVES.controls, n))
     worth: FloatArray = np.empty(0)
     lacking: FloatArray = np.empty(0)
-    for _ in range(ROUNDS):
+    for _ in range(CURVES.rounds):
         found, lacks = cost.of(start, drawn, goal)
         best, worth, lacking = (
             np.concatenate(pair) for pair in ((best, drawn), (worth, found), (lacking, lacks))
         )
-        order = np.argsort(worth, kind="stable")[:ELITE]
+        order = np.argsort(worth, kind="stable")[: CURVES.elite]
         best, worth, lacking = best[order], worth[order], lacking[order]
-        spread = best.std(axis=0) * 1.1 + LEAST_SPREAD
-        if spread.max() < 2.0 * LEAST_SPREAD:
+        spread = best.std(axis=0) * 1.1 + CURVES.least_spread
+        if spread.max() < 2.0 * CURVES.least_spread:
             break
-        drawn = best.mean(axis=0) + spread * random.normal(size=(POPULATION, CONTROLS, n))
+        drawn = best.mean(axis=0) + spread * random.normal(
+            size=(CURVES.population, CURVES.controls, n)
+        )
         drawn = np.clip(drawn, limits.lower, limits.upper)
     return [controls for controls, lack in zip(best, lacking, strict=True) if lack == 0.0]
-
-
-CURVE_POINTS = 65
-"""Points of a curve that is passed along."""
-CURVE_KNOTS = 48
-"""Knots of its motion at least."""
 
 
 def detour_pieces(
@@ -178,7 +189,7 @@ def detour_pieces(
     detour, index = plan.detours[name], drive.columns[name]
     joints = drive.joints(name)
     if not detour.stops:
-        points = curve(plan.start[index], detour.points, plan.arrival[index], CURVE_POINTS)
+        points = curve(plan.start[index], detour.points, plan.arrival[index], CURVES.curve_points)
         late = plan.waits.get(name, 0.0)
 
         def position_at(piece: Trajectory, time: FloatArray) -> FloatArray:
@@ -254,7 +265,9 @@ def _along(
 
     def made(factor: float) -> Trajectory:
         slower = replace(own, velocity=own.velocity * factor)
-        return drive.timing.line(LineProblem(joints, points, share, slower, None, CURVE_KNOTS))
+        return drive.timing.line(
+            LineProblem(joints, points, share, slower, None, CURVES.curve_knots)
+        )
 
     if cap is None:
         return made(1.0)

@@ -29,17 +29,29 @@ from dualarm_cli.postures import StopProblem
 from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.postures.tracked import Tracked
+from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.launch import Launch, reversed_in_time, solve_launch
 from dualarm_cli.timing.problem import LineProblem
 
-LINE_TOLERANCE = 5e-5
-"""Largest distance from a line [m] and turn on it [rad], half of what is verified."""
+
+@dataclass(frozen=True)
+class LineSettings:
+    """Resolution of lines."""
+
+    line_tolerance: float = 5e-5
+    """Largest distance from a line [m] and turn on it [rad], half of what is verified."""
+    knots: tuple[int, ...] = (12, 24, 48, 96, 192, 384)
+    """Numbers of knots that are tried until the tool stays within the tolerance."""
+    shared: int = 16
+    """So many lines or more are timed in two processes: copying a process takes as long as timing a few."""
+
+
+LINE = LineSettings()
+
 PATH_SAMPLES = 65
 """Samples of a line with exact inverse kinematics."""
-KNOTS = (12, 24, 48, 96, 192, 384)
-"""Numbers of knots that are tried until the tool stays within the tolerance."""
 CHECKS_PER_KNOT = 4
 """Instants per interval at which tools are measured."""
 
@@ -101,10 +113,6 @@ def event_of(model: CellModel, plan: StagePlan, arm_stop: ArmStop, time: float) 
     )
 
 
-SHARED = 16
-"""So many lines or more are timed in two processes: copying a process takes as long as timing a few."""
-
-
 def solve_line(
     drive: Drive,
     arm_stop: ArmStop,
@@ -128,7 +136,7 @@ def solve_line(
     limits = drive.own_limits[arm_stop.arm]
     # A launch is given from the target outwards.
     along = q if away or launch is None else q[::-1]
-    for knots in KNOTS:
+    for knots in LINE.knots:
         asked = LineProblem(limits.joints, along, length, limits, drive.cap, knots)
         if launch is None:
             trajectory = drive.timing.line(asked)
@@ -136,10 +144,15 @@ def solve_line(
             outwards = solve_launch(asked, launch)
             trajectory = outwards if away else reversed_in_time(outwards)
         distance, angle = line_deviation(arm_stop.problem, q, trajectory)
-        if max(distance, angle) <= LINE_TOLERANCE:
+        if max(distance, angle) <= LINE.line_tolerance:
             return trajectory
-    more = {"line": line, "mm": distance * 1000, "angle": angle, "most": LINE_TOLERANCE * 1000}
-    whose = arm_stop.stop.place, arm_stop.task.id, arm_stop.arm, distance, LINE_TOLERANCE
+    more = {
+        "line": line,
+        "mm": distance * 1000,
+        "angle": angle,
+        "most": LINE.line_tolerance * 1000,
+    }
+    whose = arm_stop.stop.place, arm_stop.task.id, arm_stop.arm, distance, LINE.line_tolerance
     raise InfeasibleError(Refusal("line_left", *whose, more=more))
 
 
@@ -243,7 +256,7 @@ def time_lines(drive: Drive, plans: Sequence[StagePlan]) -> None:
         return found
 
     lines = list(asked.values())
-    for one, trajectory in zip(lines, halves(timed, lines, SHARED), strict=True):
+    for one, trajectory in zip(lines, halves(timed, lines, LINE.shared), strict=True):
         if trajectory is not None:
             remember_line(drive, *one, trajectory)
 

@@ -27,16 +27,29 @@ from dualarm_cli.timing.ruckig_ import solve_moving_transfer
 
 PLATFORM = "platform"
 """Name of the joint group of the platform; arms' groups bear the arms' names."""
-SPEED_SAMPLE = 1e-3
-"""Spacing of the instants at which tool speeds are measured [s]."""
-SPEED_STEP = 1e-5
-"""Half-width of the central difference that measures them [s]."""
+
+
+@dataclass(frozen=True)
+class SpeedSettings:
+    """Numbers that keep tools below a speed cap."""
+
+    speed_sample: float = 1e-3
+    """Spacing of the instants at which tool speeds are measured [s]."""
+    speed_step: float = 1e-5
+    """Half-width of the central difference that measures them [s]."""
+    coarse: int = 4
+    fast: float = 0.9
+    """Every so many instants are looked at first, and all about those with more than this share of the
+    largest speed."""
+    speed_tries: int = 36
+    sure: int = 5
+    """Velocity factors that are tried at most, and those by which it should be clear where this leads."""
+
+
+SPEED = SpeedSettings()
+
 SPEED_MARGIN = 1e-3
 """Share of the tool-speed cap kept free for what lies between the instants."""
-COARSE, FAST = 4, 0.9
-"""Every so many instants are looked at first, and all about those with more than this share of the largest speed."""
-SPEED_TRIES, SURE = 36, 5
-"""Velocity factors that are tried at most, and those by which it should be clear where this leads."""
 CLOSE = 5e-4
 """A motion whose fastest tool is slower than the cap by no more than this share is as good as any."""
 SLOWEST = 4096
@@ -300,7 +313,7 @@ def slowed(make: Callable[[float], T], speed: Callable[[T], float], cap: float) 
     """
     allowed = cap * (1.0 - SPEED_MARGIN)
     best, low, high, factor = None, 0.0, 1.0, 1.0
-    for k in range(SPEED_TRIES):
+    for k in range(SPEED.speed_tries):
         tried = make(factor)
         fastest = speed(tried)
         if fastest <= allowed:
@@ -310,7 +323,7 @@ def slowed(make: Callable[[float], T], speed: Callable[[T], float], cap: float) 
         else:
             high = factor
         factor *= (1.0 - 0.5 * CLOSE) * allowed / fastest if fastest > 0.0 else 1.0
-        if not low < factor < high or (k >= SURE and k % 2):
+        if not low < factor < high or (k >= SPEED.sure and k % 2):
             factor = 0.5 * (low + high)
         if factor < 1.0 / SLOWEST or high - low < 0.1 * CLOSE * high:
             break
@@ -323,7 +336,7 @@ def largest_tool_speed(
     position_at: Callable[[FloatArray], FloatArray],
     length: float,
 ) -> float:
-    """Returns the largest speed of some arms' tool centre points [m/s], at instants SPEED_SAMPLE apart.
+    """Returns the largest speed of some arms' tool centre points [m/s], at instants `speed_sample` apart.
 
     Args:
         model: the cell.
@@ -333,16 +346,18 @@ def largest_tool_speed(
     """
 
     def speeds(time: FloatArray) -> FloatArray:
-        both = position_at(np.concatenate([time - SPEED_STEP, time + SPEED_STEP]))
+        both = position_at(np.concatenate([time - SPEED.speed_step, time + SPEED.speed_step]))
         tip = model.tool_positions(arms, both)
         way = tip[:, len(time) :] - tip[:, : len(time)]
         largest: FloatArray = norm(way, axis=-1).max(axis=0)
-        return largest / (2.0 * SPEED_STEP)
+        return largest / (2.0 * SPEED.speed_step)
 
-    coarse = np.arange(0.0, length + SPEED_SAMPLE, COARSE * SPEED_SAMPLE)
+    coarse = np.arange(0.0, length + SPEED.speed_sample, SPEED.coarse * SPEED.speed_sample)
     found = speeds(coarse)
-    near = coarse[found >= FAST * found.max()]
-    steps = SPEED_SAMPLE * np.delete(np.arange(-COARSE + 1, COARSE), COARSE - 1)
+    near = coarse[found >= SPEED.fast * found.max()]
+    steps = SPEED.speed_sample * np.delete(
+        np.arange(-SPEED.coarse + 1, SPEED.coarse), SPEED.coarse - 1
+    )
     between = distinct((near[:, None] + steps).round(9))
     return max(float(found.max()), float(speeds(between).max(initial=0.0)))
 

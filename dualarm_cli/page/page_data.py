@@ -19,6 +19,7 @@ from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.page.packed import joint_knots, packed
 from dualarm_cli.page.scene import DrawnHulls, bodies, placed, solids, tcp
 from dualarm_cli.page.things import things, while_they_are_there
+from dualarm_cli.records import dataclass
 from dualarm_cli.report.report import plan_title
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.clearance_checks import watched_pairs
@@ -122,8 +123,8 @@ def _conveyors(job: Job) -> list[dict[str, Any]]:
         found.append(
             {
                 "name": name,
-                "length": float(np.ptp(reach)) + 2 * BELT_MARGIN,
-                "width": BELT_WIDTH + float(np.ptp((points - middle) @ x[:, 1])),
+                "length": float(np.ptp(reach)) + 2 * PAGE.belt_margin,
+                "width": PAGE.belt_width + float(np.ptp((points - middle) @ x[:, 1])),
                 "velocity": conveyor.velocity.tolist(),
             }
             | placed(pin.SE3(x, centre))
@@ -131,16 +132,25 @@ def _conveyors(job: Job) -> list[dict[str, Any]]:
     return found
 
 
-BELT_MARGIN, BELT_WIDTH = 0.3, 0.2
-"""How a belt is drawn whose cell file says only how fast it is: beyond what is served, and across [m]."""
+@dataclass(frozen=True)
+class PageSettings:
+    """Resolution of what a page shows."""
+
+    belt_margin: float = 0.3
+    belt_width: float = 0.2
+    """How a belt is drawn whose cell file says only how fast it is: beyond what is served, and across [m]."""
+    per_stage: int = 20
+    """Instants that are looked at, per stage."""
+    fewest: int = 200
+    most: int = 3000
+    """Instants that are looked at."""
+    near: int = 3
+    """Bodies of the robot with no more joints between them are near links."""
 
 
-PER_STAGE = 20
-"""Instants that are looked at, per stage."""
-FEWEST, MOST = 200, 3000
-"""Instants that are looked at."""
-NEAR = 3
-"""Bodies of the robot with no more joints between them are near links."""
+PAGE = PageSettings()
+
+
 CLEARANCE, NEAR_LINKS = "clearance", "near links"
 """What the curves are called."""
 
@@ -239,7 +249,7 @@ def _are_near(model: pin.Model, one: Solid, other: Solid) -> bool:
     if WORLD in (one.joint, other.joint) and not {one.body, other.body} <= _links(model):
         return False
     joints = set(model.supports[one.joint]) ^ set(model.supports[other.joint])
-    return len(joints) <= NEAR
+    return len(joints) <= PAGE.near
 
 
 def _links(model: pin.Model) -> set[str]:
@@ -249,7 +259,7 @@ def _links(model: pin.Model) -> set[str]:
 def _instants(schedule: Schedule) -> FloatArray:
     """Returns the instants that are looked at [s]: evenly over the motion, and those of the least clearances."""
     time = schedule.trajectory.time
-    count = int(np.clip(PER_STAGE * len(schedule.stages), FEWEST, MOST))
+    count = int(np.clip(PAGE.per_stage * len(schedule.stages), PAGE.fewest, PAGE.most))
     even = np.linspace(float(time[0]), float(time[-1]), count)
     proven = schedule.verification.clearances if schedule.verification is not None else ()
     return distinct(np.concatenate([even, [stage.time for stage in proven]]))

@@ -32,14 +32,23 @@ from dualarm_cli.postures.stage_problems import Clock, stage_problems
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
-BELT_STEP = 0.02
-"""Spacing of a conveyor's places at which targets are examined [m]."""
-STRETCHES, MOST_JUNCTIONS = 16, 64
-"""Equal stretches, and maximum number of junctions, at which a path is examined."""
-FAR = 2.0
-"""Distance beyond reach from which a wrong unit is the likely cause [m]."""
-UPWARDS = 0.5
-"""Vertical part of a tool's z axis from which the tool points up."""
+
+@dataclass(frozen=True)
+class FaultSettings:
+    """Resolution of the search for faults of a job."""
+
+    belt_step: float = 0.02
+    """Spacing of a conveyor's places at which targets are examined [m]."""
+    stretches: int = 16
+    most_junctions: int = 64
+    """Equal stretches, and maximum number of junctions, at which a path is examined."""
+    far: float = 2.0
+    """Distance beyond reach from which a wrong unit is the likely cause [m]."""
+    upwards: float = 0.5
+    """Vertical part of a tool's z axis from which the tool points up."""
+
+
+FAULTS = FaultSettings()
 
 
 def job_faults(
@@ -163,7 +172,7 @@ class _Faults:
             if tried and not any(tried):
                 remedy = ("any_arm", *remedy)
         T_own_tool = self.job.cell.T_own_tool(arm, task.tool)
-        if (pose * T_own_tool).rotation[2, 2] > UPWARDS:
+        if (pose * T_own_tool).rotation[2, 2] > FAULTS.upwards:
             half_turn = pin.SE3(pin.utils.rotate("x", np.pi), np.zeros(3))
             over = pose * T_own_tool * half_turn * T_own_tool.inverse()
             turned = replace(stop, target=replace(stop.target, pose=over))
@@ -191,9 +200,12 @@ class _Faults:
             return None
         places = [stop]
         if stop.belt is not None:
-            count = 2 + int(stop.belt.within / BELT_STEP)
+            count = 2 + int(stop.belt.within / FAULTS.belt_step)
             times = np.linspace(stop.belt.passes, stop.belt.last, count)
-            places, slack = [stop.met(time) for time in times.tolist()], slack + 0.5 * BELT_STEP
+            places, slack = (
+                [stop.met(time) for time in times.tolist()],
+                slack + 0.5 * FAULTS.belt_step,
+            )
         here = self._start[self.model.platform_columns]
         first: Refusal | None = None
         for place in places:
@@ -209,16 +221,16 @@ class _Faults:
 
 def _shares(work: PathWork | None) -> list[float]:
     """List inner shares of a path or seam to examine, junctions among them."""
-    found = [k / STRETCHES for k in range(1, STRETCHES)]
+    found = [k / FAULTS.stretches for k in range(1, FAULTS.stretches)]
     for path in () if work is None else work.paths.values():
-        step = -(-len(path.junctions) // MOST_JUNCTIONS) or 1
+        step = -(-len(path.junctions) // FAULTS.most_junctions) or 1
         found += [at / path.length for at in path.junctions[::step]]
     return sorted(set(found))
 
 
 def _impossible(what: str, arm: str, task: Task, stop: Stop, cause: Refusal) -> Refusal:
     """Build the fault of a stop or path that is out of reach."""
-    remedy: tuple[str, ...] = ("check_unit",) if (cause.measured or 0.0) > FAR else ()
+    remedy: tuple[str, ...] = ("check_unit",) if (cause.measured or 0.0) > FAULTS.far else ()
     if what != "stop_impossible":
         remedy += ("move_work",)
     elif task.is_change or (isinstance(stop.target, PoseTarget) and stop.target.free_yaw):

@@ -23,12 +23,28 @@ from dualarm_cli.timing.stage_length import stage_length
 
 RATES = ("acceleration", "jerk")
 """Limits that may be assumed."""
-SAMPLES = 9
-"""Samples of each path."""
-INSTANTS = 96
-"""Instants per line from which its path is read off the trajectory."""
-PER_PHASE = 2
-"""Instants per phase of a shape at which the joints' rates are looked at."""
+
+
+@dataclass(frozen=True)
+class SensitivitySettings:
+    """Resolution of sensitivities to limits."""
+
+    samples: int = 9
+    """Samples of each path."""
+    instants: int = 96
+    """Instants per line from which its path is read off the trajectory."""
+    per_phase: int = 2
+    """Instants per phase of a shape at which the joints' rates are looked at."""
+    speed_bisections: int = 40
+    """Halvings by which the slowing of transfers under a tool-speed cap is found again."""
+    at_rest: float = 1e-6
+    """Joints that are slower stand, but for the rounding of instants [rad/s or m/s]."""
+    slowed: float = 1e-6
+    """A transfer that is longer than its closed form by more than this share was slowed for a tool-speed cap."""
+
+
+SENSITIVITY = SensitivitySettings()
+
 SHAPES = symmetric_grid(
     np.array([0.5, 0.42, 0.34, 0.25, 0.17]), np.array([0.5, 0.4, 0.3, 0.22, 0.15, 0.1, 0.06])
 )
@@ -120,9 +136,9 @@ def _own_times(
 def _paths(
     trajectory: Trajectory, spans: FloatArray, columns: list[int], scale: FloatArray
 ) -> FloatArray:
-    """Returns joints at the path's sample nodes [rad], shape (k, SAMPLES, n)."""
+    """Returns joints at the path's sample nodes [rad], shape (k, `samples`, n)."""
     # Dense where the motion starts and ends slowly, so that the path is resolved alike everywhere.
-    share = (1.0 - cos(np.linspace(0.0, np.pi, INSTANTS))) / 2.0
+    share = (1.0 - cos(np.linspace(0.0, np.pi, SENSITIVITY.instants))) / 2.0
     time = spans[:, :1] + share * (spans[:, 1:] - spans[:, :1])
     q = trajectory.at(time.ravel())[0][:, columns].reshape(*time.shape, len(columns))
     step = norm(np.diff(q, axis=1) / scale, axis=2)
@@ -143,7 +159,7 @@ def _read_off(q: FloatArray, way: FloatArray, nodes: FloatArray) -> FloatArray:
 
 def _nodes() -> FloatArray:
     """Returns Chebyshev's extrema on [0, 1]: interpolation there does not swing at the ends."""
-    return (1.0 - cos(np.pi * np.arange(SAMPLES) / (SAMPLES - 1))) / 2.0
+    return (1.0 - cos(np.pi * np.arange(SENSITIVITY.samples) / (SENSITIVITY.samples - 1))) / 2.0
 
 
 def _shape_times(path: FloatArray, limits: JointLimits) -> FloatArray:
@@ -167,19 +183,13 @@ def _shape_times(path: FloatArray, limits: JointLimits) -> FloatArray:
 @lru_cache(maxsize=1)
 def _operators() -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns matrices from path samples to q', q'', q''' in unit time at all instants of all shapes."""
-    return SHAPES.path_rates(PER_PHASE, _nodes())
+    return SHAPES.path_rates(SENSITIVITY.per_phase, _nodes())
 
 
 SHARE = 0.1
 """By what share limits are lowered and raised."""
 LINES = ("approach", "retract")
 MOTIONS = ("transfer", "return", *LINES)
-SPEED_BISECTIONS = 40
-"""Halvings by which the slowing of transfers under a tool-speed cap is found again."""
-AT_REST = 1e-6
-"""Joints that are slower stand, but for the rounding of instants [rad/s or m/s]."""
-SLOWED = 1e-6
-"""A transfer that is longer than its closed form by more than this share was slowed for a tool-speed cap."""
 
 
 @dataclass(frozen=True)
@@ -418,8 +428,8 @@ def _slowing(schedule: Schedule, chains: _Chains, limits: JointLimits) -> FloatA
         law = RestToRest(limits.velocity * factor[:, None], limits.acceleration, limits.jerk)
         return law.duration(chains.moved)
 
-    slowed = chains.recorded > times(high) * (1.0 + SLOWED)
-    for _ in range(SPEED_BISECTIONS):
+    slowed = chains.recorded > times(high) * (1.0 + SENSITIVITY.slowed)
+    for _ in range(SENSITIVITY.speed_bisections):
         middle = (low + high) / 2.0
         enough = times(middle) <= chains.recorded
         low, high = np.where(enough, low, middle), np.where(enough, middle, high)
@@ -430,7 +440,7 @@ def _is_passed(schedule: Schedule, arm: str, span: tuple[float, float]) -> bool:
     """Returns whether an arm is in motion at the beginning or the end of a transfer [s]."""
     velocity = schedule.trajectory.at(np.array(span))[1]
     columns = [schedule.trajectory.joints.index(name) for name in schedule.robot.arms[arm].joints]
-    return bool(np.abs(velocity[:, columns]).max() > AT_REST)
+    return bool(np.abs(velocity[:, columns]).max() > SENSITIVITY.at_rest)
 
 
 def _passing_times(

@@ -12,14 +12,26 @@ from dualarm_cli.scoring.baseline import Recorded
 from dualarm_cli.scoring.verdict import STATES, State, Verdict
 
 RATES = ("velocity", "acceleration", "jerk")
-SAME = 1e-9
-"""Limits that differ by less than this share are the same."""
-GREW = 1e-3
-"""Growth of a share of the time that is worth a word [s]."""
-MOST_LIMITS = 3
-"""Most changed limits that are spelt out."""
-MOST_FILES = 4
-"""Most changed files that are named."""
+
+
+@dataclass(frozen=True)
+class GateSettings:
+    """Thresholds of the gate."""
+
+    same: float = 1e-9
+    """Limits that differ by less than this share are the same."""
+    grew: float = 1e-3
+    """Growth of a share of the time that is worth a word [s]."""
+    most_limits: int = 3
+    """Most changed limits that are spelt out."""
+    most_files: int = 4
+    """Most changed files that are named."""
+    noticeable: float = 1e-3
+    """An improvement by less than this share is none that anybody has to be told."""
+
+
+GATE = GateSettings()
+
 _PARTS = {
     "lines": "straight lines take",
     "dwells": "dwells take",
@@ -65,7 +77,7 @@ def why_slower(before: Recorded, now: Evaluation) -> str:
     if blamed:
         parts.append(_takes_more(blamed, before.limiting, now.limiting))
         own = [limit for limit in tightened if limit.joint == blamed]
-        parts += [f"its {limit.text}" for limit in own[:MOST_LIMITS]]
+        parts += [f"its {limit.text}" for limit in own[: GATE.most_limits]]
         if rest := [limit for limit in tightened if limit.joint != blamed]:
             parts.append(f"also {_listed(rest)}")
     elif tightened:
@@ -90,7 +102,7 @@ def _slower_here(before: Recorded, time: float, elsewhere: str) -> str:
 def _grown(before: Mapping[str, float], now: Mapping[str, float]) -> list[str]:
     """Returns what takes more of the time than it did, most first."""
     growth = {name: now.get(name, 0.0) - before.get(name, 0.0) for name in {*before, *now}}
-    return sorted((n for n in growth if growth[n] > GREW), key=lambda n: (-growth[n], n))
+    return sorted((n for n in growth if growth[n] > GATE.grew), key=lambda n: (-growth[n], n))
 
 
 def _takes_more(name: str, before: Mapping[str, float], now: Mapping[str, float]) -> str:
@@ -107,13 +119,13 @@ def _tightened(before: Mapping[str, Mapping[str, float]], now: Evaluation) -> li
             continue
         for name in RATES:
             old, new = then.get(name, math.inf), limits.get(name, math.inf)
-            if new < old * (1.0 - SAME):
+            if new < old * (1.0 - GATE.same):
                 unit = _unit(name, slides)
                 text = f"{name} limit was {_shown(old, slides)} {unit}, now {_shown(new, slides)} {unit}"
                 found.append(Tightened(joint, text, new / old if math.isfinite(old) else 0.0))
         for name, sign in (("lower", 1.0), ("upper", -1.0)):
             old, new = then.get(name, -sign * math.inf), limits.get(name, -sign * math.inf)
-            if sign * (new - old) > SAME:
+            if sign * (new - old) > GATE.same:
                 unit = "mm" if slides else "deg"
                 text = f"{name} limit was {_shown(old, slides)} {unit}, now {_shown(new, slides)} {unit}"
                 found.append(Tightened(joint, text, 1.0))
@@ -133,8 +145,8 @@ def _shown(value: float, slides: bool) -> str:
 
 def _listed(limits: list[Tightened]) -> str:
     """Returns the first of some limits, and how many more there are."""
-    text = ", ".join(f"{limit.joint}'s {limit.text}" for limit in limits[:MOST_LIMITS])
-    more = len(limits) - MOST_LIMITS
+    text = ", ".join(f"{limit.joint}'s {limit.text}" for limit in limits[: GATE.most_limits])
+    more = len(limits) - GATE.most_limits
     return text + (f" and {more} more" if more > 0 else "")
 
 
@@ -143,15 +155,13 @@ def _input_files(before: Mapping[str, str], now: Mapping[str, str]) -> str:
     changed = sorted(name for name in {*before, *now} if before.get(name) != now.get(name))
     if not changed:
         return "no file has changed, so the cause is dualarm or one of its libraries"
-    more = len(changed) - MOST_FILES
+    more = len(changed) - GATE.most_files
     tail = f" and {more} more" if more > 0 else ""
-    return f"changed since: {', '.join(changed[:MOST_FILES])}{tail}"
+    return f"changed since: {', '.join(changed[: GATE.most_files])}{tail}"
 
 
 FLOOR = 1e-3
 """Cycle times that differ by less are the same, whatever share that is [s]: the last digits differ between machines."""
-NOTICEABLE = 1e-3
-"""An improvement by less than this share is none that anybody has to be told."""
 
 
 def judge_all(
@@ -250,7 +260,7 @@ def judge(
                 else why_slower(before, evaluation)
             )
             reasons.insert(0, Finding(text, case))
-        elif -slower > max(FLOOR, NOTICEABLE * before.cycle_time):
+        elif -slower > max(FLOOR, GATE.noticeable * before.cycle_time):
             states.append("improved")
     elif compared:
         states.append("new")

@@ -16,6 +16,7 @@ from dualarm_cli.postures.arm_angle import choose_near
 from dualarm_cli.postures.reach import moved_flanges
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.postures.target_grid import least_transfer_times
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.stage_choice import (
     OpenStage,
     choose_stage,
@@ -31,22 +32,32 @@ MINIMUM_TIME = "minimum_time"
 """Name of the method, and what its stages' solver is called."""
 SIMPLER = ("fixed", "exact", "linearised")
 """Platform solvers that no stage of this method is slower than from the same start."""
-GRID_STEP = np.radians(5.0)
-"""Spacing of the platform angles at which a first idea of the stage's time is had [rad]."""
-FREE_YAWS = 4
-"""Yaws that are looked at for it where any will do."""
-PROMISING = 3
-"""Platform angles besides the simpler solvers' at which postures are chosen."""
+
+
+@dataclass(frozen=True)
+class MoveSettings:
+    """Numbers that steer the search for quickest moves of one stage."""
+
+    grid_step: float = np.radians(5.0)
+    """Spacing of the platform angles at which a first idea of the stage's time is had [rad]."""
+    free_yaws: int = 4
+    """Yaws that are looked at for it where any will do."""
+    promising: int = 3
+    """Platform angles besides the simpler solvers' at which postures are chosen."""
+    zoom_rounds: int = 3
+    """Rounds of ever narrower brackets."""
+    zoom_shrink: float = 0.35
+    """Half-width of a bracket as a share of that of the round before."""
+    posture_width: float = 0.12
+    """Half-width of the variation of postures in the first round [rad]."""
+    travel_allowed: float = 0.01
+    """How much slower than the best a posture may be by the cost of its joints' travel to be looked at [s]."""
+
+
+MOVE = MoveSettings()
+
 ZOOM = np.linspace(-1.0, 1.0, 7)
-"""Platform angles that are tried in a bracket, as shares of its half-width; the first one is GRID_STEP wide."""
-ZOOM_ROUNDS = 3
-"""Rounds of ever narrower brackets."""
-ZOOM_SHRINK = 0.35
-"""Half-width of a bracket as a share of that of the round before."""
-POSTURE_WIDTH = 0.12
-"""Half-width of the variation of postures in the first round [rad]."""
-TRAVEL_ALLOWED = 0.01
-"""How much slower than the best a posture may be by the cost of its joints' travel to be looked at [s]."""
+"""Platform angles that are tried in a bracket, as shares of its half-width; the first one is `grid_step` wide."""
 
 
 def choose_quickest(stage: OpenStage, position: FloatArray) -> StagePlan | InfeasibleError:
@@ -100,11 +111,11 @@ def _angle(stage: OpenStage, plan: StagePlan) -> float:
 
 
 def _step(stage: OpenStage) -> float:
-    """Returns GRID_STEP, or what goes with it on a rail [rad or m]."""
+    """Returns `grid_step`, or what goes with it on a rail [rad or m]."""
     limits = stage.model.cell.robot.limits
     column = stage.model.platform_columns[0]
     return stage.model.platform.spacing(
-        GRID_STEP, float(limits.lower[column]), float(limits.upper[column])
+        MOVE.grid_step, float(limits.lower[column]), float(limits.upper[column])
     )
 
 
@@ -137,7 +148,7 @@ def _promising(stage: OpenStage, position: FloatArray) -> FloatArray:
     before, after = np.append(np.inf, time[:-1]), np.append(time[1:], np.inf)
     minima = np.flatnonzero(np.isfinite(time) & (time <= before) & (time <= after))
     order = np.lexsort((np.abs(angles[minima] - here), time[minima]))
-    return angles[minima[order[:PROMISING]]]
+    return angles[minima[order[: MOVE.promising]]]
 
 
 def _first_idea(
@@ -151,7 +162,7 @@ def _first_idea(
     there, dwells = [np.zeros(len(turn))], [0.0]
     for name, problem in at_start.items():
         if problem.free_yaw:
-            few = problem.yaw[:: max(1, len(problem.yaw) // FREE_YAWS)]
+            few = problem.yaw[:: max(1, len(problem.yaw) // MOVE.free_yaws)]
             problem = replace(problem, yaw=few)
         # Where the transfer ends: at the start of the approach, if there is one.
         R, p = moved_flanges(problem, stage.model.platform, turn)[1 if problem.approach > 0 else 0]
@@ -165,11 +176,11 @@ def _zoomed(stage: OpenStage, position: FloatArray, best: StagePlan) -> StagePla
     """Returns the quickest stage of ever narrower brackets about a stage's platform angle; or that stage."""
     column = stage.model.platform_columns[0]
     limits = stage.model.cell.robot.limits
-    for k in range(ZOOM_ROUNDS):
-        shrink = power(ZOOM_SHRINK, k)
+    for k in range(MOVE.zoom_rounds):
+        shrink = power(MOVE.zoom_shrink, k)
         angles = _angle(stage, best) + _step(stage) * shrink * ZOOM
         angles = np.clip(angles, limits.lower[column], limits.upper[column])
-        made = _stages_near(stage, position, angles, best, POSTURE_WIDTH * shrink)
+        made = _stages_near(stage, position, angles, best, MOVE.posture_width * shrink)
         best = _quickest(stage, [best, *made])
     return best
 
@@ -183,7 +194,7 @@ def _stages_near(
     answers = choose_near(
         [problems[k][arm] for k, arm in each],
         [like.stops[arm].posture for _, arm in each],
-        [like.duration - stage.work[arm][1].dwell.total + TRAVEL_ALLOWED for _, arm in each],
+        [like.duration - stage.work[arm][1].dwell.total + MOVE.travel_allowed for _, arm in each],
         width,
     )
     postures: list[dict[str, StopPosture]] = [{} for _ in angles]

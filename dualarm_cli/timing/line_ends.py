@@ -22,32 +22,42 @@ from dualarm_cli.timing.line_profile import path_of
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 from dualarm_cli.timing.ruckig_ import MovingTransfer
 
-MIDDLE = 2, 5
-"""A profile and a cut, as indices, that are quick under jerk limits."""
-EVEN = 8, 5
-"""Those that are quick without."""
+
+@dataclass(frozen=True)
+class LineEndSettings:
+    """Resolution of the search for speeds at line ends."""
+
+    middle: tuple[int, int] = 2, 5
+    """A profile and a cut, as indices, that are quick under jerk limits."""
+    even: tuple[int, int] = 8, 5
+    """Those that are quick without."""
+    late: tuple[tuple[int, int], ...] = (0, 9), (8, 9)
+    """Those that leave the line slowly, where limits of position are near, under jerk limits and without."""
+    steps: tuple[tuple[int, int], ...] = (2, 4), (1, 2), (1, 1)
+    """Steps of that search through PROFILES and CUTS, one width after the other."""
+    less: float = 1e-9
+    """What counts as a shorter time [s]."""
+    widest: tuple[float, ...] = 0.3, 0.3, 0.2, 0.03
+    """First steps by which the numbers of a way are changed: constant, cruise, inner and cut; the next ones
+    are halves."""
+    numbers: tuple[int, ...] = 3, 0, 1, 2
+    """The order in which they are changed: that which matters most first."""
+    sweeps: int = 3
+    """So often all numbers are changed by one width of steps, at most."""
+
+
+ENDS = LineEndSettings()
+
 REST = 0, len(CUTS)
 """What stands for rest: the last cut, after the whole profile."""
-LATE = (0, 9), (8, 9)
-"""Those that leave the line slowly, where limits of position are near, under jerk limits and without."""
 STARTS = tuple(
     pair
-    for quick, slow in zip((MIDDLE, EVEN), LATE, strict=True)
+    for quick, slow in zip((ENDS.middle, ENDS.even), ENDS.late, strict=True)
     for pair in ((quick, quick), (slow, slow), (quick, REST), (REST, quick))
 )
 """Pairs from whose best one the search for a pair begins, if rest at both lines is not better."""
-STEPS = (2, 4), (1, 2), (1, 1)
-"""Steps of that search through PROFILES and CUTS, one width after the other."""
-LESS = 1e-9
-"""What counts as a shorter time [s]."""
-WIDEST = 0.3, 0.3, 0.2, 0.03
-"""First steps by which the numbers of a way are changed: constant, cruise, inner and cut; the next ones are halves."""
 RANGES = (0.0, 40.0, 1.0), (0.0, 40.0, 1.0), (0.2, 1.5, 0.0), (0.1, 0.98, 0.0)
 """Least and most of each number, and whether its steps grow with it."""
-NUMBERS = 3, 0, 1, 2
-"""The order in which they are changed: that which matters most first."""
-SWEEPS = 3
-"""So often all numbers are changed by one width of steps, at most."""
 
 
 @dataclass(frozen=True)
@@ -137,13 +147,13 @@ def quickest_pair(
     for start in STARTS:
         if (found := time(start, best)) < best:
             best, pair = found, start
-    for width in STEPS:
+    for width in ENDS.steps:
         moved = True
         while moved:
             moved = False
             for one, other in _moves(*width):
                 tried = _moved(pair[0], one), _moved(pair[1], other)
-                if (found := time(tried, best)) < best - LESS:
+                if (found := time(tried, best)) < best - ENDS.less:
                     best, pair, moved = found, tried, True
     return before.index(*pair[0]), after.index(*pair[1]), best
 
@@ -205,7 +215,7 @@ class _End:
         numbers, which = [], []
         for number in wanted:
             least, most, relative = RANGES[number]
-            step = WIDEST[number] * power(0.5, halved) * (1.0 + relative * own[number])
+            step = ENDS.widest[number] * power(0.5, halved) * (1.0 + relative * own[number])
             for value in (own[number] + step, own[number] - step):
                 if (value := min(max(value, least), most)) != own[number]:
                     numbers.append([*own[:number], value, *own[number + 1 :]])
@@ -249,10 +259,10 @@ def refined_pair(
     ends = [_End.of(one, way) for one, way in zip(lines, pair[:2], strict=True)]
     transfer, best = MovingTransfer(problem, room), pair[2]
     for width in range(widths):
-        for _ in range(SWEEPS):
+        for _ in range(ENDS.sweeps):
             moved = False
             for side in (0, 1):
-                left = ends[side].changed(width, NUMBERS)
+                left = ends[side].changed(width, ENDS.numbers)
                 while left:
                     number, one = left.pop(0)
                     tried = [one, ends[1]] if side == 0 else [ends[0], one]
@@ -260,9 +270,9 @@ def refined_pair(
                     if spent + problem.minimum_duration >= best:
                         continue
                     time = spent + transfer.duration(tried[0].rates, tried[1].rates, best - spent)
-                    if time < best - LESS:
+                    if time < best - ENDS.less:
                         best, ends, moved = time, tried, True
-                        left = one.changed(width, NUMBERS[NUMBERS.index(number) + 1 :])
+                        left = one.changed(width, ENDS.numbers[ENDS.numbers.index(number) + 1 :])
             if not moved:
                 break
     return ends[0].way, ends[1].way

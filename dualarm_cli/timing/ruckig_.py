@@ -13,25 +13,34 @@ from dualarm_cli.geometry.elementary import cube
 from dualarm_cli.geometry.linear_systems import least_squares
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.records import dataclass
 from dualarm_cli.timing import double_s
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.double_s import PHASES, Phases, transfer_trajectory
 from dualarm_cli.timing.problem import TransferProblem
 
-SAME_DURATION = 1e-9
-"""Relative difference up to which ruckig's duration is the closed form's."""
-SAME_POSITION = 1e-10
-"""How far from its goal a joint of ruckig's may end [rad]; it promises 1e-8."""
-SAME_LIMIT = 1e-10
-"""Share by which ruckig's acceleration may exceed its limit by rounding; now and then it is 6e-9."""
-SAME_RATE = 1e-9
-"""How far from its goal's velocity a joint of ruckig's may end [rad/s]."""
-SAME_END = 1e-12
-"""How far from its goal a joint of a transfer in motion may end, in s, rad, rad/s and rad/s²."""
-CORRECTIONS = 5
-"""Steps in which such a joint's phases are corrected at most."""
-SHORTEST_PHASE = 1e-6
-"""Phases that are not longer [s] make a profile unusable: knots a nanosecond apart become one."""
+
+@dataclass(frozen=True)
+class TransferTolerances:
+    """Differences that count as none in transfers by ruckig."""
+
+    same_duration: float = 1e-9
+    """Relative difference up to which ruckig's duration is the closed form's."""
+    same_position: float = 1e-10
+    """How far from its goal a joint of ruckig's may end [rad]; it promises 1e-8."""
+    same_limit: float = 1e-10
+    """Share by which ruckig's acceleration may exceed its limit by rounding; now and then it is 6e-9."""
+    same_rate: float = 1e-9
+    """How far from its goal's velocity a joint of ruckig's may end [rad/s]."""
+    same_end: float = 1e-12
+    """How far from its goal a joint of a transfer in motion may end, in s, rad, rad/s and rad/s²."""
+    corrections: int = 5
+    """Steps in which such a joint's phases are corrected at most."""
+    shortest_phase: float = 1e-6
+    """Phases that are not longer [s] make a profile unusable: knots a nanosecond apart become one."""
+
+
+TOLERANCES = TransferTolerances()
 
 
 def solve_transfer(problem: TransferProblem) -> Trajectory:
@@ -94,10 +103,10 @@ def solve_moving_transfer(problem: TransferProblem) -> Trajectory | None:
 def _is_usable(profile: Any, goal: FloatArray, acceleration: float) -> bool:
     """Returns whether a joint's profile has no phase that is too short, and ends where it has to within its limit."""
     return bool(
-        all(t == 0.0 or t > SHORTEST_PHASE for t in profile.t)
-        and abs(profile.p[-1] - goal[0]) <= SAME_POSITION
-        and abs(profile.v[-1] - goal[1]) <= SAME_RATE
-        and max(map(abs, profile.a)) <= acceleration * (1.0 + SAME_LIMIT)
+        all(t == 0.0 or t > TOLERANCES.shortest_phase for t in profile.t)
+        and abs(profile.p[-1] - goal[0]) <= TOLERANCES.same_position
+        and abs(profile.v[-1] - goal[1]) <= TOLERANCES.same_rate
+        and max(map(abs, profile.a)) <= acceleration * (1.0 + TOLERANCES.same_limit)
     )
 
 
@@ -113,14 +122,14 @@ def _corrected(profile: Any, ends: FloatArray, duration: float) -> FloatArray | 
         duration: of the transfer [s].
     """
     time, jerk = np.array(profile.t), np.array(profile.j)
-    time[time <= SHORTEST_PHASE] = 0.0
+    time[time <= TOLERANCES.shortest_phase] = 0.0
     free = time > 0.0
     for limited, ramp in ((1, 0), (5, 6)):
         free[ramp] &= time[limited] == 0.0
-    for _ in range(CORRECTIONS):
+    for _ in range(TOLERANCES.corrections):
         q, v, a = _states(time, jerk, ends[0])
         missing = np.array([duration - time.sum(), *(ends[1] - [q[-1], v[-1], a[-1]])])
-        if (np.abs(missing) <= SAME_END).all():
+        if (np.abs(missing) <= TOLERANCES.same_end).all():
             return np.stack([time, a[:-1], jerk])
         left = time.sum() - np.cumsum(time)
         # A moment more of a phase, and the same phases after it.
@@ -245,8 +254,8 @@ class MovingTransfer:
         self._transfers = StatesToStates(limits, problem.minimum_duration)
         # Where it begins or ends outside by rounding, it may stay there, and rates of rounding may lead it on.
         ends = np.stack([problem.start, problem.goal])
-        self._lower = np.minimum(limits.lower + room, ends.min(axis=0)) - SAME_END
-        self._upper = np.maximum(limits.upper - room, ends.max(axis=0)) + SAME_END
+        self._lower = np.minimum(limits.lower + room, ends.min(axis=0)) - TOLERANCES.same_end
+        self._upper = np.maximum(limits.upper - room, ends.max(axis=0)) + TOLERANCES.same_end
 
     def calculated(self, leaving: FloatArray, arriving: FloatArray) -> Any:
         """Returns ruckig's trajectory, None where it has none; valid until the next one is asked for.
@@ -290,7 +299,7 @@ class MovingTransfer:
         q, v, a = _states(time, jerk, start)
         turns = a[:-1] * a[1:] < 0.0
         inside = v[:-1][turns] - np.square(a[:-1][turns]) / (2.0 * jerk[turns])
-        most = 1.0 + SAME_LIMIT
+        most = 1.0 + TOLERANCES.same_limit
         begins = np.stack([time, q[:-1], v[:-1], a[:-1], jerk])[None]
         return bool(
             np.abs(a).max() <= self._limits.acceleration[joint] * most
@@ -324,12 +333,12 @@ def _calculate(problem: TransferProblem, moving: IntArray, duration: float) -> d
         return {}
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
         return {}
-    if not abs(trajectory.duration - duration) <= SAME_DURATION * duration:
+    if not abs(trajectory.duration - duration) <= TOLERANCES.same_duration * duration:
         return {}
     return {
         k: profile
         for k, profile in zip(moving.tolist(), trajectory.profiles[0], strict=True)
-        if all(t == 0.0 or t > SHORTEST_PHASE for t in profile.t)
-        and abs(profile.p[-1] - problem.goal[k]) <= SAME_POSITION
-        and max(map(abs, profile.a)) <= limits.acceleration[k] * (1.0 + SAME_LIMIT)
+        if all(t == 0.0 or t > TOLERANCES.shortest_phase for t in profile.t)
+        and abs(profile.p[-1] - problem.goal[k]) <= TOLERANCES.same_position
+        and max(map(abs, profile.a)) <= limits.acceleration[k] * (1.0 + TOLERANCES.same_limit)
     }

@@ -133,23 +133,36 @@ RATE_MARGIN = np.array([0.995, 0.985, 0.96])
 RAMPS = geometric(0.01, 2000.0, 116)
 """Times of a ramp that are tried, each a ninth longer than the one before [s]."""
 RATIO = float(RAMPS[1] / RAMPS[0])
-TOGETHER, FINER = 16, 18
-"""So many times are tried at once, and so many between the first that will do and the second before."""
+
+
+@dataclass(frozen=True)
+class ProfileSettings:
+    """Resolution of the search for steady profiles."""
+
+    together: int = 16
+    finer: int = 18
+    """So many times are tried at once, and so many between the first that will do and the second before."""
+    per_phase: int = 9
+    close: int = 49
+    """Instants of each phase of a ramp that are looked at first, and of those that keep all limits there."""
+    at_once: int = 4
+    """So many ramps are looked at closely at once."""
+    speeds: int = 40
+    near_best: int = 16
+    """Speeds that are tried where any will do, and then about the best of them."""
+    least_speed: float = 1e-3
+    """Least of them, as a share of the largest that can be: short seams are over before they are fast."""
+    as_fast: float = 1.0 + 1e-12
+
+
+PROFILE = ProfileSettings()
+
 JERK_SHARES = np.array([0.5, 0.3, 0.15])
 """Shares of a ramp in which the acceleration rises, and falls again, that are tried."""
 FINER_SHARES = np.array([0.5, 0.44, 0.38, 0.32, 0.26, 0.2, 0.15, 0.1])
 """Those that are tried where a ramp is known that is nearly the shortest."""
-PER_PHASE, CLOSE = 9, 49
-"""Instants of each phase of a ramp that are looked at first, and of those that keep all limits there."""
-AT_ONCE = 4
-"""So many ramps are looked at closely at once."""
-SPEEDS, NEAR_BEST = 40, 16
-"""Speeds that are tried where any will do, and then about the best of them."""
-LEAST_SPEED = 1e-3
-"""Least of them, as a share of the largest that can be: short seams are over before they are fast."""
 SHARES_OF_TIME = np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5])
 """Ramps that are tried where the whole time is given, as shares of it."""
-AS_FAST = 1.0 + 1e-12
 
 
 @dataclass(frozen=True)
@@ -210,13 +223,15 @@ def fastest_profile(
             return _shortened(exact, rates, limits, acceleration, trapezoid)
     # Two ramps cover the whole path at most.
     # Rounding may not make a ramp to the highest speed too fast.
-    highest = min(most, top / AS_FAST, 1.0 / RAMPS[0])
-    speeds = highest * geometric(1.0, LEAST_SPEED, SPEEDS)
+    highest = min(most, top / PROFILE.as_fast, 1.0 / RAMPS[0])
+    speeds = highest * geometric(1.0, PROFILE.least_speed, PROFILE.speeds)
     best = _quickest(rates, limits, speeds, acceleration, trapezoid)
     if best is None:
         return None
     k = int(np.argmin(np.abs(speeds - best.speed)))
-    near = np.linspace(speeds[max(k - 1, 0)], speeds[min(k + 1, SPEEDS - 1)], NEAR_BEST)
+    near = np.linspace(
+        speeds[max(k - 1, 0)], speeds[min(k + 1, PROFILE.speeds - 1)], PROFILE.near_best
+    )
     nearby = _quickest(rates, limits, near, acceleration, trapezoid)
     if nearby is not None and nearby.duration < best.duration:
         best = nearby
@@ -250,7 +265,8 @@ def profile_of_duration(
             time, part = np.array([ramp]), np.array([shape])
             ends = (rates, rates.backwards())
             if all(
-                _keeps(end, limits, speed, time, part, acceleration, CLOSE).all() for end in ends
+                _keeps(end, limits, speed, time, part, acceleration, PROFILE.close).all()
+                for end in ends
             ):
                 one = Ramp(ramp, ramp * shape)
                 return SteadyProfile(speed, one, one)
@@ -295,14 +311,14 @@ def _shortest_ramp(
     trapezoid: bool,
 ) -> Ramp | None:
     """Returns the shortest ramp to a speed that keeps every limit, or None."""
-    least = 0.0 if acceleration is None else speed / (acceleration * AS_FAST)
+    least = 0.0 if acceleration is None else speed / (acceleration * PROFILE.as_fast)
     times = RAMPS[(2.0 / speed >= RAMPS) & (least / RATIO < RAMPS)]
     coarse, fine = (np.zeros(1) if trapezoid else shares for shares in (JERK_SHARES, FINER_SHARES))
-    for k in range(0, len(times), TOGETHER):
-        tried = times[k : k + TOGETHER]
+    for k in range(0, len(times), PROFILE.together):
+        tried = times[k : k + PROFILE.together]
         found = _first(rates, limits, speed, tried, coarse, acceleration)
         if found is not None:
-            shorter = geometric(found.time / np.square(RATIO), found.time, FINER + 1)[:-1]
+            shorter = geometric(found.time / np.square(RATIO), found.time, PROFILE.finer + 1)[:-1]
             return _first(rates, limits, speed, shorter, fine, acceleration) or found
     return None
 
@@ -317,7 +333,9 @@ def _shortened(
     """Returns a profile with its ramps shorter by what the times that were tried leave between them."""
     ramps = []
     for end, ramp in ((rates, profile.start), (rates.backwards(), profile.end)):
-        times = geometric(ramp.time / power(RATIO, 2.0 / FINER), ramp.time, FINER + 1)[:-1]
+        times = geometric(
+            ramp.time / power(RATIO, 2.0 / PROFILE.finer), ramp.time, PROFILE.finer + 1
+        )[:-1]
         shapes = np.zeros(1) if trapezoid else FINER_SHARES
         ramps.append(_first(end, limits, profile.speed, times, shapes, acceleration) or ramp)
     return SteadyProfile(profile.speed, *ramps)
@@ -335,9 +353,11 @@ def _first(
     time, shape = (grid.ravel() for grid in np.meshgrid(times, shapes, indexing="ij"))
     good = np.flatnonzero(_keeps(rates, limits, speed, time, shape, acceleration))
     # On a wavy path rates have peaks between the few instants by which most ramps are refused.
-    for k in range(0, len(good), AT_ONCE):
-        some = good[k : k + AT_ONCE]
-        kept = some[_keeps(rates, limits, speed, time[some], shape[some], acceleration, CLOSE)]
+    for k in range(0, len(good), PROFILE.at_once):
+        some = good[k : k + PROFILE.at_once]
+        kept = some[
+            _keeps(rates, limits, speed, time[some], shape[some], acceleration, PROFILE.close)
+        ]
         if len(kept):
             return Ramp(float(time[kept[0]]), float((time * shape)[kept[0]]))
     return None
@@ -350,7 +370,7 @@ def _keeps(
     time: FloatArray,
     shape: FloatArray,
     acceleration: float | None,
-    instants: int = PER_PHASE,
+    instants: int = PROFILE.per_phase,
 ) -> BoolArray:
     """Returns which ramps to a speed keep every limit, shape (g,).
 
@@ -383,7 +403,7 @@ def _keeps(
     jerks = np.abs(q3 * cube(sd) + 3.0 * q2 * sd * sdd + q1 * sddd) / limits.jerk
     largest = [part.max(axis=(1, 2, 3)) for part in (velocity, accelerations, jerks)]
     good = np.all([one <= margin for one, margin in zip(largest, RATE_MARGIN, strict=True)], axis=0)
-    good &= s.max(axis=(1, 2)) <= AS_FAST
+    good &= s.max(axis=(1, 2)) <= PROFILE.as_fast
     if acceleration is not None:
-        good &= steep <= acceleration * AS_FAST
+        good &= steep <= acceleration * PROFILE.as_fast
     return np.asarray(good)

@@ -30,31 +30,44 @@ from dualarm_cli.verification.clearance_checks import check_clearance
 from dualarm_cli.verification.criteria import judge, not_checked
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
-LONGEST_DELAY, DELAY_STEP = 1.0, 0.01
-"""Delays that are looked for [s], either way, and the step of the grid."""
-GRID_SAMPLES = 2_000
-"""Samples of a long log that the grid looks at."""
-NEARBY, FINE_STEP = 0.05, 0.002
-"""How far from the grid's best delay the fit looks, and its first step [s]."""
-SECTIONS, STEPS, ENOUGH = 12, 20, 1e-7
-"""Golden sections, steps of generalised least squares at most, and a step that is small enough [s]."""
-ORDER = 8
-"""Of the autoregression: eight samples before tell the next one."""
-GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
-MOST_SAMPLES = 20_000
-"""Samples of a long log that the fit looks at."""
-LEAST_MOTION = 0.02
-"""Range of a joint's planned positions below which its delay is not measured [rad or m]."""
-BETWEEN = (0.0, 0.25, 0.5, 0.75)
-"""Where errors are measured between two samples, as shares of the step."""
-PER_QUINTIC = 8
-"""Cubics that stand for one quintic piece where the clearance is proven."""
-FARTHEST = 10.0
-"""Mean speed, as a share of its limit, beyond which clearance is unproven."""
+
+@dataclass(frozen=True)
+class DrivenSettings:
+    """Resolution of the comparison with a driven motion."""
+
+    longest_delay: float = 1.0
+    delay_step: float = 0.01
+    """Delays that are looked for [s], either way, and the step of the grid."""
+    grid_samples: int = 2_000
+    """Samples of a long log that the grid looks at."""
+    nearby: float = 0.05
+    fine_step: float = 0.002
+    """How far from the grid's best delay the fit looks, and its first step [s]."""
+    sections: int = 12
+    steps: int = 20
+    enough: float = 1e-7
+    """Golden sections, steps of generalised least squares at most, and a step that is small enough [s]."""
+    order: int = 8
+    """Of the autoregression: eight samples before tell the next one."""
+    golden: float = (np.sqrt(5.0) - 1.0) / 2.0
+    most_samples: int = 20_000
+    """Samples of a long log that the fit looks at."""
+    least_motion: float = 0.02
+    """Range of a joint's planned positions below which its delay is not measured [rad or m]."""
+    between: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75)
+    """Where errors are measured between two samples, as shares of the step."""
+    per_quintic: int = 8
+    """Cubics that stand for one quintic piece where the clearance is proven."""
+    farthest: float = 10.0
+    """Mean speed, as a share of its limit, beyond which clearance is unproven."""
+    shortest: float = 1e-7
+    """Pieces that are shorter are left out where the clearance is proven [s]."""
+
+
+DRIVEN = DrivenSettings()
+
 NOT_LOGGED = "joints that it depends on are not in the file"
 """Why tools or clearance are not checked."""
-SHORTEST = 1e-7
-"""Pieces that are shorter are left out where the clearance is proven [s]."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +179,7 @@ def judge_driven(
         why = NOT_LOGGED if unknown else "not requested; leave out --no-clearance"
         checks.append(not_checked(COLLISIONS, why))
         return DrivenJudgement(Verification(tuple(checks)), common, joints, events)
-    if (share := _share_of_speed(driven, schedule)) > FARTHEST:
+    if (share := _share_of_speed(driven, schedule)) > DRIVEN.farthest:
         why = f"cannot be proven: on average a joint moves at {share:.3g} times its speed limit"
         checks.append(judge(COLLISIONS, np.nan, tol.CLEARANCE_SLACK, why))
         return DrivenJudgement(Verification(tuple(checks)), common, joints, events)
@@ -201,14 +214,14 @@ def _delays(plan: Trajectory, motion: PiecewisePolynomial) -> list[float | None]
         plan: of the joints that were logged.
         motion: how they were driven.
     """
-    count = int(np.clip(len(motion.time), 4 * ORDER, MOST_SAMPLES))
+    count = int(np.clip(len(motion.time), 4 * DRIVEN.order, DRIVEN.most_samples))
     times = np.linspace(motion.time[0], motion.time[-1], count)
     driven = motion.derivatives(times)[:, 0]
-    some = distinct(np.linspace(0, count - 1, GRID_SAMPLES).astype(int))
-    steps = round(LONGEST_DELAY / DELAY_STEP)
-    grid = np.arange(-steps, steps + 1) * DELAY_STEP
+    some = distinct(np.linspace(0, count - 1, DRIVEN.grid_samples).astype(int))
+    steps = round(DRIVEN.longest_delay / DRIVEN.delay_step)
+    grid = np.arange(-steps, steps + 1) * DRIVEN.delay_step
     rests = np.array([np.var(driven[some] - plan.at(times[some] - d)[0], axis=0) for d in grid])
-    moves = np.ptp(plan.at(times)[0], axis=0) >= LEAST_MOTION
+    moves = np.ptp(plan.at(times)[0], axis=0) >= DRIVEN.least_motion
     best = grid[np.argmin(rests, axis=0)]
     return [
         _fitted(plan.select([joint]), times, driven[:, k], float(best[k])) if moves[k] else None
@@ -227,33 +240,33 @@ def _fitted(plan: Trajectory, times: FloatArray, driven: FloatArray, first: floa
     """
     if np.abs(_rest(plan, times, driven, first)).max() < tol.SAME_JOINTS:
         return first
-    nearby = first + np.arange(-NEARBY, NEARBY + FINE_STEP, FINE_STEP)
+    nearby = first + np.arange(-DRIVEN.nearby, DRIVEN.nearby + DRIVEN.fine_step, DRIVEN.fine_step)
     least = [_untold(plan, times, driven, d) for d in nearby]
     middle = float(nearby[int(np.argmin(least))])
-    low, high = middle - FINE_STEP, middle + FINE_STEP
-    for _ in range(SECTIONS):
-        inner = (high - GOLDEN * (high - low), low + GOLDEN * (high - low))
+    low, high = middle - DRIVEN.fine_step, middle + DRIVEN.fine_step
+    for _ in range(DRIVEN.sections):
+        inner = (high - DRIVEN.golden * (high - low), low + DRIVEN.golden * (high - low))
         if _untold(plan, times, driven, inner[0]) < _untold(plan, times, driven, inner[1]):
             high = inner[1]
         else:
             low = inner[0]
     found = delay = 0.5 * (low + high)
-    for _ in range(STEPS):
+    for _ in range(DRIVEN.steps):
         rest = _rest(plan, times, driven, delay)
         if np.abs(rest).max() < tol.SAME_JOINTS:
             break
         weights, windows = _autoregression(rest)
         velocity = plan.at(times - delay)[1][:, 0]
         slope = velocity - velocity.mean()
-        slope = slope[ORDER:] - product(_windows(slope), weights)
+        slope = slope[DRIVEN.order :] - product(_windows(slope), weights)
         # What is late by d is off by -d v.
-        change = -float(product(slope, rest[ORDER:] - product(windows, weights))) / float(
+        change = -float(product(slope, rest[DRIVEN.order :] - product(windows, weights))) / float(
             product(slope, slope)
         )
         delay += change
-        if abs(delay - found) > FINE_STEP:
+        if abs(delay - found) > DRIVEN.fine_step:
             return found
-        if abs(change) < ENOUGH:
+        if abs(change) < DRIVEN.enough:
             break
     return delay
 
@@ -268,22 +281,22 @@ def _untold(plan: Trajectory, times: FloatArray, driven: FloatArray, delay: floa
     """Returns the sum of squares that an autoregression leaves of the rest."""
     rest = _rest(plan, times, driven, delay)
     weights, windows = _autoregression(rest)
-    left = rest[ORDER:] - product(windows, weights)
+    left = rest[DRIVEN.order :] - product(windows, weights)
     return float(product(left, left))
 
 
 def _autoregression(rest: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns weights (ORDER,) by which values before tell each one best, and those values (m - ORDER, ORDER)."""
+    """Returns weights (`order`,) by which values before tell each one best, and those values (m - `order`, `order`)."""
     windows = _windows(rest)
     gram = product(windows.T, windows)
     weights = np.asarray(
-        np.linalg.lstsq(gram, product(windows.T, rest[ORDER:]), rcond=1e-10)[0], float
+        np.linalg.lstsq(gram, product(windows.T, rest[DRIVEN.order :]), rcond=1e-10)[0], float
     )
     return weights, windows
 
 
 def _windows(values: FloatArray) -> FloatArray:
-    return np.lib.stride_tricks.sliding_window_view(values[:-1], ORDER)
+    return np.lib.stride_tricks.sliding_window_view(values[:-1], DRIVEN.order)
 
 
 def _median(delays: Sequence[float | None]) -> float | None:
@@ -307,7 +320,7 @@ def _joints(
     sliding: frozenset[str],
 ) -> tuple[JointTracking, ...]:
     """Returns how each joint followed its plan, at the samples and between them."""
-    inner = motion.time[:-1, None] + np.diff(motion.time)[:, None] * np.array(BETWEEN)
+    inner = motion.time[:-1, None] + np.diff(motion.time)[:, None] * np.array(DRIVEN.between)
     times = np.append(inner.ravel(), motion.time[-1])
     driven = motion.derivatives(times)[:, 0]
     as_logged = np.abs(driven - plan.at(times)[0]).max(axis=0)
@@ -344,12 +357,16 @@ def _driven(
         delay: by which that is late [s].
     """
     plan, duration = schedule.trajectory, schedule.duration
-    shares = np.arange(PER_QUINTIC) / PER_QUINTIC if motion.coefficients.shape[1] > 4 else [0.0]
+    shares = (
+        np.arange(DRIVEN.per_quintic) / DRIVEN.per_quintic
+        if motion.coefficients.shape[1] > 4
+        else [0.0]
+    )
     inner = motion.time[:-1, None] + np.diff(motion.time)[:, None] * np.asarray(shares)
     logged = np.append(inner.ravel(), motion.time[-1]) - delay
     edges = np.union1d(np.union1d(logged, plan.time), [0.0, duration])
     edges = edges[(edges >= 0.0) & (edges <= duration)]
-    edges = edges[np.append(np.diff(edges) > SHORTEST, True)]
+    edges = edges[np.append(np.diff(edges) > DRIVEN.shortest, True)]
     middle, length = 0.5 * (edges[:-1] + edges[1:]), np.diff(edges)[:, None]
     q, v, _ = (row.copy() for row in plan.at(edges))
     begin, end = (row.copy() for row in (v[:-1], v[1:]))

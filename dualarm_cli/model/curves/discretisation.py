@@ -16,14 +16,24 @@ SHORTEST_STEP = 2e-6
 """Least step [m]."""
 MOST_POINTS = 100_000
 """Points of one curve."""
-REMAINDER = 1e-6
-"""What is left at the end and shorter than this is joined to the last step [m]."""
+
+
+@dataclass(frozen=True)
+class DiscretisationSettings:
+    """Resolution of curves."""
+
+    remainder: float = 1e-6
+    """What is left at the end and shorter than this is joined to the last step [m]."""
+    inner: int = 16
+    """Equal parts of a step's parameter between which its distance from the chord is measured."""
+    rounding: float = 1.0 + 1e-9
+    """What bounds are made longer by, so that rounding does not undo them."""
+
+
+CURVE_STEPS = DiscretisationSettings()
+
 CELLS = 16384
 """Least number of stretches over which curvature is bounded."""
-INNER = 16
-"""Equal parts of a step's parameter between which its distance from the chord is measured."""
-ROUNDING = 1.0 + 1e-9
-"""What bounds are made longer by, so that rounding does not undo them."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
@@ -79,7 +89,7 @@ def step_lengths(length: float, step: float) -> FloatArray:
         length: of the curve [m].
         step: [m].
     """
-    count = max(int(np.floor((length - REMAINDER) / step)), 0)
+    count = max(int(np.floor((length - CURVE_STEPS.remainder) / step)), 0)
     return np.append(step * np.arange(count + 1.0), length)
 
 
@@ -109,7 +119,7 @@ def by_euler(curve: MeasuredCurve, step: float) -> Points:
         rate = curve.contour.rate(np.array([theta]))[0]
         size = float(np.sqrt(product(rate, rate)))
         theta += step / size
-        if theta > 1.0 - REMAINDER / size:
+        if theta > 1.0 - CURVE_STEPS.remainder / size:
             break
         found.append(theta)
     parameter = np.array([*found, 1.0])
@@ -147,8 +157,8 @@ def judge(curve: MeasuredCurve, points: Points) -> Quality:
         drift=float(abs(whole.sum())),
         last_step=float(spacing[-1]),
         chord_error=_chord_error(contour, t),
-        chord_bound=float(bounds.max()) * ROUNDING,
-        curvature_bound=float(kappa.max()) * ROUNDING,
+        chord_bound=float(bounds.max()) * CURVE_STEPS.rounding,
+        curvature_bound=float(kappa.max()) * CURVE_STEPS.rounding,
         turn=float(norm(turned, axis=1).max()),
         least_dot=float((points.R[:-1] * points.R[1:]).sum(axis=1).min()),
         lean=float(arctan2(sine, (points.R[:, :, 0] * rate).sum(axis=1)).max()),
@@ -187,7 +197,7 @@ def _chord_error(contour: Contour, t: FloatArray) -> float:
     chord = np.diff(p, axis=0)
     chord /= norm(chord, axis=1)[:, None]
     worst = 0.0
-    for share in np.arange(1, INNER) / INNER:
+    for share in np.arange(1, CURVE_STEPS.inner) / CURVE_STEPS.inner:
         off = contour.point(t[:-1] + share * np.diff(t)) - p[:-1]
         across = off - (off * chord).sum(axis=1)[:, None] * chord
         worst = max(worst, float(norm(across, axis=1).max()))

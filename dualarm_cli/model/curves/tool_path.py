@@ -21,22 +21,33 @@ from dualarm_cli.records import dataclass
 
 TURN_LENGTH = 0.1
 """Length that turning by one radian counts as [m]: what a tool that turns on the spot travels."""
-SAME_DIRECTION = 1e-3
-"""Difference of the directions of two pieces, per unit of length, above which they meet in a corner."""
-SPLINE_NODES = 2048
-"""Points at which the length of a spline is measured."""
 
-SPACING = 0.3
-"""Distance of the first three and of the last three control points of a rounded corner, in its reach. Of all quintics
-whose curvature begins and ends at zero it has nearly the widest bend for how far it leaves the corner."""
-APEX = (16.0 - 25.0 * SPACING) / 32.0
+
+@dataclass(frozen=True)
+class ToolPathSettings:
+    """Resolution and tolerances of tool paths."""
+
+    same_direction: float = 1e-3
+    """Difference of the directions of two pieces, per unit of length, above which they meet in a corner."""
+    spline_nodes: int = 2048
+    """Points at which the length of a spline is measured."""
+    spacing: float = 0.3
+    """Distance of the first three and of the last three control points of a rounded corner, in its reach. Of
+    all quintics
+    whose curvature begins and ends at zero it has nearly the widest bend for how far it leaves the corner."""
+    shortest_rest: float = 1e-9
+    """Share of a straight piece between two rounded corners that counts as nothing."""
+    rounded_nodes: int = 33
+    """Points with which measuring the length of a rounded corner begins."""
+
+
+TOOL_PATH = ToolPathSettings()
+
+
+APEX = (16.0 - 25.0 * TOOL_PATH.spacing) / 32.0
 """How far such a curve leaves its corner, in its reach times the difference of both directions: its middle."""
 SHARPEST = cos(np.deg2rad(135.0))
 """Cosine of the largest change of direction that is rounded; beyond it the bend is tighter than a stop is slow."""
-SHORTEST_REST = 1e-9
-"""Share of a straight piece between two rounded corners that counts as nothing."""
-ROUNDED_NODES = 33
-"""Points with which measuring the length of a rounded corner begins."""
 QUINTIC = np.array([comb(5, k) for k in range(6)], dtype=np.float64)
 """Binomial coefficients of its Bernstein polynomials."""
 
@@ -176,7 +187,7 @@ class Spline:
     @cached_property
     def _lengths(self) -> ArcLength:
         """Length over the parameter; its nodes are the knots and equal parts between them."""
-        count = max(SPLINE_NODES, 32 * len(self.poses))
+        count = max(TOOL_PATH.spline_nodes, 32 * len(self.poses))
         share = np.linspace(0.0, len(self.poses) - 1.0, count)
         between = np.interp(share, np.arange(len(self.poses)), self._knots)
         return ArcLength.measure(self._speed, np.unique([*between.tolist(), *self._knots.tolist()]))
@@ -229,7 +240,10 @@ class RoundedCorner:
 
     @cached_property
     def _points(self) -> FloatArray:
-        share = np.array([1.0, 1.0 - SPACING, 1.0 - 2.0 * SPACING])[:, None] * self.reach
+        share = (
+            np.array([1.0, 1.0 - TOOL_PATH.spacing, 1.0 - 2.0 * TOOL_PATH.spacing])[:, None]
+            * self.reach
+        )
         return np.concatenate([-share * self.before, share[::-1] * self.after])
 
     def _bezier(self, u: FloatArray) -> FloatArray:
@@ -258,7 +272,7 @@ class RoundedCorner:
 
     @cached_property
     def _lengths(self) -> ArcLength:
-        return ArcLength.refine(self._speed, np.linspace(0.0, 1.0, ROUNDED_NODES))
+        return ArcLength.refine(self._speed, np.linspace(0.0, 1.0, TOOL_PATH.rounded_nodes))
 
     @cached_property
     def length(self) -> float:
@@ -318,7 +332,7 @@ class ToolPath:
                 first = begins.reach if begins is not None else 0.0
                 last = piece.length - (ends.reach if ends is not None else 0.0)
                 # Both may take half of it.
-                if last - first > SHORTEST_REST * piece.length:
+                if last - first > TOOL_PATH.shortest_rest * piece.length:
                     pieces.append(piece.part(first, last) if begins or ends else piece)
             else:
                 pieces.append(piece)
@@ -342,7 +356,7 @@ class ToolPath:
         found = []
         for edge, one, other in zip(self._edges[1:], self.pieces, self.pieces[1:], strict=False):
             before, after = _direction(one, one.length), _direction(other, 0.0)
-            if np.abs(before - after).max() > SAME_DIRECTION:
+            if np.abs(before - after).max() > TOOL_PATH.same_direction:
                 found.append(float(edge))
         return tuple(found)
 
@@ -354,9 +368,9 @@ def _rounded(one: Piece, other: Piece, blend: float) -> RoundedCorner | None:
     scale = np.repeat([1.0, TURN_LENGTH], 3)
     before, after = one.direction, other.direction
     away = norm((scale * (after - before)).reshape(2, 3), axis=1).max()
-    if away <= SAME_DIRECTION or product(scale * before, scale * after) < SHARPEST * float(
-        norm(scale * before) * norm(scale * after)
-    ):
+    if away <= TOOL_PATH.same_direction or product(
+        scale * before, scale * after
+    ) < SHARPEST * float(norm(scale * before) * norm(scale * after)):
         return None
     reach = min(blend / (APEX * float(away)), 0.5 * one.length, 0.5 * other.length)
     return RoundedCorner(one.end, before, after, reach)

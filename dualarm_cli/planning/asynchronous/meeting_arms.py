@@ -146,21 +146,29 @@ class MeetingBuffers:
         return np.asarray((there < 0) | (room > buffer.capacity))
 
 
-STEP = 0.02
-"""Time between the instants at which the arms are looked at, but for ways of minutes [s]."""
-MOST_CELLS = 3_000_000
-"""Pairs of instants at most."""
-AHEAD = (10.0, 40.0)
-"""How much farther on its way one arm may be than the other, beyond the difference of their lengths: if the first one
-does not do, the second [s]."""
-COARSE = 4
-"""Every so many instants of both are looked at first."""
-FAR = 0.4
-"""Between two coarse instants arms that have this to spare are taken to be clear [m]."""
-SOON = 60
-"""Waits so few steps before a place with a reason, which are as long as a transfer, have the same reason."""
-ROWS = 200_000
-"""Pairs of instants that are looked at together."""
+@dataclass(frozen=True)
+class MeetingGrid:
+    """Resolution of the grid on which two arms are coordinated."""
+
+    step: float = 0.02
+    """Time between the instants at which the arms are looked at, but for ways of minutes [s]."""
+    most_cells: int = 3_000_000
+    """Pairs of instants at most."""
+    ahead: tuple[float, ...] = (10.0, 40.0)
+    """How much farther on its way one arm may be than the other, beyond the difference of their lengths: if
+    the first one
+    does not do, the second [s]."""
+    coarse: int = 4
+    """Every so many instants of both are looked at first."""
+    far: float = 0.4
+    """Between two coarse instants arms that have this to spare are taken to be clear [m]."""
+    soon: int = 60
+    """Waits so few steps before a place with a reason, which are as long as a transfer, have the same reason."""
+    rows: int = 200_000
+    """Pairs of instants that are looked at together."""
+
+
+GRID = MeetingGrid()
 
 
 @dataclass(frozen=True)
@@ -190,9 +198,9 @@ class ArmCoordination:
         """
         if len(self.clocks) == 1:
             (clock,) = self.clocks
-            own = ClockSteps.of(clock.rests(), clock.duration, STEP)
+            own = ClockSteps.of(clock.rests(), clock.duration, GRID.step)
             return self._exact((own,), self._opens((own,)), lambda a, rest: False)
-        for ahead in AHEAD:
+        for ahead in GRID.ahead:
             found = self._waits(spread, ahead)
             if found is not None:
                 return found
@@ -286,11 +294,11 @@ class ArmCoordination:
 
     def _step(self, durations: Sequence[float], ahead: float) -> float:
         """Returns the time between instants [s], so that there are not too many pairs."""
-        scale, step = self.job.speed, STEP / self.job.speed
+        scale, step = self.job.speed, GRID.step / self.job.speed
         while True:
             n, m = (duration / step for duration in durations)
             width = min(2.0 * (abs(n - m) + ahead / step) + 1.0, 2.0 * max(n, m))
-            if n * width <= MOST_CELLS or step > 10.0 / scale:
+            if n * width <= GRID.most_cells or step > 10.0 / scale:
                 return step
             step *= 1.25
 
@@ -312,11 +320,11 @@ class ArmCoordination:
         )
         j = i + c - band
         inside = (j >= 0) & (j <= m)
-        coarse = inside & (i % COARSE == 0) & (j % COARSE == 0)
+        coarse = inside & (i % GRID.coarse == 0) & (j % GRID.coarse == 0)
         margin = self._margins(joints, held, i[coarse], j[coarse])
-        close = margin < FAR
-        for a in range(-COARSE, COARSE + 1):
-            for b in range(-COARSE, COARSE + 1):
+        close = margin < GRID.far
+        for a in range(-GRID.coarse, GRID.coarse + 1):
+            for b in range(-GRID.coarse, GRID.coarse + 1):
                 row, column = i[coarse][close] + a, j[coarse][close] + b
                 at = column - row + band
                 ok = (row >= 0) & (row <= n) & (at >= 0) & (at <= 2 * band)
@@ -339,8 +347,8 @@ class ArmCoordination:
         assert self.cell is not None  # callers have looked
         found = np.empty(len(i))
         columns = [self.model.arms[clock.arm].columns for clock in self.clocks]
-        for k in range(0, len(i), ROWS):
-            some = slice(k, k + ROWS)
+        for k in range(0, len(i), GRID.rows):
+            some = slice(k, k + GRID.rows)
             position = np.tile(self.start, (len(i[some]), 1))
             position[:, columns[0]] = joints[0][i[some]]
             position[:, columns[1]] = joints[1][j[some]]
@@ -412,7 +420,7 @@ def _in_steps(
 
 def _reason(place: int, why: Mapping[int, tuple[float, WaitReason]]) -> WaitReason:
     """Returns what an arm waits for at a place: what holds there, or right after, at the next place with a reason."""
-    later = [other for other in sorted(why) if place <= other <= place + SOON]
+    later = [other for other in sorted(why) if place <= other <= place + GRID.soon]
     return why[later[0]][1] if later else "shared_zone"
 
 

@@ -21,8 +21,46 @@ from dualarm_cli.report.report import plan_title, relative_gap
 
 SIZES = (8.0, 7.0, 6.0)
 """Sizes in which words are tried [points]."""
-MOST_FIT = 0.95
-"""Share of the words that must fit, or all are shortened."""
+
+
+@dataclass(frozen=True)
+class GanttStyle:
+    """Sizes and thresholds of the figure [in where they are lengths]."""
+
+    most_fit: float = 0.95
+    """Share of the words that must fit, or all are shortened."""
+    still: float = 1e-7
+    """Platform joints that are slower than this stand [rad/s or m/s]."""
+    short: float = 1e-3
+    """Shortest time in which a way counts by itself [s]."""
+    whole: float = 0.05
+    """Angles nearer than this to whole degrees are written as such [°]."""
+    width: float = 15.0
+    left: float = 0.75
+    right: float = 0.15
+    """Width of the figure and of what is free beside its axes [inch]."""
+    lane: float = 0.36
+    above: float = 0.13
+    below: float = 0.22
+    between: float = 0.08
+    title: float = 0.36
+    legend: float = 0.42
+    """Heights: of a lane, of a row's stage numbers, of its time axis, of what is free between rows, of the
+    title, of the
+    legend [inch]."""
+    columns: int = 10
+    line: float = 0.2
+    """Names in a line of the legend, and the height of every further line [inch]."""
+    bar: float = 0.76
+    """Height of a bar, as a share of its lane."""
+    least: float = 1e-3
+    """Shortest time axis [s]."""
+    rounding: float = 1e-6
+    """Shorter parts are not drawn [s]."""
+
+
+STYLE = GanttStyle()
+
 FREE = 3.0
 """What is free beside a word in its bar, both sides together [points]."""
 POINTS = 72.0
@@ -142,7 +180,7 @@ def labels(words: Sequence[Wanted], inch: float) -> list[Label]:
     for size in SIZES:
         placed = [_place(word.text, word, inch, size) for word in words]
         fit = sum(w.whole and bar is not None for w, bar in zip(words, placed, strict=True))
-        if fit >= MOST_FIT * asked:
+        if fit >= STYLE.most_fit * asked:
             break
     shown = [_longest(word, inch, size) for word in words]
     return [
@@ -180,14 +218,6 @@ def text_width(text: str) -> float:
     return float(box.x1) / 100.0 if text.strip() else 0.0
 
 
-STILL = 1e-7
-"""Platform joints that are slower than this stand [rad/s or m/s]."""
-SHORT = 1e-3
-"""Shortest time in which a way counts by itself [s]."""
-WHOLE = 0.05
-"""Angles nearer than this to whole degrees are written as such [°]."""
-
-
 def platform_moves(schedule: Schedule) -> list[tuple[float, float]]:
     """Returns when any joint of the platform moves, as spans [s] with standing between them."""
     trajectory = schedule.trajectory
@@ -196,8 +226,10 @@ def platform_moves(schedule: Schedule) -> list[tuple[float, float]]:
         return []
     q, v = trajectory.position[:, columns], trajectory.velocity[:, columns]
     step = np.diff(trajectory.time)
-    fast: BoolArray = np.any(np.abs(v) > STILL, axis=1)
-    far = (np.abs(np.diff(q, axis=0)) > STILL * np.maximum(step, SHORT)[:, None]).any(axis=1)
+    fast: BoolArray = np.any(np.abs(v) > STYLE.still, axis=1)
+    far = (np.abs(np.diff(q, axis=0)) > STYLE.still * np.maximum(step, STYLE.short)[:, None]).any(
+        axis=1
+    )
     moves: BoolArray = (fast[1:] | fast[:-1] | far) & (step > 0.0)
     spans: list[tuple[float, float]] = []
     for k in np.flatnonzero(moves).tolist():
@@ -211,7 +243,7 @@ def platform_moves(schedule: Schedule) -> list[tuple[float, float]]:
 
 def _stops(velocity: FloatArray, knot: int) -> bool:
     """Returns whether the platform comes to rest at a knot between two moves."""
-    return bool((np.abs(velocity[knot]) <= STILL).all())
+    return bool((np.abs(velocity[knot]) <= STYLE.still).all())
 
 
 def platform_words(
@@ -246,28 +278,15 @@ def platform_words(
 def place_text(value: float, slides: bool) -> str:
     """Returns where a joint stands: an angle [rad] in degrees, to a tenth where it is not whole; a way [m] in mm."""
     shown = value * 1e3 if slides else math.degrees(value)
-    digits = 0 if slides or abs(shown - round(shown)) < WHOLE else 1
+    digits = 0 if slides or abs(shown - round(shown)) < STYLE.whole else 1
     text = f"{round(shown, digits) + 0.0:.{digits}f}".replace("-", "−")
     return f"{text} mm" if slides else f"{text}°"
 
 
-WIDTH, LEFT, RIGHT = 15.0, 0.75, 0.15
-"""Width of the figure and of what is free beside its axes [inch]."""
-LANE, ABOVE, BELOW, BETWEEN, TITLE, LEGEND = 0.36, 0.13, 0.22, 0.08, 0.36, 0.42
-"""Heights: of a lane, of a row's stage numbers, of its time axis, of what is free between rows, of the title, of the
-legend [inch]."""
 NUMBER_SIZE, NUMBER_COLOUR = 6.5, "0.4"
 """How stage numbers look [points]."""
-COLUMNS, LINE = 10, 0.2
-"""Names in a line of the legend, and the height of every further line [inch]."""
-BAR = 0.76
-"""Height of a bar, as a share of its lane."""
 STOPS_A_ROW, MOST_ROWS = 9, 12
 """An arm's stops in one row of the time axis, and how many rows there are at most."""
-LEAST = 1e-3
-"""Shortest time axis [s]."""
-ROUNDING = 1e-6
-"""Shorter parts are not drawn [s]."""
 KINDS = {
     "transfer": ("transfer", "#4c78a8"),
     "approach": ("approach", "#4fa39d"),
@@ -320,24 +339,28 @@ def draw_gantt(schedule: Schedule, job: Job, kind: str) -> bytes:
     """
     lanes = [*schedule.robot.arms, *(["platform"] if schedule.robot.platform else [])]
     count = row_count(schedule)
-    span = max(schedule.duration / count, LEAST)
-    row = ABOVE + LANE * len(lanes) + BELOW
+    span = max(schedule.duration / count, STYLE.least)
+    row = STYLE.above + STYLE.lane * len(lanes) + STYLE.below
     bars, moving = _bars(schedule, lanes), platform_moves(schedule)
     present = {style.name: style for _, style in bars}
-    legend = LEGEND + LINE * max(0, math.ceil(len(present) / COLUMNS) - 1)
-    height = TITLE + count * row + (count - 1) * BETWEEN + legend
-    figure = new_figure(WIDTH, height)
+    legend = STYLE.legend + STYLE.line * max(0, math.ceil(len(present) / STYLE.columns) - 1)
+    height = STYLE.title + count * row + (count - 1) * STYLE.between + legend
+    figure = new_figure(STYLE.width, height)
     # Axes are placed by hand: only then is it known beforehand which words fit into which bars.
     figure.set_layout_engine("none")
-    inch = (WIDTH - LEFT - RIGHT) / span
+    inch = (STYLE.width - STYLE.left - STYLE.right) / span
     starts = [number * span for number in range(count)]
     tasks = [task_words(schedule, list(schedule.robot.arms), t, t + span) for t in starts]
     stands = [platform_words(schedule, moving, len(lanes) - 1, t, t + span) for t in starts]
     words = [label for rows in (tasks, stands) for label in labels([*chain(*rows)], inch)]
     for number, start in enumerate(starts):
-        bottom = legend + BELOW + (count - 1 - number) * (row + BETWEEN)
-        place = [LEFT / WIDTH, bottom / height, 1.0 - (LEFT + RIGHT) / WIDTH]
-        axes = figure.add_axes((*place, LANE * len(lanes) / height))
+        bottom = legend + STYLE.below + (count - 1 - number) * (row + STYLE.between)
+        place = [
+            STYLE.left / STYLE.width,
+            bottom / height,
+            1.0 - (STYLE.left + STYLE.right) / STYLE.width,
+        ]
+        axes = figure.add_axes((*place, STYLE.lane * len(lanes) / height))
         _draw_row(axes, bars, start, start + span, schedule.duration)
         _write(axes, [word for word in words if start <= word.time < start + span])
         _dress(axes, lanes, schedule, start, start + span)
@@ -359,7 +382,7 @@ def _bars(schedule: Schedule, lanes: Sequence[str]) -> dict[tuple[int, _Style], 
     """Returns spans (start, length) [s] by lane and look."""
     bars: dict[tuple[int, _Style], list[Any]] = {}
     for part in schedule.segments:
-        if part.arm in lanes and part.end - part.start > ROUNDING:
+        if part.arm in lanes and part.end - part.start > STYLE.rounding:
             key = lanes.index(part.arm), _style(part)
             bars.setdefault(key, []).append((part.start, part.end - part.start))
     moves = [(start, end - start) for start, end in platform_moves(schedule)]
@@ -382,7 +405,7 @@ def _draw_row(
         inside = [span for span in spans if span[0] < end and sum(span) > start]
         axes.broken_barh(
             inside,
-            (lane - BAR / 2.0, BAR),
+            (lane - STYLE.bar / 2.0, STYLE.bar),
             facecolors=style.colour,
             hatch=style.hatch or None,
             edgecolor="0.55" if style.hatch else "white",
@@ -440,8 +463,8 @@ def _title_and_legend(figure: Any, heading: str, present: dict[str, _Style], hei
     from matplotlib.patches import Patch
 
     figure.text(
-        LEFT / WIDTH,
-        1.0 - 0.5 * TITLE / height,
+        STYLE.left / STYLE.width,
+        1.0 - 0.5 * STYLE.title / height,
         heading,
         size=11,
         va="center",
@@ -463,9 +486,9 @@ def _title_and_legend(figure: Any, heading: str, present: dict[str, _Style], hei
         figure.legend(
             handles=handles,
             loc="lower left",
-            bbox_to_anchor=(LEFT / WIDTH, 0.03 / height),
+            bbox_to_anchor=(STYLE.left / STYLE.width, 0.03 / height),
             bbox_transform=figure.transFigure,
-            ncols=min(COLUMNS, len(handles)),
+            ncols=min(STYLE.columns, len(handles)),
             frameon=False,
             fontsize=8,
             borderaxespad=0.0,

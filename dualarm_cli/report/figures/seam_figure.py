@@ -10,19 +10,29 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.seam.measures import SeamSamples, seam_samples
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.records import dataclass
 from dualarm_cli.report.figures.figures import new_figure, rendered
 from dualarm_cli.verification.tool_model import ToolModel
 
-PER_SECOND = 100.0
-"""Instants a second at which joints are drawn."""
-MOST = 4000
-"""Instants at most."""
-FRAMES = 12
-"""Frames of the tool that are drawn along each seam."""
-AXIS = 0.15
-"""Length of their axes, as a share of the seam's size."""
-BINS = 80
-"""Stretches of time whose largest residual is drawn."""
+
+@dataclass(frozen=True)
+class SeamStyle:
+    """Resolution and sizes of a seam's figure."""
+
+    per_second: float = 100.0
+    """Instants a second at which joints are drawn."""
+    most: int = 4000
+    """Instants at most."""
+    frames: int = 12
+    """Frames of the tool that are drawn along each seam."""
+    axis: float = 0.15
+    """Length of their axes, as a share of the seam's size."""
+    bins: int = 80
+    """Stretches of time whose largest residual is drawn."""
+
+
+STYLE = SeamStyle()
+
 COLOURS = ("tab:red", "tab:green", "tab:blue")
 
 
@@ -60,7 +70,7 @@ def _draw_joints(
     """Draws all joints of one arm in degrees, one that slides in millimetres, the seams shaded."""
     names = next(a.joints for a in job.cell.robot.arms if a.name == arm)
     motion = schedule.trajectory.select(names)
-    count = int(min(MOST, max(2.0, motion.duration * PER_SECOND)))
+    count = int(min(STYLE.most, max(2.0, motion.duration * STYLE.per_second)))
     time = np.linspace(0.0, motion.duration, count)
     values = motion.at(time)[0 if rate == "position" else 1]
     for k, name in enumerate(names):
@@ -84,12 +94,12 @@ def _draw_in_part(axes: Any, schedule: Schedule, job: Job, seam: SeamSamples) ->
     _, p = work.curve.at(np.linspace(0.0, work.length, 400))
     axes.plot(*(1e3 * p.T), color="k", linewidth=1.0)
     R, tip = ToolModel(schedule).poses(work.slave, schedule.trajectory.at(on.time)[0])
-    chosen = np.unique(np.searchsorted(on.length, np.linspace(0.0, work.length, FRAMES)))
+    chosen = np.unique(np.searchsorted(on.length, np.linspace(0.0, work.length, STYLE.frames)))
     chosen = chosen[chosen < len(on.time)]
     to_part = np.swapaxes(on.R_part[chosen], -1, -2)
     place = (to_part @ (tip[chosen] - on.p_part[chosen])[..., None])[..., 0]
     turned = to_part @ R[chosen]
-    size = AXIS * float(np.ptp(p, axis=0).max())
+    size = STYLE.axis * float(np.ptp(p, axis=0).max())
     for axis, colour in enumerate(COLOURS):
         ends = place + size * turned[:, :, axis] * (-1.0 if axis == 2 else 1.0)
         for a, b in zip(place, ends, strict=True):
@@ -131,12 +141,13 @@ def _draw_speed(axes: Any, seam: SeamSamples) -> None:
 
 
 def _draw_chain(axes: Any, seam: SeamSamples) -> None:
-    """Draws how far the chain is open: the largest value of each of BINS stretches, as it swings quickly."""
+    """Draws how far the chain is open: the largest value of each of `bins` stretches, as it swings quickly."""
     time = seam.on.time - seam.on.time[0]
     residuals = (("distance [m]", seam.on.distance), ("angle [rad]", seam.on.angle))
     for name, residual in residuals:
         parts = zip(
-            *(np.array_split(row, min(BINS, len(time))) for row in (time, residual)), strict=True
+            *(np.array_split(row, min(STYLE.bins, len(time))) for row in (time, residual)),
+            strict=True,
         )
         middles, largest = np.array([(t.mean(), r.max()) for t, r in parts]).T
         axes.semilogy(middles, np.maximum(largest, 1e-16), label=name, linewidth=1.2)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.model.study import OBJECTIVES, Objective
+from dualarm_cli.records import dataclass
 from dualarm_cli.report.comparison.study_table import parameter_label, value_text
 from dualarm_cli.report.figures.figures import new_figure, rendered
 
@@ -15,18 +16,27 @@ COLOURS = ("#1f5fbf", "#2a7f3f", "#c23b22", "#8a5fb0")
 """By objective."""
 WORD_COLOURS = ("#1f5fbf", "#d98c2b", "#2a7f3f", "#8a5fb0", "#5fb0a8", "#8f6f4f")
 """By value of a parameter that is a word."""
-MOST_PANELS = 5
-"""Most parameters that have a panel each in the figure of sensitivity: those that matter most."""
-MOST_LABELS = 10
-"""Most points of the Pareto set that carry their rank."""
-MOST_TICKS = 7
-"""Most values of a parameter that are all written below an axis."""
-LEAST_STEPS = 10
-"""How many steps of an objective an axis spans at least: no drama is made of what hardly differs."""
-WIDE = 8.0
-"""Width from which a title has one line [in]."""
-LONGEST = 24
-"""Longest name in a figure [characters]."""
+
+
+@dataclass(frozen=True)
+class StudyStyle:
+    """Sizes and numbers of a study's figure."""
+
+    most_panels: int = 5
+    """Most parameters that have a panel each in the figure of sensitivity: those that matter most."""
+    most_labels: int = 10
+    """Most points of the Pareto set that carry their rank."""
+    most_ticks: int = 7
+    """Most values of a parameter that are all written below an axis."""
+    least_steps: int = 10
+    """How many steps of an objective an axis spans at least: no drama is made of what hardly differs."""
+    wide: float = 8.0
+    """Width from which a title has one line [in]."""
+    longest: int = 24
+    """Longest name in a figure [characters]."""
+
+
+STYLE = StudyStyle()
 
 
 def draw_pareto(document: dict[str, Any], kind: str) -> bytes:
@@ -101,9 +111,9 @@ def _draw_pair(
 
 
 def _widen(panel: Any, axis: str, objective: Objective) -> None:
-    """Lets an axis span at least LEAST_STEPS steps of its objective, about the same middle."""
+    """Lets an axis span at least `least_steps` steps of its objective, about the same middle."""
     low, high = getattr(panel, f"get_{axis}lim")()
-    least = LEAST_STEPS * objective.step * objective.shown_factor
+    least = STYLE.least_steps * objective.step * objective.shown_factor
     if high - low < least:
         middle = (low + high) / 2.0
         getattr(panel, f"set_{axis}lim")(middle - least / 2.0, middle + least / 2.0)
@@ -152,7 +162,7 @@ def _label(panel: Any, best: list[dict[str, Any]], pair: tuple[Objective, Object
     """Writes ranks beside points, the same place once."""
     x, y = pair
     places: dict[tuple[float, float], list[str]] = {}
-    for row in best[:MOST_LABELS]:
+    for row in best[: STYLE.most_labels]:
         place = round(row[x.name] * x.shown_factor, 6), round(row[y.name] * y.shown_factor, 6)
         places.setdefault(place, []).append(f"#{row['rank']}")
     for place, words in places.items():
@@ -185,7 +195,7 @@ def draw_sensitivity(document: dict[str, Any], kind: str) -> bytes:
         MissingDependencyError: matplotlib is not installed.
     """
     sections = document["sensitivity"]
-    order = [one["name"] for one in sections[0]["parameters"]][:MOST_PANELS]
+    order = [one["name"] for one in sections[0]["parameters"]][: STYLE.most_panels]
     width = 2.9 + 2.7 * len(order)
     figure = new_figure(width, 0.5 + 2.7 * len(sections))
     grid = figure.subplots(
@@ -211,7 +221,7 @@ def draw_sensitivity(document: dict[str, Any], kind: str) -> bytes:
     left = len(sections[0]["parameters"]) - len(order)
     more = f"; the {left} that matter least have no panel" if left else ""
     figure.suptitle(
-        f"what matters: shares of the variance;{' ' if width >= WIDE else chr(10)}"
+        f"what matters: shares of the variance;{' ' if width >= STYLE.wide else chr(10)}"
         f"every plan (points) with the means per value (bars){more}",
         x=0.01, ha="left", weight="bold", fontsize=10,
     )  # fmt: skip
@@ -261,7 +271,7 @@ def _draw_effect(
     )
     if not parameter["numeric"]:
         panel.set_xticks(range(len(values)), [_short(value_text(value)) for value in values])
-    elif values is not None and len(values) <= MOST_TICKS:
+    elif values is not None and len(values) <= STYLE.most_ticks:
         panel.set_xticks(sorted(values), [value_text(value) for value in sorted(values)])
     panel.margins(0.1)
     panel.grid(axis="y", color="0.92")
@@ -288,5 +298,5 @@ def _means(x: Any, y: Any, levels: int | None) -> tuple[Any, Any]:
 
 def _short(text: str) -> str:
     """Returns a name that is not too long, and no formula."""
-    short = text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
+    short = text if len(text) <= STYLE.longest else f"{text[: STYLE.longest - 1]}…"
     return short.replace("$", r"\$")

@@ -11,12 +11,22 @@ from dualarm_cli.stages.plans.clearance import SAMPLES, SequenceClearance
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.times import Evaluated, TransferChain, start_angle, start_joints
 
-MEETING = 0.4
-"""About how long one arm waits for the other where their moves meet [s]."""
-STOPS = 7
-"""Places that are looked at of every stop: two on each line, its target, and where the lines begin and end."""
-DETOUR, DEPTH = 0.1, 10.0
-"""About what it costs that an arm's move has to be bent: in any case [s], and for what it lacks [s/m]."""
+
+@dataclass(frozen=True)
+class PlanClearanceSettings:
+    """Penalties of postures that lack clearance."""
+
+    meeting: float = 0.4
+    """About how long one arm waits for the other where their moves meet [s]."""
+    stops: int = 7
+    """Places that are looked at of every stop: two on each line, its target, and where the lines begin and end."""
+    detour: float = 0.1
+    depth: float = 10.0
+    """About what it costs that an arm's move has to be bent: in any case [s], and for what it lacks [s/m]."""
+
+
+PENALTY = PlanClearanceSettings()
+
 TURNS = 1.0
 """About how long it waits where they cannot be at their targets at once [s]."""
 
@@ -73,11 +83,11 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
         margin = test.cell.own_margins(a, position, held[:, a])
         # An arm that stands still is where it is: it need not keep more than it must.
         idle = np.array([stop is None for stop in arm.stops], dtype=np.bool_)
-        margin[: STOPS * n] += np.where(np.tile(idle, STOPS), SLACK, 0.0)
+        margin[: PENALTY.stops * n] += np.where(np.tile(idle, PENALTY.stops), SLACK, 0.0)
         own = np.minimum(own, margin)
-    stops = STOPS * n
-    alone = (own[:stops] >= SLACK).reshape(STOPS, n)
-    both = (cross[:stops] >= SLACK).reshape(STOPS, n)
+    stops = PENALTY.stops * n
+    alone = (own[:stops] >= SLACK).reshape(PENALTY.stops, n)
+    both = (cross[:stops] >= SLACK).reshape(PENALTY.stops, n)
     lacks = np.maximum(-own[stops:], 0.0).reshape(n + 1, SAMPLES).max(axis=1)
     apart = np.all((cross[stops:] >= 0.0).reshape(n + 1, SAMPLES), axis=1)
     known = np.zeros(n + 1)
@@ -140,8 +150,8 @@ def move_waits(pace: float, lacks: FloatArray, apart: BoolArray) -> FloatArray:
         lacks: what an arm lacks of clearance by itself, at most [m], shape (n,).
         apart: where the arms are clear of each other, shape (n,).
     """
-    detours = np.where(lacks > 0.0, DETOUR + DEPTH * lacks, 0.0)
-    return pace * (detours + np.where(apart, 0.0, MEETING))
+    detours = np.where(lacks > 0.0, PENALTY.detour + PENALTY.depth * lacks, 0.0)
+    return pace * (detours + np.where(apart, 0.0, PENALTY.meeting))
 
 
 def _start(problem: SequenceProblem, test: SequenceClearance, plan: Evaluated) -> FloatArray:
