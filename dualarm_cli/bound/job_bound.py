@@ -13,8 +13,6 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.programs import least_cost
 from dualarm_cli.kinds.planning import KindPlanning, Section, kind_of, kinds_of
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.kinematics.closed_arm import ClosedArm
-from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.model.job import Dwell, Job, Stop, Task
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.orders.model.tool_changes import stand_tasks, with_changes
@@ -239,17 +237,14 @@ class JobBound:
     def _why_unbounded(self) -> str:
         """Say why the stages have no bound; empty where they have one."""
         job, robot = self.job, self.job.cell.robot
-        others = [
-            a.kinematics for a in self.model.arms.values() if not isinstance(a.kinematics, SrsArm)
-        ]
-        if not all(isinstance(arm, ClosedArm) for arm in others):
+        if any(arm.kinematics.solves_by_search for arm in self.model.arms.values()):
             return NO_BOUND
         # The cells of the bound are of platform angles; several joints stand where the start has them, but along paths
         # and seams they move, and stages after these are made from elsewhere.
         if len(robot.platform) == 1:
             if robot.sliding.issuperset(robot.platform):
                 return NO_BOUND_ON_RAILS
-            return NO_TURNING_BOUND if others else ""
+            return "" if self.model.has_arm_angles else NO_TURNING_BOUND
         return STAGES_AS_ZERO if robot.platform and job.in_sections else ""
 
     def over_all_orders(self, job: Job) -> LowerBound:

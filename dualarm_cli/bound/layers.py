@@ -18,10 +18,7 @@ from dualarm_cli.bound.cells import (
 )
 from dualarm_cli.bound.stretched_lines import line_bounds
 from dualarm_cli.effort import Resolution
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.geometry.elementary import TURN
-from dualarm_cli.geometry.linear_systems import singular_values
-from dualarm_cli.kinematics.closed_arm import ClosedArm
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells
 from dualarm_cli.records import dataclass
@@ -32,10 +29,6 @@ from dualarm_cli.timing.transfer_table import Pairs, PostureBoxes, Times, Transf
 
 Pose = tuple[FloatArray, FloatArray, FloatArray]
 """Of the flange at the target, and the tool's direction, as of `flange_poses`, shape (1, ...)."""
-SINGULAR = 1e-4
-"""Least singular value of the Jacobian, lengths over the arm's, below which a pose's postures count as unknown."""
-MOST_TURNS = 3
-"""Number of turns within limits from which a joint may be anywhere."""
 HERE = np.zeros(2)
 """Borders of the only cell of a platform that stands still."""
 
@@ -164,9 +157,9 @@ class StopCells:
             flange_poses(problem.platform, work, self.stops[a], row, np.array([yaw]), zero)
             for yaw in yaws
         )
-        if not isinstance(work.kinematics, SrsArm):
+        if not work.kinematics.has_arm_angle:
             return StopReach(poses, (), every, free_last)
-        ends = tuple(_ends_within_reach(work.kinematics, stop, pose, self.parts) for pose in poses)
+        ends = tuple(_ends_within_reach(work.closed_form, stop, pose, self.parts) for pose in poses)
         parts = np.zeros_like(every)
         for approach, retract in ends:
             parts[np.intersect1d(approach.index, retract.index)] = True
@@ -270,12 +263,11 @@ def branch_cells(
         free_last: whether the last joint is free.
     """
     arm = work.kinematics
-    assert isinstance(arm, ClosedArm)  # callers have looked
     R, p, z = (x[0] for x in pose)
-    target = _postures(arm, R, p, free_last)
+    target = arm.enclosure(R, p, ROUNDING, free_last)
     ends = []
     for length in dict.fromkeys((stop.approach, stop.retract)):
-        found = target if length == 0.0 else _postures(arm, R, p - length * z, free_last)
+        found = target if length == 0.0 else arm.enclosure(R, p - length * z, ROUNDING, free_last)
         if found is None:
             ends.append(free_cells(arm, HERE))
             continue
@@ -288,33 +280,3 @@ def branch_cells(
         number = np.zeros(len(low), dtype=np.int64)
         ends.append(Cells(number, branch, np.hstack([low, here]), np.hstack([high, here]), line))
     return [ends[0], ends[-1]]
-
-
-def _postures(
-    arm: ClosedArm, R: FloatArray, p: FloatArray, free_last: bool
-) -> tuple[IntArray, FloatArray, FloatArray] | None:
-    """Returns branches (n,), lowest and highest joints (n, 6) [rad] of all that may reach a pose; None for unknown."""
-    found = arm.solve(R, p)
-    branch = np.flatnonzero(found.reachable)
-    q = found.q[branch]
-    if not len(q) or found.singular.any():
-        return None
-    J = arm.jacobian(q)
-    J[:, :3] /= arm.length
-    if singular_values(J)[:, -1].min() < SINGULAR:
-        return None
-    low, high = q - ROUNDING, q + ROUNDING
-    for joint in range(arm.axes):
-        bottom, top = arm.lower[joint], arm.upper[joint]
-        if (free_last and joint == arm.axes - 1) or not top - bottom < MOST_TURNS * TURN:
-            low[:, joint], high[:, joint] = bottom, top
-            continue
-        first = np.ceil((bottom - high[:, joint]) / TURN)
-        count = (np.floor((top - low[:, joint]) / TURN) - first + 1).astype(np.int64)
-        rows = np.repeat(np.arange(len(low)), np.maximum(count, 0))
-        place = np.arange(len(rows)) - np.searchsorted(rows, rows)
-        branch, low, high = branch[rows], low[rows], high[rows]
-        shift = TURN * (first[rows] + place)
-        low[:, joint] += shift
-        high[:, joint] += shift
-    return (branch, low, high) if len(low) else None

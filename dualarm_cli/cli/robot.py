@@ -383,12 +383,11 @@ def _describe_closed(
 ) -> dict[str, Any]:
     """Returns what serves an arm of six axes that closed forms may serve, by the kind that it is measured to be."""
     from dualarm_cli.kinematics.cell_model import CLOSED_ARMS
-    from dualarm_cli.kinematics.closed_arm import ClosedArm, with_closed_forms
-    from dualarm_cli.kinematics.wrist_arm import WristArm
+    from dualarm_cli.kinematics.closed_arm import with_closed_forms
 
     found = with_closed_forms(CLOSED_ARMS[measured], general)
     numeric = "inverse kinematics: numeric (many starts)"
-    if not isinstance(found, ClosedArm):
+    if found.solves_by_search:
         summary = (
             f"kind {kind}, 6 axes; {what}, but no closed form is known for its axes; {numeric}"
         )
@@ -396,12 +395,10 @@ def _describe_closed(
     if kind != measured:
         advice = f"kind {measured} has closed forms for it"
         return {"summary": f"kind {kind}, 6 axes; {what}: {advice}; {numeric}"}
-    more: dict[str, Any] = {}
-    if isinstance(found, WristArm):
-        more["shoulder"] = found.shoulder.family
-        what += f", {FAMILIES[found.shoulder.family or '']}"
+    if shoulder := found.facts.get("shoulder"):
+        what += f", {FAMILIES[shoulder]}"
     summary = f"kind {kind}, 6 axes; {what}; inverse kinematics: closed form (eight branches)"
-    return {"inverse_kinematics": "closed_form", "branches": 8, **more, "summary": summary}
+    return {"inverse_kinematics": "closed_form", "branches": 8, **found.facts, "summary": summary}
 
 
 def _finite(value: float) -> float | None:

@@ -89,6 +89,11 @@ class CellModel:
             )
         return cls(cell, platform, robot.columns(robot.platform), arms)
 
+    @property
+    def has_arm_angles(self) -> bool:
+        """Whether all arms have closed forms over an arm angle."""
+        return all(arm.kinematics.has_arm_angle for arm in self.arms.values())
+
     def carried_frame(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the frame that carries the arms: rotations (..., 3, 3), translations (..., 3).
 

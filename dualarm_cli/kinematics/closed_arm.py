@@ -10,11 +10,13 @@ import numpy as np
 
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.elementary import TURN
+from dualarm_cli.geometry.linear_systems import singular_values
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.continuation import SKELETON, Course, FlangeLines, LineFollowing
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, polished
-from dualarm_cli.kinematics.posture_source import PROVEN_MISS, ReachedPostures
+from dualarm_cli.kinematics.posture_source import PROVEN_MISS, Enclosure, ReachedPostures
 from dualarm_cli.kinematics.serial_chain import LEAST_JOINTS, pose_error
 from dualarm_cli.kinematics.srs import srs_limits
 from dualarm_cli.records import dataclass
@@ -23,6 +25,10 @@ EXACT = 1e-12
 """A geometry within this of its family needs no polish [m and rad]; what is polished comes nearer than this."""
 BRANCHES = 8
 """Postures of a pose at most, whole turns apart."""
+SINGULAR = 1e-4
+"""Least singular value of the Jacobian, lengths over the arm's, below which a pose's postures count as unknown."""
+MOST_TURNS = 3
+"""Number of turns within limits from which a joint may be anywhere."""
 SPREAD = 8
 """Postures that stand for all where a joint is free."""
 
@@ -43,7 +49,7 @@ class PoseSolutions:
 class ClosedArm(GeneralArm):
     """A GeneralArm of six axes of which every pose has up to eight postures, known in closed form."""
 
-    is_numeric = False
+    solves_by_search = False
 
     def __post_init__(self) -> None:
         """Freezes the arrays.
@@ -187,6 +193,35 @@ class ClosedArm(GeneralArm):
         postures = self.solve(lines.R, lines.positions(samples), start)
         following = LineFollowing.of(self, start, lines, drift)
         return following.by_branches(postures.q, postures.reachable)
+
+    def enclosure(
+        self, R: FloatArray, p: FloatArray, slack: float, free_last: bool
+    ) -> Enclosure | None:
+        """Compute boxes about all postures of a pose; None where it is singular, or nearly."""
+        postures = self.solve(R, p)
+        branch = np.flatnonzero(postures.reachable)
+        q = postures.q[branch]
+        if not len(q) or postures.singular.any():
+            return None
+        J = self.jacobian(q)
+        J[:, :3] /= self.length
+        if singular_values(J)[:, -1].min() < SINGULAR:
+            return None
+        low, high = q - slack, q + slack
+        for joint in range(self.axes):
+            bottom, top = self.lower[joint], self.upper[joint]
+            if (free_last and joint == self.axes - 1) or not top - bottom < MOST_TURNS * TURN:
+                low[:, joint], high[:, joint] = bottom, top
+                continue
+            first = np.ceil((bottom - high[:, joint]) / TURN)
+            count = (np.floor((top - low[:, joint]) / TURN) - first + 1).astype(np.int64)
+            rows = np.repeat(np.arange(len(low)), np.maximum(count, 0))
+            place = np.arange(len(rows)) - np.searchsorted(rows, rows)
+            branch, low, high = branch[rows], low[rows], high[rows]
+            shift = TURN * (first[rows] + place)
+            low[:, joint] += shift
+            high[:, joint] += shift
+        return (branch, low, high) if len(low) else None
 
     def proven_miss(self, R: FloatArray, p: FloatArray) -> tuple[float, float] | None:
         """Compute the least miss of poses; None where one is reached or a joint is free."""

@@ -35,7 +35,7 @@ class GeneralArm(SerialChain, PostureSource):
     """An arm of n >= 6 joints without closed forms, in the frame that carries it."""
 
     reach_step = np.radians(10.0)
-    is_numeric = True
+    solves_by_search = True
 
     def postures(
         self, R: FloatArray, p: FloatArray, *, first_only: bool = False, thorough: bool = True

@@ -7,6 +7,7 @@ from `ClosedArm` where six axes have closed forms.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from functools import cached_property
 from typing import ClassVar
 
@@ -39,6 +40,10 @@ class ReachedPostures:
 
 ToolPose = tuple[FloatArray, FloatArray, FloatArray]
 """Rotation (3, 3) and position (3,) [m] of a flange, and direction of its tool (3,)."""
+
+
+Enclosure = tuple[IntArray, FloatArray, FloatArray]
+"""Branches (n,), lowest and highest joints (n, joints) [rad] of boxes."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +110,7 @@ class PostureSource(LimitedJoints, ABC):
 
     has_arm_angle: ClassVar[bool] = False
     """Whether postures are closed forms over branches and an arm angle."""
-    is_numeric: ClassVar[bool] = False
+    solves_by_search: ClassVar[bool] = False
     """Whether postures are searched for, some thousand times slower than closed forms."""
 
     @property
@@ -234,3 +239,21 @@ class PostureSource(LimitedJoints, ABC):
         Zeros say that the poses are in reach, but that limits leave no posture.
         """
         return None
+
+    def enclosure(
+        self, R: FloatArray, p: FloatArray, slack: float, free_last: bool
+    ) -> Enclosure | None:
+        """Compute boxes of joints about all postures within limits of a pose; None where they are unknown.
+
+        Args:
+            R: flange rotation in the carried frame, shape (3, 3).
+            p: flange position [m], shape (3,).
+            slack: half-width of the boxes [rad].
+            free_last: whether the last joint may be anywhere within its limits.
+        """
+        return None
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        """Further facts about the family, by the key under which `dualarm robot` has them."""
+        return {}

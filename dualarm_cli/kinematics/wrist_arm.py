@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
@@ -126,6 +127,11 @@ class WristArm(ClosedArm):
     def shoulder(self) -> ThreeAxes:
         """The first three axes and the wrist centre that they carry."""
         return ThreeAxes.of(self.R_parent_joint[:3], self.p_parent_joint[:3], self._wrist[0])
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        """Family of the first three axes."""
+        return {"shoulder": self.shoulder.family or ""}
 
     @cached_property
     def exact(self) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.postures.arm_angle import choose_posture, choose_postures
 from dualarm_cli.postures.numeric import choose_numeric
 from dualarm_cli.postures.problem import NoPosture, StopPosture, StopProblem
@@ -12,13 +11,13 @@ from dualarm_cli.registry import Registry, Solver
 
 
 def _needs_closed_form(problem: StopProblem) -> str | None:
-    if isinstance(problem.arm, SrsArm):
+    if problem.arm.has_arm_angle:
         return None
     return "the arm has no arm angle (it is not spherical-revolute-spherical)"
 
 
 def _needs_general_arm(problem: StopProblem) -> str | None:
-    if isinstance(problem.arm, SrsArm):
+    if problem.arm.has_arm_angle:
         return "the arm is modelled in closed form; the numeric solver needs it modelled as a general arm"
     return None
 

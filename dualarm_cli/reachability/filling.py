@@ -136,10 +136,9 @@ def seeds(model: CellModel, arm: str, grid: TableGrid) -> Postures:
         grid: the nodes.
     """
     kinematics = model.arms[arm].kinematics
-    many = FILLING.many if kinematics.is_numeric else FILLING.many_closed
+    many, yaws = (FILLING.many, 1) if kinematics.solves_by_search else (FILLING.many_closed, YAWS)
     spread = (grid.every(step) for step in FILLING.seed_steps)
     coarse = next((node for node in spread if len(node) >= many), np.arange(grid.size))
-    yaws = 1 if kinematics.is_numeric else YAWS
     node, yaw = np.repeat(coarse, yaws), np.tile(np.arange(yaws), len(coarse))
     R, p = flange_poses(model, arm, grid, node, yaw)
     reached = kinematics.postures(R, p, first_only=True, thorough=False)

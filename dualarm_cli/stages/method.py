@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass
@@ -56,16 +55,11 @@ class MethodProblem:
         return self.model.platform.is_turntable and len(self.model.arms) == 2
 
     @property
-    def closed_forms(self) -> bool:
-        """Whether all arms have closed forms over the arm angle."""
-        return not any(isinstance(arm.kinematics, GeneralArm) for arm in self.model.arms.values())
-
-    @property
     def simpler(self) -> list[str]:
         """Names of the greedy methods that serve this robot and differ on it."""
         return (
             ["fixed", "exact", "linearised"]
-            if self.turns_for_both and self.closed_forms
+            if self.turns_for_both and self.model.has_arm_angles
             else ["fixed"]
         )
 

@@ -178,7 +178,9 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     numbers = _numbers(problem)
     spares, roomy = EFFORTS[problem.effort].spares, tuple[ArmWork, ...]()
     long = numbers.stages >= FEWEST_IN_PARTS and not numbers.returns
-    in_parts = spares and problem.closed_forms and long
+    # Greedy plans of arms without an arm angle take as long as the search: only where that finds none.
+    general = not problem.model.has_arm_angles
+    in_parts = spares and not general and long
     short = numbers.stages <= SHORT and numbers.ways is not None
     if problem.own is not None and (in_parts or short):
         # Plans with narrower limits are candidates of the search with the robot's own ones.
@@ -194,8 +196,6 @@ def solve_sequence(problem: MethodProblem) -> Decided:
             return Decided(nearby[0], simpler=None if given else lambda: _simpler(problem))
         if problem.only_near:
             raise InfeasibleError(Refusal("no_plan_on_grid"))
-    # Greedy plans of arms without closed forms take as long as the search: only where that finds none.
-    general = not problem.closed_forms
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
     begun = len(job.stages()) <= EFFORTS[problem.effort].search.begun
@@ -277,7 +277,7 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
 def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:
     """Returns the simpler methods' plans."""
     few = len(problem.job.stages()) <= FEW_STAGES
-    names = [*problem.simpler, *([MINIMUM_TIME] if few and problem.closed_forms else [])]
+    names = [*problem.simpler, *([MINIMUM_TIME] if few and problem.model.has_arm_angles else [])]
     plans = choose_stages_with(
         problem.model, problem.job, names, problem.redundancy, holding=problem.holding
     )

@@ -17,7 +17,6 @@ from dualarm_cli.kinds.path.following.problem import Spring
 from dualarm_cli.kinds.path.joining import instants
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.dynamics import Dynamics
-from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH, Poses, ToolPath
 from dualarm_cli.model.job import Job
@@ -310,11 +309,6 @@ class PathContext:
             Dynamics(job.cell) if torque else None,
         )
 
-    @property
-    def closed_form(self) -> bool:
-        """Whether all arms are spherical-revolute-spherical."""
-        return all(isinstance(arm.kinematics, SrsArm) for arm in self.model.arms.values())
-
     def clock(
         self,
         work: PathWork,
@@ -365,7 +359,7 @@ class PathContext:
             spring=Spring(
                 self.critical_points(work.critical_points), 2.0 * np.square(work.stiffness)
             ),
-            model=self.model if self.closed_form else None,
+            model=self.model if self.model.has_arm_angles else None,
             tool_speed=self.job.tool_speed,
             torque=self.dynamics.limit if work.torque and self.dynamics else None,
             dynamics=self.dynamics.at if work.torque and self.dynamics else None,

@@ -21,7 +21,6 @@ from dualarm_cli.kinds.reporting import (
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.elbow_circle import least_elbow_distance
 from dualarm_cli.kinematics.manipulability import manipulability
-from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.model.curves.tool_path import RoundedCorner
 from dualarm_cli.model.job import Job, Task
 from dualarm_cli.model.path_work import PathWork
@@ -236,7 +235,9 @@ def _sampled(
         tool,
         elbow,
         critical,
-        _least(context, q, rotation, tool, elbow, critical, arms) if context.closed_form else None,
+        _least(context, q, rotation, tool, elbow, critical, arms)
+        if context.model.has_arm_angles
+        else None,
         alone_all,
         together_all,
     )
@@ -267,7 +268,6 @@ def _least(
     R_carried = np.swapaxes(R_world, -1, -2)
     for m, name in enumerate(arms):
         arm = model.arms[name]
-        assert isinstance(arm.kinematics, SrsArm)
         T = arm.T_flange_tcp.inverse()
         turned = product(R_carried, R[:, m])
         tool, place, point = (
@@ -275,10 +275,10 @@ def _least(
             for there in (p, elbow, critical)
         )
         flange = tool + product(turned, T.translation)
-        middle, axis = arm.kinematics.elbow(q[0, arm.columns])
+        middle, axis = arm.closed_form.elbow(q[0, arm.columns])
         along = float(product(place[0] - middle, axis))
         found.append(
-            least_elbow_distance(arm.kinematics, product(turned, T.rotation), flange, point, along)
+            least_elbow_distance(arm.closed_form, product(turned, T.rotation), flange, point, along)
         )
     return np.stack(found, axis=1)
 

@@ -241,7 +241,7 @@ def _time(transfer: ClearedPlan | None, followed: FollowedPath) -> float:
 
 def default_follower(context: PathContext) -> str:
     """Returns the follower that is taken where none is named: exact and within limits by construction."""
-    return "arm_angle" if context.closed_form else "manipulability"
+    return "arm_angle" if context.model.has_arm_angles else "manipulability"
 
 
 def path_poses(job: Job, section: Section, share: float) -> ToolPoses:

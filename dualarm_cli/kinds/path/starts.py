@@ -11,7 +11,6 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinds.path.context import PathContext
 from dualarm_cli.kinds.path.following.arm_angle import coarse_tracks, flange_poses
 from dualarm_cli.kinematics.cell_model import ArmModel
-from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.kinematics.whole_body import Reached, reach
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.robot import JointLimits
@@ -85,7 +84,11 @@ def path_starts(
         seeds = [np.array(robot.postures[work.posture])]
     else:
         seeds = [here, np.array(robot.postures["home"])]
-    easiest = _easiest(context, work, here) if work.posture is None and context.closed_form else []
+    easiest = (
+        _easiest(context, work, here)
+        if work.posture is None and context.model.has_arm_angles
+        else []
+    )
     near = [_near(context, work, q, here) for q in seeds]
     if work.posture is None and not easiest:
         random, limits = np.random.default_rng(seed), context.limits
@@ -139,8 +142,7 @@ def _easiest(context: PathContext, work: PathWork, here: FloatArray) -> list[_Wa
         ways = []
         for name, (R, p) in poses.items():
             arm = model.arms[name]
-            assert isinstance(arm.kinematics, SrsArm)
-            ways.append(_ways(arm, arm.kinematics, flange_poses(model, arm, q, R, p), limits, here))
+            ways.append(_ways(arm, flange_poses(model, arm, q, R, p), limits, here))
         for some in product(*ways):
             joints, cost = np.tile(q, (STARTS.stations, 1)), 0.0
             for name, (own_joints, own) in zip(poses, some, strict=True):
@@ -152,12 +154,12 @@ def _easiest(context: PathContext, work: PathWork, here: FloatArray) -> list[_Wa
 
 def _ways(
     arm: ArmModel,
-    kinematics: SrsArm,
     flanges: tuple[FloatArray, FloatArray],
     limits: JointLimits,
     here: FloatArray,
 ) -> list[tuple[FloatArray, float]]:
     """Returns an arm's easiest ways along a path, one per branch, joints (`stations`, 7), with what they cost."""
+    kinematics = arm.closed_form
     tracks = coarse_tracks(kinematics, *flanges, limits.velocity[arm.columns])
     found = []
     for track in tracks[: STARTS.branches]:

@@ -19,7 +19,7 @@ from dualarm_cli.postures.stage_problems import Clock
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import Grid, Nodes
 from dualarm_cli.stages.plans.problem import SequenceProblem
-from dualarm_cli.stages.plans.source import grid_nodes, has_closed_form
+from dualarm_cli.stages.plans.source import grid_nodes
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.sequence_problem import stops_problem
 
@@ -450,7 +450,8 @@ def stop_nodes(model: CellModel, job: Job, angles: FloatArray) -> dict[tuple[str
     found = {}
     for a, work in enumerate(problem.arms):
         table = StopTable.of(work)
-        most = NODES.most_nodes if has_closed_form(work) else NODES.few_nodes * len(turned)
+        has_arm_angle = work.kinematics.has_arm_angle
+        most = NODES.most_nodes if has_arm_angle else NODES.few_nodes * len(turned)
         for k, (t, s, _) in enumerate(every):
             if work.stops[k] is None:
                 continue

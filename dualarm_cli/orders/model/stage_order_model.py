@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.orders.model.buffer_numbers import job_stores
 from dualarm_cli.orders.model.meeting import handovers_of, meeting_costs, met_postures
@@ -143,7 +142,7 @@ class StageModel:
             for k, (stop, angle) in enumerate(zip(found.slots[:, a], found.angles, strict=True)):
                 if stop == IDLE:
                     continue
-                if isinstance(order.model.arms[name].kinematics, GeneralArm):
+                if not order.model.arms[name].kinematics.has_arm_angle:
                     return None
                 made = order.nodes[name, *self.stops[stop]].decisions
                 own = own.put(np.array([k]), made.take(np.array([rows[stop, angle]])))

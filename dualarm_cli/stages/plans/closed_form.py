@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from dualarm_cli.stages.plans.candidates import (
     thinned,
     timed_postures,
 )
-from dualarm_cli.stages.plans.problem import ArmDecisions, SequenceProblem, StopTarget
+from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem, StopTarget
 from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 
 LARGEST_STEP = np.pi / 2
@@ -124,8 +124,30 @@ def _at_configurations(
     return q, ok
 
 
+def anchored(candidates: ArmDecisions, found: CandidatePostures) -> ArmDecisions:
+    """Return candidates as they are: they mean the same wherever they are counted from."""
+    return candidates
+
+
+def lines_hold(
+    problem: SequenceProblem, arm: int, table: StopTable, angle: FloatArray, rows: ArmDecisions
+) -> BoolArray:
+    """Return that lines hold between their samples in all stages, shape (n,)."""
+    return np.ones(problem.stages, dtype=np.bool_)
+
+
+def given_postures(work: ArmWork, rows: ArmDecisions, q: FloatArray) -> ArmDecisions:
+    """Return candidates with the arm angles of given configurations (n, joints) [rad]."""
+    return replace(rows, psi_target=work.closed_form.arm_angle(q), near=q)
+
+
 def grid_nodes(
-    problem: SequenceProblem, arm: int, table: StopTable, stage: int, grid: Grid
+    problem: SequenceProblem,
+    arm: int,
+    table: StopTable,
+    stage: int,
+    grid: Grid,
+    near: ArmDecisions | None = None,
 ) -> Nodes:
     """Returns the nodes of one arm at one stop, none where it cannot be reached.
 

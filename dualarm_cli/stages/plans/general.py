@@ -27,6 +27,8 @@ from dualarm_cli.stages.plans.candidates import (
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem, StopTarget
 from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 
+FEW_ANGLES = 3
+"""At no more platform angles all of the self-motion is looked at; arms that have none keep to a plan."""
 END_SAMPLES = 3
 """Samples of a line of which only the end is wanted."""
 SHARE = 0.5
@@ -127,13 +129,37 @@ def lines_hold(
     return holds
 
 
+def given_postures(work: ArmWork, rows: ArmDecisions, q: FloatArray) -> ArmDecisions:
+    """Return candidates that are at given configurations (n, joints) [rad]."""
+    return rows.at(q)
+
+
 def grid_nodes(
     problem: SequenceProblem,
     arm: int,
     table: StopTable,
     stage: int,
     grid: Grid,
-    *,
+    near: ArmDecisions | None = None,
+) -> Nodes:
+    """Compute the nodes of one arm at one stop, and those around a plan if one is given."""
+    few, spare = len(grid.angles) <= FEW_ANGLES, problem.arms[arm].spare > 0
+    # A platform that does not turn leaves the poses as they are: around a plan they have been looked at before.
+    thorough = few and spare if problem.turns else near is None
+    if near is None:
+        return _grid_nodes(problem, arm, table, stage, grid, thorough)
+    around = _nodes_around(problem, arm, table, stage, grid.angles, near)
+    if few and not spare:
+        return around
+    return _together(_grid_nodes(problem, arm, table, stage, grid, thorough), around)
+
+
+def _grid_nodes(
+    problem: SequenceProblem,
+    arm: int,
+    table: StopTable,
+    stage: int,
+    grid: Grid,
     thorough: bool,
 ) -> Nodes:
     """Returns the nodes of one arm at one stop, none where it cannot be reached.
@@ -169,7 +195,7 @@ def grid_nodes(
     return thinned(_by_angle(nodes), grid.most)
 
 
-def nodes_around(
+def _nodes_around(
     problem: SequenceProblem,
     arm: int,
     table: StopTable,
@@ -206,7 +232,7 @@ def nodes_around(
     return nodes.take(np.flatnonzero(found.possible))
 
 
-def together(some: Nodes, others: Nodes) -> Nodes:
+def _together(some: Nodes, others: Nodes) -> Nodes:
     """Returns the nodes of both, in order of their platform angles."""
     decisions = ArmDecisions(
         *(

@@ -147,6 +147,11 @@ class SequenceProblem:
     (n, 2) each; None where all tools stop there."""
 
     @property
+    def has_arm_angles(self) -> bool:
+        """Whether all arms have closed forms over an arm angle."""
+        return all(work.kinematics.has_arm_angle for work in self.arms)
+
+    @property
     def stages(self) -> int:
         """Number of stages."""
         return len(self.arms[0].stops)

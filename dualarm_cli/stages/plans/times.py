@@ -11,7 +11,7 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import CandidatePostures
 from dualarm_cli.stages.plans.passing import transfer_times
 from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
-from dualarm_cli.stages.plans.source import anchored, has_closed_form, lines_hold, postures
+from dualarm_cli.stages.plans.source import anchored, lines_hold, postures
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.timing.stage_length import stage_length
 
@@ -83,16 +83,16 @@ def in_seconds(
 
 def held(problem: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated) -> Evaluated:
     """Returns a plan in which stages whose lines do not hold between their samples are impossible."""
-    if all(has_closed_form(work) for work in problem.arms):
-        return plan
     angle = plan.decisions.angle
+    holds = [
+        lines_hold(problem, a, table, angle, rows)
+        for a, (table, rows) in enumerate(zip(tables, plan.decisions.arms, strict=True))
+    ]
+    if all(own.all() for own in holds):
+        return plan
     arms = tuple(
-        replace(
-            found, work=np.where(lines_hold(problem, a, table, angle, rows), found.work, np.inf)
-        )
-        for a, (table, rows, found) in enumerate(
-            zip(tables, plan.decisions.arms, plan.arms, strict=True)
-        )
+        replace(found, work=np.where(own, found.work, np.inf))
+        for found, own in zip(plan.arms, holds, strict=True)
     )
     stages, closing = stage_times(problem, angle, arms)
     return replace(plan, arms=arms, stages=stages, closing=closing)

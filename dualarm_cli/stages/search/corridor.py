@@ -12,7 +12,7 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import CandidatePostures
 from dualarm_cli.stages.plans.passing import transfer_times
 from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
-from dualarm_cli.stages.plans.source import has_closed_form, postures
+from dualarm_cli.stages.plans.source import postures
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import (
     Evaluated,
@@ -64,7 +64,7 @@ class Pool:
         decisions = self.plans[int(picked[0])]
         for m in distinct(picked):
             decisions = decisions.put(np.nonzero(picked == m)[0], self.plans[m])
-        if all(has_closed_form(work) for work in self.problem.arms):
+        if self.problem.has_arm_angles:
             # That is quick, and the last bits do not depend on how many plans there are.
             return evaluate(self.problem, self.tables, decisions)
         stage = np.arange(len(picked))

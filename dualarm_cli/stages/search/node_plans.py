@@ -15,7 +15,7 @@ from dualarm_cli.geometry.products import product
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import CandidatePostures, Grid, Nodes
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
-from dualarm_cli.stages.plans.source import grid_nodes, has_closed_form, postures
+from dualarm_cli.stages.plans.source import grid_nodes, postures
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import Evaluated, TransferChain, evaluate, held
 from dualarm_cli.stages.search.beam import NodePath, beam_search
@@ -328,7 +328,7 @@ def _without(
         times = layer.work.copy()
         times[path.nodes[a, k]] = np.inf
         # What a free yaw will be is not known yet, and following lines of other arms takes long.
-        if has_closed_form(problem.arms[a]) and not layer.free_last:
+        if problem.arms[a].kinematics.has_arm_angle and not layer.free_last:
             stage, angle = np.full(len(times), k), angles[k, layer.angle_index]
             lines = postures(problem, a, table, stage, angle, layer.decisions)
             times[~lines.possible] = np.inf

@@ -15,7 +15,7 @@ from dualarm_cli.postures.platform_reach import reachable_cells, reachable_spans
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import Grid, Nodes, thinned
 from dualarm_cli.stages.plans.problem import ArmDecisions, SequenceProblem
-from dualarm_cli.stages.plans.source import grid_nodes, has_closed_form, postures
+from dualarm_cli.stages.plans.source import grid_nodes, postures
 from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.search.potentials import ArmLayers, layer_of
 
@@ -105,7 +105,7 @@ def exact_nodes(
     work = problem.arms[a]
     stop = work.stops[stage]
     assert stop is not None  # callers ask for active stages only
-    if stop.configurations is not None or not has_closed_form(work):
+    if stop.configurations is not None or not work.kinematics.has_arm_angle:
         return grid_nodes(problem, a, table, stage, Grid(angles, ARM_ANGLES, most))
     yaws = _yaws(problem, a, stage)
     f = np.repeat(np.arange(len(angles)), len(yaws))
@@ -196,7 +196,7 @@ def _intervals(
         nodes = grid_nodes(problem, a, table, stage, Grid(angles, ARM_ANGLES, EVERY_NODE))
         return np.bincount(nodes.angle_index, minlength=len(angles)) > 0
 
-    if not has_closed_form(problem.arms[a]):
+    if not problem.arms[a].kinematics.has_arm_angle:
         step = problem.platform.spacing(COARSE_STEP, *around)
         angles = np.append(np.arange(*around, step), around[1])
         return _runs(angles, has_nodes, FEW_ROUNDS)

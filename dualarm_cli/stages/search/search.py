@@ -13,7 +13,6 @@ from dualarm_cli.effort import EFFORTS, SHORT, WHOLE, Mesh, SearchEffort
 from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
-from dualarm_cli.stages.plans.source import has_closed_form
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.plans.ways import best_ways
@@ -432,7 +431,7 @@ def _settled(problem: SequenceProblem, stages: Sequence[int]) -> SequenceProblem
 def search_effort(problem: SequenceProblem, effort: str) -> SearchEffort:
     """Select how hard to search a sequence, by its length and the kinds of its arms."""
     how = EFFORTS[effort].search
-    if all(has_closed_form(work) for work in problem.arms):
+    if problem.has_arm_angles:
         return how.for_stages(problem.stages)
     how = how.for_general_arms(problem.stages)
     # Where every configuration is given there is nothing around a plan.

@@ -10,7 +10,7 @@ from dualarm_cli.geometry.products import product
 from dualarm_cli.kinds.path.following.position_limits import ended_by_limit
 from dualarm_cli.kinds.path.following.problem import NoPath, PathMotion, PathProblem, within_limits
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
-from dualarm_cli.kinematics.srs_arm import SrsArm, closed_form
+from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.records import dataclass
 
 
@@ -62,11 +62,6 @@ def follow_arm_angle(problem: PathProblem) -> PathMotion | NoPath:
     model = problem.model
     if model is None:
         return NoPath("its arms have no closed form", 0)
-    solved = {}
-    for name, arm in model.arms.items():
-        if not isinstance(arm.kinematics, SrsArm):
-            return NoPath(f"the {name} arm has no closed form", 0)
-        solved[name] = arm.kinematics
     from scipy.interpolate import CubicSpline
 
     position = np.tile(problem.start, (problem.instants, 1))
@@ -74,7 +69,8 @@ def follow_arm_angle(problem: PathProblem) -> PathMotion | NoPath:
     at = np.interp(stations, problem.share, np.arange(problem.instants))
     for b, a in enumerate(np.flatnonzero(problem.follows)):
         name = problem.body.arms[a]
-        arm, kinematics = model.arms[name], solved[name]
+        arm = model.arms[name]
+        kinematics = arm.closed_form
         R, p = flange_poses(model, arm, problem.start, problem.R[:, b], problem.p[:, b])
         nearest = np.round(at).astype(np.int64)
         own = problem.share[nearest]
@@ -276,7 +272,7 @@ def _reason(
     problem: PathProblem, model: CellModel, name: str, flanges: tuple[FloatArray, FloatArray]
 ) -> NoPath:
     """Return the reason why no branch of an arm follows a path."""
-    miss = closed_form(model.arms[name].kinematics).reach_miss(*flanges)
+    miss = model.arms[name].closed_form.reach_miss(*flanges)
     if miss.max() > 0.0:
         k = int(np.argmax(miss > 0.0))
         return NoPath(
