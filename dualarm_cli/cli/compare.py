@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.schedule import Schedule
     from dualarm_cli.model.settings import PlanSettings
-    from dualarm_cli.page.solvers_page import PlanKey
+    from dualarm_cli.page.side_by_side import PlanKey
     from dualarm_cli.planning.comparison import Case, Outcome
 
 DOCUMENT, TABLE, FIGURE = "comparison.json", "comparison.csv", "comparison.png"
@@ -242,7 +242,7 @@ def _write(
     except MissingDependencyError as error:
         say(f"{FIGURE} is not drawn: {error}")
     if plans is not None:
-        from dualarm_cli.page.solvers_page import solvers_page
+        from dualarm_cli.page.side_by_side import solvers_page
 
         files[SOLVERS_PAGE] = solvers_page(document, plans)
     write_folder(out, files | {DOCUMENT: json_bytes(document)})

@@ -160,7 +160,7 @@ def plan_command(
             force=True,
             quiet=quiet,
         )
-        from dualarm_cli.cli.parts.watching import keep_planning
+        from dualarm_cli.cli.parts.while_planning import keep_planning
 
         keep_planning(tasks, folder / PAGE, again)
         return
@@ -292,7 +292,7 @@ def _planned(job: Job, settings: PlanSettings, quiet: bool) -> Plan:
     from contextlib import nullcontext
 
     from dualarm_cli.beside import copies, usable_cores
-    from dualarm_cli.cli.parts.interrupts import Interrupts, StatusLine
+    from dualarm_cli.cli.parts.while_planning import Interrupts, StatusLine
     from dualarm_cli.interface import planned
     from dualarm_cli.orders.watch import Watch
 

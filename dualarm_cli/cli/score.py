@@ -182,7 +182,7 @@ def _evaluate(
     requests: list[Request], run: Run, store: Store | None, quiet: bool
 ) -> dict[str, Evaluation]:
     """Returns what every case came to; `run` plans what the store does not know."""
-    from dualarm_cli.cli.parts.score_progress import ScoreProgress
+    from dualarm_cli.cli.parts.score_files import ScoreProgress
     from dualarm_cli.evaluation.answers import answers
 
     def checked(some: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
@@ -267,7 +267,7 @@ def _write_pages(
 ) -> None:
     """Writes the pages of all cases that have a plan, and their index."""
     from dualarm_cli.page.index_page import page_names
-    from dualarm_cli.scoring.index import score_index
+    from dualarm_cli.scoring.document import score_index
 
     shown = {v.case: v.evaluation.page for v in verdicts if v.evaluation and v.evaluation.page}
     names = dict(zip(shown, page_names(shown), strict=True))

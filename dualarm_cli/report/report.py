@@ -22,10 +22,9 @@ from dualarm_cli.model.verification import Verification
 from dualarm_cli.motion.waiting import MOVES
 from dualarm_cli.records import field_values
 from dualarm_cli.report.bodies import bodies, cell_notes
-from dualarm_cli.report.corners import blending_rows
 from dualarm_cli.report.measures import elbow_imbalance, joint_travel, platform_travel
 from dualarm_cli.report.sensitivity import sensitivity
-from dualarm_cli.report.stage_parts import StageParts, stage_parts
+from dualarm_cli.report.stage_parts import StageParts, blending_rows, stage_parts
 from dualarm_cli.verification.budget_checks import judge_budget
 from dualarm_cli.verification.motion_checks import jerk_share, velocity_extrema
 from dualarm_cli.verification.tolerances import CLEARANCE_SLACK

@@ -3,6 +3,8 @@
 A score as a table for people at a terminal.
 
 Figures and sentences that all formats of a score have in common.
+
+A score as an index: one HTML page with a row for each case, which leads to the page of its plan.
 """
 
 from __future__ import annotations
@@ -15,6 +17,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from dualarm_cli.model.verification import exceptions
+from dualarm_cli.page.index_page import FOLDER, index_page, verified_cell
+from dualarm_cli.page.tables import PageCell, PageRow, PageTable
 from dualarm_cli.report.printable import one_line, printable
 from dualarm_cli.scoring.gate import FLOOR
 from dualarm_cli.scoring.verdict import STATES, Verdict, exit_code, words
@@ -168,3 +172,56 @@ def advice(verdicts: Sequence[Verdict]) -> list[str]:
     if new := states.count("new"):
         lines.append(f"{new} new: --update-baseline takes {'it' if new == 1 else 'them'} in")
     return lines
+
+
+_COLUMNS = (
+    ("case", False),
+    ("verdict", False),
+    ("cycle s", True),
+    ("baseline s", True),
+    ("change", True),
+    ("bound s", True),
+    ("gap", True),
+    ("clearance mm", True),
+    ("verified", False),
+    ("why", False),
+)
+
+
+def score_index(
+    verdicts: Sequence[Verdict], pages: Mapping[str, str], max_regression: float, compared: bool
+) -> bytes:
+    """Returns the index.
+
+    Args:
+        verdicts: by name.
+        pages: names of the plans' pages, by case; cases without a plan have none.
+        max_regression: by what share a cycle time might be longer.
+        compared: whether there is a baseline.
+    """
+    lines = [counted(verdicts), *([rule_words(max_regression)] if compared else [])]
+    rows = [_case_row(verdict, pages.get(verdict.case)) for verdict in verdicts]
+    return index_page("Score", [*lines, *advice(verdicts)], [PageTable("", _COLUMNS, rows)])
+
+
+def _case_row(verdict: Verdict, page: str | None) -> PageRow:
+    found, before = verdict.evaluation, verdict.before
+    case = verdict.case
+    name = PageCell(case) if page is None else PageCell("", links={case: f"{FOLDER}/{page}"})
+    bound = None if found is None else found.lower_bound
+    time, change, gap, clearance = figure_words(verdict)
+    mark = "bad" if verdict.failed else "warn" if verdict.caveats else "good"
+    return PageRow(
+        [
+            name,
+            PageCell(verdict_words(verdict), mark),
+            PageCell(time),
+            PageCell(NOTHING if before is None else f"{before.cycle_time:.3f}"),
+            PageCell(change),
+            PageCell(NOTHING if bound is None else f"{bound:.3f}"),
+            PageCell(gap),
+            PageCell(clearance),
+            verified_cell("" if found is None else found.status, verdict.caveats),
+            PageCell("\n".join([*map(str, verdict.reasons), *verdict.caveats])),
+        ]
+    )

@@ -14,7 +14,7 @@ import time
 
 import pytest
 
-from dualarm_cli.cli.parts.interrupts import STOPPING, StatusLine
+from dualarm_cli.cli.parts.while_planning import STOPPING, StatusLine
 from dualarm_cli.cli.run import run
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.planner import UNLIMITED

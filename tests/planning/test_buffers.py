@@ -20,9 +20,8 @@ from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders.decided_jobs import stage_by_stage
 from dualarm_cli.orders.model.buffer_numbers import begun, check_stage_levels, keeps_borders
-from dualarm_cli.planning.asynchronous.leaving_times import ClockSteps
 from dualarm_cli.planning.asynchronous.meeting_arms import MeetingBuffers, first_missed
-from dualarm_cli.planning.asynchronous.own_clock import OwnClock
+from dualarm_cli.planning.asynchronous.own_clock import ClockSteps, OwnClock
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.planning.section_plans import section_orders
 from dualarm_cli.stages.serving import cell_model

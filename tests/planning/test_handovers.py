@@ -23,9 +23,9 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.holding import Holding
-from dualarm_cli.report.corners import corners
 from dualarm_cli.report.report import count_parts
 from dualarm_cli.report.sensitivity import sensitivity
+from dualarm_cli.report.stage_parts import corners
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from dualarm_cli.cli.parts.interrupts import Interrupts
+from dualarm_cli.cli.parts.while_planning import Interrupts
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders import watch

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dualarm_cli.planning.asynchronous.leaving_times import (
+from dualarm_cli.planning.asynchronous.own_clock import (
     ClockSteps,
     NotBefore,
     Since,

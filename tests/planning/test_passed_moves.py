@@ -15,7 +15,7 @@ from dualarm_cli.model.job import Job, PoseTarget
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
-from dualarm_cli.report.corners import corners
+from dualarm_cli.report.stage_parts import corners
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.tool_model import ToolModel
 

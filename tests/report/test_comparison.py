@@ -7,7 +7,7 @@ import io
 
 import pytest
 
-from dualarm_cli.page.solvers_page import _table
+from dualarm_cli.page.side_by_side import _table
 from dualarm_cli.report.comparison.comparison import comparison_document, winner_sentence
 from dualarm_cli.report.comparison.comparison_table import (
     comparison_csv,

@@ -17,8 +17,8 @@ from pydantic import ValidationError
 
 from dualarm_cli.cli.run import run
 from dualarm_cli.files.source import quantities
+from dualarm_cli.files.source.fields import quantity_schema
 from dualarm_cli.files.source.quantities import Dimension, QuantityError, parse_quantity
-from dualarm_cli.files.source.quantity_schemas import quantity_schema
 from dualarm_cli.files.source.text_source import read_text
 from dualarm_cli.files.source.yaml_source import parse_yaml
 from dualarm_cli.schemas import KINDS, editor_line, schema_of

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from dualarm_cli.model.evaluation import Finding
-from dualarm_cli.scoring.document import score_document, score_table
-from dualarm_cli.scoring.index import score_index
+from dualarm_cli.scoring.document import score_document, score_index, score_table
 from dualarm_cli.scoring.junit import MARK, junit_bytes, xml_text
 from dualarm_cli.scoring.markdown import MARK as MARKDOWN_MARK
 from dualarm_cli.scoring.markdown import MOST, github_commands, markdown_text

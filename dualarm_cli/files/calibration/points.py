@@ -25,12 +25,12 @@ from dualarm_cli.files.source.fields import (
     Section,
     ToolVector3,
     Vector3,
+    quantity_schema,
     refuse,
     to_se3,
 )
 from dualarm_cli.files.source.projects import BadReferenceError, Project
 from dualarm_cli.files.source.quantities import LENGTH, QuantityError, parse_quantity
-from dualarm_cli.files.source.quantity_schemas import quantity_schema
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.geometry.arrays import FloatArray

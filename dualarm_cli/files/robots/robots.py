@@ -15,15 +15,16 @@ import pinocchio as pin
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.robots.frozen_joints import frozen_note, frozen_positions, listed
-from dualarm_cli.files.robots.joint_rates import joint_limits, with_margins
 from dualarm_cli.files.robots.meshes import LinkMeshes, link_meshes
 from dualarm_cli.files.robots.packages import MeshFinder
 from dualarm_cli.files.robots.robot_joints import (
     check_chains,
     check_names,
     file_arms,
+    joint_limits,
     model_arms,
     posture_positions,
+    with_margins,
 )
 from dualarm_cli.files.robots.schema_robot import RobotFile, RowSection
 from dualarm_cli.files.robots.urdf import Urdf, UrdfJoint, moving_joints, read_urdf

@@ -18,10 +18,11 @@ from dualarm_cli.files.source.fields import (
     Quantity,
     Section,
     Size,
+    quantity_schema,
     refuse,
+    text_pattern,
 )
 from dualarm_cli.files.source.quantities import Dimension
-from dualarm_cli.files.source.quantity_schemas import quantity_schema, text_pattern
 
 JointSpeed = Annotated[float, Quantity(quantities.ANGULAR_VELOCITY, 1e-6)]
 Torque = Annotated[float, Quantity(quantities.TORQUE, 0.0)]

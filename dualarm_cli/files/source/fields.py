@@ -1,8 +1,12 @@
-"""Field types of the file schemas: quantities with units, names, poses."""
+"""Field types of the file schemas: quantities with units, names, poses.
+
+JSON Schema of quantities: a number, or text with a unit.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
@@ -22,7 +26,6 @@ from pydantic_core import PydanticCustomError, core_schema
 
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.quantities import Dimension, QuantityError, parse_quantity
-from dualarm_cli.files.source.quantity_schemas import quantity_schema
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.records import dataclass
 
@@ -206,3 +209,53 @@ def to_se3(pose: Pose) -> pin.SE3:
     else:
         rotation = np.eye(3)
     return pin.SE3(rotation, np.array(pose.xyz or [0.0, 0.0, 0.0]))
+
+
+NUMBER = r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?"
+"""Pattern of numbers as files spell them: a decimal point, no leading zero."""
+_SPELLINGS = {"^2": "(\\^2|2|²)", "^3": "(\\^3|3|³)", "um": "[uµμ]m", "deg": "(deg|°)"}
+"""Patterns of what units may be written as."""
+
+
+def quantity_schema(
+    dimensions: Sequence[Dimension],
+    low: float = -math.inf,
+    high: float = math.inf,
+    words: Sequence[str] = (),
+) -> JsonDict:
+    """Returns the JSON Schema of a number within a range, or of text with a unit.
+
+    A schema cannot say the range of text with a unit.
+
+    Args:
+        dimensions: what it may be.
+        low: least plain number.
+        high: greatest plain number.
+        words: patterns of texts that may stand in place of a quantity.
+    """
+    units = [unit for dimension in dimensions for unit in dimension.units if unit]
+    plain = " or ".join(dict.fromkeys(d.unit for d in dimensions if d.unit))
+    number: JsonDict = {"type": "number", "title": plain or "number"}
+    if low > -math.inf:
+        number["minimum"] = low
+    if high < math.inf:
+        number["maximum"] = high
+    text: JsonDict = {
+        "type": "string",
+        "title": f"with a unit: {', '.join(units)}" if units else "number as text",
+        "pattern": "|".join(f"^{one}$" for one in (text_pattern(dimensions), *words)),
+    }
+    return {"anyOf": [number, text]}
+
+
+def text_pattern(dimensions: Sequence[Dimension]) -> str:
+    """Returns the pattern of a number as text, with or without a unit of some dimensions."""
+    units = [_unit(unit) for dimension in dimensions for unit in dimension.units if unit]
+    return rf"\s*{NUMBER}\s*" + (rf"({'|'.join(units)})?\s*" if units else "")
+
+
+def _unit(unit: str) -> str:
+    """Returns the pattern of a unit's spellings."""
+    for plain, pattern in _SPELLINGS.items():
+        unit = unit.replace(plain, pattern)
+    return unit

@@ -7,8 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, WithJsonSchema, model_validator
 
 from dualarm_cli.files.source.amounts import DIMENSIONS
-from dualarm_cli.files.source.fields import Name, Section, refuse
-from dualarm_cli.files.source.quantity_schemas import quantity_schema
+from dualarm_cli.files.source.fields import Name, Section, quantity_schema, refuse
 from dualarm_cli.files.source.short_forms import OneOrMore
 
 ROLE_KEYS = {

@@ -22,9 +22,9 @@ from dualarm_cli.files.source.fields import (
     StraightLine,
     StraightPart,
     Vector3,
+    quantity_schema,
     refuse,
 )
-from dualarm_cli.files.source.quantity_schemas import quantity_schema
 from dualarm_cli.files.source.short_forms import ShortForm
 from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.model.budget import Budget

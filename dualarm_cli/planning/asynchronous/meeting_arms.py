@@ -14,15 +14,16 @@ from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import WaitReason
 from dualarm_cli.orders.asynchronous.coordination import Diagram, quickest_together
 from dualarm_cli.orders.model.buffer_numbers import used_buffers
-from dualarm_cli.planning.asynchronous.leaving_times import (
+from dualarm_cli.planning.asynchronous.own_clock import (
     ClockSteps,
     NotBefore,
+    OwnClock,
     Since,
+    Wait,
     due,
     leaving_times,
     waits_at,
 )
-from dualarm_cli.planning.asynchronous.own_clock import OwnClock, Wait
 from dualarm_cli.records import dataclass
 
 
