@@ -85,7 +85,8 @@ class UnknownSolverError(UsageError):
         """Stores the option that names the family's solvers, the name asked for and the names there are."""
         self.option, self.name, self.known = option, name, known
         guess = did_you_mean(name, known) or ";"
-        super().__init__(f"{option}: there is no '{name}'{guess} known: {', '.join(known)}")
+        self.reason = f"there is no '{name}'{guess} known: {', '.join(known)}"
+        super().__init__(f"{option}: {self.reason}")
 
 
 class UnsupportedError(UsageError):

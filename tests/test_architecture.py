@@ -260,6 +260,35 @@ def test_no_message_of_an_error_is_matched_by_a_pattern():
     assert found == []
 
 
+CUTS = {"startswith", "endswith", "removeprefix", "removesuffix", "partition", "rpartition"}
+
+
+def test_no_sentence_of_our_own_is_cut_or_searched():
+    """Notes have topics, errors have fields: what is said is data until it is printed."""
+    sentences = re.compile(
+        r"(^|\.)(note|message|reason|sentence|detail)$|^str\((error|failure|line|found|note|check|refusal)\)$"
+    )
+    found = set()
+    for name, path in modules().items():
+        for node in nodes(path):
+            texts = []
+            if isinstance(node, ast.Call) and getattr(node.func, "attr", "") in CUTS:
+                texts = [node.func.value]
+            elif isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.In | ast.NotIn):
+                texts = node.comparators
+            if any(sentences.search(ast.unparse(text)) for text in texts):
+                found.add((name, ast.unparse(node)))
+    foreign = {
+        ("dualarm_cli.errors", "words in str(error)"),
+        ("dualarm_cli.robot_import.expanded_text", "'ermission denied' in str(error)"),
+        ("dualarm_cli.robot_import.importing", "quote(name) in found.message"),
+        ("dualarm_cli.scoring.baseline", "str(error).partition(' for integer')"),
+    }
+    assert found == foreign, (
+        "texts of libraries and of Python alone, and the joint that a reader's message names"
+    )
+
+
 def test_every_refusal_has_a_sentence_that_is_used():
     """A key without a sentence would fail where a message is due; a sentence that nobody asks for goes."""
     texts = set()

@@ -227,8 +227,7 @@ class _Reader(JsonReader):
         try:
             source = read_text(file, name)
         except InputError as error:
-            reason = error.diagnostics[0].message.removeprefix("cannot be read: ")
-            self.fail("robot.urdf", f"{name!r} cannot be read beside the schedule: {reason}")
+            self.fail("robot.urdf", f"{name!r} beside the schedule: {error.diagnostics[0].message}")
         # What the libraries would crash on is refused, as in a robot file.
         read_urdf(source)
         return source.text

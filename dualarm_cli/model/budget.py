@@ -44,11 +44,16 @@ class Kept:
     """Column from 1."""
 
     def __str__(self) -> str:
-        """Returns a sentence: what was measured, what is allowed, where that is written unless it is kept."""
+        """Return a sentence: measured, allowed, and the place of a line that is missed."""
         verdict = "kept" if self.kept else f"MISSED ({self.file}:{self.line}:{self.column})"
+        return f"{self.figures}: {verdict}"
+
+    @property
+    def figures(self) -> str:
+        """Measured and allowed value, in words."""
         if self.name == "cycle_time":
             measured = "not known" if self.measured is None else f"{self.measured:.3f} s"
-            return f"cycle time {measured}, at most {self.allowed:g} s: {verdict}"
+            return f"cycle time {measured}, at most {self.allowed:g} s"
         unit = "mm" if self.name == "clearance" else "ms"
         measured = "not proven" if self.measured is None else f"{self.measured * 1e3:.1f} {unit}"
-        return f"{self.name} {measured}, at least {self.allowed * 1e3:g} {unit}: {verdict}"
+        return f"{self.name} {measured}, at least {self.allowed * 1e3:g} {unit}"

@@ -24,7 +24,8 @@ from dualarm_cli.planning.asynchronous.free_epochs import (
 )
 from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
 from dualarm_cli.planning.decided_plan import in_time, job_notes, schedule_of
-from dualarm_cli.planning.ordered_plan import ESTIMATE, plan_in_best_order
+from dualarm_cli.planning.notes import ESTIMATE, planning_note
+from dualarm_cli.planning.ordered_plan import plan_in_best_order
 from dualarm_cli.planning.planned_job import PlannedJob
 
 LONG = 40
@@ -209,14 +210,7 @@ def free_notes(
     notes = [f"mode: free: {stands}the arms run asynchronously; {total:.2f} s by {ESTIMATE}"]
     notes += _together_notes(together)
     if orders.exact and total <= orders.found[0].total:
-        notes.append(
-            "order: on the grid of the search (its postures, the platform standing at one of its angles) this order "
-            "is proven to be the best; this proves nothing about plans, which leave the grid"
-        )
+        notes.append(planning_note("order", "best"))
     elif orders.bound is not None:
-        notes.append(
-            "order bound: on the grid of the search (its postures, the platform standing at one of its angles), where "
-            f"this order takes {total:.2f} s, no order takes less than {orders.bound:.2f} s; this proves nothing about "
-            "plans, which leave the grid"
-        )
+        notes.append(planning_note("order bound", "clocks", total=total, bound=orders.bound))
     return notes

@@ -23,6 +23,7 @@ from dualarm_cli.orders.orders import (
 )
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.decided_plan import decided_plan
+from dualarm_cli.planning.notes import planning_note
 from dualarm_cli.planning.planned_job import PlannedJob
 from dualarm_cli.planning.room_rules import planned_around
 from dualarm_cli.records import dataclass
@@ -36,8 +37,6 @@ LONG = 40
 """Of orders with more stages only the most promising one is planned, unless its plan is slower than expected."""
 CLOSE = 0.002
 """A plan is quicker than its order was expected to be by about this share."""
-ESTIMATE = "the estimate of the search, which has few postures and platform angles per stop: a plan may be much faster"
-"""What notes say of the time of an order on the search's grid."""
 PROMISING = 0.04
 """Orders are planned that are estimated to be slower than the best one by less than this share."""
 
@@ -289,11 +288,7 @@ def order_notes(orders: Orders, total: float) -> list[str]:
         orders: what the search found.
         total: of the order that was planned, on the search's grid [s].
     """
-    notes = [f"order: {orders.how}; {total:.2f} s by {ESTIMATE}"]
-    if orders.bound is not None:
-        notes.append(
-            f"order bound: on the grid of the search (its platform angles and postures), where this order takes "
-            f"{total:.2f} s, no order takes less than {orders.bound:.2f} s; this proves nothing about plans, which "
-            "leave the grid: another order may be faster"
-        )
-    return notes
+    found = planning_note("order", "found", how=orders.how, total=total)
+    if orders.bound is None:
+        return [found]
+    return [found, planning_note("order bound", "stages", total=total, bound=orders.bound)]

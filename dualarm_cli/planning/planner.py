@@ -16,9 +16,11 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.notes import is_about
 from dualarm_cli.orders.decided_jobs import file_order, stage_by_stage
 from dualarm_cli.orders.watch import SeenEnoughError, Watch
 from dualarm_cli.planning.decided_plan import decided_plan
+from dualarm_cli.planning.notes import planning_note
 from dualarm_cli.planning.planned_job import PlannedJob, Route, resolve
 
 NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
@@ -29,10 +31,10 @@ SHORT_STOPS = 24
 """Greatest number of stops of a job that is planned with less effort as well, in another process."""
 FAR_SLOWER = 0.08
 """By more than this share the file's order is slower by far, as the search times it."""
-OF_THE_FILE = "order: that of the file, whose plan is faster than those of the orders found"
+OF_THE_FILE = planning_note("order", "of_file")
 """Message where a search does no better than the file."""
 T = TypeVar("T")
-UNLIMITED = "order: --time-limit has no effect, as the task file fixes the order"
+UNLIMITED = planning_note("order", "fixed")
 """Message of a time limit where nothing was searched."""
 
 
@@ -116,9 +118,7 @@ def _planned(work: PlannedJob, watch: Watch) -> Schedule:
         if work.job.mode == "free" and kind.together and not work.job.in_sections:
             notes.append(kind.together)
     if watch.stopped:
-        notes.append(
-            f"order: the search ended early, as {watch.stopped}; a longer search may find a faster plan"
-        )
+        notes.append(planning_note("order", "ended_early", why=watch.stopped))
     schedule = replace(schedule, notes=(*schedule.notes, *notes))
     watch.keep(schedule)
     return schedule
@@ -146,7 +146,7 @@ def _not_slower_than_filed(work: PlannedJob, watch: Watch) -> Schedule:
             given = ROUTES[work.route](work.with_job(filed), watch)
             if best is None or given.duration < best.duration:
                 # What is proven of arms in a given order is not proven of all orders.
-                notes = [note for note in given.notes if not note.startswith("order: ")]
+                notes = [note for note in given.notes if not is_about(note, "order")]
                 best = replace(given, order_grid_gap=None, notes=(*notes, OF_THE_FILE))
     if best is None:
         assert failure is not None  # nothing else leaves none

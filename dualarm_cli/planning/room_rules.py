@@ -12,6 +12,8 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.job import Job, PoseTarget, Stop, Task
 from dualarm_cli.model.lying import lying_label
 from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.notes import Note, is_about
+from dualarm_cli.planning.notes import planning_note
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
@@ -68,8 +70,7 @@ class RoomRules:
             for task in job.tasks
         ]
         orders = [
-            f"order: {other} comes after {one}, as its part would be in the way"
-            for one, other in news
+            planning_note("order", "after_part", later=other, first=one) for one, other in news
         ]
         return replace(job, tasks=tuple(tasks), notes=(*job.notes, *self.notes, *orders))
 
@@ -109,7 +110,7 @@ def planned_around(job: Job, plan: Callable[[Job], Schedule]) -> Schedule:
         notes = tuple(
             note
             for note in found.notes
-            if note in ruled.notes or not note.startswith(("order: ", "order bound: "))
+            if note in ruled.notes or not is_about(note, "order", "order bound")
         )
         return replace(found, order_grid_gap=None, notes=notes)
 
@@ -133,8 +134,9 @@ def _with_rule(job: Job, one: str, other: str) -> Job:
     for task in job.tasks:
         after = [name for name in task.after if (name, task.id) != (other, one)]
         tasks.append(replace(task, after=(*after, one) if task.id == other else tuple(after)))
-    note = f"order: {other} comes after {one}, as a part would be in the way"
-    notes = [text for text in job.notes if not text.startswith(f"order: {one} comes after {other}")]
+    note = planning_note("order", "after_link", later=other, first=one)
+    against = {"later": one, "first": other}
+    notes = [text for text in job.notes if not (isinstance(text, Note) and text.more == against)]
     return replace(job, tasks=tuple(tasks), notes=(*notes, note))
 
 

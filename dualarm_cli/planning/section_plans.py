@@ -16,6 +16,7 @@ from dualarm_cli.model.job import Job, PoseTarget, Task
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.orders.model.buffer_numbers import keeps_borders
 from dualarm_cli.orders.watch import Watch
+from dualarm_cli.planning.notes import planning_note
 from dualarm_cli.planning.planned_job import PlannedJob
 from dualarm_cli.planning.sections import sections_plan
 from dualarm_cli.records import dataclass
@@ -254,5 +255,6 @@ def _with_order(schedule: Schedule, chosen: Job, given: Job, tried: int) -> Sche
     whose = "the file's order of sections" if chosen == given else "sections in another order"
     if chosen.order == "given":
         whose = "the file's order of all tasks"
-    note = f"order: of {tried} planned orders, {whose} is the fastest: {', '.join(rows)}"
+    more = {"tried": tried, "whose": whose, "rows": ", ".join(rows)}
+    note = planning_note("order", "sections", **more)
     return replace(schedule, notes=(*schedule.notes, note))

@@ -29,6 +29,7 @@ from dualarm_cli.files.robots.urdf_writer import urdf_text
 from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.model.shape import Hull, Shape
+from dualarm_cli.notes import is_about
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.contacts import Contact, contact_reasons, find_contacts
 from dualarm_cli.robot_import.convex_parts import convex_parts
@@ -138,7 +139,7 @@ def import_robot(request: ImportRequest) -> Imported:
         reasons.append(f"velocity limits assumed, {ASSUMED}, as the URDF has none: {names}")
     reasons += [*contact_reasons(contacts, often), *postures.reasons]
     # The description tells which meshes are taken as hulls, and which as parts.
-    reasons += [note for note in loaded.notes if not note.startswith(HULL_NOTE)]
+    reasons += [note for note in loaded.notes if not is_about(note, HULL_NOTE)]
     return Imported(
         _file_name(name), {**files, "robot.yaml": content.encode()}, loaded, tuple(reasons)
     )

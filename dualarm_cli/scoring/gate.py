@@ -247,8 +247,7 @@ def judge(
     for line in evaluation.budgets:
         if not line.kept:
             states.append("over_budget")
-            text = str(line).rpartition(": MISSED")[0]
-            reasons.append(Finding(f"{text} (budget)", line.file, line.line, line.column))
+            reasons.append(Finding(f"{line.figures} (budget)", line.file, line.line, line.column))
     if before is not None:
         slower = time - before.cycle_time
         if slower > max(FLOOR, max_regression * before.cycle_time):

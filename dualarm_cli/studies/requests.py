@@ -41,8 +41,7 @@ def check_settings(study: Study) -> None:
             checks[key](str(study.settings[key]))
         except UnknownSolverError as error:
             place = study.setting_places[key]
-            message = str(error).partition(": ")[2]
-            wrong.append(Diagnostic(place.file, place.line, place.column, "E200", message))
+            wrong.append(Diagnostic(place.file, place.line, place.column, "E200", error.reason))
     if wrong:
         raise InputError(wrong)
 

@@ -68,8 +68,8 @@ DEFECTS = [
     (["robot", "urdf"], 7, "robot.urdf: must be text"),
     (["robot", "urdf"], "../robot.urdf", "robot.urdf: '../robot.urdf' must lie in"),
     (["robot", "urdf"], "/etc/passwd", "robot.urdf: '/etc/passwd' must lie in"),
-    (["robot", "urdf"], "other.urdf", "robot.urdf: 'other.urdf' cannot be read"),
-    (["robot", "urdf"], ".", "robot.urdf: '.' cannot be read"),
+    (["robot", "urdf"], "other.urdf", "robot.urdf: 'other.urdf' beside the schedule: cannot be read"),
+    (["robot", "urdf"], ".", "robot.urdf: '.' beside the schedule: is "),
     (["robot", "urdf"], "a\0b", "robot.urdf: "),
     (["robot", "urdf"], "\ud800", "robot.urdf: "),
     (["robot", "base"], MISSING, "robot.base: must have xyz and quat_xyzw"),
@@ -360,7 +360,7 @@ def test_a_urdf_that_is_a_pipe_or_a_link_out_or_around_is_refused(folder):
     text = urdf.read_text()
     urdf.unlink()
     os.mkfifo(urdf)
-    assert "cannot be read" in message(folder)
+    assert "is not a regular file" in message(folder)
     urdf.unlink()
     (folder.parent / "secret.urdf").write_text(text)
     urdf.symlink_to(folder.parent / "secret.urdf")
@@ -370,7 +370,7 @@ def test_a_urdf_that_is_a_pipe_or_a_link_out_or_around_is_refused(folder):
     assert message(folder).startswith("robot.urdf: ")
     urdf.unlink()
     urdf.write_bytes(b"\xff\xfe")
-    assert "cannot be read" in message(folder)
+    assert "UTF-16 or UTF-32" in message(folder)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])

@@ -44,10 +44,11 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import rpy_angles
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Shape
+from dualarm_cli.notes import Note
 from dualarm_cli.records import dataclass
 
 HULL_NOTE = "collision meshes are taken as their convex hulls"
-"""How the note on meshes begins."""
+"""Topic of the note on meshes."""
 
 
 @dataclass(frozen=True)
@@ -273,7 +274,7 @@ def _mesh_note(meshes: dict[str, tuple[Shape, ...]]) -> list[str]:
     """Returns a note on links whose meshes are taken as convex hulls."""
     if not meshes:
         return []
-    return [f"{HULL_NOTE}: {listed(list(meshes))}"]
+    return [Note.of({HULL_NOTE: {"links": "{links}"}}, HULL_NOTE, "links", links=listed([*meshes]))]
 
 
 ROOT_LINK = "base_link"

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+from dualarm_cli.errors import did_you_mean
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Loc
 from dualarm_cli.records import dataclass
@@ -17,6 +18,11 @@ _NAMES = ("name", "id")
 
 class PathError(ValueError):
     """A path that cannot be read or leads nowhere; its text is the whole message."""
+
+    def __init__(self, message: str, lacks: bool = False, guessed: bool = False) -> None:
+        """Stores the message, whether a key or entry is missing, and whether the message guesses the one meant."""
+        super().__init__(message)
+        self.lacks, self.guessed = lacks, guessed
 
 
 @dataclass(frozen=True)
@@ -70,7 +76,7 @@ def find_value(data: Any, text: str, file: str) -> Loc:
     search = _Search(data, steps)
     found = list(search.places(data, 0, ()))
     if not found:
-        raise PathError(search.failure(file))
+        raise search.failure(file)
     if len(found) > 1:
         ways = " and ".join(shown_path(data, loc) for loc in found)
         raise PathError(f"{quote(text)} leads to {ways} in {file}; write the one that is meant")
@@ -167,21 +173,22 @@ class _Search:
                     if _name_of(entry) == name or (taken == 1 and name == str(index)):
                         yield index, taken
 
-    def failure(self, file: str) -> str:
-        """Returns what is missing where the longest way ended, and what there is."""
+    def failure(self, file: str) -> PathError:
+        """Return the error of a path that leads nowhere: what is missing where it ended, and what there is."""
         k, loc = self._deepest
         node = value_at(self.data, loc)
         where = f"{quote(shown_path(self.data, loc))} of {file}" if loc else file
         missing = self.steps[k].text
         if not isinstance(node, dict | list):
-            return f"{where} is {quote(node)}; there is no {quote(missing)} in it"
+            return PathError(f"{where} is {quote(node)}; there is no {quote(missing)} in it")
         names = _names(node)
         if not loc:
             names = [name for name in names if name != "dualarm"]
         if isinstance(node, list) and all(name.isdecimal() for name in names):
             span = f"its entries are [0] to [{len(node) - 1}]" if node else "it is empty"
-            return f"{where} has no {quote(missing)}; {span}"
-        return f"{where} has no {quote(missing)}{suggest(missing, names, 'there')}"
+            return PathError(f"{where} has no {quote(missing)}; {span}", True)
+        message = f"{where} has no {quote(missing)}{suggest(missing, names, 'there')}"
+        return PathError(message, True, bool(did_you_mean(missing, names)))
 
 
 def _name_of(entry: Any) -> str | None:

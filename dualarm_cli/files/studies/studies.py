@@ -125,10 +125,10 @@ class StudyTargetReader:
             return find_value(document.data, path, document.source.name)
         except PathError as error:
             # Keys that a file leaves out have defaults; whoever varies one should see from which.
-            hint = "" if "did you mean" in str(error) else _MUST_BE_THERE
+            hint = "" if error.guessed else _MUST_BE_THERE
             if role.startswith("robot") and path.endswith(_OF_THE_URDF):
                 hint = "; position and velocity limits are the URDF's, and cannot be varied"
-            self._findings.add(self._document, loc, f"{error}{hint * (' has no ' in str(error))}")
+            self._findings.add(self._document, loc, f"{error}{hint * error.lacks}")
             return None
 
     def _claim(self, job: int, key: str, name: str, loc: Loc) -> None:
