@@ -1,4 +1,4 @@
-"""What `--effort` means: every number that trades planning time for a faster plan, in one table."""
+"""Effort levels: every number that trades planning time for a faster plan, in one table."""
 
 from __future__ import annotations
 
@@ -9,34 +9,43 @@ import numpy as np
 
 from dualarm_cli.records import dataclass
 
-WHOLE = 24
-"""Sequences of so many stages or more take as long as they are."""
 
-LEAST_NODES = 0.7
-"""Share of a grid's nodes that is left of it in the longest sequences, where an effort spares them."""
+@dataclass(frozen=True)
+class LengthScaling:
+    """Rules that fit an effort to the number of stages or stops."""
 
-FEW = 4
-"""So many times more rounds and further grids."""
+    long: int = 24
+    """Stages above which a sequence is long: fewer nodes, fewer polished plans."""
+    short: int = 12
+    """Maximum number of stages of a short sequence."""
+    min_node_fraction: float = 0.7
+    """Smallest fraction of a grid's nodes that is kept in long sequences."""
+    min_rounds: int = 3
+    """Minimum number of polishing rounds of a short sequence, before they are multiplied."""
+    max_factor: int = 4
+    """Largest factor of rounds and plans in short sequences."""
+    further_grids_factor: int = 4
+    """Factor from which a sequence gets the grids for short ones as well."""
+    full_trial_stages: int = 24
+    """Stages up to which all orders of an effort are polished."""
+    full_bound_stops: int = 24
+    """Stops up to which the bound on orders gets its whole effort."""
 
-MOST = 4
-"""The shortest ones get so many times more rounds and plans."""
+    def damping(self, stages: int) -> float:
+        """Return the weight of single stages' luck: 1 up to `long`, less in longer sequences."""
+        return min(1.0, float(np.sqrt(self.long / stages)))
 
-SHORT = 12
-"""Sequences of so many stages or fewer are short."""
+    def factor(self, stages: int) -> int:
+        """Return the factor of rounds and plans in a sequence, 1 or more."""
+        return min(self.max_factor, max(1, self.long // stages))
 
-LEAST_ROUNDS = 3
-"""Least rounds of polishing of a short sequence, before they are multiplied."""
 
-FULL_STAGES = 24
-"""Up to so many stages as many orders are polished as an effort says."""
-
-FULL_STOPS = 24
-"""Up to so many stops everything is done that an effort says."""
+SCALING = LengthScaling()
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """How finely one grid of nodes is set, and how wide a beam goes through it."""
+    """Resolution of a grid of nodes, and width of the beam through it."""
 
     angle_step: float
     """Spacing of the platform angles [rad]."""
@@ -56,20 +65,23 @@ class Mesh:
         return replace(self, most_nodes=round(share * self.most_nodes))
 
 
-NEAR = Mesh(np.radians(6.0), 24, 1500, 40, 4, around=3)
-"""The grid around a plan that collides, at normal effort, which others vary; and around the best plan of sequences of
-WHOLE stages or more: at 24 stages plans are 0.8 to 3.5 % shorter than with a grid as narrow as LOCAL."""
-LOCAL = Mesh(np.radians(3.0), 36, 1500, 40, 4, around=1)
-
-
-def evening(stages: int) -> float:
-    """Returns how much less luck at single stages counts in a sequence that is longer than WHOLE, 1 in others."""
-    return min(1.0, float(np.sqrt(WHOLE / stages)))
+NEAR = Mesh(angle_step=np.radians(6.0), arm_angles=24, most_nodes=1500, width=40, around=3)
+"""Grid around a plan that collides, at normal effort; and around the best plan of sequences that are not shorter than
+`SCALING.long`: at 24 stages plans are 0.8 to 3.5 % shorter than with a grid as narrow as LOCAL."""
+LOCAL = Mesh(angle_step=np.radians(3.0), arm_angles=36, most_nodes=1500, width=40, around=1)
+"""Grid around the best plan of shorter sequences."""
+COARSE = Mesh(angle_step=np.radians(12.0), arm_angles=14, most_nodes=1000, width=20)
+"""Grid of all sequences at normal effort."""
+FINE = (
+    Mesh(angle_step=np.radians(8.0), arm_angles=22, most_nodes=3000, width=200, per_angle=8),
+    Mesh(angle_step=np.radians(10.0), arm_angles=18, most_nodes=3000, width=100, per_angle=8),
+)
+"""Grids of short sequences at normal effort, and of all at thorough effort."""
 
 
 @dataclass(frozen=True)
 class SearchEffort:
-    """How hard the search tries."""
+    """Effort of the search over a whole sequence of stages."""
 
     meshes: tuple[Mesh, ...]
     """Grids of nodes, each with a plan of its own; the first one's bound is reported."""
@@ -83,7 +95,7 @@ class SearchEffort:
     """How often a plan is polished for motion through the outer ends of lines, where tools may pass them: first with
     one way of passing all, from the second time on with those that go best with it."""
     cycles_in_long: int
-    """The same in sequences of more than SHORT stages."""
+    """The same in sequences that are not short."""
     passing_rounds: int
     """Rounds of polishing each time."""
     rivals: int
@@ -91,7 +103,7 @@ class SearchEffort:
     for_few: tuple[Mesh, ...]
     """Further grids for short sequences."""
     local: Mesh
-    """The grid around the best plan so far, in sequences of fewer than WHOLE stages."""
+    """The grid around the best plan so far, in sequences of fewer stages than `SCALING.long`."""
     local_rounds: int = 1
     """How often there is such a grid, at most; arms without closed forms have one in any case."""
     plans: int = 1
@@ -105,31 +117,29 @@ class SearchEffort:
     """Blended sequences of so many stages or fewer are compared with the refined plan of `minimum_time` in any case: at
     8 and 12 stages that is a quarter of quick effort's time, and gave nothing."""
     spares: bool = True
-    """Whether time is spared where more of it seldom helps: sequences longer than WHOLE get fewer nodes and fewer of
+    """Whether time is spared where more of it seldom helps: long sequences get fewer nodes and fewer of
     their plans polished, and simpler plans are not refined beside a good one."""
 
     def for_stages(self, stages: int) -> SearchEffort:
-        """Returns more of all for short sequences, where it takes little time, and fewer nodes for long ones."""
-        more = min(MOST, max(1, WHOLE // stages))
-        local = NEAR if stages >= WHOLE else self.local
-        if stages > WHOLE and self.spares:
-            share = max(LEAST_NODES, evening(stages))
-            return replace(
-                self,
-                meshes=tuple(mesh.thinned(share) for mesh in self.meshes),
-                cycles=self.cycles_in_long,
-                local=local.thinned(share),
-            )
+        """Return more of all for short sequences, where it takes little time, and fewer nodes for long ones."""
+        local = NEAR if stages >= SCALING.long else self.local
+        cycles = self.cycles if stages <= SCALING.short else self.cycles_in_long
+        if stages > SCALING.long and self.spares:
+            share = max(SCALING.min_node_fraction, SCALING.damping(stages))
+            meshes = tuple(mesh.thinned(share) for mesh in self.meshes)
+            return replace(self, meshes=meshes, cycles=cycles, local=local.thinned(share))
+        factor = SCALING.factor(stages)
+        is_short, further = stages <= SCALING.short, factor >= SCALING.further_grids_factor
         return replace(
             self,
-            meshes=self.meshes if more < FEW else (*self.meshes, *self.for_few),
-            trial_rounds=self.trial_rounds * min(more, 2),
-            rounds=more * (max(self.rounds, LEAST_ROUNDS) if stages <= SHORT else self.rounds),
-            cycles=self.cycles if stages <= SHORT else self.cycles_in_long,
-            random_steps=self.random_steps * more,
+            meshes=(*self.meshes, *self.for_few) if further else self.meshes,
+            trial_rounds=self.trial_rounds * min(factor, 2),
+            rounds=factor * (max(self.rounds, SCALING.min_rounds) if is_short else self.rounds),
+            cycles=cycles,
+            random_steps=self.random_steps * factor,
             local=local,
-            local_rounds=self.local_rounds * more,
-            plans=self.plans * more,
+            local_rounds=self.local_rounds * factor,
+            plans=self.plans * factor,
         )
 
     def for_general_arms(self, stages: int) -> SearchEffort:
@@ -137,13 +147,13 @@ class SearchEffort:
 
         One grid, the finer one for short sequences, another one around its plan, and little polishing.
         """
-        few = MOST * stages <= WHOLE and self.for_few
+        few = SCALING.max_factor * stages <= SCALING.long and self.for_few
         return replace(
             self,
             meshes=(self.for_few if few else self.meshes)[:1],
             trial_rounds=max(1, self.trial_rounds // 2),
-            rounds=max(self.rounds, LEAST_ROUNDS),
-            cycles=self.cycles if stages <= SHORT else self.cycles_in_long,
+            rounds=max(self.rounds, SCALING.min_rounds),
+            cycles=self.cycles if stages <= SCALING.short else self.cycles_in_long,
             plans=max(2, self.plans),
             local_rounds=max(1, self.local_rounds),
         )
@@ -151,7 +161,7 @@ class SearchEffort:
 
 @dataclass(frozen=True)
 class StageEffort:
-    """How hard orders are searched for."""
+    """Effort of the search for orders of paired arms."""
 
     starts: int
     """Searches from different orders."""
@@ -160,9 +170,9 @@ class StageEffort:
     stretches: float
     """Stretches that are improved, by stage of a long order."""
     rounds: int = 0
-    """Rounds of annealing, for FULL stages; it takes the place of all else where it serves."""
+    """Rounds of annealing; it takes the place of all else where it serves."""
     coolings: int = 1
-    """So often it begins anew where orders have WHOLE stages or fewer; less often with more of them."""
+    """So often it begins anew where orders are not long; less often with more of them."""
     near: int = 0
     """So many orders that are nearly as good as its best one are kept each time."""
 
@@ -174,7 +184,7 @@ class StageEffort:
 
 @dataclass(frozen=True)
 class TrialEffort:
-    """How many orders are tried, and how."""
+    """Effort of trying orders that the search found."""
 
     polished: int
     """So many of all that were looked at are polished."""
@@ -185,14 +195,14 @@ class TrialEffort:
 
     def of_stages(self, stages: int) -> TrialEffort:
         """Returns the effort for so many stages: polishing more of them takes longer, and fewer orders are."""
-        share = min(1.0, FULL_STAGES / max(1, stages))
+        share = min(1.0, SCALING.full_trial_stages / max(1, stages))
         polished = round(self.polished * share * share)
         return replace(self, polished=max(self.planned, polished))
 
 
 @dataclass(frozen=True)
 class ProofEffort:
-    """How hard a proof is tried."""
+    """Effort of a proof by dynamic programming over the stops made."""
 
     steps: int
     """Steps for better prices."""
@@ -201,31 +211,45 @@ class ProofEffort:
 
 
 @dataclass(frozen=True)
+class CloseOrders:
+    """Effort of looking closely at nearly optimal orders."""
+
+    labels: int
+    """Labels that are kept in each round."""
+    orders: int
+    """Orders that are looked at in each round, and returned at most."""
+    rounds: int
+    """Number of rounds."""
+
+
+@dataclass(frozen=True)
 class BoundEffort:
-    """How hard a bound is looked for, and orders on the way to it."""
+    """Effort of the bound on all orders, and of better orders on the way to it."""
 
     nodes: int
     """Up to so many stages that may be, dynamic programming over the stops made serves."""
     proof: ProofEffort
     """How hard it tries."""
-    near: tuple[int, int, int]
-    """Labels, orders and rounds of looking closely at orders that are nearly as good."""
+    near: CloseOrders
+    """Search for better orders among nearly optimal ones."""
     seconds: float
     """How long CP-SAT searches at most elsewhere, in its deterministic seconds."""
 
     def of_stops(self, stops: int) -> BoundEffort:
         """Returns the effort for so many stops: with more of them everything takes longer, and less is done of it."""
-        share = min(1.0, FULL_STOPS / max(1, stops))
-        labels, count, rounds = self.near
-        near = round(share * labels), round(share * count), max(2, round(share * share * rounds))
-        return replace(
-            self, proof=replace(self.proof, labels=round(share * self.proof.labels)), near=near
+        share = min(1.0, SCALING.full_bound_stops / max(1, stops))
+        near = CloseOrders(
+            labels=round(share * self.near.labels),
+            orders=round(share * self.near.orders),
+            rounds=max(2, round(share * share * self.near.rounds)),
         )
+        proof = replace(self.proof, labels=round(share * self.proof.labels))
+        return replace(self, proof=proof, near=near)
 
 
 @dataclass(frozen=True)
 class FreeEffort:
-    """How hard orders are searched for."""
+    """Effort of the search for orders of asynchronous arms."""
 
     glance: int
     """How often something is removed and put back at every angle."""
@@ -239,7 +263,7 @@ class FreeEffort:
 
 @dataclass(frozen=True)
 class EpochEffort:
-    """How hard epochs are searched for."""
+    """Effort of the search for epochs of one platform angle each."""
 
     sets: int
     """Combinations of angles whose tasks are moved about."""
@@ -253,7 +277,7 @@ class EpochEffort:
 
 @dataclass(frozen=True)
 class Resolution:
-    """How finely postures are cut into cells."""
+    """Resolution of the posture cells of the lower bound."""
 
     step: float
     """Width of the platform's cells [rad]."""
@@ -265,7 +289,7 @@ class Resolution:
 
 @dataclass(frozen=True)
 class EffortSettings:
-    """All that one word of `--effort` decides."""
+    """Settings of one value of `--effort`."""
 
     orders: StageEffort
     """The search for orders of paired arms."""
@@ -302,13 +326,18 @@ class EffortSettings:
 
 EFFORTS: Mapping[str, EffortSettings] = {
     "quick": EffortSettings(
-        orders=StageEffort(1, 3_000, 0.6, 10_000, 1, 10),
-        trials=TrialEffort(8, 1, 2),
-        order_bound=BoundEffort(4_000, ProofEffort(40, 20_000), (4_000, 12, 4), 1.0),
-        clocks=FreeEffort(60, 1500, 1, 1.0),
-        epochs=EpochEffort(3, 20, 20, 400),
+        orders=StageEffort(starts=1, steps=3_000, stretches=0.6, rounds=10_000, near=10),
+        trials=TrialEffort(polished=8, rounds=1, planned=2),
+        order_bound=BoundEffort(
+            nodes=4_000,
+            proof=ProofEffort(steps=40, labels=20_000),
+            near=CloseOrders(labels=4_000, orders=12, rounds=4),
+            seconds=1.0,
+        ),
+        clocks=FreeEffort(glance=60, iterations=1500, angles=1, proof=1.0),
+        epochs=EpochEffort(sets=3, moves=20, glance=20, close=400),
         search=SearchEffort(
-            meshes=(Mesh(np.radians(12.0), 14, 1000, 20, 3),),
+            meshes=(replace(COARSE, per_angle=3),),
             trial_rounds=2,
             rounds=2,
             random_steps=0,
@@ -322,7 +351,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             near=replace(NEAR, arm_angles=18, most_nodes=1000, width=20, per_angle=3),
             refined=6,
         ),
-        bound=Resolution(np.radians(15.0), 9, 3),
+        bound=Resolution(step=np.radians(15.0), arm_angles=9, finer=3),
         hopeless_orders=2,
         section_orders=2,
         section_starts=1,
@@ -331,13 +360,20 @@ EFFORTS: Mapping[str, EffortSettings] = {
         widths=1,
     ),
     "normal": EffortSettings(
-        orders=StageEffort(4, 9_000, 1.5, 15_000, 12, 12),
-        trials=TrialEffort(120, 1, 3),
-        order_bound=BoundEffort(7_000, ProofEffort(80, 200_000), (20_000, 60, 8), 4.0),
-        clocks=FreeEffort(150, 6000, 3, 4.0),
-        epochs=EpochEffort(8, 60, 40, 2000),
+        orders=StageEffort(
+            starts=4, steps=9_000, stretches=1.5, rounds=15_000, coolings=12, near=12
+        ),
+        trials=TrialEffort(polished=120, rounds=1, planned=3),
+        order_bound=BoundEffort(
+            nodes=7_000,
+            proof=ProofEffort(steps=80, labels=200_000),
+            near=CloseOrders(labels=20_000, orders=60, rounds=8),
+            seconds=4.0,
+        ),
+        clocks=FreeEffort(glance=150, iterations=6000, angles=3, proof=4.0),
+        epochs=EpochEffort(sets=8, moves=60, glance=40, close=2000),
         search=SearchEffort(
-            meshes=(Mesh(np.radians(12.0), 14, 1000, 20),),
+            meshes=(COARSE,),
             trial_rounds=4,
             rounds=3,
             random_steps=0,
@@ -345,13 +381,10 @@ EFFORTS: Mapping[str, EffortSettings] = {
             cycles_in_long=2,
             passing_rounds=2,
             rivals=0,
-            for_few=(
-                Mesh(np.radians(8.0), 22, 3000, 200, 8),
-                Mesh(np.radians(10.0), 18, 3000, 100, 8),
-            ),
+            for_few=FINE,
             local=LOCAL,
         ),
-        bound=Resolution(np.radians(10.0), 16, 2),
+        bound=Resolution(step=np.radians(10.0), arm_angles=16, finer=2),
         hopeless_orders=4,
         section_orders=4,
         section_starts=4,
@@ -360,17 +393,23 @@ EFFORTS: Mapping[str, EffortSettings] = {
         widths=1,
     ),
     "thorough": EffortSettings(
-        orders=StageEffort(8, 60_000, 8.0, 150_000, 16, 20),
-        trials=TrialEffort(200, 2, 6),
-        order_bound=BoundEffort(12_000, ProofEffort(150, 1_500_000), (60_000, 200, 12), 30.0),
-        clocks=FreeEffort(500, 60000, 6, 40.0),
-        epochs=EpochEffort(20, 400, 100, 20000),
+        orders=StageEffort(
+            starts=8, steps=60_000, stretches=8.0, rounds=150_000, coolings=16, near=20
+        ),
+        trials=TrialEffort(polished=200, rounds=2, planned=6),
+        order_bound=BoundEffort(
+            nodes=12_000,
+            proof=ProofEffort(steps=150, labels=1_500_000),
+            near=CloseOrders(labels=60_000, orders=200, rounds=12),
+            seconds=30.0,
+        ),
+        clocks=FreeEffort(glance=500, iterations=60000, angles=6, proof=40.0),
+        epochs=EpochEffort(sets=20, moves=400, glance=100, close=20000),
         search=SearchEffort(
             meshes=(
-                Mesh(np.radians(8.0), 22, 3000, 200, 8),
-                Mesh(np.radians(10.0), 18, 3000, 100, 8),
-                Mesh(np.radians(12.0), 14, 1500, 40),
-                Mesh(np.radians(15.0), 12, 1500, 20),
+                *FINE,
+                Mesh(angle_step=np.radians(12.0), arm_angles=14, most_nodes=1500, width=40),
+                Mesh(angle_step=np.radians(15.0), arm_angles=12, most_nodes=1500, width=20),
             ),
             trial_rounds=4,
             rounds=6,
@@ -386,7 +425,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             begun=np.inf,
             spares=False,
         ),
-        bound=Resolution(np.radians(4.0), 45, 2),
+        bound=Resolution(step=np.radians(4.0), arm_angles=45, finer=2),
         hopeless_orders=12,
         section_orders=24,
         section_starts=12,

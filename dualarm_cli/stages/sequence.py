@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.effort import EFFORTS, SHORT, WHOLE, evening
+from dualarm_cli.effort import EFFORTS, SCALING
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -181,7 +181,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     # Greedy plans of arms without an arm angle take as long as the search: only where that finds none.
     general = not problem.model.has_arm_angles
     in_parts = spares and not general and long
-    short = numbers.stages <= SHORT and numbers.ways is not None
+    short = numbers.stages <= SCALING.short and numbers.ways is not None
     if problem.own is not None and (in_parts or short):
         # Plans with narrower limits are candidates of the search with the robot's own ones.
         model, job, roomy = problem.own.model, problem.own.job, numbers.arms
@@ -295,7 +295,7 @@ def _starts(
     """Returns the simpler methods' plans with unrefined postures, and the first one's reason against it."""
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
-    long = len(problem.job.stages()) > WHOLE
+    long = len(problem.job.stages()) > SCALING.long
     names = [name for name in problem.simpler if not (long and name == NEARLY_EXACT)]
     rough = choose_stages_with(
         problem.model,
@@ -333,7 +333,7 @@ def _rivals(
     total = found.best.total
     few = len(problem.job.stages()) <= most or not EFFORTS[problem.effort].spares
     capped = problem.job.tool_speed is not None
-    even = evening(len(problem.job.stages()))
+    even = SCALING.damping(len(problem.job.stages()))
     worth = dict.fromkeys(starts, np.inf if capped else REFINED * even)
     if MINIMUM_TIME in worth:
         worth[MINIMUM_TIME] = np.inf if few or capped else REFINED_MOVES * even

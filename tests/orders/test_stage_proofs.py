@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dualarm_cli.effort import ProofEffort
+from dualarm_cli.effort import CloseOrders, ProofEffort
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.paired.search import StageSearch
 from dualarm_cli.orders.paired.times import totals, with_angles
@@ -421,7 +421,9 @@ def test_orders_that_are_best_after_a_close_look_come_first(in_stages, seed, cos
     prices = best_prices(graph, 2.0 * plain, 40)
     slots = graph.stops[LabelSearch(graph, prices, 40.0, 10_000).run().orders[0]]
     best = StageOrder(slots, np.zeros(0, dtype=np.int64), plain)
-    found = near_orders(graph, prices, best, look, sizes=(10_000, 30, 60))
+    found = near_orders(
+        graph, prices, best, look, sizes=CloseOrders(labels=10_000, orders=30, rounds=60)
+    )
     assert found
     assert len({one.slots.tobytes() for one in found}) == len(found)
     one = found[0]

@@ -6,15 +6,15 @@ import math
 
 import pytest
 
-from dualarm_cli.effort import EFFORTS, LEAST_NODES, evening
+from dualarm_cli.effort import EFFORTS, SCALING
 
 
 def test_long_sequences_get_fewer_nodes_but_for_thorough_effort():
     """By hand: luck at single stages evens out with the square root of their number beyond 24, nodes down to 70 %."""
-    assert evening(24) == evening(3) == 1.0
-    assert evening(96) == pytest.approx(0.5)
+    assert SCALING.damping(24) == SCALING.damping(3) == 1.0
+    assert SCALING.damping(96) == pytest.approx(0.5)
     normal, thorough = EFFORTS["normal"].search, EFFORTS["thorough"].search
-    for stages, share in ((24, 1.0), (30, math.sqrt(24 / 30)), (1000, LEAST_NODES)):
+    for stages, share in ((24, 1.0), (30, math.sqrt(24 / 30)), (1000, SCALING.min_node_fraction)):
         meshes = normal.for_stages(stages).meshes
         assert [mesh.most_nodes for mesh in meshes] == [
             round(share * mesh.most_nodes) for mesh in normal.meshes

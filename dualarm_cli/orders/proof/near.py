@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from dualarm_cli.effort import CloseOrders
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder
 from dualarm_cli.orders.paired.times import with_angles
@@ -27,7 +28,7 @@ def near_orders(
     best: StageOrder,
     look: Look,
     *,
-    sizes: tuple[int, int, int],
+    sizes: CloseOrders,
     stop: Callable[[], bool] = lambda: False,
 ) -> list[StageOrder]:
     """Returns orders that are nearly as good as the best one, those first that are best after a close look.
@@ -40,16 +41,15 @@ def near_orders(
         prices: prices of stops that prove much.
         best: the best order known.
         look: looks closely at moves.
-        sizes: labels that are kept in each round; orders to look at in each round and to return at most; rounds.
+        sizes: labels and orders of each round, and the number of rounds.
         stop: whether to stop early.
     """
-    labels, count, rounds = sizes
     upper = (1.0 + NEAR) * best.total
     plain, known = graph, np.zeros(0, dtype=np.int64)
     seen: dict[bytes, IntArray] = {}
-    for _ in range(rounds):
+    for _ in range(sizes.rounds):
         own = needed(graph, prices, upper)
-        looked = LabelSearch(graph.kept(own), prices, upper, labels, stop).run(count)
+        looked = LabelSearch(graph.kept(own), prices, upper, sizes.labels, stop).run(sizes.orders)
         some = [own[nodes] for nodes in looked.orders]
         if stop():
             break
@@ -79,7 +79,7 @@ def near_orders(
     answers: dict[bytes, StageOrder] = {}
     for _, one in sorted(found, key=lambda rated: rated[0]):
         answers.setdefault(one.slots.tobytes(), one)
-    return list(answers.values())[:count]
+    return list(answers.values())[: sizes.orders]
 
 
 def _moves(nodes: IntArray) -> IntArray:

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from dualarm_cli.beside import halves
-from dualarm_cli.effort import EFFORTS, SHORT, WHOLE, Mesh, SearchEffort
+from dualarm_cli.effort import EFFORTS, SCALING, Mesh, SearchEffort
 from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
@@ -35,7 +35,7 @@ PROMISING = 0.06
 """A plan that is slower than the best one by more than this share is not polished."""
 SAME_ANGLE = 1e-3
 """Plans whose platform angles differ by less are one [rad]."""
-FEWEST_IN_PARTS = 2 * WHOLE
+FEWEST_IN_PARTS = 2 * SCALING.long
 """Sequences of so many stages or more are decided part by part, where an effort spares time."""
 POLISHED = 2
 """So many plans of a long sequence are polished before they are combined, where an effort spares them."""
@@ -86,7 +86,7 @@ def search(
     """
     how = search_effort(problem, effort)
     others: list[Decisions] = []
-    if roomy and problem.stages <= SHORT:
+    if roomy and problem.stages <= SCALING.short:
         one_grid = replace(how, meshes=how.meshes[:1], local_rounds=0, rivals=0)
         narrow = _searched(next(_with_room(problem, roomy)), starts, one_grid, seed)
         others = [] if narrow is None or narrow.hopeless else [narrow.best.decisions]
@@ -305,7 +305,7 @@ def search_near(
     """Returns a fast plan about one that is fast but collides, None where no collision-free one is found.
 
     One grid around the plan; what the beam finds there is polished, combined with the plan stage by stage, and polished
-    again. In sequences longer than WHOLE, and where that is asked for, only the stages that collide and
+    again. In long sequences, and where that is asked for, only the stages that collide and
     those beside them are looked at, each stretch of them by itself; all others stay as they are. So does a stage for
     which no nodes are found, or none that go together: it may be collision-free by less than the search asks for, which
     an exact test then decides. A stretch without a plan is tried again with more stages about it on the first of the
@@ -325,7 +325,7 @@ def search_near(
     tables = tuple(StopTable.of(work) for work in problem.arms)
     how, plan = search_effort(problem, effort), evaluate(problem, tables, near)
     loose = _loose(problem, plan, touching)
-    if problem.stages <= WHOLE and not local:
+    if problem.stages <= SCALING.long and not local:
         loose[:] = True
 
     def decided(plan: Decisions, mesh: Mesh, some: Sequence[Stretch]) -> list[Decisions | None]:
@@ -479,7 +479,7 @@ def combination(
     worth = [_worth(problem, plan) for plan in pool]
     least = min(worth)
     promising = [k for k, own in enumerate(worth) if own <= (1.0 + PROMISING) * least]
-    if problem.stages > WHOLE and how.spares:
+    if problem.stages > SCALING.long and how.spares:
         promising = sorted(promising, key=lambda k: worth[k])[:POLISHED]
     tried = halves(
         lambda some: [
