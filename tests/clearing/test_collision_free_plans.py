@@ -17,7 +17,7 @@ from dualarm_cli.collision.solids import (
     geometry_model,
     pairs_that_must_keep_apart,
 )
-from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Obstacle
@@ -404,6 +404,33 @@ def test_where_keeping_clear_is_dear_more_effort_is_no_slower_than_less(tasks_fo
         quick = found("quick").cleared.motion.trajectory.duration
         assert normal <= quick
         assert (normal == quick) is (lesser == "quicker")
+
+
+@pytest.mark.parametrize(("proposals", "rounds"), [("the same", 2), ("by turns", 12)])
+def test_rounds_end_where_nothing_new_is_proposed_or_after_twelve(packing, proposals, rounds):
+    """A ball about a target, and a method that knows no obstacles: one plan, or two of different postures by turns."""
+    job = dataclasses.replace(packing, tasks=packing.tasks[:1])
+    model, timing = CellModel.from_cell(job.cell), TIMING_SOLVERS["ruckig"]
+    plans = [choose_stages(model, job, name, "arm_angle") for name in ("fixed", "minimum_time")]
+    if proposals == "the same":
+        plans = plans[:1]
+    target = model.tool_position(job.tasks[0].arm, plans[0][0].arrival)
+    job = with_obstacle(job, "sphere", (0.1,), target)
+    asked = []
+
+    def solve(problem):
+        asked.append(problem)
+        return Decided(plans[len(asked) % len(plans)])
+
+    problem = MethodProblem(CellModel.from_cell(job.cell), job, "arm_angle")
+    with pytest.raises(BlockedError):
+        quickest_clear(problem, solve, timing, lambda _: None)
+    # The first plan is made without collision checking; after each round there is something new to avoid.
+    assert len(asked) == 1 + rounds
+    assert [one.holding is None for one in asked] == [True] + rounds * [False]
+    assert not asked[1].barred
+    counts = [len(one.barred) for one in asked[1:]]
+    assert counts == sorted(set(counts))
 
 
 def test_a_start_that_collides_names_all_pairs_at_once(packing):
