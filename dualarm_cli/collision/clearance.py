@@ -236,21 +236,19 @@ class CellClearance:
                 continue
             load = self.loads.load(number)
             found += self.own_pairs(a, number)
-            found += self._counting(a, load, touching=True)
+            found += self.own_pairs(a, number, touching=True)
             found += self.test.ground(arm, load.name).pairs if load.on_line else ()
         return found
 
-    def own_pairs(self, a: int, number: int) -> Sequence[Pair]:
-        """Return the pairs of one arm, but with the other one, that may not touch while it holds something.
+    def own_pairs(self, a: int, number: int, *, touching: bool = False) -> Sequence[Pair]:
+        """Return the pairs of one arm, but with the other one, while it holds something.
 
         Args:
             a: which arm.
             number: what it holds.
+            touching: whether only those of parts that may touch are returned, or all others.
         """
-        return self._counting(a, self.loads.load(number))
-
-    def _counting(self, a: int, load: Load, *, touching: bool = False) -> Sequence[Pair]:
-        """Return the pairs of one arm that count: those that may touch, or all others."""
+        load = self.loads.load(number)
         if not self.rooms:
             return () if touching else self._own(a, load).pairs
         group, scenes = self._scenes(a, load, touching=touching)

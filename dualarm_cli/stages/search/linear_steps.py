@@ -101,35 +101,6 @@ LIMIT_MARGIN = 1e-6
 """What is kept free of a joint's position limits [rad]."""
 
 
-def linear_rows(
-    problem: SequenceProblem,
-    tables: tuple[StopTable, ...],
-    variables: Variables,
-    best: Evaluated,
-    radius: FloatArray,
-) -> LinearProgram:
-    """Returns the rows over (variables, lengths of stages and return, times of lines), in order of their stages.
-
-    Args:
-        problem: the sequence.
-        tables: the arms' stops.
-        variables: numbering of its variables.
-        best: a possible plan.
-        radius: how far the variables of each stage may move [rad], shape (n + 1,).
-    """
-    rates = [
-        slopes(problem, a, tables[a], best.decisions, best.arms[a]) for a in range(len(tables))
-    ]
-    plan = _LinearisedPlan(problem, tables, variables, best, rates)
-    for a in range(len(problem.arms)):
-        plan.add_transfers(a)
-        plan.add_lines(a)
-        plan.add_limits(a, radius)
-    if problem.returns:
-        plan.add_return()
-    return plan.rows.by_stage()
-
-
 def timed_slopes(law: RestToRest, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns each joint's time [s] and its slope by the displacement [s/rad], shape (..., n)."""
     time = law.per_joint(moved)
@@ -153,6 +124,20 @@ class _LinearisedPlan:
     """Slopes of each arm's joints and line times."""
     rows: Rows = field(default_factory=Rows)
     """Rows so far."""
+
+    def program(self, radius: FloatArray) -> LinearProgram:
+        """Linearise the plan over (variables, lengths of stages and return, times of lines).
+
+        Args:
+            radius: how far the variables of each stage may move [rad], shape (n + 1,).
+        """
+        for a in range(len(self.problem.arms)):
+            self.add_transfers(a)
+            self.add_lines(a)
+            self.add_limits(a, radius)
+        if self.problem.returns:
+            self.add_return()
+        return self.rows.by_stage()
 
     def add_transfers(self, a: int) -> None:
         """Append, per stage and slow joint: transfer + lines + dwell <= stage's length, all linear."""
@@ -334,7 +319,8 @@ def linear_step(
         round_number: every other round the windows lie half a window further on.
     """
     windows = _windows(problem.stages, round_number)
-    program = linear_rows(problem, tables, variables, best, radius)
+    rates = [slopes(problem, a, t, best.decisions, best.arms[a]) for a, t in enumerate(tables)]
+    program = _LinearisedPlan(problem, tables, variables, best, rates).program(radius)
     return _solve(problem, variables, best, program, windows, radius)
 
 

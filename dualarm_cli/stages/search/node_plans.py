@@ -10,10 +10,10 @@ import numpy as np
 from dualarm_cli.beside import halves
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.effort import Mesh
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.records import dataclass
-from dualarm_cli.stages.plans.candidates import CandidatePostures, Grid, Nodes
+from dualarm_cli.stages.plans.candidates import Grid, Nodes
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.source import grid_nodes, postures
 from dualarm_cli.stages.plans.stops import StopTable
@@ -62,17 +62,6 @@ def _sense(work: ArmWork) -> float:
     return float(np.sign(product(axis, work.R_tool_flange.T[:, 2])))
 
 
-def _evaluate(
-    problem: SequenceProblem,
-    a: int,
-    table: StopTable,
-    angle: FloatArray,
-    rows: ArmDecisions,
-    stages: IntArray,
-) -> CandidatePostures:
-    return postures(problem, a, table, stages, angle[stages], rows)
-
-
 def _shared_out(
     problem: SequenceProblem,
     a: int,
@@ -83,7 +72,7 @@ def _shared_out(
 ) -> ArmDecisions:
     work = problem.arms[a]
     stages = TransferChain.of(work).active
-    found = _evaluate(problem, a, table, angle, rows.take(stages), stages)
+    found = postures(problem, a, table, stages, angle[stages], rows.take(stages))
     q = np.column_stack([found.q_approach, found.q_target, found.q_retract]).reshape(
         -1, 3, work.joints
     )
@@ -125,14 +114,15 @@ def _repaired(
     free: BoolArray,
 ) -> ArmDecisions:
     stages = np.nonzero(free)[0]
-    found = _evaluate(problem, a, table, angle, rows.take(stages), stages)
+    found = postures(problem, a, table, stages, angle[stages], rows.take(stages))
     for k in stages[~found.possible]:
         same = np.full(TRIED, k)
         turns = np.linspace(-np.pi, np.pi, TRIED, endpoint=False)
         turns = turns[np.argsort(np.abs(turns), kind="stable")]
         tried = rows.take(same)
         tried = replace(tried, yaw=tried.yaw + turns)
-        possible = np.nonzero(_evaluate(problem, a, table, angle, tried, same).possible)[0]
+        reached = postures(problem, a, table, same, angle[same], tried).possible
+        possible = np.nonzero(reached)[0]
         if len(possible):
             rows = rows.put(np.array([k]), tried.take(possible[:1]))
     return rows
