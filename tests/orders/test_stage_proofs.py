@@ -387,7 +387,8 @@ def test_prices_of_many_nodes_by_way_of_some_prove_nearly_as_much(in_stages, mon
         graph = StageGraph.of(problem, singles=False)
         whole = LabelSearch(graph, best_prices(graph, 15.0, 40), 40.0, 100_000).run()
         direct = good_prices(graph, whole.bound, 60).bound
-        monkeypatch.setattr(module, "FEW_NODES", graph.nodes // 3)
+        few = replace(module.PRICES, few_nodes=graph.nodes // 3)
+        monkeypatch.setattr(module, "PRICES", few)
         by_some = good_prices(graph, whole.bound, 60).bound
         monkeypatch.undo()
         assert by_some <= whole.bound + CLOSE
