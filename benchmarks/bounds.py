@@ -48,7 +48,7 @@ def measured(given: tuple[int, int, str, str]) -> Measured:
     begin = time.process_time()
     schedule = plan_without_bound(job, PlanSettings(blend=blend, effort=effort))
     planned = time.process_time()
-    bound = job_bound(job, effort, blended=blend != "none").value or 0.0
+    bound = job_bound(job, effort, blend).value or 0.0
     bounded = time.process_time()
     return Measured(1.0 - bound / schedule.duration, (bounded - planned) / (planned - begin))
 

@@ -20,6 +20,7 @@ from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
 from dualarm_cli.exporting.whole_files import replace_all
 from dualarm_cli.formats import export
 from dualarm_cli.formats.request import COLUMNS, ExportRequest, check_rate, columns_named
+from dualarm_cli.model.blending import BLENDINGS
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
@@ -217,7 +218,7 @@ def plan(
         UsageError: another value that is not allowed.
     """
     for name, value, allowed in (
-        ("blend", blend, ("lines", "none")),
+        ("blend", blend, BLENDINGS.names),
         ("effort", effort, ("quick", "normal", "thorough")),
     ):
         if value not in allowed:
@@ -335,7 +336,7 @@ def compare_solvers(
                 progress(f"{name}: {text}")
 
         say("lower bound")
-        bound = job_bound(job, effort, blended=True)
+        bound = job_bound(job, effort, settings.blend)
         # Where a stop cannot be reached at all, every row says so; a bound of nothing bounds nothing.
         least = bound.value if bound.value and math.isfinite(bound.value) else None
         matrix = job_cases(job) if cases is None else cases[name]

@@ -240,6 +240,18 @@ def test_limits_have_one_law_and_a_job_one_pace():
     }
 
 
+def test_no_code_compares_a_blending_with_a_word():
+    """Members of BLENDINGS say what depends on them."""
+    words, found = {"none", "lines"}, []
+    for name, path in modules().items():
+        for node in nodes(path):
+            if isinstance(node, ast.Compare) and "blend" in ast.unparse(node):
+                parts = (node.left, *node.comparators)
+                if any(isinstance(part, ast.Constant) and part.value in words for part in parts):
+                    found.append(f"{name}:{node.lineno}")
+    assert found == []
+
+
 TEXT_METHODS = {"search", "match", "fullmatch", "findall", "finditer", "split", "sub"}
 
 

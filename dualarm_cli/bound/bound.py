@@ -27,10 +27,10 @@ from dataclasses import field, replace
 import numpy as np
 
 from dualarm_cli.bound.layers import StopCells, StopWork
-from dualarm_cli.bound.passing import at_rest
 from dualarm_cli.effort import EFFORTS, Resolution
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.elementary import TURN
+from dualarm_cli.model.rest_to_rest import at_rest
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
 from dualarm_cli.stages.plans.times import TransferChain

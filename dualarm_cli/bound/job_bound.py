@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.bound.bound import ASSUMPTIONS, ROUNDED_DOWN, LowerBound, OtherWork, lower_bound
-from dualarm_cli.bound.passing import passing
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.programs import least_cost
 from dualarm_cli.kinds.planning import KindPlanning, Section, kind_of, kinds_of
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.blending import BLENDINGS, STOPPING, Blending
 from dualarm_cli.model.job import Dwell, Job, Stop, Task
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.orders.model.tool_changes import stand_tasks, with_changes
@@ -31,12 +31,6 @@ OWN_CLOCKS = (
     "arm's stops, as if the platform moved for this arm only"
 )
 """What the bound of asynchronous arms assumes."""
-BLENDED = (
-    "lower bound: holds for every plan that keeps the order, if one is given, and stops at its targets only: transfers "
-    "take at least each joint's way at full speed, the straight parts of lines what joints need from rest to any "
-    "speed; these are followed exactly, and the platform stands during them and dwells"
-)
-"""What a bound assumes of plans with blended lines."""
 DWELLS_ONLY = "lower bound: tasks after the first {most} count with their dwells only"
 """Message where there are too many tasks to bound each."""
 MOST_TASKS = 60
@@ -172,10 +166,10 @@ def _least_work(problem: SequenceProblem, a: int, k: int, effort: str) -> float:
     return max(stop.dwell, lower_bound(alone, effort).value or 0.0)
 
 
-def job_bound(job: Job, effort: str, *, blended: bool = False) -> LowerBound:
-    """Measure a job's cell and compute its bound; see `JobBound`."""
+def job_bound(job: Job, effort: str, blend: str = STOPPING.name) -> LowerBound:
+    """Measure a job's cell and compute its bound under a law of BLENDINGS; see `JobBound`."""
     model, kinds = CellModel.from_cell(job.cell), tuple(kinds_of(job))
-    return JobBound(job, model, kinds, effort, blended).value()
+    return JobBound(job, model, kinds, effort, BLENDINGS[blend]).value()
 
 
 @dataclass(frozen=True)
@@ -190,25 +184,25 @@ class JobBound:
     """Kinds of work among the tasks."""
     effort: str
     """Word of `--effort`: finer cells give a better bound."""
-    blended: bool = False
-    """Flag of tools that may pass the outer ends of lines in motion: only straight parts of lines count then."""
+    blending: Blending = STOPPING
+    """Law of where tools pass in motion."""
 
     def value(self) -> LowerBound:
         """Compute the bound, or say why there is none."""
         stops = [stop for task in self.job.tasks for stop in task.stops]
-        if self.blended and any(stop.blend > 0.0 for stop in stops):
+        if any(stop.blend > 0.0 and self.blending.passes(stop) for stop in stops):
             return LowerBound(None, (NO_CORNER_BOUND,))
         if why := next((kind.unbounded for kind in self.kinds if kind.unbounded), ""):
             return LowerBound(None, (why,))
-        if not self.blended:
-            return self._of_job(self.job)
-        bound = self._of_job(self.job.blended())
+        bound = self._of_job(self.blending.straight(self.job))
+        assumption = self.blending.assumption
         # A bound of paths and seams alone counts no stops.
         has_stops = any(not task.alone for task in self.job.tasks)
-        if bound.value is None or STAGES_AS_ZERO in bound.assumptions or not has_stops:
+        has_stops = has_stops and STAGES_AS_ZERO not in bound.assumptions
+        if assumption is None or bound.value is None or not has_stops:
             return bound
         kept = (text for text in bound.assumptions if text not in ASSUMPTIONS)
-        return replace(bound, assumptions=(*kept, BLENDED))
+        return replace(bound, assumptions=(*kept, assumption))
 
     def _of_job(self, job: Job) -> LowerBound:
         """Bound a job whose lines are as long as they count."""
@@ -226,13 +220,9 @@ class JobBound:
             return self._sum_of_sections(job, stages_count=not unbounded)
         return self._with_other_work(job)
 
-    def _law(self, problem: SequenceProblem) -> SequenceProblem:
-        """Give a sequence the law of the plans that are bounded."""
-        return passing(problem) if self.blended else problem
-
     def _of_order(self, job: Job) -> LowerBound:
         """Bound the stages of a decided job."""
-        return lower_bound(self._law(sequence_problem(self.model, job)), self.effort)
+        return lower_bound(sequence_problem(self.model, job).under(self.blending.law), self.effort)
 
     def _why_unbounded(self) -> str:
         """Say why the stages have no bound; empty where they have one."""
@@ -356,7 +346,7 @@ class JobBound:
             problem: the stages.
             works: paths and seams among them; None for none.
         """
-        problem = self._law(problem)
+        problem = problem.under(self.blending.law)
         arms = [list(arm.stops) for arm in problem.arms]
         for k in problem.together.tolist():
             least = [_least_work(problem, a, k, self.effort) for a in range(len(arms))]

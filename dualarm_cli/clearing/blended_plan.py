@@ -23,12 +23,6 @@ from dualarm_cli.stages.stage_choice import REACH
 from dualarm_cli.timing import TimingSolver
 
 
-def has_blends(problem: MethodProblem) -> bool:
-    """Returns whether there are outer ends of lines, or targets, that tools may pass in motion."""
-    stops = (stop for task in problem.job.tasks for stop in task.stops)
-    return problem.blend and any(stop.approach or stop.retract or stop.blend for stop in stops)
-
-
 def with_room(
     problem: MethodProblem, solve: Callable[[MethodProblem], Decided]
 ) -> Callable[[MethodProblem], Decided]:

@@ -18,7 +18,6 @@ import numpy as np
 
 from dualarm_cli.clearing.blended_plan import (
     blended_plan,
-    has_blends,
     shortest_blended,
     with_room,
 )
@@ -32,6 +31,7 @@ from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.clearing.stage_samples import StageSamples, alone_clear, stage_samples
 from dualarm_cli.effort import less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
+from dualarm_cli.model.blending import STOPPING
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import Known
 from dualarm_cli.motion.waiting import transfer_ends
@@ -107,11 +107,11 @@ def quickest_clear(
         if faults := grip_faults(problem.job):
             raise InfeasibleError(*faults)
     loop = ClearanceLoop(problem, solve, timing, progress, holding)
-    if not has_blends(problem):
+    if not problem.blends:
         return loop.run()
 
     def chosen_for_stops() -> ClearedPlan:
-        plan = replace(loop, problem=replace(problem, blend=False)).run()
+        plan = replace(loop, problem=replace(problem, blending=STOPPING)).run()
         progress("blending lines and transfers")
         return plan
 
@@ -207,7 +207,7 @@ class ClearanceLoop:
     def _may_win_blended(self, plan: TimedPlan) -> bool:
         """Return whether an unchecked plan may be the shortest one when blended."""
         limit = (1.0 + SETTINGS.blending_rival) * self.proposals[0].duration
-        return self.problem.blend and plan.duration <= limit
+        return self.problem.blends and plan.duration <= limit
 
     def _repair_unchecked(self) -> ClearedPlan | None:
         """Repair the unchecked plans, fastest first; return the best if it is final."""

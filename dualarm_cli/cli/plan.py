@@ -229,7 +229,7 @@ def refuse_rate(job: Job, rate: float) -> None:
     most = MAX_ROWS / rate
     if most > STOP_LASTS * sum(max(1, len(task.stops)) for task in job.tasks):
         return
-    least = job_bound(job, "quick", blended=True).value or 0.0
+    least = job_bound(job, "quick", "lines").value or 0.0
     if most < least < math.inf:
         raise UsageError(
             f"--rate {rate:g}: schedule.csv would have at least {least * rate:,.0f} rows, as no plan is faster than "

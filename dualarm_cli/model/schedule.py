@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from dualarm_cli.errors import MissingDependencyError, UsageError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.blending import BLENDINGS, STOPPING, Blending
 from dualarm_cli.model.job import AFTER_DWELL, Dwell, Job
 from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.robot import JointLimits, sliding_joints
@@ -315,9 +316,9 @@ class Schedule:
         return self.sample(rate).to_dataframe()
 
     @property
-    def blends(self) -> bool:
-        """Whether tools were allowed to pass ends of lines and corners of paths in motion, see `Job.blended`."""
-        return bool(self.provenance.settings.get("blend", "none") != "none")
+    def blending(self) -> Blending:
+        """Law of where tools were allowed to pass in motion."""
+        return BLENDINGS[str(self.provenance.settings.get("blend", STOPPING.name))]
 
     @property
     def duration(self) -> float:

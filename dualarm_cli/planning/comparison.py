@@ -8,6 +8,7 @@ from typing import Literal
 
 from dualarm_cli.errors import InfeasibleError, MissingDependencyError, UnsupportedError
 from dualarm_cli.kinds.planning import families, kinds_of
+from dualarm_cli.model.blending import STOPPING
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.schedule import Schedule
@@ -119,7 +120,7 @@ def job_cases(
     lines = any(s.approach > 0.0 or s.retract > 0.0 for task in job.tasks for s in task.stops)
     if methods or redundancies or not lines:
         return found
-    return found + [replace(case, blend="none") for case in found if case.method == own][:1]
+    return found + [replace(case, blend=STOPPING.name) for case in found if case.method == own][:1]
 
 
 def _job_cases(

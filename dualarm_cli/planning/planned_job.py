@@ -10,6 +10,7 @@ from dualarm_cli.effort import EFFORTS, EffortSettings
 from dualarm_cli.errors import InfeasibleError, InputError, UnsupportedError
 from dualarm_cli.kinds.planning import KindPlanning, kinds_of
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.blending import BLENDINGS, Blending
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.job_faults import job_faults
@@ -55,6 +56,11 @@ class PlannedJob:
         return EFFORTS[self.settings.effort]
 
     @property
+    def blending(self) -> Blending:
+        """Law of where tools pass in motion."""
+        return BLENDINGS[self.settings.blend]
+
+    @property
     def route(self) -> Route:
         """Way of planning: by sections, in synchronous stages, or asynchronously."""
         if self.job.in_sections:
@@ -65,9 +71,14 @@ class PlannedJob:
     @cached_property
     def problem(self) -> MethodProblem:
         """Problem of the method, before anything is known of collisions."""
-        settings, blend = self.settings, self.settings.blend != "none"
+        settings = self.settings
         return MethodProblem(
-            self.model, self.job, settings.redundancy, settings.effort, settings.seed, blend=blend
+            self.model,
+            self.job,
+            settings.redundancy,
+            settings.effort,
+            settings.seed,
+            blending=self.blending,
         )
 
     @property
@@ -116,8 +127,7 @@ def resolve(job: Job, settings: PlanSettings, *, clear: bool = True) -> PlannedJ
     model = closed = cell_model(job.cell, settings.redundancy)
     if settings.redundancy == NUMERIC:
         closed = CellModel.from_cell(job.cell)
-    if settings.blend != "none":
-        job = job.blended()
+    job = BLENDINGS[settings.blend].straight(job)
     kinds = tuple(kinds_of(job))
     work = PlannedJob(job, settings, tuple(replaced), model, closed, method, timing, kinds, clear)
     if reason := method.why_unsupported(work.problem):

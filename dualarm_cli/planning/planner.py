@@ -49,8 +49,7 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
     watch = watch or Watch(limit=settings.time_limit)
     watch.tell("reading the robot")
     work = resolve(job, settings)
-    blended = settings.blend != "none"
-    bound = JobBound(job, work.closed_forms, work.kinds, settings.effort, blended)
+    bound = JobBound(job, work.closed_forms, work.kinds, settings.effort, work.blending)
     notes: list[str] = []
     with (
         Beside(bound.value) as bounding,

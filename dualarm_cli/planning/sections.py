@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.clearing.blended_plan import has_blends
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import clearance_notes
 from dualarm_cli.errors import InfeasibleError
@@ -57,7 +56,7 @@ class SectionPlanner(SectionTools):
         job = self.problem.job
         parts = job.sections() if job.returns else job.sections()[:-1]
         stops = (replace(job, tasks=part) for part in parts if not part[0].alone)
-        return any(has_blends(replace(self.problem, job=one)) for one in stops)
+        return any(replace(self.problem, job=one).blends for one in stops)
 
     def plan(self) -> PlannedSections:
         """Returns the whole job, section after section.

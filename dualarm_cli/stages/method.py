@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.blending import STOPPING, Blending
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass
@@ -43,11 +44,16 @@ class MethodProblem:
     own: MethodProblem | None = None
     """The same problem with the robot's own limits, where this one keeps joints away from them; None where it does not.
     A method may plan with both. Where it finds no plan on its grid it tries nothing else: this one is solved next."""
-    blend: bool = False
-    """Whether tools may pass the outer ends of lines in motion."""
+    blending: Blending = STOPPING
+    """Law of where tools pass in motion."""
     patient: bool = True
     """Whether stages in which arms touch at their stops are repaired and decided once more; else the order
     will be changed, which is what helps most."""
+
+    @property
+    def blends(self) -> bool:
+        """Flag of jobs with targets or line ends that tools may pass in motion."""
+        return any(self.blending.passes(stop) for task in self.job.tasks for stop in task.stops)
 
     @property
     def turns_for_both(self) -> bool:

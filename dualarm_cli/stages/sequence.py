@@ -264,7 +264,7 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
     known = job.tool_speed is None and all(stop.belt is None for stop in stops)
     lines = any(stop.approach or stop.retract for stop in stops)
     numbers = sequence_problem(problem.model, job, problem.holding, problem.barred)
-    if not (problem.blend and known and lines):
+    if not (problem.blends and known and lines):
         return numbers
     if problem.own is not None:
         own = problem.own.job

@@ -121,9 +121,8 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool, both: Both) ->
     trajectory = schedule.trajectory
     if job is not None:
         schedule = replace(schedule, robot=_robot_of(job, trajectory.joints))
-        if schedule.blends:
-            # It says that only so much of its lines is straight, and of its paths sharp, as the job asks for then.
-            job = job.blended()
+        # It says that only so much of its lines is straight, and of its paths sharp, as the job asks for then.
+        job = schedule.blending.straight(job)
     model = ToolModel(schedule)
     known = _of_known_arms(schedule)
     # What needs an arm for every task takes the one that did it; whether it may have is for the check of the order.

@@ -141,7 +141,7 @@ def check_targets(schedule: Schedule, job: Job) -> Check:
         if stop is None or stop.moves or not isinstance(stop.target, PoseTarget | JointTarget):
             continue  # check_order names it; other targets and what moves have checks of their own
         where = f"{event.task} ({event.action})"
-        within = stop.blend if schedule.blends else 0.0
+        within = stop.blend if schedule.blending.passes(stop) else 0.0
         worst.add(_target_error(schedule, job, event, stop.target, within), where)
     return worst.judge("events_at_targets", tol.POSE_DISTANCE)
 
@@ -152,7 +152,7 @@ def check_stands(schedule: Schedule, job: Job) -> Check:
     for event in schedule.events:
         stop = stops.get((event.arm, event.task, event.action))
         free = stop is None or stop.moves or event.action in WORK_ENDS.values()
-        if free or (schedule.blends and stop is not None and stop.blend > 0.0):
+        if free or (stop is not None and stop.blend > 0.0 and schedule.blending.passes(stop)):
             continue
         names = (*schedule.robot.arms[event.arm].joints, *schedule.robot.platform)
         columns = [trajectory.joints.index(name) for name in names]

@@ -146,7 +146,7 @@ def test_the_search_knows_how_long_handovers_last(flip):
 
 def test_no_plan_is_quicker_than_the_bound(flip, schedule):
     """It knows all four dwells, one after the other, and what the other arm's line takes at least."""
-    passing = job_bound(flip, "quick", blended=True).value
+    passing = job_bound(flip, "quick", "lines").value
     assert 4 * 0.15 < passing < schedule.duration
     bound = job_bound(flip, "quick").value
     schedule = plan_without_bound(flip, dataclasses.replace(QUICK, blend="none"))

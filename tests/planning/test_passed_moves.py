@@ -110,7 +110,7 @@ def test_tools_pass_beside_their_targets_as_far_as_they_may_and_gain_by_it(tmp_p
 def test_there_is_no_bound_where_corners_may_be_cut(tmp_path: Path) -> None:
     """Tools need not come to their targets; with all stops they do."""
     job = job_of(tmp_path, moves(0, ", blend: 30 mm", both=True))
-    cut = job_bound(job, "quick", blended=True)
+    cut = job_bound(job, "quick", "lines")
     assert cut.value is None and "blend" in cut.assumptions[0]
     assert 0.0 < (job_bound(job, "quick").value or 0.0) <= planned(job, "none").duration
 

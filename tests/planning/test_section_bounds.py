@@ -105,7 +105,7 @@ def test_transfers_of_six_axis_arms_are_the_fastest_of_all_postures(
     )
     expected = between if start == "free" else there + between + back
     for blended in (False, True):
-        bound = job_bound(job, "quick", blended=blended)
+        bound = job_bound(job, "quick", "lines" if blended else "none")
         # Tables of times have steps of distance, and round down.
         assert 0.99 * expected <= bound.value - at_full_speed(job) <= expected
         assert PATH_BOUND in bound.assumptions
@@ -141,7 +141,9 @@ def test_no_motion_through_random_configurations_is_faster(tmp_path: Path, seed:
     walk = _RandomJob(whole, model, rng)
     job, least = walk.job, walk.duration
     for blended in (False, True):
-        assert job_bound(job, "quick", blended=blended).value <= least + at_full_speed(job)
+        assert job_bound(
+            job, "quick", "lines" if blended else "none"
+        ).value <= least + at_full_speed(job)
 
 
 class _RandomJob:
@@ -242,9 +244,9 @@ def test_transfers_to_and_from_paths_raise_the_bound_and_no_plan_is_faster(
     for blend in ("none", "lines"):
         schedule = plan_without_bound(job, PlanSettings(effort="quick", blend=blend))
         assert verify(schedule, job).passed
-        bounds.append(job_bound(job, "quick", blended=blend != "none").value)
+        bounds.append(job_bound(job, "quick", blend).value)
         ends = replace(job, returns=False)
-        least = job_bound(ends, "quick", blended=blend != "none").value
+        least = job_bound(ends, "quick", blend).value
         assert at_full_speed(job) < least < bounds[-1] < schedule.duration
     assert bounds[1] < bounds[0]
 
@@ -261,7 +263,7 @@ def test_an_arm_comes_from_where_it_stood_before_the_other_one_s_work(tmp_path: 
         bounds = []
         for tasks in ((path,), (path, right), (path, right, again[0]), (path, right, *again)):
             job = job_of(tmp_path, *tasks, head=head)
-            found = job_bound(job, "thorough", blended=blended).value
+            found = job_bound(job, "thorough", "lines" if blended else "none").value
             bounds.append(found - at_full_speed(job))
         # The right arm's way from its last place to the next pick is longer than the left one's to its path.
         assert (np.diff(bounds) > (0.1, -1e-3, 0.1)).all()
@@ -270,7 +272,7 @@ def test_an_arm_comes_from_where_it_stood_before_the_other_one_s_work(tmp_path: 
         far[robot.columns(robot.arm("right").joints)] += 1.0
         moved = replace(robot, postures={**robot.postures, "home": far})
         elsewhere = replace(job, cell=replace(job.cell, robot=moved))
-        assert job_bound(elsewhere, "thorough", blended=blended).value > found
+        assert job_bound(elsewhere, "thorough", "lines" if blended else "none").value > found
 
 
 def test_handovers_between_paths_last_for_all_of_their_dwells(
@@ -321,7 +323,7 @@ def test_tasks_of_any_arm_between_paths_count_alone(tmp_path: Path) -> None:
     more = anyone.replace("id: part", "id: more").replace(" 0.3,", " 0.35,")
     job = job_of(tmp_path, anyone, one, more, "  - id: other" + other, head="return: true\n")
     for blend in ("none", "lines"):
-        bound = job_bound(job, "quick", blended=blend != "none").value
+        bound = job_bound(job, "quick", blend).value
         schedule = plan_without_bound(job, PlanSettings(effort="quick", blend=blend), clear=False)
         # The right arm goes home from the second path besides.
         assert at_full_speed(job) + 2 * 2 * 2.0 / 2 + 0.1 < bound <= schedule.duration

@@ -84,7 +84,7 @@ def test_no_plan_of_a_random_job_is_faster(general_robots, tmp_path, seed):
         file.write_text(text.replace("]}}", "], symmetry: 2}}", 1))
     job = load_job(file)
     bound = job_bound(job, "quick").value
-    blended = job_bound(job, "quick", blended=True).value
+    blended = job_bound(job, "quick", "lines").value
     assert bound is not None and blended is not None
     for method in ("sequence", "fixed"):
         settings = PlanSettings(method, effort="quick", blend="none")

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from dualarm_cli.bound.bound import OtherWork, lower_bound
-from dualarm_cli.bound.passing import passing
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.rest_to_rest import PassingLaw
 from dualarm_cli.stages.plans.problem import SequenceProblem, StopTarget
 
 STAGES = 4
@@ -102,7 +102,9 @@ def test_no_sequence_of_configurations_is_shorter_and_the_best_is_hardly_longer(
     whole = random_problem(0, (1, 1))
     for _ in range(150):
         problem, other = random_sequence(whole, random)
-        bound = lower_bound(passing(problem) if blended else problem, "quick", other).value
+        bound = lower_bound(
+            problem.under(PassingLaw.of) if blended else problem, "quick", other
+        ).value
         best = shortest(problem, blended, other)
         assert bound <= best + 1e-9
         ratios.append(bound / best if best > 0.0 else 1.0)

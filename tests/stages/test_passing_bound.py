@@ -10,9 +10,9 @@ import pytest
 
 from dualarm_cli.bound.bound import OtherWork, lower_bound
 from dualarm_cli.bound.job_bound import job_bound
-from dualarm_cli.bound.passing import PassingLaw, passing
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.blending import BLENDINGS
+from dualarm_cli.model.rest_to_rest import PassingLaw, RestToRest
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan, plan_without_bound
 from dualarm_cli.verification import verify
@@ -66,7 +66,7 @@ def test_no_blended_plan_is_below_the_bound_nor_the_bound_above_that_with_stops(
     if name == "12_chute":  # asynchronous arms: a load and an unload
         tasks = tuple(task for task in job.tasks if task.id in ("load-1", "unload-1"))
         job = dataclasses.replace(job, tasks=tasks)
-    bound, stopping = (job_bound(job, "quick", blended=blended).value for blended in (True, False))
+    bound, stopping = (job_bound(job, "quick", blend).value for blend in BLENDINGS.names)
     assert bound is not None and stopping is not None
     assert 0.0 < bound <= stopping
     for platform in ("sequence", "fixed"):
@@ -78,7 +78,7 @@ def test_no_blended_plan_is_below_the_bound_nor_the_bound_above_that_with_stops(
 def test_a_transfer_is_from_rest_to_rest_where_both_of_its_stops_are_at_rest(random_problem, seed):
     """All of them: the bound of plans with stops. One stop without its neighbours, or the last one alone: nothing."""
     problem = random_problem(seed, (3, 3), line=0.0, returns=True)
-    in_motion = passing(problem)
+    in_motion = problem.under(PassingLaw.of)
     none = OtherWork.none(in_motion)
     least = lower_bound(in_motion, "quick", none).value
     stopping = lower_bound(problem, "quick").value

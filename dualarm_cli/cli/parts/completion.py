@@ -79,6 +79,7 @@ def families() -> list[Any]:
     """Returns every family of methods: a registry each."""
     from dualarm_cli.calibration import CALIBRATION_SOLVERS
     from dualarm_cli.kinds import planning
+    from dualarm_cli.model.blending import BLENDINGS
     from dualarm_cli.platform_angle import PLATFORM_SOLVERS
     from dualarm_cli.postures import REDUNDANCY_SOLVERS
     from dualarm_cli.stages.methods import METHODS
@@ -90,5 +91,6 @@ def families() -> list[Any]:
         REDUNDANCY_SOLVERS,
         *(solvers for _, solvers in planning.families()),
         TIMING_SOLVERS,
+        BLENDINGS,
         CALIBRATION_SOLVERS,
     ]

@@ -168,8 +168,7 @@ def path_samples(schedule: Schedule, job: Job) -> list[PathSamples]:
     """
     if not job.has_paths:
         return []
-    if schedule.blends:
-        job = job.blended()
+    job = schedule.blending.straight(job)
     context, tools = PathContext.of(CellModel.from_cell(job.cell), job), ToolModel(schedule)
     return [
         _sampled(schedule, context, section, followed_work(schedule, tools, work, section[0].id))

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.clearing.blended_plan import blended_plan, has_blends, with_room
+from dualarm_cli.clearing.blended_plan import blended_plan, with_room
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.stage_samples import STEP, StageSamples, which_are_clear
@@ -21,6 +21,7 @@ from dualarm_cli.collision.scenes import timed_scenes
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.blending import STOPPING
 from dualarm_cli.model.job import Job, StopKey
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.lying import Visit, lying_beside, lying_parts
@@ -106,7 +107,7 @@ class FreePlanner:
         found = self._together(model, work, [way.clock for way in ways], (turn, back), cell)
         if found is not None:
             motion, waits = found
-            if not any(has_blends(way.problem) for way in ways):
+            if not any(way.problem.blends for way in ways):
                 return motion
             self.tell("blending lines and transfers")
             ready = turn.duration > 0.0
@@ -153,7 +154,7 @@ class FreePlanner:
         if not tasks and self.end is None:
             still = hold(arm.arm.joints, work[arm.columns], 0.0)
             clock = OwnClock(name, still, (), (), ())
-            return OwnWay(clock, replace(self.problem, blend=False), None)
+            return OwnWay(clock, replace(self.problem, blending=STOPPING), None)
         free = tuple(replace(task, not_before=0.0, after=()) for task in tasks)
         beside = (*job.beside, *others_parts(job, name)) if self.clear else ()
         alone = replace(job, begin=work, tasks=free, pairing=None, mode="paired", beside=beside)
@@ -161,8 +162,8 @@ class FreePlanner:
         motion, found = self._still(model, work), None
         if tasks:
             found = quickest_clear(
-                replace(problem, blend=False),
-                with_room(problem, self.solve) if has_blends(problem) else self.solve,
+                replace(problem, blending=STOPPING),
+                with_room(problem, self.solve) if problem.blends else self.solve,
                 self.timing,
                 lambda _: None,
                 clear=self.clear,
@@ -185,7 +186,7 @@ class FreePlanner:
             waits: when it waits, by its own clock [s].
             ready: whether its first line waits for the platform.
         """
-        if way.found is None or not has_blends(way.problem):
+        if way.found is None or not way.problem.blends:
             return way.clock
         name, bound = way.clock.arm, way.clock.line_begins()
         waiting = {task.id for task in self.problem.job.tasks if task.after or task.not_before}

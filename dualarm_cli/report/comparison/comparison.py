@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from dualarm_cli.kinds import of_kinds
+from dualarm_cli.model.blending import STOPPING
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.verification import exceptions
 from dualarm_cli.orders.model.tool_changes import with_changes
@@ -269,7 +270,9 @@ def row_namer(rows: Sequence[dict[str, Any]]) -> Any:
 
     def called(row: dict[str, Any]) -> str:
         words = [row[key] for key in varied if key != "blend"]
-        rest = ", ".join([*words, *(["blend none"] if row["blend"] == "none" else [])])
+        rest = ", ".join(
+            [*words, *([f"blend {STOPPING.name}"] if row["blend"] == STOPPING.name else [])]
+        )
         return f"{row['method']} ({rest})" if rest else str(row["method"])
 
     return called

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields, replace
 
 import numpy as np
@@ -145,6 +146,15 @@ class SequenceProblem:
     ways: tuple[IntArray, ...] | None = None
     """By arm, how the outer ends of approach and retract are passed in motion in every stage, see `plans/ways`, shape
     (n, 2) each; None where all tools stop there."""
+
+    def under(self, law: Callable[[RestToRest], RestToRest]) -> SequenceProblem:
+        """Return the same stages with another law of the arms' joints.
+
+        Args:
+            law: makes it of the law from rest to rest.
+        """
+        arms = tuple(replace(arm, law=law(arm.law)) for arm in self.arms)
+        return replace(self, arms=arms)
 
     @property
     def has_arm_angles(self) -> bool:

@@ -1,0 +1,52 @@
+"""Blending laws: where tools need not stop, which `--blend` names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dualarm_cli.model.job import Job, Stop
+from dualarm_cli.model.rest_to_rest import PassingLaw, RestToRest
+from dualarm_cli.records import dataclass
+from dualarm_cli.registry import Registry
+
+
+@dataclass(frozen=True)
+class Blending:
+    """Law of where tools pass in motion, and of what every plan under it takes at least."""
+
+    name: str
+    """Word on the command line and in files."""
+    summary: str
+    """Places where tools do not stop, in a sentence."""
+    reference: str
+    """Paper and equation, or that it is our own."""
+    straight: Callable[[Job], Job]
+    """Job with as much of its lines as has to be straight, and with paths as they are followed."""
+    passes: Callable[[Stop], bool]
+    """Whether tools may pass the target, or the outer ends of lines, of a stop in motion."""
+    law: Callable[[RestToRest], RestToRest]
+    """Least times of transfers and lines under joint limits, given the law from rest to rest."""
+    assumption: str | None = None
+    """Assumption of the lower bound under that law; None for that of plans at rest."""
+
+
+LINES = Blending(
+    name="lines",
+    summary="Tools pass the outer ends of approaches and retracts, and targets with `blend`, in motion.",
+    reference="ours",
+    straight=Job.blended,
+    passes=lambda stop: bool(stop.approach or stop.retract or stop.blend),
+    law=PassingLaw.of,
+    assumption="lower bound: holds for every plan that keeps the order, if one is given, and stops at its targets "
+    "only: transfers take at least each joint's way at full speed, the straight parts of lines what joints need from "
+    "rest to any speed; these are followed exactly, and the platform stands during them and dwells",
+)
+STOPPING = Blending(
+    name="none",
+    summary="Tools stop at both ends of all lines.",
+    reference="ours",
+    straight=lambda job: job,
+    passes=lambda _: False,
+    law=lambda law: law,
+)
+BLENDINGS: Registry[Blending] = Registry("blending", "--blend", [LINES, STOPPING])
