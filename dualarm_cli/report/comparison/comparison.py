@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.blending import STOPPING
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.verification import exceptions
 from dualarm_cli.orders.model.tool_changes import with_changes
-from dualarm_cli.planning.comparison import Outcome
 from dualarm_cli.report.measures import (
     DWELLS,
     LINES,
@@ -28,6 +27,9 @@ from dualarm_cli.report.report import (
     throughput,
 )
 from dualarm_cli.report.stage_parts import PLATFORM
+
+if TYPE_CHECKING:
+    from dualarm_cli.planning.comparison import Outcome
 
 FORMAT = "dualarm.comparison/1"
 SOLVERS = ("method", "redundancy", "timing", "blend")
