@@ -34,9 +34,14 @@ def program(code: str) -> str:
 
 def system_call(number: int, *arguments: str) -> str:
     """Returns code that makes a system call by its number, and raises OSError where it is refused."""
+    return library_call("syscall", str(number), *arguments)
+
+
+def library_call(name: str, *arguments: str) -> str:
+    """Returns code that calls a function of the C library, and raises OSError where it fails."""
     library = "__import__('ctypes').CDLL(None, use_errno=True)"
     raised = "(_ for _ in ()).throw(OSError(__import__('ctypes').get_errno(), 'refused'))"
-    return f"{library}.syscall({', '.join((str(number), *arguments))}) + 1 or {raised}"
+    return f"{library}.{name}({', '.join(arguments)}) + 1 or {raised}"
 
 
 def told(tmp_path: Path, attempts: dict[str, str]) -> dict[str, str]:
@@ -139,6 +144,40 @@ def test_a_xacro_file_reads_its_folder_and_writes_nothing(
     assert secret.read_text() == "mine"
     assert (secret.stat().st_mode, secret.stat().st_mtime) == (before.st_mode, before.st_mtime)
     assert [path.name for path in home.iterdir()] == ["robot.urdf.xacro"]
+
+
+PATH = "unlink rmdir mkdir mknod chmod chown lchown truncate creat utime utimes setxattr lsetxattr removexattr"
+AT = "unlinkat mkdirat mknodat fchmodat fchownat futimesat utimensat"
+
+
+def test_no_function_of_the_library_changes_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Called by name, in a folder that is not there: it is refused, not sought; without Landlock."""
+    off = (
+        "import dualarm_cli.robot_import.expanded_text as c; c.landlock_version = lambda: -1; main("
+    )
+    monkeypatch.setattr(expanded_text, "_START", expanded_text._START.replace("main(", off))
+    path, rest = "b'none/a'", ("0", "0", "0", "0")
+    attempts = {name: library_call(name, path, *rest) for name in PATH.split()}
+    attempts |= {name: library_call(name, "-100", path, *rest) for name in AT.split()}
+    attempts |= {
+        name: library_call(name, path, path, "0", "0")
+        for name in ("rename", "link", "symlink", "lremovexattr")
+    }
+    attempts |= {
+        name: library_call(name, "-100", path, "-100", path, "0")
+        for name in ("renameat", "renameat2", "linkat")
+    }
+    attempts["symlinkat"] = library_call("symlinkat", path, "-100", path)
+    attempts |= {
+        name: library_call(name, "-1", path, "0", "0")
+        for name in ("fchmod", "fchown", "fsetxattr", "fremovexattr")
+    }
+    allowed = library_call("access", path, "0")
+    found = told(tmp_path, attempts | {"access": allowed})
+    assert found.pop("access") == "FileNotFoundError"
+    assert {name for name, error in found.items() if error != "PermissionError"} == set()
 
 
 @LANDLOCK
