@@ -64,6 +64,29 @@ def test_a_leader_that_is_late_is_caught_up_with_after_gap_over_rate(gap, rate, 
     assert follower == type(follower)(0.5)
 
 
+def test_boxes_enclose_what_moves_in_their_stretch():
+    """A box off its joint's origin, and a ball, at instants of every stretch of time."""
+    model, solids = slides()
+    corners = coal.StdVec_Vec3s()
+    for corner in np.ndindex(2, 2, 2):
+        corners.append(np.array(corner, dtype=float))
+    brick = coal.ConvexBase.convexHull(corners, True, "Qt")
+    off = pin.SE3(np.eye(3), np.array([0.0, 0.3, 0.0]))
+    solids[0] = Solid("brick", solids[0].joint, off, brick, 0.0)
+    motion = straight(["one", "other"], [0.5, -0.3], [1.0, -0.7], 0.5)
+    proof = DelayProof(model, motion, solids, [ArmPair(Pair(0, 1, 0.0))], 0.5)
+    low, high = proof._boxes[-1]
+    step = proof._side / 2**proof._search.levels
+    first = -proof._before << proof._search.levels
+    for k in range(low.shape[1]):
+        for time in np.linspace((first + k) * step, (first + k + 1) * step, 5):
+            x = motion.at(np.array([time]))[0][0]
+            assert (low[0, k] <= [x[0] + 1e-9, 0.3 + 1e-9, 1e-9]).all()
+            assert (high[0, k] >= [x[0] + 1.0 - 1e-9, 1.3 - 1e-9, 1.0 - 1e-9]).all()
+            assert (low[1, k] <= np.array([x[1], 0.0, 0.0]) - RADIUS + 1e-9).all()
+            assert (high[1, k] >= np.array([x[1], 0.0, 0.0]) + RADIUS - 1e-9).all()
+
+
 def test_a_figure_that_is_asked_for_is_decided():
     """40 ms are clear and 40.4 ms are not: a bracket that ends at half a millisecond would leave both open."""
     model, solids = slides()
