@@ -24,8 +24,24 @@ _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from dualarm_cli.evaluation.worker import main; main(int(sys.argv[2]), int(sys.argv[3]))"
 )
-MOST_WORDS = 200
-"""Longest last message of a process that is reported."""
+
+
+@dataclass(frozen=True)
+class CrewSettings:
+    """Attempts and times that processes are given."""
+
+    most_words: int = 200
+    """Longest last message of a process that is reported."""
+    longest_start: float = 120.0
+    """How long a process may take to load its libraries [s]."""
+    longest_wait: float = 3600.0
+    """Longest time that is waited at once [s]; the kernel counts no further than some weeks."""
+    failed_starts: int = 3
+    """After how many processes that die before they are ready it is given up."""
+
+
+CREW = CrewSettings()
+
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -117,7 +133,7 @@ class WorkerProcess:
         data = os.pread(self._errors, 1 << 12, max(0, size - (1 << 12)))
         lines = data.decode(errors="replace").split("\n")
         line = next((line.strip() for line in reversed(lines) if line.strip()), "")
-        return line if len(line) <= MOST_WORDS else f"{line[:MOST_WORDS]} ..."
+        return line if len(line) <= CREW.most_words else f"{line[: CREW.most_words]} ..."
 
     def _close(self) -> None:
         """Closes what is read from the process."""
@@ -149,12 +165,6 @@ def ended_by(code: int) -> str:
 
 ATTEMPTS = 2
 """How often a request is tried whose process dies or takes too long."""
-LONGEST_START = 120.0
-"""How long a process may take to load its libraries [s]."""
-LONGEST_WAIT = 3600.0
-"""Longest time that is waited at once [s]; the kernel counts no further than some weeks."""
-FAILED_STARTS = 3
-"""After how many processes that die before they are ready it is given up."""
 
 
 class WorkersFailedError(DualArmError):
@@ -227,9 +237,9 @@ class Crew:
             done = self._answered(requests, again, self._patience())
             left -= len(done)
             yield from done
-            if len(self._failed_starts) >= FAILED_STARTS:
+            if len(self._failed_starts) >= CREW.failed_starts:
                 raise WorkersFailedError(
-                    f"{FAILED_STARTS} processes in a row ended before they were ready, the last one by "
+                    f"{CREW.failed_starts} processes in a row ended before they were ready, the last one by "
                     f"{self._failed_starts[-1]}"
                 )
 
@@ -286,12 +296,12 @@ class Crew:
     def _patience(self) -> float:
         """Returns how long until one of the processes is late [s]."""
         limits = [limit for worker in self._workers if (limit := self._until(worker)) is not None]
-        return min(LONGEST_WAIT, max(0.0, min(limits, default=math.inf) - time.monotonic()))
+        return min(CREW.longest_wait, max(0.0, min(limits, default=math.inf) - time.monotonic()))
 
     def _until(self, worker: WorkerProcess) -> float | None:
         """Returns until when a process must have said something; None where it has time."""
         if not worker.ready:
-            return worker.since + LONGEST_START
+            return worker.since + CREW.longest_start
         if worker.attempt is None or self._timeout is None:
             return None
         return worker.since + self._timeout

@@ -12,12 +12,24 @@ from dualarm_cli.kinematics.posture_source import LARGEST_STEP
 from dualarm_cli.kinematics.serial_chain import SerialChain, pose_error
 from dualarm_cli.records import dataclass
 
-NEWTON_STEPS = 6
-"""Steps of Newton's method within which a sample of a line must be met."""
-BEND, BEND_SLACK = 0.6, 0.02
-"""A sample may differ from the extrapolated one by this share of the step, and a little [rad]: more is a jump."""
-LEAST_PIVOT = 1e-5
-"""A system whose determinant, in metres and rad, is smaller has met a singularity."""
+
+@dataclass(frozen=True)
+class ContinuationSettings:
+    """Numbers that steer the following of lines."""
+
+    newton_steps: int = 6
+    """Steps of Newton's method within which a sample of a line must be met."""
+    bend: float = 0.6
+    bend_slack: float = 0.02
+    """A sample may differ from the extrapolated one by this share of the step, and a little [rad]: more is a jump."""
+    least_pivot: float = 1e-5
+    """A system whose determinant, in metres and rad, is smaller has met a singularity."""
+    points_in_sequence: int = 16
+    """Largest number of steps between poses that are solved in sequence; those between them are solved at once."""
+
+
+CONTINUATION = ContinuationSettings()
+
 SKELETON = 17
 """Samples of a line that are found one after the other; more are filled in between all at once."""
 
@@ -160,7 +172,7 @@ class LineFollowing:
             step = np.abs(here - q[k - 1]).max(axis=1)
             ok &= (step <= LARGEST_STEP) & np.isfinite(away[every, best])
             if k > 1:
-                ok &= away[every, best] <= BEND * step + BEND_SLACK
+                ok &= away[every, best] <= CONTINUATION.bend * step + CONTINUATION.bend_slack
             q[k] = np.where(ok[:, None], here, q[k - 1])
         _, _, J = arm.linearised(q[1:].reshape(-1, arm.axes))
         det = determinant(J).reshape(samples - 1, -1)
@@ -180,7 +192,10 @@ class LineFollowing:
             step = np.abs(found - q[k - 1]).max(axis=1)
             ok &= good & (step <= LARGEST_STEP)
             if k > 1:
-                ok &= np.abs(found - guess).max(axis=1) <= BEND * step + BEND_SLACK
+                ok &= (
+                    np.abs(found - guess).max(axis=1)
+                    <= CONTINUATION.bend * step + CONTINUATION.bend_slack
+                )
             same = _same_side(det, sign)
             singular |= ok & ~same
             ok &= same
@@ -203,7 +218,7 @@ class LineFollowing:
         q[0] = self.start
         # Samples lie between those of the course: what has gone elsewhere is farther away than these from each other.
         width = np.abs(np.diff(course.q, axis=0)).max(axis=2)[at]
-        near = np.abs(q - guess).max(axis=2) <= BEND * width + BEND_SLACK
+        near = np.abs(q - guess).max(axis=2) <= CONTINUATION.bend * width + CONTINUATION.bend_slack
         ok = course.ok & (good.reshape(samples, b) & near).all(axis=0)
         return Course(q, ok, course.singular)
 
@@ -231,7 +246,10 @@ class LineFollowing:
             step = np.abs(found - before).max(axis=1)
             ok &= good & (step <= LARGEST_STEP)
             if k > 1:
-                ok &= np.abs(found - guess).max(axis=1) <= BEND * step + BEND_SLACK
+                ok &= (
+                    np.abs(found - guess).max(axis=1)
+                    <= CONTINUATION.bend * step + CONTINUATION.bend_slack
+                )
             q[k] = np.where(ok[:, None], found, before)
         for k in range(len(shares) - 1):
             crossing = np.flatnonzero(ok & (det[k] * det[k + 1] < 0.0))
@@ -284,7 +302,7 @@ class LineFollowing:
 
 def _same_side(det: FloatArray, sign: FloatArray) -> BoolArray:
     """Select determinants that have a given sign and are clear of 0."""
-    return np.asarray((np.sign(det) == sign) & (np.abs(det) > LEAST_PIVOT))
+    return np.asarray((np.sign(det) == sign) & (np.abs(det) > CONTINUATION.least_pivot))
 
 
 def moved_along(
@@ -309,7 +327,7 @@ def moved_along(
     guess = start + (W[:, 0] * along[:, None] if arm.spare else 0.0)
     q, met, det = newton(arm, guess, R, p, W, wanted)
     near = np.abs(q - start).max(axis=1) <= LARGEST_STEP
-    return q, met & near & arm.within_limits(q) & (np.abs(det) > LEAST_PIVOT)
+    return q, met & near & arm.within_limits(q) & (np.abs(det) > CONTINUATION.least_pivot)
 
 
 def newton(
@@ -327,13 +345,13 @@ def newton(
     """
     q, det = guess, np.zeros(len(guess))
     met = np.zeros(len(guess), dtype=np.bool_)
-    for k in range(NEWTON_STEPS):
+    for k in range(CONTINUATION.newton_steps):
         R_now, p_now, J = arm.linearised(q)
         e = pose_error(R_now, p_now, R, p)
         off = wanted - np.einsum("bsn,bn->bs", W, q)
         met = (np.abs(e).max(axis=1) <= 0.1 * RESIDUAL) & (np.abs(off) <= 1e-9).all(axis=1)
         A, left = np.concatenate([J, W], axis=1), np.concatenate([e, off], axis=1)
-        if met.all() or k == NEWTON_STEPS - 1:
+        if met.all() or k == CONTINUATION.newton_steps - 1:
             det = _determinant(J, W)
             break
         diagonal = range(arm.axes)
@@ -354,10 +372,6 @@ def newton(
 
 def _determinant(J: FloatArray, W: FloatArray) -> FloatArray:
     return determinant(np.concatenate([J, W], axis=1))
-
-
-POINTS_IN_SEQUENCE = 16
-"""Largest number of steps between poses that are solved in sequence; those between them are solved at once."""
 
 
 @dataclass(frozen=True)
@@ -404,7 +418,7 @@ class PointFollowing:
         """
         q = np.tile(self.start, (len(points), 1))
         last = len(points) - 1
-        count = min(last, POINTS_IN_SEQUENCE) + 1
+        count = min(last, CONTINUATION.points_in_sequence) + 1
         few = distinct(np.linspace(0, last, count).round().astype(np.int64))
         ok = True
         for k in range(1, len(few)):
@@ -431,5 +445,5 @@ class PointFollowing:
         turned = np.broadcast_to(self.R, (len(points), 3, 3))
         wanted = ahead + product(self.W, self.start)
         q, met, det = newton(self.arm, guess, turned, points, planes, wanted)
-        same = (np.sign(det) == self.sign) & (np.abs(det) > LEAST_PIVOT)
+        same = (np.sign(det) == self.sign) & (np.abs(det) > CONTINUATION.least_pivot)
         return q, bool((met & same & self.arm.within_limits(q)).all())

@@ -9,30 +9,46 @@ from dualarm_cli.geometry.linear_systems import solve
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.posture_source import ReachedPostures
 from dualarm_cli.kinematics.serial_chain import SerialChain, pose_error
+from dualarm_cli.records import dataclass
 
-STARTS, FEW_STARTS = 32, 12
-"""Starts of a round per pose, and where a first idea of the solutions will do."""
-MOST_ROUNDS = 16
-"""Rounds of starts at most; with more than six joints they end with the first solution."""
-QUIET_ROUNDS, FEW_ROUNDS = 4, 2
-"""With six joints they end after so many, one after the other, that brought nothing new; and for a first idea."""
-FAR, HOPELESS = 1e-3, 0.05
-"""A pose that QUIET_ROUNDS rounds miss by more is given up, and one that two rounds miss by so much [m and rad]."""
-ITERATIONS = 40
-"""Damped steps from one start."""
-STALLED, PATIENCE = 0.7, 6
-"""A start is given up when in so many steps its error does not fall below this share of what it was."""
-LARGEST_STEP = 1.0
-"""Longest step of a joint in an iteration [rad, or m where it slides]."""
-CLOSE = 1e-12
-"""Weighted error at which a start has arrived, before it is polished."""
+
+@dataclass(frozen=True)
+class InverseSettings:
+    """Numbers that steer the numeric inverse kinematics."""
+
+    starts: int = 32
+    few_starts: int = 12
+    """Starts of a round per pose, and where a first idea of the solutions will do."""
+    most_rounds: int = 16
+    """Rounds of starts at most; with more than six joints they end with the first solution."""
+    quiet_rounds: int = 4
+    few_rounds: int = 2
+    """With six joints they end after so many, one after the other, that brought nothing new; and for a first idea."""
+    far: float = 1e-3
+    hopeless: float = 0.05
+    """A pose that `quiet_rounds` rounds miss by more is given up, and one that two rounds miss by so much [m
+    and rad]."""
+    iterations: int = 40
+    """Damped steps from one start."""
+    stalled: float = 0.7
+    patience: int = 6
+    """A start is given up when in so many steps its error does not fall below this share of what it was."""
+    largest_step: float = 1.0
+    """Longest step of a joint in an iteration [rad, or m where it slides]."""
+    close: float = 1e-12
+    """Weighted error at which a start has arrived, before it is polished."""
+    same: float = 1e-5
+    """Solutions whose joints are all nearer than this are one [rad]."""
+    no_progress: float = 0.9999
+    turned: float = 1e-2
+    """Where only the least distance is looked for: share as above, error of the rotation allowed [rad]."""
+    primes: tuple[int, ...] = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
+
+
+INVERSE = InverseSettings()
+
 RESIDUAL = 1e-10
 """Error that a solution may have [m and rad]."""
-SAME = 1e-5
-"""Solutions whose joints are all nearer than this are one [rad]."""
-NO_PROGRESS, TURNED = 0.9999, 1e-2
-"""Where only the least distance is looked for: share as above, error of the rotation allowed [rad]."""
-PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
 
 
 def solve_poses(
@@ -49,7 +65,8 @@ def solve_poses(
     fill the limits evenly ([Halton1960], so that the same poses have the same solutions); a joint at a limit that
     would leave it is held in that step. What arrives is polished by undamped steps to RESIDUAL.
 
-    With six joints solutions are isolated: rounds of starts go on until QUIET_ROUNDS bring nothing new. No completeness
+    With six joints solutions are isolated: rounds of starts go on until `quiet_rounds` bring nothing new. No
+    completeness
     is claimed; thousands of random starts find the same sets (tested). With more joints every start has a solution of
     its own on the curves of self-motion; rounds go on until there is one. Branches are numbers from 0 within each pose.
 
@@ -68,8 +85,12 @@ def solve_poses(
     # Farther away than all links together there is nothing to be looked for.
     far = norm(p - arm.p_parent_joint[0], axis=1) > arm.farthest
     open_, quiet = np.flatnonzero(~far), np.zeros(m, dtype=np.int64)
-    count, calm = (STARTS, QUIET_ROUNDS) if thorough else (FEW_STARTS, FEW_ROUNDS)
-    for k in range(MOST_ROUNDS):
+    count, calm = (
+        (INVERSE.starts, INVERSE.quiet_rounds)
+        if thorough
+        else (INVERSE.few_starts, INVERSE.few_rounds)
+    )
+    for k in range(INVERSE.most_rounds):
         if not len(open_):
             break
         # With isolated solutions every second round passes limits on its way: their basins end elsewhere.
@@ -90,8 +111,8 @@ def solve_poses(
         quiet = np.where(now > before, 0, quiet + 1)
         enough = arm.spare > 0 or first_only
         done = (now > 0) if enough else (quiet >= calm) & (now > 0)
-        done |= (quiet >= QUIET_ROUNDS) & (miss.max(axis=1) > FAR)
-        done |= (k > 0) & (miss.max(axis=1) > HOPELESS)
+        done |= (quiet >= INVERSE.quiet_rounds) & (miss.max(axis=1) > INVERSE.far)
+        done |= (k > 0) & (miss.max(axis=1) > INVERSE.hopeless)
         open_ = open_[~done[open_]]
     miss[np.bincount(found_pose, minlength=m) > 0] = 0.0
     branch = np.arange(len(found_pose)) - np.searchsorted(found_pose, found_pose)
@@ -108,10 +129,10 @@ def least_distances(arm: SerialChain, R: FloatArray, p: FloatArray) -> FloatArra
         R: flange rotations, shape (m, 3, 3).
         p: flange positions [m], shape (m, 3).
     """
-    starts = _halton(arm, 0, 2 * STARTS)
+    starts = _halton(arm, 0, 2 * INVERSE.starts)
     pose = np.repeat(np.arange(len(p)), len(starts))
     _, error = descend(arm, R[pose], p[pose], np.tile(starts, (len(p), 1)), turned=True)
-    distance = np.where(error[:, 1] < TURNED, error[:, 0], np.inf)
+    distance = np.where(error[:, 1] < INVERSE.turned, error[:, 0], np.inf)
     least: FloatArray = distance.reshape(len(p), -1).min(axis=1)
     return least
 
@@ -132,13 +153,13 @@ def descend(
     weight = np.concatenate([np.full(3, 2.0 / arm.length), np.full(3, 50.0 if turned else 1.0)])
     active = np.arange(len(q))
     last = np.full(len(q), np.inf)
-    for k in range(5 * ITERATIONS if turned else ITERATIONS):
+    for k in range(5 * INVERSE.iterations if turned else INVERSE.iterations):
         R_now, p_now, J = arm.linearised(q[active])
         e = pose_error(R_now, p_now, R[active], p[active]) * weight
         size = norm(e, axis=1)
-        going = size > CLOSE
-        if k and k % PATIENCE == 0:
-            going &= size < (NO_PROGRESS if turned else STALLED) * last[active]
+        going = size > INVERSE.close
+        if k and k % INVERSE.patience == 0:
+            going &= size < (INVERSE.no_progress if turned else INVERSE.stalled) * last[active]
             last[active] = size
         elif k == 0:
             last[active] = size
@@ -162,7 +183,7 @@ def _stepped(
     A[:, range(6), range(6)] += (damping + 1e-14)[:, None]
     step = product(np.swapaxes(J, 1, 2), solve(A, e[:, :, None]))[..., 0]
     longest = np.abs(step).max(axis=1, keepdims=True)
-    step *= np.minimum(1.0, LARGEST_STEP / np.maximum(longest, 1e-300))
+    step *= np.minimum(1.0, INVERSE.largest_step / np.maximum(longest, 1e-300))
     return np.clip(q + step, arm.lower, arm.upper)
 
 
@@ -193,7 +214,7 @@ def _halton(arm: SerialChain, first: int, count: int) -> FloatArray:
     index = np.arange(first + 20, first + 20 + count)
     share = np.zeros((count, arm.axes))
     for k in range(arm.axes):
-        base, left, digit = PRIMES[k % len(PRIMES)], index.copy(), 1.0
+        base, left, digit = INVERSE.primes[k % len(INVERSE.primes)], index.copy(), 1.0
         while left.any():
             digit /= base
             share[:, k] += digit * (left % base)
@@ -228,5 +249,5 @@ def _distinct(arm: SerialChain, pose: IntArray, q: FloatArray) -> tuple[IntArray
         if not alike.any():
             break
         turned = arm.less_turns(q[d:] - q[:-d])
-        kept[d:] &= ~(alike & (np.abs(turned).max(axis=1) < SAME))
+        kept[d:] &= ~(alike & (np.abs(turned).max(axis=1) < INVERSE.same))
     return pose[kept], q[kept]

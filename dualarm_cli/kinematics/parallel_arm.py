@@ -33,18 +33,27 @@ from dualarm_cli.kinematics.srs.srs_limits import wrap
 from dualarm_cli.kinematics.wrist_arm import Turns, three_turns
 from dualarm_cli.records import dataclass
 
-LEAST_ANGLE = 1e-6
-"""Least sine of the angle of axes 1 and 2, 4 and 5, 5 and 6."""
-LEAST_LINK = 1e-6
-"""Shortest distance of axes 2 and 3, 3 and 4 [m]."""
-MEETING = 1e-6
-"""Distance of axes 5 and 6 below which they meet [m]."""
-LEAST_NORMAL = 1e-3
-"""Distance of axes 5 and 6 above which the polynomial for joint 1 keeps its digits [m]."""
-REACH_SLACK = 1e-11
-"""How far a pose may be out of reach by rounding [m]."""
-TINY = 1e-12
-"""A point nearer to an axis than this does not tell the angle about it [m]."""
+
+@dataclass(frozen=True)
+class ParallelArmTolerances:
+    """Tolerances of arms with parallel axes."""
+
+    least_angle: float = 1e-6
+    """Least sine of the angle of axes 1 and 2, 4 and 5, 5 and 6."""
+    least_link: float = 1e-6
+    """Shortest distance of axes 2 and 3, 3 and 4 [m]."""
+    meeting: float = 1e-6
+    """Distance of axes 5 and 6 below which they meet [m]."""
+    least_normal: float = 1e-3
+    """Distance of axes 5 and 6 above which the polynomial for joint 1 keeps its digits [m]."""
+    reach_slack: float = 1e-11
+    """How far a pose may be out of reach by rounding [m]."""
+    tiny: float = 1e-12
+    """A point nearer to an axis than this does not tell the angle about it [m]."""
+
+
+PARALLEL = ParallelArmTolerances()
+
 
 ComplexArray = NDArray[np.complex128]
 
@@ -93,14 +102,14 @@ class ParallelArm(ClosedArm):
                 f"({SRS_TOLERANCE:g} rad are allowed)"
             )
         for k in (1, 4, 5):
-            if np.hypot(*self.R_parent_joint[k][:2, 2]) < LEAST_ANGLE:
+            if np.hypot(*self.R_parent_joint[k][:2, 2]) < PARALLEL.least_angle:
                 return f"axes {k} and {k + 1} are parallel"
-        if min(np.abs(self._links)) < LEAST_LINK:
+        if min(np.abs(self._links)) < PARALLEL.least_link:
             return "two of its axes 2, 3 and 4 are the same"
-        if MEETING < self._normal_length < LEAST_NORMAL:
+        if PARALLEL.meeting < self._normal_length < PARALLEL.least_normal:
             return (
                 f"its axes 5 and 6 nearly meet ({self._normal_length * 1000:.3g} mm; "
-                f"{LEAST_NORMAL * 1000:g} mm or more, or none, are needed)"
+                f"{PARALLEL.least_normal * 1000:g} mm or more, or none, are needed)"
             )
         return ""
 
@@ -189,7 +198,7 @@ class ParallelArm(ClosedArm):
         bend, reachable = _bends(v, l2, l3)
         q3 = bend + angle_of(l2) - angle_of(l3)
         arm = l2 + complex_product(unit_complex(q3), l3)
-        free2 = (modulus(v) < TINY)[..., None]
+        free2 = (modulus(v) < PARALLEL.tiny)[..., None]
         q2 = np.where(free2, reference[:, 1, None, None], angle_between(v[..., None], arm))
         q4 = theta[..., None] - q2 - q3
         single = (np.broadcast_to(x[..., None], q2.shape) for x in (first.q1, q5, q6))
@@ -228,7 +237,7 @@ class ParallelArm(ClosedArm):
         """
         l2, l3, _ = self._links
         link = self._last_link(last[1])
-        size = np.maximum(2.0 * modulus(w) * modulus(link), np.square(TINY))
+        size = np.maximum(2.0 * modulus(w) * modulus(link), np.square(PARALLEL.tiny))
         # The squared distance that the links span falls with the cosine of the angle between.
         both = np.square(modulus(w)) + np.square(modulus(link))
         ends = (np.square(abs(l2) - abs(l3)), np.square(abs(l2) + abs(l3)))
@@ -253,17 +262,17 @@ class ParallelArm(ClosedArm):
         w = place[:, 0] + 1j * place[:, 1]
         # n·P less what it is of axis 2's origin and of the links: n_z P_z + |n||w| cos(arg w - arg n - q1) - height.
         rest = float(product(n, self.p_parent_joint[1])) + self._height - n[2] * place[:, 2]
-        if self._normal_length > MEETING:
+        if self._normal_length > PARALLEL.meeting:
             return self._first_turns_apart(w, rest, axis)
         size = modulus(w) * abs(across)
         over, under = size + rest, size - rest
         half = 2.0 * arctan2(np.sqrt(np.maximum(under, 0.0)), np.sqrt(np.maximum(over, 0.0)))
         side = np.array([1.0, 1.0, -1.0, -1.0])
-        free = np.broadcast_to((modulus(w) < TINY)[:, None], (len(w), 4))
+        free = np.broadcast_to((modulus(w) < PARALLEL.tiny)[:, None], (len(w), 4))
         q1 = np.where(
             free, reference, (angle_of(w) - angle_of(across))[:, None] + half[:, None] * side
         )
-        reachable = (np.minimum(over, under) >= -REACH_SLACK)[:, None]
+        reachable = (np.minimum(over, under) >= -PARALLEL.reach_slack)[:, None]
         way = np.broadcast_to(np.array([0, 1, 0, 1]), free.shape)
         return _FirstTurns(q1, way, np.broadcast_to(reachable, free.shape), free)
 
@@ -318,5 +327,5 @@ def _bends(v: ComplexArray, l2: complex, l3: complex) -> tuple[FloatArray, BoolA
         np.sqrt(np.maximum(out * (a + b + d), 0.0)),
         np.sqrt(np.maximum(in_ * (d + abs(a - b)), 0.0)),
     )
-    reachable = (out >= -REACH_SLACK) & (in_ >= -REACH_SLACK)
+    reachable = (out >= -PARALLEL.reach_slack) & (in_ >= -PARALLEL.reach_slack)
     return np.stack([2.0 * half, -2.0 * half], axis=-1), np.stack([reachable] * 2, axis=-1)

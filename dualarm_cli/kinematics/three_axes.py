@@ -23,14 +23,37 @@ from dualarm_cli.records import dataclass
 
 Family = Literal["elbow", "two_steps", "quartic"]
 
-PARALLEL = 1e-7
-"""Sine of the angle of two axes below which they count as parallel."""
-MEETING = 1e-9
-"""Distance of two axes below which they meet [m]; first harmonics below it are none [m, m²]."""
-LEAST_LINK = 1e-6
-"""Shortest link of an elbow [m]."""
-LEAST_PRODUCT = 1e-3
-"""Least distance of axes 1 and 2 times the sine of their angle for which the quartic keeps its digits [m]."""
+
+@dataclass(frozen=True)
+class ThreeAxesSettings:
+    """Tolerances and resolution of wrists by three axes."""
+
+    parallel: float = 1e-7
+    """Sine of the angle of two axes below which they count as parallel."""
+    meeting: float = 1e-9
+    """Distance of two axes below which they meet [m]; first harmonics below it are none [m, m²]."""
+    least_link: float = 1e-6
+    """Shortest link of an elbow [m]."""
+    least_product: float = 1e-3
+    """Least distance of axes 1 and 2 times the sine of their angle for which the quartic keeps its digits [m]."""
+    reach_slack: float = 1e-11
+    """How far a point may be out of reach by rounding [m]."""
+    tiny: float = 1e-12
+    """A point nearer to an axis than this does not tell the angle about it [m]."""
+    coarse: int = 32
+    """Samples of joints 2 and 3 from which the nearest places are looked for."""
+    valleys: int = 4
+    """So many of the grid's local minima are gone into."""
+    steps: int = 60
+    largest_step: float = 0.3
+    """Newton steps at most, and the longest one [rad]."""
+    still: float = 1e-10
+    """Steps shorter than this are the last ones [rad]."""
+    block: int = 500
+    """Places that are looked at together."""
+
+
+AXES = ThreeAxesSettings()
 
 
 @dataclass(frozen=True)
@@ -73,7 +96,9 @@ class ThreeAxes:
         across = R[1][:2, 2]
         sine2 = float(product(across, across))
         # Parallel axes have normals everywhere.
-        shift = -float(product(p[1][:2], across)) / sine2 if sine2 > np.square(PARALLEL) else 0.0
+        shift = (
+            -float(product(p[1][:2], across)) / sine2 if sine2 > np.square(AXES.parallel) else 0.0
+        )
         p12 = p[1] + shift * R[1][:, 2]
         p23 = p[2] - np.array([0.0, 0.0, shift])
         p1 = p[0] + R[0][:, 2] * p12[2]
@@ -112,18 +137,18 @@ class ThreeAxes:
         elbow: axes 2 and 3 parallel. two_steps: axes 1 and 2 meet or are parallel, so that joint 3 follows by itself.
         quartic: any other three ([Pieper1968]) whose axes 1 and 2 do not nearly meet or are nearly parallel: None too.
         """
-        crossed = abs(self.axis1) > PARALLEL
-        if float(np.hypot(*self.R23[:2, 2])) <= PARALLEL:
+        crossed = abs(self.axis1) > AXES.parallel
+        if float(np.hypot(*self.R23[:2, 2])) <= AXES.parallel:
             links = min(abs(complex(*self.p23[:2])), abs(complex(*self.point[:2])))
-            return "elbow" if crossed and links > LEAST_LINK else None
+            return "elbow" if crossed and links > AXES.least_link else None
         if not crossed:
-            lifts = min(float(np.hypot(*self.circle[1:, 2])), abs(self.normal)) > MEETING
+            lifts = min(float(np.hypot(*self.circle[1:, 2])), abs(self.normal)) > AXES.meeting
             return "two_steps" if lifts else None
-        if abs(self.normal) <= MEETING:
-            return "two_steps" if float(np.hypot(*self.squared[1:])) > MEETING else None
+        if abs(self.normal) <= AXES.meeting:
+            return "two_steps" if float(np.hypot(*self.squared[1:])) > AXES.meeting else None
         moves = np.abs(self.circle[1:, 2]).max() + np.abs(self.squared[1:]).max()
-        told = abs(self.normal) * abs(self.axis1) >= LEAST_PRODUCT
-        return "quartic" if told and float(moves) > MEETING else None
+        told = abs(self.normal) * abs(self.axis1) >= AXES.least_product
+        return "quartic" if told and float(moves) > AXES.meeting else None
 
     @cached_property
     def neglected(self) -> float:
@@ -181,11 +206,6 @@ class ThreeAxes:
 
 ComplexArray = NDArray[np.complex128]
 
-REACH_SLACK = 1e-11
-"""How far a point may be out of reach by rounding [m]."""
-TINY = 1e-12
-"""A point nearer to an axis than this does not tell the angle about it [m]."""
-
 
 @dataclass(frozen=True)
 class PointPostures:
@@ -223,7 +243,7 @@ def point_postures(axes: ThreeAxes, p: FloatArray, reference: FloatArray) -> Poi
     solve = {"elbow": _elbow, "two_steps": _two_steps, "quartic": _quartic}[axes.family or "elbow"]
     v, q3, reachable = solve(axes, elementary.modulus(w), z)
     f = _over(axes.circle, q3)
-    free2, free1 = elementary.modulus(v) < TINY, (elementary.modulus(w) < TINY)[:, None]
+    free2, free1 = elementary.modulus(v) < AXES.tiny, (elementary.modulus(w) < AXES.tiny)[:, None]
     q2 = np.where(free2, reference[:, 1:2], elementary.angle_between(v, f[0] + 1j * f[1]))
     h = axes.R12[:2, :1, None] * v.real + axes.R12[:2, 1:2, None] * v.imag
     h = h + axes.R12[:2, 2:, None] * f[2] + axes.p12[:2, None, None]
@@ -243,7 +263,7 @@ def _elbow(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
     # Across axes 1 and 2: in frame 2, and in frame 1.
     n = 1j * E
     N = complex(*(axes.R12[:2, 0] * n.real + axes.R12[:2, 1] * n.imag))
-    if (complex(*axes.p12[:2]) * N.conjugate()).real < -MEETING:
+    if (complex(*axes.p12[:2]) * N.conjugate()).real < -AXES.meeting:
         n, N = -n, -N
     # The plane of the links cuts height z of frame 1 in the line foot + t n.
     foot = (z - axes.R12[2, 2] * height) / abs(axes.axis1)
@@ -257,7 +277,11 @@ def _elbow(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
     # Half the angle between the links: both factors vanish exactly where the arm is stretched or folded.
     out, in_ = L2 + L3 - d, d - abs(L2 - L3)
     half = elementary.arctan2(np.sqrt(np.maximum(out * (L2 + L3 + d), 0.0)), _inner(in_, d, L2, L3))
-    ok = ((r - aside) >= -REACH_SLACK)[:, None] & (out >= -REACH_SLACK) & (in_ >= -REACH_SLACK)
+    ok = (
+        ((r - aside) >= -AXES.reach_slack)[:, None]
+        & (out >= -AXES.reach_slack)
+        & (in_ >= -AXES.reach_slack)
+    )
     zero = elementary.arctan2(axes.R23[1, 0], axes.R23[0, 0]) - elementary.angle_of(P)
     bend = np.stack([2.0 * half, -2.0 * half], axis=-1)
     # The second link's direction against the first one's is zero + sign (q3 + angle(omega)).
@@ -271,7 +295,7 @@ def _inner(in_: FloatArray, d: FloatArray, L2: float, L3: float) -> FloatArray:
 
 def _two_steps(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
     """Returns postures of axes 1 and 2 that meet or are parallel: joint 3 first, then a line meets a circle."""
-    meets = abs(axes.axis1) > PARALLEL
+    meets = abs(axes.axis1) > AXES.parallel
     if meets:
         # |f(q3)| is the distance from where axes 1 and 2 meet.
         g, size = axes.squared, np.sqrt(r * r + z * z)
@@ -283,7 +307,7 @@ def _two_steps(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
     amplitude = np.hypot(g[1], g[2])
     half = elementary.arccos(np.clip(-constant / amplitude, -1.0, 1.0))
     q3 = elementary.arctan2(g[2], g[1]) + np.stack([half, half, -half, -half], axis=1)
-    ok = np.abs(constant) - amplitude <= REACH_SLACK * np.maximum(size, REACH_SLACK)
+    ok = np.abs(constant) - amplitude <= AXES.reach_slack * np.maximum(size, AXES.reach_slack)
     f = _over(axes.circle, q3)
     length = np.hypot(f[0], f[1])
     if meets:
@@ -296,7 +320,7 @@ def _two_steps(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
     line = line / abs(direction)
     rest = (length - np.abs(line)) * (length + np.abs(line))
     side = np.sqrt(np.maximum(rest, 0.0)) * [1.0, -1.0, 1.0, -1.0]
-    ok = ok[:, None] & (length - np.abs(line) >= -REACH_SLACK)
+    ok = ok[:, None] & (length - np.abs(line) >= -AXES.reach_slack)
     along = np.clip(line, -length, length) + 1j * side
     v = elementary.complex_product(direction / abs(direction), along)
     return v, q3, ok
@@ -341,18 +365,6 @@ def _first_order(rows: FloatArray, q3: FloatArray) -> FloatArray:
     return found
 
 
-COARSE = 32
-"""Samples of joints 2 and 3 from which the nearest places are looked for."""
-VALLEYS = 4
-"""So many of the grid's local minima are gone into."""
-STEPS, LARGEST_STEP = 60, 0.3
-"""Newton steps at most, and the longest one [rad]."""
-STILL = 1e-10
-"""Steps shorter than this are the last ones [rad]."""
-BLOCK = 500
-"""Places that are looked at together."""
-
-
 def point_miss(axes: ThreeAxes, p: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
     """Returns the distance of places from the nearest one that the point reaches [m], shape (b,).
 
@@ -368,7 +380,8 @@ def point_miss(axes: ThreeAxes, p: FloatArray, lower: FloatArray, upper: FloatAr
     free = ~(upper - lower < TURN)
     low, high = np.where(free, -np.pi, lower), np.where(free, np.pi, upper)
     grid = np.stack(
-        np.meshgrid(*(np.linspace(low[k], high[k], COARSE) for k in (0, 1)), indexing="ij"), axis=-1
+        np.meshgrid(*(np.linspace(low[k], high[k], AXES.coarse) for k in (0, 1)), indexing="ij"),
+        axis=-1,
     ).reshape(-1, 2)
     reached = axes.section(grid)[0]
     local = product(p - axes.p1, axes.R1)
@@ -376,17 +389,17 @@ def point_miss(axes: ThreeAxes, p: FloatArray, lower: FloatArray, upper: FloatAr
     # What is free goes on beyond the ends of its turn.
     low, high = np.where(free, -np.inf, low), np.where(free, np.inf, high)
     found = np.empty(len(p))
-    for first in range(0, len(p), BLOCK):
-        some = wanted[first : first + BLOCK]
+    for first in range(0, len(p), AXES.block):
+        some = wanted[first : first + AXES.block]
         away = np.hypot(*np.moveaxis(reached - some[:, None], -1, 0))
-        q = grid[_valleys(away.reshape(-1, COARSE, COARSE))].reshape(-1, 2)
-        least = _descended(axes, q, np.repeat(some, VALLEYS, axis=0), low, high)
-        found[first : first + BLOCK] = least.reshape(-1, VALLEYS).min(axis=1)
+        q = grid[_valleys(away.reshape(-1, AXES.coarse, AXES.coarse))].reshape(-1, 2)
+        least = _descended(axes, q, np.repeat(some, AXES.valleys, axis=0), low, high)
+        found[first : first + AXES.block] = least.reshape(-1, AXES.valleys).min(axis=1)
     return found
 
 
 def _valleys(distance: FloatArray) -> IntArray:
-    """Returns the lowest local minima of grids (b, n, n) as flat indices, shape (b, VALLEYS)."""
+    """Returns the lowest local minima of grids (b, n, n) as flat indices, shape (b, `valleys`)."""
     b, n, _ = distance.shape
     walled = np.pad(distance, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
     lowest = np.ones(distance.shape, dtype=np.bool_)
@@ -394,7 +407,7 @@ def _valleys(distance: FloatArray) -> IntArray:
         for j in range(3):
             lowest &= distance <= walled[:, i : i + n, j : j + n]
     height = np.where(lowest, distance, np.inf).reshape(b, -1)
-    return np.argsort(height, axis=1, kind="stable")[:, :VALLEYS]
+    return np.argsort(height, axis=1, kind="stable")[:, : AXES.valleys]
 
 
 def _descended(
@@ -403,8 +416,8 @@ def _descended(
     """Returns the least distances (b,) that Newton's method with trust in its steps finds from joints (b, 2)."""
     active = np.arange(len(q))
     least = np.hypot(*(axes.section(q)[0] - wanted).T)
-    trust = np.full(len(q), LARGEST_STEP)
-    for _ in range(STEPS):
+    trust = np.full(len(q), AXES.largest_step)
+    for _ in range(AXES.steps):
         here = q[active]
         step = _newton_step(axes, here, wanted[active], low, high)
         longest = np.abs(step).max(axis=1)
@@ -414,8 +427,10 @@ def _descended(
         better = away < least[active]
         q[active[better]], least[active[better]] = tried[better], away[better]
         size = np.abs(tried - here).max(axis=1)
-        trust[active] = np.where(better, np.minimum(2.0 * trust[active], LARGEST_STEP), 0.25 * size)
-        active = active[size > STILL]
+        trust[active] = np.where(
+            better, np.minimum(2.0 * trust[active], AXES.largest_step), 0.25 * size
+        )
+        active = active[size > AXES.still]
         if not len(active):
             break
     return least

@@ -217,15 +217,22 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return found
 
 
-ROUNDS = 200
-LONGEST = 0.3
-"""Longest error that one round removes [m, rad]."""
-EXACT = 1e-11
-"""Error that counts as none [m, rad]."""
-DAMPING = 1e-3
-"""Damping of the steps while the error is large, in units of the Jacobian squared."""
-KEPT_FREE = 1e-3
-"""Distance from the joints' limits that is kept [rad]."""
+@dataclass(frozen=True)
+class WholeBodySettings:
+    """Numbers of steps of the whole body."""
+
+    rounds: int = 200
+    longest: float = 0.3
+    """Longest error that one round removes [m, rad]."""
+    exact: float = 1e-11
+    """Error that counts as none [m, rad]."""
+    damping: float = 1e-3
+    """Damping of the steps while the error is large, in units of the Jacobian squared."""
+    kept_free: float = 1e-3
+    """Distance from the joints' limits that is kept [rad]."""
+
+
+WHOLE_BODY = WholeBodySettings()
 
 
 @dataclass(frozen=True)
@@ -266,17 +273,17 @@ def reach(
         p: their tool centre points [m], shape (b, 3).
     """
     rows, free = np.repeat(follows, 6), body.moves[follows].any(axis=0)
-    room = np.minimum(KEPT_FREE, (limits.upper - limits.lower) / 4.0)
+    room = np.minimum(WHOLE_BODY.kept_free, (limits.upper - limits.lower) / 4.0)
     lower, upper = limits.lower + room, limits.upper - room
     q = np.where(free, np.clip(q, lower, upper), q)
     which = np.flatnonzero(follows)
     best = Reached(q, np.inf, np.inf)
-    for _ in range(ROUNDS):
+    for _ in range(WHOLE_BODY.rounds):
         state = body.at(q)
         turn = log_rotation(product(R, state.R[which].transpose(0, 2, 1)))
         error = np.concatenate([p - state.p[which], turn], axis=1).ravel()
         size = float(norm(error))
-        if np.abs(error).max() < EXACT:
+        if np.abs(error).max() < WHOLE_BODY.exact:
             return Reached(q, 0.0, 0.0)
         parts = norm(error.reshape(-1, 2, 3), axis=2).max(axis=0)
         if parts.sum() < best.distance + best.angle:
@@ -285,8 +292,10 @@ def reach(
         active = free.copy()
         for _ in range(3):
             J = state.J[rows] * active
-            damping = DAMPING * min(1.0, size) * np.eye(len(J))
-            step = product(J.T, solve(product(J, J.T) + damping, error * min(1.0, LONGEST / size)))
+            damping = WHOLE_BODY.damping * min(1.0, size) * np.eye(len(J))
+            step = product(
+                J.T, solve(product(J, J.T) + damping, error * min(1.0, WHOLE_BODY.longest / size))
+            )
             blocked = active & ((q + step < lower) | (q + step > upper))
             stuck = blocked & ((q <= lower) | (q >= upper))
             if not stuck.any():

@@ -21,10 +21,29 @@ SWINGS = np.array([0.0, -0.2, 0.2, -0.5, 0.5])
 """Changes of the arm angle along a line that are tried [rad]."""
 FAR = 0.4
 """Difference of arm angle or yaw from which on another way may lead elsewhere when it is refined [rad]."""
-LOOKED_AT_FIRST = 4
-"""Postures of each problem, by what no motion can beat, whose lines are timed first."""
-NEAR = 1.02
-"""Other lines are timed if they may come to within this multiple of the best of those."""
+
+
+@dataclass(frozen=True)
+class ArmAngleSettings:
+    """Numbers that steer the search over arm angles."""
+
+    looked_at_first: int = 4
+    """Postures of each problem, by what no motion can beat, whose lines are timed first."""
+    near: float = 1.02
+    """Other lines are timed if they may come to within this multiple of the best of those."""
+    all_ways: int = 2
+    """Rounds in which all ways of a problem are refined."""
+    first_width: float = 0.25
+    """Half-width of the first round of refinement [rad]."""
+    dense_samples: int = 33
+    """Samples of a line at which the posture that is taken must keep its limits."""
+    end_samples: int = 3
+    """Samples of a line where only its end matters."""
+    starts: int = 2
+    """Ways of a stop that are refined; what becomes of the best of them is taken."""
+
+
+ARM_ANGLE = ArmAngleSettings()
 
 
 def coarse_ways(
@@ -64,7 +83,9 @@ def coarse_ways(
         # The two lines share what the best takes: one has what the other, at its least, leaves.
         other = least.min(axis=2)[::-1, :, None]
         worth = wanted & np.isfinite(other)
-        worth[worth] = (least + np.where(worth, other, 0.0) <= NEAR * best[:, None])[worth]
+        worth[worth] = (least + np.where(worth, other, 0.0) <= ARM_ANGLE.near * best[:, None])[
+            worth
+        ]
         line = np.minimum(line, _line_times(sides, worth & ~first))
     cost_in, own = transfer + travel + line[0], np.arange(len(ways.row))
     k_in, k_out = cost_in.argmin(axis=1), line[1].argmin(axis=1)
@@ -119,11 +140,11 @@ def _line_times(sides: Sequence[tuple[Lines, FollowedLines]], wanted: BoolArray)
 
 
 def _first(row: IntArray, least: FloatArray) -> BoolArray:
-    """Returns the LOOKED_AT_FIRST least entries of each problem, shape (n,)."""
+    """Returns the `looked_at_first` least entries of each problem, shape (n,)."""
     order = np.lexsort((least, row))
     place = np.arange(len(row)) - np.searchsorted(row[order], row[order], side="left")
     first = np.zeros(len(row), dtype=np.bool_)
-    first[order[place < LOOKED_AT_FIRST]] = True
+    first[order[place < ARM_ANGLE.looked_at_first]] = True
     return first
 
 
@@ -132,12 +153,6 @@ def _best_of_row(row: IntArray, total: FloatArray) -> FloatArray:
     first = np.flatnonzero(np.diff(row, prepend=-1))
     counts = np.diff(np.append(first, len(row)))
     return np.repeat(np.minimum.reduceat(total, first), counts)
-
-
-ALL_WAYS = 2
-"""Rounds in which all ways of a problem are refined."""
-FIRST_WIDTH = 0.25
-"""Half-width of the first round of refinement [rad]."""
 
 
 def _steps(count: int) -> FloatArray:
@@ -179,7 +194,7 @@ class _Pattern:
 def refinements(batch: StopBatch, ways: StopWays) -> list[StopWays]:
     """Returns one ever better way of each problem, the first one given; all in lockstep.
 
-    Of several ways of one problem the best after ALL_WAYS rounds goes on alone.
+    Of several ways of one problem the best after `all_ways` rounds goes on alone.
 
     In a round every combination of a few yaws, arm angles at the target and swings of approach and retract is looked
     at; given the target the two lines do not depend on each other, so that each is followed for its own swings only
@@ -193,8 +208,8 @@ def refinements(batch: StopBatch, ways: StopWays) -> list[StopWays]:
     found = [ways]
     lines: Lines | None = None
     for k in range(pattern.rounds):
-        width = FIRST_WIDTH * power(pattern.shrink, k)
-        if k == ALL_WAYS:
+        width = ARM_ANGLE.first_width * power(pattern.shrink, k)
+        if k == ARM_ANGLE.all_ways:
             best = leading(found[-1])
             if len(best) < len(ways.row):
                 found, lines = [stage.take(best) for stage in found], None
@@ -272,14 +287,6 @@ def _better(
         time=np.where(better, time, ways.time),
         cost=np.where(better, total[own, index], ways.cost),
     )
-
-
-DENSE_SAMPLES = 33
-"""Samples of a line at which the posture that is taken must keep its limits."""
-END_SAMPLES = 3
-"""Samples of a line where only its end matters."""
-STARTS = 2
-"""Ways of a stop that are refined; what becomes of the best of them is taken."""
 
 
 def choose_posture(problem: StopProblem) -> StopPosture | NoPosture:
@@ -378,12 +385,12 @@ def _first_that_hold(batch: StopBatch, coarse: StopWays) -> dict[int, StopPostur
     left = {int(row): (int(a), int(b)) for row, a, b in zip(rows, first, last, strict=True)}
     found: dict[int, StopPosture] = {}
     while left:
-        index = [np.arange(low, min(low + STARTS, high)) for low, high in left.values()]
+        index = [np.arange(low, min(low + ARM_ANGLE.starts, high)) for low, high in left.values()]
         found |= _settled(batch, coarse.take(np.concatenate(index)))
         left = {
-            row: (low + STARTS, high)
+            row: (low + ARM_ANGLE.starts, high)
             for row, (low, high) in left.items()
-            if row not in found and low + STARTS < high
+            if row not in found and low + ARM_ANGLE.starts < high
         }
     return found
 
@@ -392,7 +399,7 @@ def _with_clear_ends(batch: StopBatch, ways: StopWays) -> StopWays:
     """Returns the ways that are collision-free where their lines begin and end."""
     if not len(ways.row) or all(problem.clear is None for problem in batch.problems):
         return ways
-    ends = ways.follow(batch, END_SAMPLES).q[-1, ..., 0].T
+    ends = ways.follow(batch, ARM_ANGLE.end_samples).q[-1, ..., 0].T
     sides: dict[Place, FloatArray] = {
         "approach": ends[: len(ways.row)],
         "retract": ends[len(ways.row) :],
@@ -421,7 +428,7 @@ def _no_lines(batch: StopBatch) -> NoPosture:
 def _settled(batch: StopBatch, ways: StopWays) -> dict[int, StopPosture]:
     """Returns the best posture of each problem that ways lead to and that holds at many more samples."""
     history = refinements(batch, ways) if batch.refine else [ways.take(leading(ways))]
-    samples = DENSE_SAMPLES if batch.refine else LINE_SAMPLES
+    samples = ARM_ANGLE.dense_samples if batch.refine else LINE_SAMPLES
     answers: dict[int, StopPosture] = {}
     left = np.arange(len(history[0].row))
     for stage in reversed(history):
@@ -434,7 +441,9 @@ def _settled(batch: StopBatch, ways: StopWays) -> dict[int, StopPosture]:
     return answers
 
 
-def _held(batch: StopBatch, ways: StopWays, samples: int = DENSE_SAMPLES) -> dict[int, StopPosture]:
+def _held(
+    batch: StopBatch, ways: StopWays, samples: int = ARM_ANGLE.dense_samples
+) -> dict[int, StopPosture]:
     """Returns by problem the postures of those ways (one of each) that keep all limits at so many samples."""
     if not len(ways.row):
         return {}

@@ -23,8 +23,25 @@ from dualarm_cli.records import dataclass, field_values
 from dualarm_cli.timing.spline import largest_rates
 from dualarm_cli.verification.tool_model import ToolModel
 
-STANDS = 1e-9
-"""A joint that is off by less than this stands still [rad]."""
+
+@dataclass(frozen=True)
+class CornerSettings:
+    """Resolution of passed corners."""
+
+    stands: float = 1e-9
+    """A joint that is off by less than this stands still [rad]."""
+    at_rest: float = 1e-6
+    """Joints that are slower stand, but for the rounding of instants [rad/s or m/s]."""
+    instants: int = 200
+    """Instants at which a tool is looked at beyond the straight part of a line."""
+    whole: float = 1e-6
+    """A line of which no more than this need not be straight is straight as a whole [m]."""
+    at_once: int = 64
+    """Lines that are looked at together."""
+
+
+CORNERS = CornerSettings()
+
 PLATFORM = "platform"
 """Name of the group of the joints that carry both arms; the arms' groups bear the arms' names."""
 
@@ -214,18 +231,8 @@ def _stands_from(
     inside = trajectory.time[(trajectory.time > start) & (trajectory.time < end)]
     time = np.concatenate([[start], inside, [end]])
     q = trajectory.at(time)[0][:, columns]
-    moving = np.flatnonzero((np.abs(q - q[-1]) > STANDS).any(axis=1))
+    moving = np.flatnonzero((np.abs(q - q[-1]) > CORNERS.stands).any(axis=1))
     return float(time[moving[-1] + 1]) if len(moving) else start
-
-
-AT_REST = 1e-6
-"""Joints that are slower stand, but for the rounding of instants [rad/s or m/s]."""
-INSTANTS = 200
-"""Instants at which a tool is looked at beyond the straight part of a line."""
-WHOLE = 1e-6
-"""A line of which no more than this need not be straight is straight as a whole [m]."""
-AT_ONCE = 64
-"""Lines that are looked at together."""
 
 
 @dataclass(frozen=True)
@@ -315,7 +322,7 @@ def _passed(schedule: Schedule, arm: str) -> list[_Candidate]:
         if begun:
             near.append(_Candidate(event.time, begun[0], event=event))
     velocity = schedule.trajectory.at(np.array([one.time for one in near]))[1]
-    moves = np.abs(velocity[:, _columns(schedule, arm)]).max(axis=1) > AT_REST
+    moves = np.abs(velocity[:, _columns(schedule, arm)]).max(axis=1) > CORNERS.at_rest
     return [one for one, moving in zip(near, moves, strict=True) if moving]
 
 
@@ -399,8 +406,8 @@ def _besides(
     """
     ended = [(k, one.line, one.transfer) for k, one in enumerate(passed) if one.line is not None]
     found: dict[int, float] = {}
-    for first in range(0, len(ended), AT_ONCE):
-        some = ended[first : first + AT_ONCE]
+    for first in range(0, len(ended), CORNERS.at_once):
+        some = ended[first : first + CORNERS.at_once]
         out = np.array([line.kind == "retract" for _, line, _ in some])
         spans = np.array([(line.start, line.end) for _, line, _ in some])
         ends = np.where(out[:, None], spans, spans[:, ::-1])
@@ -410,9 +417,9 @@ def _besides(
         for row, (k, line, transfer) in enumerate(some):
             stop = stops.get((arm, line.task, line.action))
             length = 0.0 if stop is None else getattr(stop, line.kind)
-            if straight[row] >= length - WHOLE:
+            if straight[row] >= length - CORNERS.whole:
                 continue
-            along = np.linspace(transfer.start, transfer.end, INSTANTS)
+            along = np.linspace(transfer.start, transfer.end, CORNERS.instants)
             places = model.poses(arm, schedule.trajectory.at(along[:: 1 if out[row] else -1])[0])[1]
             local = product(places - p[row, 0], R[row])
             gone = np.flatnonzero(-local[:, 2] > length)

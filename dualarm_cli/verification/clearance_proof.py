@@ -22,22 +22,33 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 
-FIRST_STEP = 0.08
-"""Length of the first intervals [s]; longer in motions of so many more that they would fill the memory."""
-MOST_FIRST = 20_000
-"""First intervals at most, but for those that edges make; whichever are too long are halved."""
+
+@dataclass(frozen=True)
+class ProofSettings:
+    """Resolution of the proof of clearance."""
+
+    first_step: float = 0.08
+    """Length of the first intervals [s]; longer in motions of so many more that they would fill the memory."""
+    most_first: int = 20_000
+    """First intervals at most, but for those that edges make; whichever are too long are halved."""
+    shortest: float = 1e-9
+    """Intervals are not halved below this [s]: the bound then is what it is."""
+    most_halved: int = 2_000_000
+    halved_each: int = 20
+    """Intervals that are halved at most: in all, and for each knot and pair. Jobs need up to 0.2 each, and a
+    fast seam of
+    3 s on a body that it may touch 240,000; motions far beyond limits need as many as they are long."""
+    nonsense: float = -1e6
+    """Distance below which coal's iteration has failed [m]."""
+
+
+PROOF = ProofSettings()
+
 PRECISION = 5e-4
 """How far the certified least distance may be below the least one met [m]."""
 NUMERICAL = 1e-6
 """What distances by coal may be off [m]; it is taken off every certified one."""
-SHORTEST = 1e-9
-"""Intervals are not halved below this [s]: the bound then is what it is."""
-MOST_HALVED, HALVED_EACH = 2_000_000, 20
-"""Intervals that are halved at most: in all, and for each knot and pair. Jobs need up to 0.2 each, and a fast seam of
-3 s on a body that it may touch 240,000; motions far beyond limits need as many as they are long."""
 
-NONSENSE = -1e6
-"""Distance below which coal's iteration has failed [m]."""
 
 Windows = Sequence[tuple[float, float]] | None
 """When a pair counts [s]; None for always."""
@@ -140,11 +151,13 @@ class ClearanceProof:
         _lower(met, met_pair, met_time, where, at_low, pair, begin)
         _lower(met, met_pair, met_time, where, at_high, pair, end)
         rate = rates[low, pair]
-        room = MOST_HALVED + HALVED_EACH * len(self._trajectory.time) * len(self._required)
+        room = PROOF.most_halved + PROOF.halved_each * len(self._trajectory.time) * len(
+            self._required
+        )
         while len(pair):
             bound = 0.5 * (at_low + at_high - rate * (end - begin))
             bound = np.where(rate == 0.0, np.minimum(at_low, at_high), bound)
-            settled = (bound >= met[where] - precision) | (end - begin < SHORTEST)
+            settled = (bound >= met[where] - precision) | (end - begin < PROOF.shortest)
             room -= int(np.count_nonzero(~settled))
             if room < 0:
                 raise UnprovenError
@@ -173,7 +186,7 @@ class ClearanceProof:
         for windows in self._windows:
             marks += [t for window in windows or () for t in window]
         marked = distinct(np.clip(np.array(marks), edges[0], edges[-1]))
-        step = max(FIRST_STEP, float(marked[-1] - marked[0]) / MOST_FIRST)
+        step = max(PROOF.first_step, float(marked[-1] - marked[0]) / PROOF.most_first)
         parts = np.ceil(np.diff(marked) / step).astype(np.int64)
         pieces = [
             np.linspace(a, b, n, endpoint=False)
@@ -200,7 +213,7 @@ class ClearanceProof:
         for row, position in enumerate(q):
             pin.computeDistances(self._model, self._data, self._geometry, self._distances, position)
             found[row] = [result.min_distance for result in self._results]
-            for place in np.flatnonzero(found[row] < NONSENSE).tolist():
+            for place in np.flatnonzero(found[row] < PROOF.nonsense).tolist():
                 found[row, place] = self._anew(place)
         return found[:, self._place] - self._required
 
@@ -237,7 +250,7 @@ class ClearanceProof:
                 before = times[row]
             pair = int(self._place[pairs[row]])
             margins[row] = pin.computeDistance(self._geometry, self._distances, pair).min_distance
-            if margins[row] < NONSENSE:
+            if margins[row] < PROOF.nonsense:
                 margins[row] = self._anew(pair)
         return margins - self._required[pairs]
 

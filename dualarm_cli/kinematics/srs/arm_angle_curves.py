@@ -18,11 +18,29 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 REACH_SLACK = 1e-11
 """How far a wrist centre may be out of reach by rounding [m]."""
-STRETCHED = 1e-14
-"""A wrist centre this close to the end of its reach is taken to be there [m]: the bend, a square
-root of the gap, would otherwise be 1e-8 rad of noise."""
-ON_AXIS = 1e-12
-"""Below this sine of its angle to the first axis a direction counts as lying on it."""
+
+
+@dataclass(frozen=True)
+class CurveTolerances:
+    """Tolerances of joints over the arm angle."""
+
+    stretched: float = 1e-14
+    """A wrist centre this close to the end of its reach is taken to be there [m]: the bend, a square
+    root of the gap, would otherwise be 1e-8 rad of noise."""
+    on_axis: float = 1e-12
+    """Below this sine of its angle to the first axis a direction counts as lying on it."""
+    turning: tuple[int, ...] = (0, 2, 4, 6)
+    """Joints that are an arc tangent of the arm angle: 1, 3, 5 and 7."""
+    flipped_by: tuple[int, ...] = (2, 2, 6, 4, 5, 1, 1)
+    """For each joint the bits of a branch (4 elbow, 2 shoulder, 1 wrist) that turn it by half a turn,
+    or change its sign; two of them cancel."""
+    near_singular: float = 1e-4
+    """Sine of a middle joint below which its triple is solved in a way that keeps all digits."""
+    singular: float = 1e-12
+    """Sine of a middle joint below which its triple counts as singular: its first joint is then 0."""
+
+
+CURVES = CurveTolerances()
 
 
 @dataclass(frozen=True)
@@ -73,8 +91,8 @@ class ArmPlane:
         distance = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
         reach, core = upper + fore, abs(upper - fore)
         reachable = (distance <= reach + REACH_SLACK) & (distance >= core - REACH_SLACK)
-        d = np.where(distance < core + STRETCHED, core, distance)
-        d = np.where(d > reach - STRETCHED, reach, d)
+        d = np.where(distance < core + CURVES.stretched, core, distance)
+        d = np.where(d > reach - CURVES.stretched, reach, d)
         product = 2.0 * upper * fore
         cos_bend = np.clip((d * d - upper * upper - fore * fore) / product, -1.0, 1.0)
         sin_bend = np.sqrt((reach - d) * (reach + d) * (d - core) * (d + core)) / product
@@ -173,23 +191,12 @@ def reference_directions(u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     x, y, z = u
     rho = np.sqrt(x * x + y * y)
-    on_axis = rho < ON_AXIS
+    on_axis = rho < CURVES.on_axis
     length = np.where(on_axis, 1.0, rho)
     c, s = np.where(on_axis, 1.0, x / length), np.where(on_axis, 0.0, y / length)
     v = 1.0 - z
     mixed = -v * c * s
     return np.stack([1.0 - v * c * c, mixed, -x]), np.stack([mixed, 1.0 - v * s * s, -y])
-
-
-TURNING = (0, 2, 4, 6)
-"""Joints that are an arc tangent of the arm angle: 1, 3, 5 and 7."""
-FLIPPED_BY = (2, 2, 6, 4, 5, 1, 1)
-"""For each joint the bits of a branch (4 elbow, 2 shoulder, 1 wrist) that turn it by half a turn,
-or change its sign; two of them cancel."""
-NEAR_SINGULAR = 1e-4
-"""Sine of a middle joint below which its triple is solved in a way that keeps all digits."""
-SINGULAR = 1e-12
-"""Sine of a middle joint below which its triple counts as singular: its first joint is then 0."""
 
 
 @dataclass(frozen=True)
@@ -230,7 +237,7 @@ class ArmAngleCurves:
         _set(turning[3, 0], -sf * k1t, -sf * k1r, cf * k1u)
         _set(turning[3, 1], sf * k0t, sf * k0r, -cf * k0u)
         _settle(canonical, plane, turning)
-        for i, joint in enumerate(TURNING):
+        for i, joint in enumerate(CURVES.turning):
             sign, offset = canonical.sign[joint], canonical.offset[joint]
             if offset != 0.0:
                 c, s = elementary.cos(offset), elementary.sin(offset)
@@ -251,7 +258,7 @@ class ArmAngleCurves:
         """
         pairs = []
         for joint, theta in enumerate(self.angles(sin, cos)):
-            if joint in TURNING:
+            if joint in CURVES.turning:
                 opposite = np.asarray(theta - np.where(theta > 0.0, np.pi, -np.pi))
                 # Half a turn back from 1e-17 rounds to -pi.
                 np.copyto(opposite, np.pi, where=opposite <= -np.pi)
@@ -290,7 +297,7 @@ class ArmAngleCurves:
             for j in range(2)
         ]
         for j in range(2):
-            near = sines[j] < NEAR_SINGULAR
+            near = sines[j] < CURVES.near_singular
             if near.any():
                 self._resolve(j, near, sin, cos, q, middle)
         bend = np.broadcast_to(self.plane.bend, q[0].shape)
@@ -317,15 +324,15 @@ class ArmAngleCurves:
         sign, offset = self.canonical.sign, self.canonical.offset
         s2 = np.hypot(M[0, 2], M[1, 2])
         joint = q[first][near]
-        joint[s2 < SINGULAR] = 0.0
-        theta = sign[TURNING[first]] * joint + offset[TURNING[first]]
+        joint[s2 < CURVES.singular] = 0.0
+        theta = sign[CURVES.turning[first]] * joint + offset[CURVES.turning[first]]
         s, c = elementary.sin(theta), elementary.cos(theta)
         # Y Z = Z(-theta) M has (s, c) of its last angle in its second row.
         angle = elementary.arctan2(c * M[1, 0] - s * M[0, 0], c * M[1, 1] - s * M[0, 1])
         # Signed: theta2 may come out an ulp below zero where the first joint was set.
         bent = elementary.arctan2(c * M[0, 2] + s * M[1, 2], M[2, 2])
         q[first][near] = joint
-        q[last][near] = wrap(sign[TURNING[last]] * (angle - offset[TURNING[last]]))
+        q[last][near] = wrap(sign[CURVES.turning[last]] * (angle - offset[CURVES.turning[last]]))
         middle[triple][near] = bent
 
 
@@ -336,7 +343,7 @@ def flips(joint: int, branch: IntArray) -> BoolArray:
         joint: counted from 0.
         branch: 0 to 7, shape (...).
     """
-    bits = branch & FLIPPED_BY[joint]
+    bits = branch & CURVES.flipped_by[joint]
     odd: BoolArray = ((bits >> 2) ^ (bits >> 1) ^ bits) & 1 == 1
     return odd
 
@@ -349,8 +356,8 @@ def _settle(canonical: SrsCanonical, plane: ArmPlane, turning: FloatArray) -> No
     x, y, _ = plane.u
     (k0u, k1u, _), (k0r, k1r, k2r), (k0t, k1t, k2t) = plane.R_plane
     ca, sa, cf, sf = plane.cos_a, plane.sin_a, plane.cos_f, plane.sin_f
-    shoulder = sa + np.hypot(x, y) < SINGULAR
-    wrist = sf + np.hypot(k2r, k2t) < SINGULAR
+    shoulder = sa + np.hypot(x, y) < CURVES.singular
+    wrist = sf + np.hypot(k2r, k2t) < CURVES.singular
     # The second row of Z(-theta) M, as functions of psi, for the theta of a first joint at 0.
     if shoulder.any():
         _, ry, _ = plane.r
@@ -371,7 +378,7 @@ def _overwrite(
 ) -> None:
     """Writes a constant first joint and the given rows of the last one where chosen."""
     # Short, so that the sine of the middle joint, which is their length, stays next to nothing.
-    first = np.square(SINGULAR) * np.array([elementary.sin(theta), elementary.cos(theta)])
+    first = np.square(CURVES.singular) * np.array([elementary.sin(theta), elementary.cos(theta)])
     for k in range(2):
         for j in range(3):
             turning[0, k, j] = np.where(chosen, first[k] if j == 2 else 0.0, turning[0, k, j])
