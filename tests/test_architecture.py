@@ -194,8 +194,6 @@ ARM_QUESTIONS = {
     # The lower bound encloses all postures of a pose.
     "bound.layers": 1,
     "bound.job_bound": 2,
-    # Said to the user.
-    "cli.robot": 1,
 }
 """Questions outside `kinematics` to what an arm's postures are made by, with the reason; there may only be fewer."""
 

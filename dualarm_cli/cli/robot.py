@@ -387,7 +387,7 @@ def _describe_closed(
 
     found = with_closed_forms(CLOSED_ARMS[measured], general)
     numeric = "inverse kinematics: numeric (many starts)"
-    if found.solves_by_search:
+    if not found.facts:
         summary = (
             f"kind {kind}, 6 axes; {what}, but no closed form is known for its axes; {numeric}"
         )
@@ -398,7 +398,7 @@ def _describe_closed(
     if shoulder := found.facts.get("shoulder"):
         what += f", {FAMILIES[shoulder]}"
     summary = f"kind {kind}, 6 axes; {what}; inverse kinematics: closed form (eight branches)"
-    return {"inverse_kinematics": "closed_form", "branches": 8, **found.facts, "summary": summary}
+    return {**found.facts, "summary": summary}
 
 
 def _finite(value: float) -> float | None:

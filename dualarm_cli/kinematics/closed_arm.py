@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import fields
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -103,6 +104,11 @@ class ClosedArm(GeneralArm):
     @abstractmethod
     def _miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
         """Returns what poses without a posture within limits are missed by, distance [m] and angle [rad], (b, 2)."""
+
+    @property
+    def facts(self) -> Mapping[str, Any]:
+        """Solver and number of branches, as `dualarm robot` has them."""
+        return {"inverse_kinematics": "closed_form", "branches": BRANCHES}
 
     def solve(
         self, R: FloatArray, p: FloatArray, reference: FloatArray | None = None

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from dualarm_cli.errors import UnsupportedError
@@ -36,6 +39,11 @@ class GeneralArm(SerialChain, PostureSource):
 
     reach_step = np.radians(10.0)
     solves_by_search = True
+
+    @property
+    def facts(self) -> Mapping[str, Any]:
+        """Facts about closed forms, as `dualarm robot` has them: none."""
+        return {}
 
     def postures(
         self, R: FloatArray, p: FloatArray, *, first_only: bool = False, thorough: bool = True

@@ -7,7 +7,6 @@ from `ClosedArm` where six axes have closed forms.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from functools import cached_property
 from typing import ClassVar
 
@@ -252,8 +251,3 @@ class PostureSource(LimitedJoints, ABC):
             free_last: whether the last joint may be anywhere within its limits.
         """
         return None
-
-    @property
-    def facts(self) -> Mapping[str, str]:
-        """Further facts about the family, by the key under which `dualarm robot` has them."""
-        return {}

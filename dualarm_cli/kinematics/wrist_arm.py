@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -129,9 +130,9 @@ class WristArm(ClosedArm):
         return ThreeAxes.of(self.R_parent_joint[:3], self.p_parent_joint[:3], self._wrist[0])
 
     @property
-    def facts(self) -> Mapping[str, str]:
-        """Family of the first three axes."""
-        return {"shoulder": self.shoulder.family or ""}
+    def facts(self) -> Mapping[str, Any]:
+        """Solver, branches and family of the first three axes, as `dualarm robot` has them."""
+        return {**super().facts, "shoulder": self.shoulder.family or ""}
 
     @cached_property
     def exact(self) -> bool:

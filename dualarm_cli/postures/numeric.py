@@ -9,7 +9,6 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import power
 from dualarm_cli.kinematics.continuation import moved_along
-from dualarm_cli.kinematics.general_arm import GeneralArm, numeric_form
 from dualarm_cli.postures.numeric_ways import (
     NumericWays,
     clear_ones,
@@ -47,9 +46,8 @@ def choose_numeric(problem: StopProblem) -> StopPosture | NoPosture:
     Raises:
         UnsupportedError: the arm was measured in closed form.
     """
-    arm = numeric_form(problem.arm)
     batch = StopBatch((problem,))
-    ways, miss = target_ways(batch, arm)
+    ways, miss = target_ways(batch)
     if not len(ways):
         return NoPosture(_nowhere(miss[0]))
     moved = ways.q - problem.start
@@ -58,11 +56,11 @@ def choose_numeric(problem: StopProblem) -> StopPosture | NoPosture:
     for first in range(0, len(ways), LOOKED_AT):
         some = clear_ones(batch, ways.take(np.arange(first, min(first + LOOKED_AT, len(ways)))))
         clear |= len(some) > 0
-        some = _sorted(batch, clear_ones(batch, _drifted(batch, arm, some)))
+        some = _sorted(batch, clear_ones(batch, _drifted(batch, some)))
         for k in _leading(some):
-            found = _settled(batch, arm, some.take(np.array([k])))
+            found = _settled(batch, some.take(np.array([k])))
             if found is not None:
-                return _best_of(batch, arm, some, k, found)
+                return _best_of(batch, some, k, found)
     if not clear:
         return NoPosture("every posture at the target within limits collides or lacks clearance")
     also = "" if problem.clear is None else " and are collision-free at their ends"
@@ -79,27 +77,24 @@ def _nowhere(miss: FloatArray) -> str:
     )
 
 
-def _drifted(batch: StopBatch, arm: GeneralArm, ways: NumericWays) -> NumericWays:
+def _drifted(batch: StopBatch, ways: NumericWays) -> NumericWays:
     """Returns ways that can be gone, each with the drift of either line that makes it quickest."""
-    drifts = DRIFTS if arm.spare and batch.length.any() else DRIFTS[:1]
-    return _best_drifts(batch, arm, ways, np.broadcast_to(drifts, (len(ways), 2, len(drifts))))
+    drifts = DRIFTS if batch.numeric_arm.spare and batch.length.any() else DRIFTS[:1]
+    return _best_drifts(batch, ways, np.broadcast_to(drifts, (len(ways), 2, len(drifts))))
 
 
-def _best_drifts(
-    batch: StopBatch, arm: GeneralArm, ways: NumericWays, drifts: FloatArray
-) -> NumericWays:
+def _best_drifts(batch: StopBatch, ways: NumericWays, drifts: FloatArray) -> NumericWays:
     """Returns ways that can be gone with the best of d drifts of either line; lines do not depend on each other.
 
     Args:
         batch: the problems.
-        arm: their arm.
         ways: k postures at targets.
         drifts: to be tried [rad], shape (k, 2, d).
     """
     k, d = len(ways), drifts.shape[2]
     each = ways.take(np.repeat(np.arange(k), d))
     each = replace(each, drift=np.swapaxes(drifts, 1, 2).reshape(-1, 2))
-    each = followed(batch, arm, each, LINE_SAMPLES)
+    each = followed(batch, each, LINE_SAMPLES)
     transfer = replace(each, line=np.zeros_like(each.line)).cost(batch)[1]
     line = each.line.reshape(k, d, 2)
     best_in = (transfer.reshape(k, d) + line[:, :, 0]).argmin(axis=1)
@@ -128,9 +123,7 @@ def _leading(ways: NumericWays) -> list[int]:
     return [*ahead.tolist(), *rest.tolist()]
 
 
-def _best_of(
-    batch: StopBatch, arm: GeneralArm, ways: NumericWays, first: int, found: StopPosture
-) -> StopPosture:
+def _best_of(batch: StopBatch, ways: NumericWays, first: int, found: StopPosture) -> StopPosture:
     """Returns the quickest that the STARTS leading ways come to, one of which is known already."""
     if not batch.refine:
         return found
@@ -138,38 +131,36 @@ def _best_of(
     order = _leading(ways)
     place = order.index(first)
     for k in order[place + 1 : place + STARTS]:
-        other = _settled(batch, arm, ways.take(np.array([k])))
+        other = _settled(batch, ways.take(np.array([k])))
         if other is not None and other.cost < best.cost:
             best = other
     return best
 
 
-def _settled(batch: StopBatch, arm: GeneralArm, way: NumericWays) -> StopPosture | None:
+def _settled(batch: StopBatch, way: NumericWays) -> StopPosture | None:
     """Returns the posture that one way leads to when it is refined and that holds at many more samples, or None."""
     tries = [way]
-    if batch.refine and (arm.spare or batch.free_yaw):
-        tries += refined(batch, arm, way)
+    if batch.refine and (batch.numeric_arm.spare or batch.free_yaw):
+        tries += refined(batch, way)
     for one in reversed(tries):
-        if holds(batch, arm, one):
+        if holds(batch, one):
             time, _ = one.cost(batch)
             return one.posture(0, float(time[0]))
     return None
 
 
-def holds(batch: StopBatch, arm: GeneralArm, way: NumericWays) -> bool:
+def holds(batch: StopBatch, way: NumericWays) -> bool:
     """Returns whether one way's lines can be followed at DENSE_SAMPLES samples and its postures are collision-free."""
-    dense = followed(batch, arm, way, DENSE_SAMPLES)
+    dense = followed(batch, way, DENSE_SAMPLES)
     return bool(np.isfinite(dense.line).all()) and len(clear_ones(batch, dense)) == 1
 
 
-def refined(batch: StopBatch, arm: GeneralArm, way: NumericWays) -> list[NumericWays]:
+def refined(batch: StopBatch, way: NumericWays) -> list[NumericWays]:
     """Returns ever better variations of one way, in their order."""
     found: list[NumericWays] = []
     best = way
     for k in range(ROUNDS):
-        tried = _drifts_around(
-            batch, arm, varied(batch, arm, best, FIRST_WIDTH * power(SHRINK, k)), k
-        )
+        tried = _drifts_around(batch, varied(batch, best, FIRST_WIDTH * power(SHRINK, k)), k)
         if not len(tried):
             continue
         cost = tried.cost(batch)[1]
@@ -180,9 +171,9 @@ def refined(batch: StopBatch, arm: GeneralArm, way: NumericWays) -> list[Numeric
     return found
 
 
-def varied(batch: StopBatch, arm: GeneralArm, way: NumericWays, width: float) -> NumericWays:
+def varied(batch: StopBatch, way: NumericWays, width: float) -> NumericWays:
     """Returns one way and its neighbours along self-motion and free yaw, up to a half-width [rad]."""
-    along = width * (AROUND if arm.spare and not batch.given else AROUND[:1])
+    along = width * (AROUND if batch.numeric_arm.spare and not batch.given else AROUND[:1])
     turn = width * (SIDES if batch.free_yaw else SIDES[:1])
     count = len(along) * len(turn)
     near = way.take(np.zeros(count, dtype=np.int64))
@@ -190,14 +181,12 @@ def varied(batch: StopBatch, arm: GeneralArm, way: NumericWays, width: float) ->
     if count == 1:
         return near
     poses = near.poses(batch)
-    q, met = moved_along(arm, near.q, poses.R, poses.p, np.tile(along, len(turn)))
+    q, met = moved_along(batch.numeric_arm, near.q, poses.R, poses.p, np.tile(along, len(turn)))
     return replace(near, q=q).take(met)
 
 
-def _drifts_around(
-    batch: StopBatch, arm: GeneralArm, ways: NumericWays, round_: int
-) -> NumericWays:
+def _drifts_around(batch: StopBatch, ways: NumericWays, round_: int) -> NumericWays:
     """Returns ways with the best of a few drifts about their own."""
-    steps = SIDES if arm.spare and batch.length.any() else SIDES[:1]
+    steps = SIDES if batch.numeric_arm.spare and batch.length.any() else SIDES[:1]
     width = FIRST_WIDTH * power(SHRINK, round_)
-    return _best_drifts(batch, arm, ways, ways.drift[:, :, None] + width * steps)
+    return _best_drifts(batch, ways, ways.drift[:, :, None] + width * steps)

@@ -9,7 +9,6 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.kinematics.continuation import FlangeLines
-from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.self_motion import branches, self_motions
 from dualarm_cli.postures.problem import StopPosture
 from dualarm_cli.postures.stop_batch import StopBatch, ToolPoses
@@ -89,7 +88,7 @@ class NumericWays:
         )
 
 
-def target_ways(batch: StopBatch, arm: GeneralArm) -> tuple[NumericWays, FloatArray]:
+def target_ways(batch: StopBatch) -> tuple[NumericWays, FloatArray]:
     """Returns postures at the targets of all problems of a batch, and by how much each problem misses.
 
     With six joints all branches; with seven samples along all branches that are met (see `branches`); with more, one
@@ -97,7 +96,6 @@ def target_ways(batch: StopBatch, arm: GeneralArm) -> tuple[NumericWays, FloatAr
 
     Args:
         batch: the problems.
-        arm: their arm.
 
     Returns:
         The ways, and the miss of each problem's nearest target: distance [m] and angle [rad], shape (b, 2).
@@ -106,11 +104,11 @@ def target_ways(batch: StopBatch, arm: GeneralArm) -> tuple[NumericWays, FloatAr
         return _given(batch), np.zeros((len(batch.problems), 2))
     row, target, yaw = batch.turned_targets()
     poses = batch.poses(row, target, yaw)
-    found = arm.postures(poses.R, poses.p, thorough=True)
+    found = batch.numeric_arm.postures(poses.R, poses.p, thorough=True)
     pose, q, branch = found.pose, found.q, found.branch
-    if arm.spare == 1:
-        traced = self_motions(arm, q, poses.R[pose], poses.p[pose])
-        branch = branches(arm, pose, q, traced)
+    if batch.numeric_arm.spare == 1:
+        traced = self_motions(batch.numeric_arm, q, poses.R[pose], poses.p[pose])
+        branch = branches(batch.numeric_arm, pose, q, traced)
         of = np.broadcast_to(np.arange(len(pose)), traced.shape[:2])
         good = ~np.isnan(traced[..., 0])
         q, of = traced[good], of[good]
@@ -118,7 +116,11 @@ def target_ways(batch: StopBatch, arm: GeneralArm) -> tuple[NumericWays, FloatAr
         q, of = q[order], of[order]
         pose, branch = pose[of], branch[of]
     ways = NumericWays.at_targets(
-        row[pose], target[pose], yaw[pose], branch, arm.nearest_turns(q, batch.start[row[pose]])
+        row[pose],
+        target[pose],
+        yaw[pose],
+        branch,
+        batch.numeric_arm.nearest_turns(q, batch.start[row[pose]]),
     )
     miss = np.full((len(batch.problems), 2), np.inf)
     for k in np.argsort(-found.miss.sum(axis=1), kind="stable").tolist():
@@ -151,12 +153,11 @@ def clear_ones(batch: StopBatch, ways: NumericWays) -> NumericWays:
     return ways.take(kept)
 
 
-def followed(batch: StopBatch, arm: GeneralArm, ways: NumericWays, samples: int) -> NumericWays:
+def followed(batch: StopBatch, ways: NumericWays, samples: int) -> NumericWays:
     """Returns ways with the ends and times of their lines.
 
     Args:
         batch: the problems.
-        arm: their arm.
         ways: postures at targets with drifts.
         samples: of each line.
     """
@@ -169,7 +170,7 @@ def followed(batch: StopBatch, arm: GeneralArm, ways: NumericWays, samples: int)
     shift = -poses.z[:, None] * length[:, :, None]
     k, n = ways.q.shape
     twice = np.repeat(np.arange(k), 2)
-    course = arm.follow_lines(
+    course = batch.numeric_arm.follow_lines(
         ways.q[twice],
         FlangeLines(poses.R[twice], poses.p[twice], shift.reshape(-1, 3)),
         ways.drift.ravel(),

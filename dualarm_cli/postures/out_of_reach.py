@@ -16,7 +16,7 @@ from dualarm_cli.kinematics.posture_source import PROVEN_MISS
 from dualarm_cli.postures.problem import StopProblem
 from dualarm_cli.postures.reach import (
     SCAN_YAWS,
-    at_platform,
+    best_place,
     moved_flanges,
     point_names,
     scanned_positions,
@@ -63,7 +63,11 @@ def out_of_reach(
         return None
     for name, (R, p) in zip(names, moved_flanges(stop, model.platform, np.zeros(1)), strict=True):
         if (miss := stop.arm.proven_miss(R[0], p[0])) is not None:
-            more = {"point": name, "degrees": np.degrees(miss[1]), "where": _stands(model)}
+            more = {
+                "point": name,
+                "degrees": np.degrees(miss[1]),
+                "where": best_place(model.platform),
+            }
             what = "posture_misses" if any(miss) else "beyond_limits"
             return Refusal(what, measured=miss[0], more=more)
     return None
@@ -92,17 +96,10 @@ def _how_far(
     signed = stop.arm.signed_miss(R, p)
     best = int(np.argmin(np.abs(signed)))
     miss = float(signed.flat[best])
-    where = _stands(model)
-    if model.platform.is_chosen:
-        where = at_platform(model.platform, angles[best // signed.shape[1]])
+    where = best_place(model.platform, angles[best // signed.shape[1]])
     return Refusal(
         stop.arm.why_missed(miss), measured=abs(miss), more={"point": name, "where": where}
     )
-
-
-def _stands(model: CellModel) -> Refusal:
-    """Return where an arm stands whose platform does not move."""
-    return Refusal("platform_stands" if model.platform.joints else "from_base")
 
 
 def _turns(stop: StopProblem) -> bool:

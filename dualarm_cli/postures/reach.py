@@ -91,9 +91,7 @@ def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> 
             continue
         a, y = np.unravel_index(int(np.argmin(np.abs(point.miss))), point.miss.shape)
         miss = float(point.miss[a, y])
-        where = at_platform(model.platform, angles[a])
-        if not model.platform.is_chosen:
-            where = Refusal("platform_stands" if model.platform.joints else "from_base")
+        where = best_place(model.platform, angles[a])
         what, remedy = stop.arm.why_missed(miss), tuple[str, ...]()
         if what in ROTATION_MISSED:
             remedy = ("move_target" if stop.free_yaw else "move_target_or_free_yaw",)
@@ -102,8 +100,15 @@ def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> 
     return Refusal("not_from_one_place" if model.platform.is_rail else "not_from_one_angle")
 
 
-def at_platform(platform: PlatformChain, position: float) -> Refusal:
-    """Returns where a platform of one joint stands, as a part of a message [rad or m]."""
+def best_place(platform: PlatformChain, position: float = 0.0) -> Refusal:
+    """Return where a platform stands at best, as a part of a message.
+
+    Args:
+        platform: the chain that carries the arm.
+        position: of its joint if it can be chosen [rad or m].
+    """
+    if not platform.is_chosen:
+        return Refusal("platform_stands" if platform.joints else "from_base")
     if platform.is_rail:
         return Refusal("at_platform_place", more={"millimetres": 1e3 * position + 0.0})
     return Refusal("at_platform_angle", more={"degrees": np.degrees(position)})

@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.geometry.products import product
+from dualarm_cli.kinematics.general_arm import GeneralArm, numeric_form
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs_arm import SrsArm, closed_form
 from dualarm_cli.postures.problem import StopProblem
@@ -48,6 +49,15 @@ class StopBatch:
             UnsupportedError: it has none.
         """
         return closed_form(self.problems[0].arm)
+
+    @property
+    def numeric_arm(self) -> GeneralArm:
+        """The arm of them all, where postures are solved for without an arm angle.
+
+        Raises:
+            UnsupportedError: it was measured in closed form over the arm angle.
+        """
+        return numeric_form(self.problems[0].arm)
 
     @property
     def free_yaw(self) -> bool:

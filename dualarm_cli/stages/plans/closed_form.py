@@ -177,7 +177,7 @@ def grid_nodes(
         points,
         compiled.ArmAngleGrid(
             grid.arm_angles,
-            work.middle_of_ranges,
+            work.kinematics.middle,
             work.limits.velocity,
             6 if free_last else 7,
             SWING_STEPS,

@@ -334,7 +334,7 @@ def _targets(
         return np.repeat(np.arange(f), m), rows
     yaws, general = _yaws(stop), numeric_form(work.kinematics)
     index, yaw = np.repeat(np.arange(f), len(yaws)), np.tile(yaws, f)
-    start = np.tile(work.middle_of_ranges, (len(yaw), 1))
+    start = np.tile(work.kinematics.middle, (len(yaw), 1))
     asked = _rows(work, np.zeros(len(yaw), dtype=np.int64), yaw, start)
     R, p, _ = _poses(problem, work, table, np.full(len(yaw), stage), grid.angles[index], asked)
     found = general.postures(R, p, thorough=thorough)
@@ -346,7 +346,7 @@ def _targets(
     elif work.spare:
         wanted = round(SHARE * grid.most) // max(1, len(pose)) - 1
         pose, q = _beside(general, R, p, pose, q, SIDEWAYS[: max(0, wanted)])
-    q = general.nearest_turns(q, work.middle_of_ranges)
+    q = general.nearest_turns(q, work.kinematics.middle)
     order = np.argsort(pose, kind="stable")
     most = round(SHARE * grid.most)
     if len(order) > most:
@@ -384,7 +384,7 @@ def _rows(work: ArmWork, target: IntArray, yaw: FloatArray, q: FloatArray) -> Ar
 
 def _branch(work: ArmWork, q: FloatArray) -> IntArray:
     """Returns a number that tells in which half of its range every joint is, shape (n,)."""
-    upper = q[:, :HALF_RANGES] > work.middle_of_ranges[:HALF_RANGES]
+    upper = q[:, :HALF_RANGES] > work.kinematics.middle[:HALF_RANGES]
     return np.asarray(product(upper, 1 << np.arange(upper.shape[1])), dtype=np.int64)
 
 

@@ -106,15 +106,6 @@ class ArmWork:
         tcp = product(-self.R_tool_flange.T, self.p_tool_flange)
         return bool(norm(np.cross(tcp - point, axis)) < 1e-9)
 
-    @property
-    def middle_of_ranges(self) -> FloatArray:
-        """Middle of every joint's range [rad], 0 where it has none, shape (joints,)."""
-        low, high = self.limits.lower, self.limits.upper
-        bounded = np.isfinite(low) & np.isfinite(high)
-        return np.where(
-            bounded, 0.5 * (np.where(bounded, low, 0.0) + np.where(bounded, high, 0.0)), 0.0
-        )
-
 
 @dataclass(frozen=True)
 class SequenceProblem:

@@ -128,7 +128,7 @@ def exact_nodes(
         psi[rows],
         psi_approach[rows],
         psi_retract[rows],
-        np.tile(work.middle_of_ranges, (n, 1)),
+        np.tile(work.kinematics.middle, (n, 1)),
     )
     index = f[m[rows]]
     made = postures(problem, a, table, np.full(n, stage), angles[index], candidates)
