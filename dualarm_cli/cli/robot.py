@@ -26,8 +26,8 @@ from dualarm_cli.errors import UsageError
 
 if TYPE_CHECKING:
     from dualarm_cli.geometry.joint_axes import SrsGeometry
+    from dualarm_cli.kinematics.cell_model import MeasuredRobot
     from dualarm_cli.kinematics.general_arm import GeneralArm
-    from dualarm_cli.kinematics.platform_chain import PlatformChain
     from dualarm_cli.model.robot import Arm, ArmKind, Robot
 
 robot_app = typer.Typer(
@@ -269,20 +269,17 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
     import pinocchio as pin
 
     from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE
-    from dualarm_cli.kinematics.cell_model import measure_arm
-    from dualarm_cli.kinematics.platform_chain import PlatformChain
+    from dualarm_cli.kinematics.cell_model import MeasuredRobot
 
-    model = pin.buildModelFromXML(robot.urdf)
-    base = pin.SE3.Identity()
-    platform = PlatformChain.from_model(model, robot.platform, base)
+    measured = MeasuredRobot.of(robot, pin.SE3.Identity())
     arms = {}
     for arm in robot.arms:
         arms[arm.name] = {"kind": arm.kind, "joints": list(arm.joints), "flange": arm.flange}
         if arm.kind == "srs":
-            geometry = measure_arm(model, robot, arm, platform, base)
+            geometry = measured.srs(arm)
             arms[arm.name] |= _describe_srs(geometry, geometry.is_srs(SRS_TOLERANCE))
         else:
-            arms[arm.name] |= _describe_general(model, robot, arm, platform)
+            arms[arm.name] |= _describe_general(measured, arm)
     limits = robot.limits
     return {
         "format": "dualarm.robot_description/1",
@@ -333,20 +330,15 @@ def _describe_srs(geometry: SrsGeometry, exact: bool) -> dict[str, Any]:
     }
 
 
-def _describe_general(
-    model: Any, robot: Robot, arm: Arm, platform: PlatformChain
-) -> dict[str, Any]:
+def _describe_general(measured: MeasuredRobot, arm: Arm) -> dict[str, Any]:
     """Returns what serves an arm that is not called srs, and by how much it is not what it might be."""
-    import pinocchio as pin
-
     from dualarm_cli.errors import UnsupportedError
     from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE
-    from dualarm_cli.kinematics.cell_model import measure_arm, measure_general
     from dualarm_cli.kinematics.serial_chain import LEAST_JOINTS
 
-    base, n = pin.SE3.Identity(), len(arm.joints)
+    n = len(arm.joints)
     try:
-        general = measure_general(model, robot, arm, platform, base)
+        general = measured.general(arm)
     except UnsupportedError as error:
         summary = f"kind {arm.kind}, {n} axes; not planned: {error}"
         return {"inverse_kinematics": None, "summary": summary}
@@ -354,7 +346,7 @@ def _describe_general(
     if general.slides:
         what = f"joint {arm.joints[general.slides[0]]} slides"
     elif n == 7:
-        geometry = measure_arm(model, robot, arm, platform, base)
+        geometry = measured.srs(arm)
         found["is_srs"] = geometry.is_srs(SRS_TOLERANCE)
         found["deviation"] = str(geometry.deviation)
         what = f"not spherical-revolute-spherical: {geometry.deviation}"

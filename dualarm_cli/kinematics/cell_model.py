@@ -51,6 +51,118 @@ class ArmModel:
         return closed_form(self.kinematics)
 
 
+@dataclass(frozen=True, eq=False)
+class MeasuredRobot:
+    """A robot's URDF, read once, on which its arms are measured."""
+
+    robot: Robot
+    """Robot of the data model."""
+    model: pin.Model
+    """Model of the whole robot."""
+    platform: PlatformChain
+    """Joints that carry the arms."""
+    T_carried_root: pin.SE3
+    """Root of the model in the frame that carries the arms, all platform joints at zero."""
+
+    @classmethod
+    def of(cls, robot: Robot, base: pin.SE3) -> MeasuredRobot:
+        """Read a robot's URDF.
+
+        Args:
+            robot: of the data model.
+            base: pose of the model's root in the world.
+        """
+        model = pin.buildModelFromXML(robot.urdf)
+        platform = PlatformChain.from_model(model, robot.platform, base)
+        return cls(robot, model, platform, platform.T_world_carried.inverse() * base)
+
+    def kinematics(self, arm: Arm, numeric: bool) -> PostureSource:
+        """Measure an arm: in closed form if it is called srs (and is) or of CLOSED_ARMS, else as a general one."""
+        if numeric or arm.kind != "srs":
+            general, family = self.general(arm), CLOSED_ARMS.get(arm.kind)
+            return general if family is None else with_closed_forms(family, general)
+        geometry = self.srs(arm)
+        if not geometry.is_srs(SRS_TOLERANCE):
+            raise InputError([_false_kind(arm, self._false_srs(arm, geometry))])
+        limits = self.robot.limits.select(arm.joints)
+        return SrsArm(geometry, limits.lower, limits.upper)
+
+    def general(self, arm: Arm) -> GeneralArm:
+        """Measure an arm of six joints or more.
+
+        Raises:
+            UnsupportedError: fewer than six joints.
+        """
+        limits = self.robot.limits.select(arm.joints)
+        bounds = limits.lower, limits.upper
+        try:
+            return GeneralArm.from_model(
+                self.model, arm.joints, arm.flange, self.T_carried_root, bounds
+            )
+        except UnsupportedError as error:
+            raise UnsupportedError(f"arm {arm.name} of {self.robot.name}: {error}") from None
+
+    def srs(self, arm: Arm) -> SrsGeometry:
+        """Measure the SRS geometry of a 7-axis arm, with its deviations.
+
+        Raises:
+            UnsupportedError: the arm does not have seven revolute joints.
+        """
+        if len(arm.joints) != 7:
+            raise UnsupportedError(
+                f"arm {arm.name} of {self.robot.name} has {len(arm.joints)} joints; kind srs needs 7"
+            )
+        axes, points = joint_axes(self.model, arm.joints)
+        sliding = np.abs(norm(axes, axis=1) - 1.0) > 1e-9
+        if sliding.any():
+            name = arm.joints[int(sliding.argmax())]
+            raise UnsupportedError(
+                f"joint {name} of {self.robot.name} slides; kind srs needs revolute"
+            )
+        model, data = self.model, self.model.createData()
+        pin.framesForwardKinematics(model, data, pin.neutral(model))
+        T_carried_root = self.T_carried_root
+        flange = T_carried_root * data.oMf[model.getFrameId(arm.flange)]
+        R, p = T_carried_root.rotation, T_carried_root.translation
+        return SrsGeometry.measure(
+            product(axes, R.T), product(points, R.T) + p, flange.rotation, flange.translation
+        )
+
+    def why_false(self, arm: Arm) -> str:
+        """Return why an arm is not of the kind it is called, or an empty string."""
+        if arm.kind == "srs":
+            geometry = self.srs(arm)
+            return "" if geometry.is_srs(SRS_TOLERANCE) else self._false_srs(arm, geometry)
+        if arm.kind == "spherical_wrist":
+            gap = self.general(arm).wrist_gap
+            if gap > SRS_TOLERANCE:
+                return (
+                    f"arm {arm.name} of {self.robot.name} has kind: spherical_wrist, but its last three axes "
+                    f"miss a common point by {gap * 1000:.3g} mm (allowed: {SRS_TOLERANCE:g} m); correct the URDF, "
+                    "or use kind: general"
+                )
+        if arm.kind == "parallel_axes":
+            deviation = self.general(arm).parallel_deviation
+            if deviation > SRS_TOLERANCE:
+                return (
+                    f"arm {arm.name} of {self.robot.name} has kind: parallel_axes, but its axes 2, 3 and 4 "
+                    f"are not parallel by {deviation:.3g} rad (allowed: {SRS_TOLERANCE:g} rad); correct the URDF, "
+                    "or use kind: general"
+                )
+        return ""
+
+    def _false_srs(self, arm: Arm, geometry: SrsGeometry) -> str:
+        """Return what is wrong with an arm that is called srs, with what was measured."""
+        hint = ""
+        if geometry.deviation.largest < ROUNDED_ANGLE:
+            hint = " (angles that are rounded, such as 1.5708 for pi/2, do this: write 1.5707963267948966)"
+        return (
+            f"arm {arm.name} of {self.robot.name} has kind: srs, but is not spherical-revolute-spherical: "
+            f"{geometry.deviation} (allowed: {SRS_TOLERANCE:g} m and rad){hint}; correct the URDF, or use kind: "
+            "general, which is planned with numeric inverse kinematics"
+        )
+
+
 @dataclass(frozen=True)
 class CellModel:
     """A cell ready for kinematics."""
@@ -76,23 +188,32 @@ class CellModel:
             InputError: an arm is called srs and is not.
             UnsupportedError: an arm has fewer than six joints.
         """
-        robot = cell.robot
-        model = pin.buildModelFromXML(robot.urdf)
-        platform = PlatformChain.from_model(model, robot.platform, cell.base)
-        arms = {}
-        for arm in robot.arms:
-            arms[arm.name] = ArmModel(
+        robot, measured = cell.robot, MeasuredRobot.of(cell.robot, cell.base)
+        arms = {
+            arm.name: ArmModel(
                 arm,
-                _kinematics(model, robot, arm, platform, cell.base, numeric),
+                measured.kinematics(arm, numeric),
                 robot.columns(arm.joints),
                 cell.tools[arm.name].tcp,
             )
-        return cls(cell, platform, robot.columns(robot.platform), arms)
+            for arm in robot.arms
+        }
+        return cls(cell, measured.platform, robot.columns(robot.platform), arms)
 
     @property
     def has_arm_angles(self) -> bool:
         """Whether all arms have closed forms over an arm angle."""
         return all(arm.kinematics.has_arm_angle for arm in self.arms.values())
+
+    def platform_around(self, position: FloatArray) -> tuple[float, float, float]:
+        """Return the position of a platform's one joint, and the range that is examined about it [rad or m].
+
+        Args:
+            position: all joints of the robot [rad], shape (n,).
+        """
+        column, limits = self.platform_columns[0], self.cell.robot.limits
+        here, lower, upper = (float(x[column]) for x in (position, limits.lower, limits.upper))
+        return here, *self.platform.around(here, lower, upper)
 
     def carried_frame(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the frame that carries the arms: rotations (..., 3, 3), translations (..., 3).
@@ -140,156 +261,33 @@ class CellModel:
         return pin.SE3(R_world, p_world) * pin.SE3(R, p) * model.T_flange_tcp
 
 
-def _kinematics(
-    model: pin.Model,
-    robot: Robot,
-    arm: Arm,
-    platform: PlatformChain,
-    base: pin.SE3,
-    numeric: bool,
-) -> PostureSource:
-    """Returns an arm's kinematics: closed forms if it is called srs (and is) or of CLOSED_ARMS, else numbers."""
-    limits = robot.limits.select(arm.joints)
-    if numeric or arm.kind != "srs":
-        general = measure_general(model, robot, arm, platform, base)
-        family = CLOSED_ARMS.get(arm.kind)
-        return general if family is None else with_closed_forms(family, general)
-    geometry = measure_arm(model, robot, arm, platform, base)
-    if not geometry.is_srs(SRS_TOLERANCE):
-        raise InputError([_false_kind(arm, _false_srs(robot, arm, geometry))])
-    return SrsArm(geometry, limits.lower, limits.upper)
-
-
-def measure_general(
-    model: pin.Model, robot: Robot, arm: Arm, platform: PlatformChain, base: pin.SE3
-) -> GeneralArm:
-    """Returns any arm of six joints or more, measured on the URDF.
-
-    Args:
-        model: the whole robot.
-        robot: of the data model.
-        arm: which arm.
-        platform: the chain that carries it.
-        base: pose of the model's root in the world.
-
-    Raises:
-        UnsupportedError: fewer than six joints.
-    """
-    limits = robot.limits.select(arm.joints)
-    T_carried_root = platform.T_world_carried.inverse() * base
-    try:
-        return GeneralArm.from_model(
-            model, arm.joints, arm.flange, T_carried_root, (limits.lower, limits.upper)
-        )
-    except UnsupportedError as error:
-        raise UnsupportedError(f"arm {arm.name} of {robot.name}: {error}") from None
-
-
 def general_arms(cell: Cell) -> dict[str, GeneralArm]:
     """Measure all arms of a cell as arms without closed forms, by name.
 
     Raises:
         UnsupportedError: an arm has fewer than six joints.
     """
-    robot, model = cell.robot, pin.buildModelFromXML(cell.robot.urdf)
-    platform = PlatformChain.from_model(model, robot.platform, cell.base)
-    return {arm.name: measure_general(model, robot, arm, platform, cell.base) for arm in robot.arms}
+    measured = MeasuredRobot.of(cell.robot, cell.base)
+    return {arm.name: measured.general(arm) for arm in cell.robot.arms}
 
 
 def find_false_kinds(robot: Robot) -> list[Diagnostic]:
-    """Returns a diagnostic for every arm that is not of the kind it is called, with what was measured.
+    """Return a diagnostic for every arm that is not of the kind it is called, with what was measured.
 
     Args:
         robot: of the data model.
     """
-    model = pin.buildModelFromXML(robot.urdf)
-    base = pin.SE3.Identity()
-    platform = PlatformChain.from_model(model, robot.platform, base)
-    found = []
+    measured, false = MeasuredRobot.of(robot, pin.SE3.Identity()), []
     for arm in robot.arms:
         try:
-            message = _why_false(model, robot, arm, platform, base)
+            message = measured.why_false(arm)
         except UnsupportedError as error:
             message = str(error)
         if message:
-            found.append(_false_kind(arm, message))
-    return found
+            false.append(_false_kind(arm, message))
+    return false
 
 
 def _false_kind(arm: Arm, message: str) -> Diagnostic:
     """Returns the diagnostic of an arm that is not of its kind, where that kind is written."""
     return Diagnostic(arm.place.file, arm.place.line, arm.place.column, "E400", message)
-
-
-def _why_false(
-    model: pin.Model, robot: Robot, arm: Arm, platform: PlatformChain, base: pin.SE3
-) -> str:
-    """Returns why an arm is not of its kind, or an empty string."""
-    if arm.kind == "srs":
-        geometry = measure_arm(model, robot, arm, platform, base)
-        return "" if geometry.is_srs(SRS_TOLERANCE) else _false_srs(robot, arm, geometry)
-    if arm.kind == "spherical_wrist":
-        gap = measure_general(model, robot, arm, platform, base).wrist_gap
-        if gap > SRS_TOLERANCE:
-            return (
-                f"arm {arm.name} of {robot.name} has kind: spherical_wrist, but its last three axes "
-                f"miss a common point by {gap * 1000:.3g} mm (allowed: {SRS_TOLERANCE:g} m); correct the URDF, "
-                "or use kind: general"
-            )
-    if arm.kind == "parallel_axes":
-        deviation = measure_general(model, robot, arm, platform, base).parallel_deviation
-        if deviation > SRS_TOLERANCE:
-            return (
-                f"arm {arm.name} of {robot.name} has kind: parallel_axes, but its axes 2, 3 and 4 "
-                f"are not parallel by {deviation:.3g} rad (allowed: {SRS_TOLERANCE:g} rad); correct the URDF, "
-                "or use kind: general"
-            )
-    return ""
-
-
-def _false_srs(robot: Robot, arm: Arm, geometry: SrsGeometry) -> str:
-    """Returns what is wrong with an arm that is called srs, with what was measured."""
-    hint = ""
-    if geometry.deviation.largest < ROUNDED_ANGLE:
-        hint = (
-            " (angles that are rounded, such as 1.5708 for pi/2, do this: write 1.5707963267948966)"
-        )
-    return (
-        f"arm {arm.name} of {robot.name} has kind: srs, but is not spherical-revolute-spherical: "
-        f"{geometry.deviation} (allowed: {SRS_TOLERANCE:g} m and rad){hint}; correct the URDF, or use kind: "
-        "general, which is planned with numeric inverse kinematics"
-    )
-
-
-def measure_arm(
-    model: pin.Model, robot: Robot, arm: Arm, platform: PlatformChain, base: pin.SE3
-) -> SrsGeometry:
-    """Returns the SRS geometry of a 7-axis arm with its deviations, measured on the URDF.
-
-    Args:
-        model: the whole robot.
-        robot: of the data model.
-        arm: which arm.
-        platform: the chain that carries it.
-        base: pose of the model's root in the world.
-
-    Raises:
-        UnsupportedError: the arm does not have seven revolute joints.
-    """
-    if len(arm.joints) != 7:
-        raise UnsupportedError(
-            f"arm {arm.name} of {robot.name} has {len(arm.joints)} joints; kind srs needs 7"
-        )
-    axes, points = joint_axes(model, arm.joints)
-    sliding = np.abs(norm(axes, axis=1) - 1.0) > 1e-9
-    if sliding.any():
-        name = arm.joints[int(sliding.argmax())]
-        raise UnsupportedError(f"joint {name} of {robot.name} slides; kind srs needs revolute")
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, pin.neutral(model))
-    T_carried_root = platform.T_world_carried.inverse() * base
-    flange = T_carried_root * data.oMf[model.getFrameId(arm.flange)]
-    R, p = T_carried_root.rotation, T_carried_root.translation
-    return SrsGeometry.measure(
-        product(axes, R.T), product(points, R.T) + p, flange.rotation, flange.translation
-    )

@@ -205,9 +205,7 @@ class SrsArm(PostureSource):
             R: flange rotations in the base frame, shape (..., 3, 3).
             p: flange positions in the base frame [m], shape (..., 3).
         """
-        d = norm(self.wrist_center(R, p) - self.geometry.shoulder, axis=-1)
-        least, most = self.reach
-        miss = np.maximum(d - most, least - d)
+        miss = np.abs(self.signed_miss(R, p))
         return np.where(miss > REACH_SLACK, miss, 0.0)
 
     def feasible_arm_angles(self, R: FloatArray, p: FloatArray) -> ArmAngleIntervals:

@@ -158,10 +158,7 @@ def angles_looked_at(model: CellModel, position: FloatArray) -> FloatArray:
     here = position[model.platform_columns]
     if not model.platform.is_chosen:
         return here[None]
-    limits = model.cell.robot.limits.select(model.platform.joints)
-    low, high = model.platform.around(
-        float(here[0]), float(limits.lower[0]), float(limits.upper[0])
-    )
+    _, low, high = model.platform_around(position)
     step = model.platform.spacing(ANGLE_STEP, low, high)
     return np.concatenate([here, np.arange(low, high + 1e-9, step)])[:, None]
 

@@ -123,9 +123,7 @@ def scanned_positions(model: CellModel, position: FloatArray) -> tuple[FloatArra
     """
     if not model.platform.is_chosen:
         return np.zeros(1), 0.0
-    limits = model.cell.robot.limits.select(model.platform.joints)
-    here = float(position[model.platform_columns][0])
-    low, high = model.platform.around(here, float(limits.lower[0]), float(limits.upper[0]))
+    here, low, high = model.platform_around(position)
     step = max(arm.kinematics.reach_step for arm in model.arms.values())
     step = model.platform.spacing(step, low, high)
     return np.append(np.arange(low, high, step), high), here

@@ -131,13 +131,8 @@ def _quickest(stage: OpenStage, plans: Sequence[StagePlan]) -> StagePlan:
 
 def _promising(stage: OpenStage, position: FloatArray) -> FloatArray:
     """Returns the platform angles [rad] at the best local minima of a first idea of the stage's time."""
-    model, column = stage.model, stage.model.platform_columns[0]
-    here = float(position[column])
-    at_start = stage.at_start(position)
-    limits = model.cell.robot.limits
-    low, high = model.platform.around(
-        here, float(limits.lower[column]), float(limits.upper[column])
-    )
+    model, at_start = stage.model, stage.at_start(position)
+    here, low, high = model.platform_around(position)
     step = _step(stage)
     below, above = int((here - low) / step), int((high - here) / step)
     grid = here + step * np.arange(-below, above + 1)

@@ -15,10 +15,9 @@ from dualarm_cli.cli.run import run
 from dualarm_cli.errors import InputError
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.kinematics.cell_model import measure_general
+from dualarm_cli.kinematics.cell_model import MeasuredRobot
 from dualarm_cli.kinematics.continuation import FlangeLines, spare_directions
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.serial_chain import FEW
 from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.settings import PlanSettings
@@ -37,9 +36,8 @@ def arm_on_slide(
     robot = load_robot(str(folder / "robot.yaml")).robot
     model = pin.buildModelFromXML(robot.urdf)
     base = pin.SE3.Identity()
-    chain = PlatformChain.from_model(model, (), base)
     arm = robot.arm("left")
-    return measure_general(model, robot, arm, chain, base), model, list(arm.joints)
+    return MeasuredRobot.of(robot, base).general(arm), model, list(arm.joints)
 
 
 def some_joints(arm: GeneralArm, count: int, seed: int) -> np.ndarray:

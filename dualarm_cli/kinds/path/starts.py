@@ -174,6 +174,5 @@ def _platforms(context: PathContext, here: FloatArray) -> FloatArray:
     now = here[model.platform_columns]
     if not model.platform.is_chosen:
         return now[None]
-    limits = context.limits.select(model.platform.joints)
-    low, high = model.platform.around(float(now[0]), float(limits.lower[0]), float(limits.upper[0]))
+    _, low, high = model.platform_around(here)
     return np.concatenate([now, np.linspace(low, high, STARTS.platforms)])[:, None]

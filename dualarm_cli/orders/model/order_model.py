@@ -414,15 +414,11 @@ def platform_angles(model: CellModel, job: Job) -> FloatArray:
     One where it cannot be moved. A platform without limits is turned by half a turn each way at most; a rail is looked
     at in all of its range [m].
     """
-    robot = job.cell.robot
     start = job.start_joints
     here: FloatArray = np.array(start[model.platform_columns])[None]
     if not model.platform.is_chosen:
         return here
-    limits = robot.limits.select(robot.platform)
-    low, high = model.platform.around(
-        float(here[0, 0]), float(limits.lower[0]), float(limits.upper[0])
-    )
+    _, low, high = model.platform_around(start)
     step = model.platform.spacing(NODES.angle_step, low, high)
     below, above = int((here[0, 0] - low) / step), int((high - here[0, 0]) / step)
     others = np.delete(np.arange(-below, above + 1), below)
