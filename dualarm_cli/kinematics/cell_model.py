@@ -121,9 +121,8 @@ class MeasuredRobot:
             )
         model, data = self.model, self.model.createData()
         pin.framesForwardKinematics(model, data, pin.neutral(model))
-        T_carried_root = self.T_carried_root
-        flange = T_carried_root * data.oMf[model.getFrameId(arm.flange)]
-        R, p = T_carried_root.rotation, T_carried_root.translation
+        flange = self.T_carried_root * data.oMf[model.getFrameId(arm.flange)]
+        R, p = self.T_carried_root.rotation, self.T_carried_root.translation
         return SrsGeometry.measure(
             product(axes, R.T), product(points, R.T) + p, flange.rotation, flange.translation
         )
@@ -133,23 +132,21 @@ class MeasuredRobot:
         if arm.kind == "srs":
             geometry = self.srs(arm)
             return "" if geometry.is_srs(SRS_TOLERANCE) else self._false_srs(arm, geometry)
+        if arm.kind not in CLOSED_ARMS:
+            return ""
+        general = self.general(arm)
         if arm.kind == "spherical_wrist":
-            gap = self.general(arm).wrist_gap
-            if gap > SRS_TOLERANCE:
-                return (
-                    f"arm {arm.name} of {self.robot.name} has kind: spherical_wrist, but its last three axes "
-                    f"miss a common point by {gap * 1000:.3g} mm (allowed: {SRS_TOLERANCE:g} m); correct the URDF, "
-                    "or use kind: general"
-                )
-        if arm.kind == "parallel_axes":
-            deviation = self.general(arm).parallel_deviation
-            if deviation > SRS_TOLERANCE:
-                return (
-                    f"arm {arm.name} of {self.robot.name} has kind: parallel_axes, but its axes 2, 3 and 4 "
-                    f"are not parallel by {deviation:.3g} rad (allowed: {SRS_TOLERANCE:g} rad); correct the URDF, "
-                    "or use kind: general"
-                )
-        return ""
+            off, unit = general.wrist_gap, "m"
+            what = f"its last three axes miss a common point by {off * 1000:.3g} mm"
+        else:
+            off, unit = general.parallel_deviation, "rad"
+            what = f"its axes 2, 3 and 4 are not parallel by {off:.3g} rad"
+        if off <= SRS_TOLERANCE:
+            return ""
+        return (
+            f"arm {arm.name} of {self.robot.name} has kind: {arm.kind}, but {what} "
+            f"(allowed: {SRS_TOLERANCE:g} {unit}); correct the URDF, or use kind: general"
+        )
 
     def _false_srs(self, arm: Arm, geometry: SrsGeometry) -> str:
         """Return what is wrong with an arm that is called srs, with what was measured."""
