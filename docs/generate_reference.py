@@ -27,7 +27,7 @@ from pydantic_core import PydanticUndefined
 import dualarm_cli
 from dualarm_cli.cli.parts.completion import families
 from dualarm_cli.cli.run import command_line
-from dualarm_cli.explanations import EXPLANATIONS
+from dualarm_cli.explanations import explanations
 from dualarm_cli.files.cells.schema_cell import PairSection
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import Pose, Quantity
@@ -492,11 +492,11 @@ def _errors_page() -> str:
         "A message names its code; `dualarm explain CODE` prints what is here.",
         "\n".join(
             _bullets(
-                f"[{code}](#{code.lower()}): {one.title}" for code, one in EXPLANATIONS.items()
+                f"[{code}](#{code.lower()}): {one.title}" for code, one in explanations().items()
             )
         ),
     ]
-    for code, one in EXPLANATIONS.items():
+    for code, one in explanations().items():
         parts += [f"## {code}", f"{one.title}.", "Why:", "\n".join(_bullets(one.causes))]
         parts += ["What to do:", "\n".join(_bullets(one.remedies))]
         if one.example:

@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from dualarm_cli.records import dataclass
-from dualarm_cli.refusals import CODES, Refusal, told
+from dualarm_cli.refusals import Refusal, codes, told
 
 
 def did_you_mean(word: str, known: list[str]) -> str:
@@ -119,7 +119,7 @@ class InfeasibleError(DualArmError):
     @property
     def code(self) -> str:
         """Stable short code, such as E620."""
-        return CODES[self.refusals[0].what]
+        return codes()[self.refusals[0].what]
 
 
 class BlockedError(InfeasibleError):

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import field
+from importlib import import_module
 
 from dualarm_cli.records import dataclass
 
@@ -22,6 +24,35 @@ class Explanation:
     """A message with this code."""
     page: str = ""
     """Page of the documentation that teaches the subject, relative to `docs`."""
+
+
+@dataclass(frozen=True)
+class KindRefusals:
+    """Refusals of a kind of work, in `kinds/<kind>/refusals.py` as REFUSALS."""
+
+    code: str
+    """Stable short code of all its refusals, such as E660."""
+    explanation: Explanation
+    """Causes and remedies behind the code."""
+    sentences: Mapping[str, str]
+    """Sentences by what is wrong, to be filled in."""
+    remedies: Mapping[str, str] = field(default_factory=dict)
+    """Advice by name."""
+
+
+def kind_refusals() -> list[KindRefusals]:
+    """Collect the refusals that kinds of work bring.
+
+    Errors are below the list of the kinds, which is imported by its name when a message is due.
+    """
+    found: list[KindRefusals] = import_module("dualarm_cli.kinds").of_kinds("refusals")
+    return found
+
+
+def explanations() -> dict[str, Explanation]:
+    """Collect the explanations of all codes, those of the kinds of work among them, in order."""
+    kinds = {kind.code: kind.explanation for kind in kind_refusals()}
+    return dict(sorted({**EXPLANATIONS, **kinds}.items()))
 
 
 EXPLANATIONS: Mapping[str, Explanation] = {
@@ -248,43 +279,6 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         "error[E640]: 2 points do not determine the base of one robot relative to the other; …",
         "how-to/calibration.md",
     ),
-    "E650": Explanation(
-        "A part on a conveyor is not met in time",
-        (
-            "The part leaves the window before an arm can be there, or an arm cannot follow it within its joints' limits.",
-        ),
-        (
-            "Give a later `passes`, a longer `within`, or a slower conveyor.",
-            "Let another arm do it (`arm: any`), or less before it (`order: optimise`).",
-        ),
-        "error[E650]: task 'a': the left arm cannot be at the pick before 3.210 s, when it is 45.0 mm beyond …",
-        "how-to/conveyor.md",
-    ),
-    "E660": Explanation(
-        "A path cannot be followed",
-        (
-            "The start is out of reach, a joint limit or a collision ends the path, or the speed is more than the joints allow.",
-        ),
-        (
-            "Allow it to be slower: `slower: allowed`.",
-            "Begin near another posture (`posture:`), move the path, or turn the tool.",
-        ),
-        "error[E660]: task 'wipe' (left): min_norm cannot follow it from any of its 12 starts; …",
-        "how-to/paths.md",
-    ),
-    "E670": Explanation(
-        "A seam cannot be worked",
-        (
-            "Both arms hold one chain: the tool of one stays on the part in the other. Reach, joint limits, speed or a collision ends it.",
-        ),
-        (
-            "Lower the speed, or write `slower: allowed`.",
-            "Let the tool spin or lean (`free: spin`, `tilt`), or let the part move (`hold: free`).",
-            "Divide the curve into two tasks, or move it on the part.",
-        ),
-        "error[E670]: task 'weld' (right on the part in left): too fast: 200 mm/s asked for, at best 91.2 mm/s …",
-        "how-to/seams.md",
-    ),
     "E680": Explanation(
         "No first project was found for a robot",
         (
@@ -299,4 +293,4 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         "how-to/first-project.md",
     ),
 }
-"""By code, in order."""
+"""By code, without the kinds of work."""

@@ -1,7 +1,8 @@
 """Why there is no plan, as data, and the one place that turns it into sentences.
 
 A solver says what is wrong, where, and what it measured; it writes no English. Its sentence is looked up by the name of
-what is wrong and filled in, so nobody has to read a place or a number out of a sentence again.
+what is wrong and filled in, so nobody has to read a place or a number out of a sentence again. Sentences of a kind of
+work are in its folder (`KindRefusals`).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from string import Formatter
 from textwrap import indent
 from typing import Any, Protocol
 
+from dualarm_cli.explanations import kind_refusals
 from dualarm_cli.records import dataclass
 
 
@@ -40,7 +42,7 @@ class Refusal:
     """One thing that cannot be done, or one part of why."""
 
     what: str
-    """What is wrong: a key of SENTENCES."""
+    """What is wrong: a key of `sentences`."""
     place: Located | None = None
     """Where it is written; None where it is part of another refusal, or of no place."""
     task: str = ""
@@ -52,7 +54,7 @@ class Refusal:
     allowed: float | None = None
     """What would do, in SI units."""
     remedy: tuple[str, ...] = ()
-    """What may help where the same fault has several remedies: keys of REMEDIES."""
+    """What may help where the same fault has several remedies: keys of `remedies`."""
     more: Mapping[str, object] = field(default_factory=dict)
     """What else the sentence names; refusals among it become their sentences."""
 
@@ -63,10 +65,10 @@ class Refusal:
     @property
     def sentence(self) -> str:
         """The sentence without its place."""
-        text = self.filled(SENTENCES[self.what])
+        text = self.filled(sentences()[self.what])
         if not self.remedy:
             return text
-        *others, last = (REMEDIES[key] for key in self.remedy)
+        *others, last = (remedies()[key] for key in self.remedy)
         return f"{text}; {', '.join(others)}, or {last}" if others else f"{text}; {last}"
 
     @property
@@ -98,6 +100,21 @@ class Refusal:
             "allowed": self.allowed,
         }
         return _FORMATTER.vformat(template, (), {**data, **self.more})
+
+
+def sentences() -> dict[str, str]:
+    """Collect the sentences of everything that can be wrong, by its name."""
+    return {**SENTENCES, **{k: v for kind in kind_refusals() for k, v in kind.sentences.items()}}
+
+
+def remedies() -> dict[str, str]:
+    """Collect all remedies by name."""
+    return {**REMEDIES, **{k: v for kind in kind_refusals() for k, v in kind.remedies.items()}}
+
+
+def codes() -> dict[str, str]:
+    """Collect the stable short codes by what is wrong; `dualarm explain CODE` says more."""
+    return {**CODES, **{what: kind.code for kind in kind_refusals() for what in kind.sentences}}
 
 
 def told(refusals: Iterable[Refusal], placed: Refusal | None = None) -> str:
@@ -308,77 +325,6 @@ _CALIBRATION = {
     "few_equations": "{points} points give {equations} equations for {unknowns} unknowns; ",
     "points_do_not_match": "{causes:*; }",
 }
-_CONVEYORS = {
-    "window": "conveyor '{conveyor}' ({speed:g} m/s) passes at {passes:g} "
-    "s and is {within:g} m farther at {last:.3f} s",
-    "delayed": " ({measured:.3f} s of it to avoid collisions)",
-    "part_gone": "task '{task}': the {arm} arm cannot be at the {action} before {time:.3f} s{delay:*}, when it is "
-    "{measured:mm} beyond what 'within' allows: {window}; what helps: a later 'passes', a longer 'within', a slower "
-    "conveyor, another arm or order (arm: any, order: optimise), or less before it",
-    "part_not_followed": "task '{task}': no motion was found for the {arm} arm to follow the {action} from {time:.3f} "
-    "s on: {cause}; {window}; what helps: a 'passes' pose and 'within' that leave room before and after it, a "
-    "slower conveyor, a shorter approach, retract or dwell, another arm",
-    "parts_not_met": "no times were found at which the arms meet the parts of {stops:* and }: {windows:*; }; what "
-    "helps: a slower conveyor, or parts that do not come at the same time for both arms",
-    "stop_of": "'{task}' ({action})",
-    "parts_missed": "no collision-free plan was found in which the arms meet the parts on conveyors in time; "
-    "what helps: more room between the arms, other pairs of targets in one stage (order: optimise), or a slower "
-    "conveyor",
-    "conveyor_above_cap": "the conveyor moves at {measured:g} m/s, the tool's speed is capped at {allowed:g} m/s "
-    "(limits: tool_speed); raise the limit, or slow the conveyor down",
-    "part_left": "the tool cannot follow the part on the conveyor within {micrometres:g} um; the arm passes too "
-    "close to a singularity",
-    "conveyor_too_fast": "it cannot keep up with the conveyor at {speed:g} m/s there: its joints would exceed a "
-    "limit by a factor of {measured:.3g} with any start",
-    "conveyor_leaves_reach": "a joint's limit, the arm's reach or a singularity is in the way before the stop is over",
-}
-_PATHS = {
-    "path_out_of_reach": "task '{task}' ({arm}): no configuration within the joints' limits{near:*} puts the tools "
-    "at the start of the path: at best they are {mm:.1f} mm and {degrees:.1f} deg away{at_limit:*}; move the path, or "
-    "turn the tool, or name another posture",
-    "near_posture": " near posture '{posture}'",
-    "joints_at_limit": ", {joints:*, } at a limit",
-    "path_not_followed": "task '{task}' ({arm}): {method} cannot follow it from any of {causes:its|#} starts; {cause}",
-    "path_fails_at": "after {time:.3f} s, {places:* and }: {cause}",
-    "tool_on_path": "{arm} tool {mm:.1f} mm along its path at ({x:.4f}, {y:.4f}, {z:.4f}) m",
-    "path_left": "{method} leaves the path by {measured_mm:.3f} mm (turns by {turn:g} m/rad), tolerance "
-    "{allowed_mm:g} mm",
-    "path_not_joined": "its joint positions cannot be joined by a curve within the tolerance",
-    "path_touches": "after {time:.3f} s {one} and {other} lack {measured:mm} of clearance",
-    "no_way_to_path": "no motion to its start: {cause}",
-}
-_SEAMS = {
-    "seam_not_worked": "task '{task}' ({arm}{carrier:*}): {cause}",
-    "part_in": " on the part in {arm}",
-    "seam_has_no_joints": "{cause}",
-    "seam_fails_at": "fails {mm:.1f} mm along the seam of {length_mm:.1f} mm: {cause}",
-    "seam_touches": "{where}, after {time:.3f} s, {cause}; let the tool lean ('tilt') or increase the room around it",
-    "seam_comes_apart": "the joint positions found for it do not keep tool and part together between knots; divide "
-    "the curve into two tasks, or let the tool spin or lean ('free: spin', 'tilt')",
-    "seam_line": "{line}: {cause}; make it shorter",
-    "seam_line_out_of_reach": "the {arm} arm does not reach farther than {mm:.1f} mm from the seam",
-    "seam_line_at_limit": "joint {joint} comes to its limit {mm:.1f} mm from the seam",
-    "seam_line_left": "its line is left by {mm:.3f} mm (or mrad)",
-    "seam_exceeds_limits": "no motion along it keeps all limits",
-    "seam_exceeds_between": "between its knots a joint exceeds a limit {measured:.4f} times",
-    "seam_opens": "the closed chain has an error of {um:.2f} um (or urad) between its knots",
-    "seam_uneven": "its speed is uneven by {measured:.2%} between its knots",
-    "seam_rushes": "its acceleration is {measured:.2%} above the file's limit between its knots",
-    "seam_ramps": "no ramps are gentle enough for the joints' limits; raise the seam's acceleration or the job's speed",
-    "seam_ramp_long": "too fast: reaching {asked} takes {measured:.3g} s, but a ramp may take at most {allowed:.3g} "
-    "s",
-    "seam_capped": "too fast: {asked} required, at best {speed:.4g} mm/s ({duration:.3f} s); the limit of the tools' "
-    "speed in the world decides",
-    "seam_too_short": "too fast: the curve is too short to reach {asked} and "
-    "stop again within the joints' limits; at best "
-    "{speed:.4g} mm/s, {duration:.3f} s",
-    "seam_too_fast": "too fast: {asked} required, at best {speed:.4g} mm/s ({duration:.3f} s); {kind} of joint "
-    "{joint} decides {mm:.1f} mm along the seam",
-    "no_way_to_seam": "task '{task}': no motion to the start of its approach (`entry: {{approach: …}}` moves that "
-    "start farther away): {cause}",
-    "entry_too_short": "task '{task}': the motion to its start takes {measured:.3f} s, more than the "
-    "{allowed:g} s that entry gives it; raise or remove its duration",
-}
 _STARTING = {
     "no_table": "no table was found for {robot}: at no height do all its arms reach one with tools that point straight "
     "down, clear of the robot and from its posture home; write the cell by hand, with targets that the tools can reach "
@@ -395,17 +341,14 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
     "E620": _CLEARANCE,
     "E630": _MOTION,
     "E640": _CALIBRATION,
-    "E650": _CONVEYORS,
-    "E660": _PATHS,
-    "E670": _SEAMS,
     "E680": _STARTING,
 }
 SENTENCES: Mapping[str, str] = {
     what: sentence for group in _GROUPS.values() for what, sentence in group.items()
 }
-"""What is wrong, by its name, to be filled in."""
+"""What is wrong, by its name, to be filled in; without the kinds of work."""
 CODES: Mapping[str, str] = {what: code for code, group in _GROUPS.items() for what in group}
-"""Stable short code of what is wrong, by its name; `dualarm explain CODE` says more."""
+"""Stable short code of what is wrong, by its name; without the kinds of work."""
 
 HEADS: Mapping[str, str] = {
     "late": "no plan was found that is in time",
@@ -448,7 +391,6 @@ HELPS: Mapping[str, str] = {
 """Message once after them."""
 
 REMEDIES: Mapping[str, str] = {
-    # Stops.
     "move_target": "move the target",
     "move_target_or_free_yaw": "move the target or free its yaw",
     "turn_over": "turn the tool over, whose z axis points up (rpy: [180 deg, 0, 0] points it down)",
@@ -456,23 +398,5 @@ REMEDIES: Mapping[str, str] = {
     "check_unit": "check the units (a plain number is m)",
     "allow_contact": "list the two in `allowed_contacts` if they may touch",
     "move_work": "move the work or the base of the robot",
-    # Paths.
-    "allow_slower": "allow it to be slower (slower: allowed)",
-    "lower_speed": "lower its speed, acceleration or jerk",
-    "move_path": "move the path or turn the tool",
-    "move_path_or_obstacle": "move the path or what is in its way",
-    "other_posture": "begin near another posture (posture:)",
-    "tolerance": "raise its tolerance",
-    "method": "choose another method (--redundancy)",
-    # Seams.
-    "less_speed": "lower its speed",
-    "raise_cap": "raise it",
-    "slower": "say 'slower: allowed'",
-    "divide": "divide the curve into two tasks",
-    "shorten": "shorten the curve or divide it",
-    "move_curve": "move it on the part ('part', 'curve')",
-    "hold_free": "let the part move ('hold: free')",
-    "spin": "let the tool spin ('free: spin')",
-    "lean": "let it lean ('tilt')",
 }
-"""What may help, by its name."""
+"""What may help, by its name; without the kinds of work."""

@@ -12,7 +12,8 @@ import pytest
 import yaml
 
 from dualarm_cli import kinds
-from dualarm_cli.errors import InputError
+from dualarm_cli.cli.run import run
+from dualarm_cli.errors import InfeasibleError, InputError
 from dualarm_cli.files.tasks.schema_tasks import (
     DefaultsSection,
     TargetSection,
@@ -25,6 +26,7 @@ from dualarm_cli.kinds import KINDS, of_kinds
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.report.console import summary_lines
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify
@@ -120,6 +122,18 @@ PLANNING = KindPlanning(
     notes=lambda job, settings, motion: ["screws: torque is not looked at"],
 )
 '''
+REFUSALS = '''
+"""Why a screw cannot be driven in."""
+
+from dualarm_cli.explanations import Explanation, KindRefusals
+
+REFUSALS = KindRefusals(
+    "E690",
+    Explanation("A screw cannot be driven in", ("It has no turns.",), ("Give it some.",)),
+    {"screw_loose": "task '{task}': a screw of {measured:g} turns is loose"},
+    {"more_turns": "turn it more often"},
+)
+'''
 DATA = '''
 """Screws."""
 
@@ -152,7 +166,7 @@ def screw(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     folder = tmp_path / "more_kinds" / "screw"
     folder.mkdir(parents=True)
     parts = {"__init__": DATA, "reading": READING, "planning": PLANNING}
-    parts |= {"checks": CHECKS, "measures": MEASURES}
+    parts |= {"checks": CHECKS, "measures": MEASURES, "refusals": REFUSALS}
     for name, text in parts.items():
         (folder / f"{name}.py").write_text(text)
     monkeypatch.setattr(kinds, "__path__", [*kinds.__path__, str(folder.parent)])
@@ -196,6 +210,20 @@ def test_a_new_kind_is_a_folder_and_a_line(job_file: Path) -> None:
     found = verify(dataclasses.replace(schedule, events=tuple(hasty)), job)
     [turns] = [check for check in found.failures if check.name == "screw_turns"]
     assert turns.measured == pytest.approx(4.0 - 5.0 * 0.6)
+
+
+@pytest.mark.usefixtures("screw")
+def test_a_new_kind_brings_its_refusals_and_their_code(capsys: pytest.CaptureFixture[str]) -> None:
+    """Sentence, remedy, code and explanation are in its folder alone."""
+    error = InfeasibleError(
+        Refusal("screw_loose", None, "bolt", measured=0.0, remedy=("more_turns",))
+    )
+    assert (error.code, str(error)) == (
+        "E690",
+        "task 'bolt': a screw of 0 turns is loose; turn it more often",
+    )
+    assert run(["explain", "E690"]) == 0
+    assert "Give it some." in capsys.readouterr().out
 
 
 @pytest.mark.usefixtures("screw")

@@ -54,9 +54,9 @@ def check_command(
 
 def _is_infeasible(diagnostic: Diagnostic) -> bool:
     """Return whether a fault is of the job, not of the file's text."""
-    from dualarm_cli.refusals import CODES
+    from dualarm_cli.refusals import codes
 
-    return diagnostic.code in CODES.values()
+    return diagnostic.code in codes().values()
 
 
 def _echo(text: str) -> None:
@@ -111,12 +111,12 @@ def _impossible(loaded: Loaded) -> list[Diagnostic]:
     from dualarm_cli.errors import Diagnostic
     from dualarm_cli.model.job import Job
     from dualarm_cli.planning.job_faults import job_faults
-    from dualarm_cli.refusals import CODES
+    from dualarm_cli.refusals import codes
 
     if not isinstance(loaded, Job):
         return []
     return [
-        Diagnostic(*one.place.order, CODES[one.what], one.advised, about=one.about)
+        Diagnostic(*one.place.order, codes()[one.what], one.advised, about=one.about)
         for one in job_faults(loaded.blended())
         if one.place is not None
     ]

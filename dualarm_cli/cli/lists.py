@@ -51,15 +51,15 @@ def explain_command(
 ) -> None:
     """Explain an error code: causes and remedies."""
     from dualarm_cli.errors import UsageError, did_you_mean
-    from dualarm_cli.explanations import EXPLANATIONS
+    from dualarm_cli.explanations import explanations
 
-    wanted = code.strip().upper()
-    if wanted and wanted not in EXPLANATIONS:
-        guess = did_you_mean(wanted, list(EXPLANATIONS)) or ";"
+    wanted, known = code.strip().upper(), explanations()
+    if wanted and wanted not in known:
+        guess = did_you_mean(wanted, list(known)) or ";"
         raise UsageError(
             f"there is no error code '{code}'{guess} `dualarm explain` lists all codes"
         )
-    chosen = {wanted: EXPLANATIONS[wanted]} if wanted else EXPLANATIONS
+    chosen = {wanted: known[wanted]} if wanted else known
     if json_output:
         codes = [{"code": name} | asdict(one) for name, one in chosen.items()]
         print_json({"format": "dualarm.explanations/1", "codes": codes})

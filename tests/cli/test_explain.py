@@ -10,8 +10,8 @@ import pytest
 
 import dualarm_cli
 from dualarm_cli.cli.run import run
-from dualarm_cli.explanations import EXPLANATIONS
-from dualarm_cli.refusals import CODES, SENTENCES
+from dualarm_cli.explanations import explanations
+from dualarm_cli.refusals import codes, sentences
 
 PACKAGE = Path(dualarm_cli.__file__).parent
 CODE = re.compile(r"\bE[1-9][0-9]{2}\b")
@@ -24,17 +24,17 @@ def test_the_table_has_every_code_of_the_program_and_no_other() -> None:
         if file.name != "explanations.py"
         for code in re.findall(r"\"(E[1-9][0-9]{2})\"", file.read_text())
     }
-    assert used == set(EXPLANATIONS)
-    assert list(EXPLANATIONS) == sorted(EXPLANATIONS)
-    assert set(CODES) == set(SENTENCES)
+    assert used == set(explanations())
+    assert list(explanations()) == sorted(explanations())
+    assert set(codes()) == set(sentences())
 
 
-@pytest.mark.parametrize("code", EXPLANATIONS)
+@pytest.mark.parametrize("code", explanations())
 def test_an_explanation_says_why_and_what_to_do(
     code: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its example, where it has one, is of that code."""
-    one = EXPLANATIONS[code]
+    one = explanations()[code]
     assert run(["explain", code.lower()]) == 0
     shown = capsys.readouterr().out
     assert shown.startswith(f"{code}: {one.title}\n")
@@ -54,10 +54,10 @@ def test_an_unknown_code_gets_the_nearest(capsys: pytest.CaptureFixture[str]) ->
 def test_all_codes_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["explain"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == list(EXPLANATIONS)
+    assert [line.split()[0] for line in lines] == list(explanations())
     assert run(["explain", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert [row["code"] for row in document["codes"]] == list(EXPLANATIONS)
+    assert [row["code"] for row in document["codes"]] == list(explanations())
 
 
 MISTAKES = {

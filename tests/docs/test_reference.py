@@ -18,7 +18,7 @@ from pydantic import ValidationError
 
 from dualarm_cli.cli.parts.completion import families
 from dualarm_cli.cli.run import command_line, run
-from dualarm_cli.explanations import EXPLANATIONS
+from dualarm_cli.explanations import explanations
 from dualarm_cli.files.cells.schema_cell import ObstacleSection
 from dualarm_cli.files.tasks.schema_tasks import DefaultsSection, TargetSection, TasksFile
 from dualarm_cli.model.budget import Kept
@@ -82,7 +82,7 @@ def test_every_command_option_method_and_code_is_in_a_page(pages: dict[str, str]
     for family in families():
         for solver in family:
             assert f"| `{solver.name}` |" in pages["solvers.md"]
-    for code in EXPLANATIONS:
+    for code in explanations():
         assert f"## {code}\n" in pages["errors.md"]
 
 

@@ -63,9 +63,9 @@ def complete_solver(*names: str) -> Callable[[str], list[str]]:
 
 def complete_code(incomplete: str) -> list[str]:
     """Returns error codes."""
-    from dualarm_cli.explanations import EXPLANATIONS
+    from dualarm_cli.explanations import explanations
 
-    return _begun(EXPLANATIONS, incomplete)
+    return _begun(explanations(), incomplete)
 
 
 def complete_kind(incomplete: str) -> list[str]:
