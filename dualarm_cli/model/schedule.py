@@ -317,8 +317,18 @@ class Schedule:
 
     @property
     def blending(self) -> Blending:
-        """Law of where tools were allowed to pass in motion."""
-        return BLENDINGS[str(self.provenance.settings.get("blend", STOPPING.name))]
+        """Law of where tools were allowed to pass in motion.
+
+        Raises:
+            UsageError: the schedule names a law that there is not.
+        """
+        name = str(self.provenance.settings.get("blend", STOPPING.name))
+        if name not in BLENDINGS.names:
+            known = ", ".join(BLENDINGS.names)
+            raise UsageError(
+                f"settings.blend {name!r} of the schedule: known are {known}; plan again"
+            )
+        return BLENDINGS[name]
 
     @property
     def duration(self) -> float:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from dualarm_cli.cli.parts.options import Blend
+from dualarm_cli.errors import UsageError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.blending import BLENDINGS, STOPPING, Blending
 from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 
 
@@ -41,3 +45,17 @@ def test_lines_are_no_longer_than_the_file_has_them(blending: Blending, tasks_fo
     if blending is STOPPING:
         assert straight == stops
     assert any(map(blending.passes, stops)) == (blending is not STOPPING)
+
+
+def test_a_schedule_with_a_law_that_there_is_not_is_refused():
+    """With the name in it, and what there is; without any, tools stop."""
+
+    def of(settings):
+        schedule = SimpleNamespace(provenance=SimpleNamespace(settings=settings))
+        return Schedule.blending.fget(schedule)
+
+    assert of({}) is STOPPING
+    assert of({"blend": "lines"}).name == "lines"
+    for name in ("loops", ["lines"]):
+        with pytest.raises(UsageError, match=r"settings\.blend .*lines, none; plan again"):
+            of({"blend": name})
