@@ -88,7 +88,7 @@ def reach_command(
     grid = here.grid(platform, np.array([level]), spacing, leaning, whole=True)
     document = reach_document(robot, cell, reach_map(cell, grid))
     if out is not None:
-        from dualarm_cli.report.figures.reach_figure import draw_reach
+        from dualarm_cli.report.figures.platform_figure import draw_reach
 
         write_file(out, draw_reach(document, cell, out.suffix.lower().lstrip(".")), force)
     if json_output:

@@ -95,7 +95,7 @@ def score_command(
     from dualarm_cli.evaluation.request import Request, other_machine
     from dualarm_cli.scoring import junit as junit_format
     from dualarm_cli.scoring import markdown as markdown_format
-    from dualarm_cli.scoring.cases import find_cases
+    from dualarm_cli.scoring.baseline import find_cases
     from dualarm_cli.scoring.gate import judge_all
 
     refuse_combinations(

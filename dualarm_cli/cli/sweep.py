@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from dualarm_cli.cli.parts.output import stderr_console
 
 if TYPE_CHECKING:
-    from dualarm_cli.studies.study_run import Progress
+    from dualarm_cli.studies.search import Progress
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -41,7 +41,7 @@ from dualarm_cli.errors import OutputError, UsageError
 if TYPE_CHECKING:
     from dualarm_cli.model.study import Point, Study
     from dualarm_cli.studies.rows import StudyRow
-    from dualarm_cli.studies.study_run import Desk
+    from dualarm_cli.studies.search import Desk
 
 
 @contextmanager
@@ -213,7 +213,7 @@ def sweep_command(
     from dualarm_cli.report.printable import printable
     from dualarm_cli.studies.document import study_document
     from dualarm_cli.studies.requests import check_settings
-    from dualarm_cli.studies.study_run import Desk
+    from dualarm_cli.studies.search import Desk
 
     search = _search_options(optimise, budget, seed)
     limit = read_duration("--timeout", timeout)

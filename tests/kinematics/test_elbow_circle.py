@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.kinematics.elbow_circle import least_elbow_distance
+from dualarm_cli.kinds.path.measures import least_elbow_distance
 from dualarm_cli.kinematics.srs_arm import SrsArm
 
 ANGLES = 721

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from dualarm_cli.errors import UsageError
-from dualarm_cli.scoring.cases import find_cases
+from dualarm_cli.scoring.baseline import find_cases
 
 ALL = ["cells/[x]/tasks.yaml", "cells/a/tasks.yaml", "cells/b/c/tasks.yaml"]
 

@@ -23,7 +23,7 @@ from dualarm_cli.model.study import (
     StudyTasks,
     Target,
 )
-from dualarm_cli.studies.study_run import Desk
+from dualarm_cli.studies.search import Desk
 
 Figures = Callable[..., dict[str, float] | None]
 

@@ -14,8 +14,7 @@ from dualarm_cli.files.source.text_source import read_bytes, recorded_reads
 from dualarm_cli.model.evaluation import Evaluation, Finding
 from dualarm_cli.studies.document import study_document
 from dualarm_cli.studies.rows import StudyRow, rank
-from dualarm_cli.studies.search import study_points
-from dualarm_cli.studies.study_run import Desk
+from dualarm_cli.studies.search import Desk, study_points
 
 
 def _bowl(a=0.0, b=0.0):

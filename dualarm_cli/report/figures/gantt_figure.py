@@ -25,7 +25,7 @@ SIZES = (8.0, 7.0, 6.0)
 
 @dataclass(frozen=True)
 class GanttStyle:
-    """Sizes and thresholds of the figure [in where they are lengths]."""
+    """Sizes of the figure, and thresholds of what it shows."""
 
     most_fit: float = 0.95
     """Share of the words that must fit, or all are shortened."""
@@ -46,8 +46,7 @@ class GanttStyle:
     title: float = 0.36
     legend: float = 0.42
     """Heights: of a lane, of a row's stage numbers, of its time axis, of what is free between rows, of the
-    title, of the
-    legend [inch]."""
+    title, of the legend [inch]."""
     columns: int = 10
     line: float = 0.2
     """Names in a line of the legend, and the height of every further line [inch]."""
