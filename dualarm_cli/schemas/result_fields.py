@@ -1,4 +1,5 @@
 # ruff: noqa: E501 (a table, one row a line)
+# fmt: off
 """Members of `schedule.json` and `report.json`: unit and meaning. A test compares both tables with files of real plans.
 
 `<name>` stands for a name that is a key, `[]` for each entry of a list.
@@ -21,40 +22,22 @@ _CHECKS = {
     "verification.passed": ("", "Whether no check failed."),
     "verification.checks[].name": ("", "Stable name of the check."),
     "verification.checks[].verdict": ("", "passed, failed or not checked."),
-    "verification.checks[].measured": (
-        "`unit`",
-        "Worst value found; none where there is nothing to measure.",
-    ),
+    "verification.checks[].measured": ("`unit`", "Worst value found; none where there is nothing to measure."),
     "verification.checks[].allowed": ("`unit`", "What it may be."),
     "verification.checks[].unit": ("", "Unit of both; empty for counts and ratios."),
     "verification.checks[].detail": ("", "Where the worst value is, or why nothing was checked."),
 }
 _STAGES = {
-    "stages[].start": (
-        "s",
-        "Start of the stage: both arms start it together. With `mode: free` a stage is one arm's stop. Members that "
-        "name a stage count from 0; tables of the terminal, and `dualarm platform --stage`, count from 1.",
-    ),
+    "stages[].start": ("s", "Start of the stage: both arms start it together. With `mode: free` a stage is one arm's stop. Members that name a stage count from 0; tables of the terminal, and `dualarm platform --stage`, count from 1."),
     "stages[].end": ("s", "When the last of its arms is done."),
     "stages[].tasks": ("", "Tasks worked on, the left arm's first; empty for the return."),
     "stages[].platform_solver": ("", "Method that gave the platform angle."),
-    "stages[].platform_angle": (
-        "rad",
-        "Where the platform stands at the end (m where it slides); none without a platform of one joint.",
-    ),
+    "stages[].platform_angle": ("rad", "Where the platform stands at the end (m where it slides); none without a platform of one joint."),
     "stages[].platform_time": ("s", "How long the platform alone would need."),
     "stages[].arm_times.<arm>": ("s", "How long each arm alone would need for its transfer."),
     "stages[].joint_times.<joint>": ("s", "How long each joint alone would need for its transfer."),
-    "stages[].bottleneck": (
-        "",
-        "Joint that needs longest for the stage's transfers and so decides how long they take; `tool_speed` where "
-        "the cap on the tools' speed decides, `duration` where the task file gives the time; empty where nothing "
-        "moves.",
-    ),
-    "stages[].saved": (
-        "s",
-        "How much shorter the stage is than with stops at the outer ends of lines.",
-    ),
+    "stages[].bottleneck": ("", "Joint that needs longest for the stage's transfers and so decides how long they take; `tool_speed` where the cap on the tools' speed decides, `duration` where the task file gives the time; empty where nothing moves."),
+    "stages[].saved": ("s", "How much shorter the stage is than with stops at the outer ends of lines."),
 }
 
 SCHEDULE: dict[str, tuple[str, str]] = {
@@ -62,11 +45,7 @@ SCHEDULE: dict[str, tuple[str, str]] = {
     "robot.name": ("", "Name of the robot."),
     "robot.urdf": ("", "Name of the URDF file beside the schedule."),
     "robot.joints": ("", "Moving joints, in the order of the robot's columns."),
-    "robot.groups.<group>": (
-        "",
-        "Joints that are timed together, in the order of the columns of `motion.<group>`: the platform's, each arm's, "
-        "and `others`. Every moving joint is in one group.",
-    ),
+    "robot.groups.<group>": ("", "Joints that are timed together, in the order of the columns of `motion.<group>`: the platform's, each arm's, and `others`. Every moving joint is in one group."),
     "robot.base.xyz": ("m", "Position of the URDF's root link in the world."),
     "robot.base.quat_xyzw": ("", "Its rotation."),
     "robot.platform": ("", "Joints that carry both arms."),
@@ -74,50 +53,21 @@ SCHEDULE: dict[str, tuple[str, str]] = {
     "robot.arms.<arm>.tcp.xyz": ("m", "Tool centre point in the flange frame."),
     "robot.arms.<arm>.tcp.quat_xyzw": ("", "Its rotation."),
     "robot.arms.<arm>.joints": ("", "Joints of the arm, base to flange."),
-    "robot.limits.<joint>.lower": (
-        "rad",
-        "Lowest position (m for a joint that slides, here and below).",
-    ),
+    "robot.limits.<joint>.lower": ("rad", "Lowest position (m for a joint that slides, here and below)."),
     "robot.limits.<joint>.upper": ("rad", "Highest position."),
     "robot.limits.<joint>.velocity": ("rad/s", "Largest speed, at the job's `speed`."),
     "robot.limits.<joint>.acceleration": ("rad/s²", "Largest acceleration."),
     "robot.limits.<joint>.jerk": ("rad/s³", "Largest jerk; none where it is not limited."),
-    "robot.limits.<joint>.source": (
-        "",
-        "Where acceleration and jerk come from: datasheet, measured, urdf, joint_limits or assumed; "
-        "`urdf, jerk assumed` where they differ.",
-    ),
+    "robot.limits.<joint>.source": ("", "Where acceleration and jerk come from: datasheet, measured, urdf, joint_limits or assumed; `urdf, jerk assumed` where they differ."),
     "robot.tool_speed": ("m/s", "Cap on the speed of every tool centre point, or none."),
     "duration": ("s", "Length of the motion: the period where it returns to the start."),
-    "lower_bound": (
-        "s",
-        "No plan is shorter (with `blend` none: none that is at rest after every transfer and line): of the same "
-        "stages where the file gives "
-        "the order, of all orders where the planner chose it; the conditions are in `notes`. None where none was "
-        "computed.",
-    ),
-    "grid_gap": (
-        "",
-        "How far the best plan of the search's grid was above that grid's own bound, before it was refined.",
-    ),
-    "order_grid_gap": (
-        "",
-        "By what share another order may be quicker on the grid of the search for orders, which proves nothing of plans; none for a given order.",
-    ),
-    "clearance_cost": (
-        "s",
-        "How much longer the plan is than the same method's plan without collision checking, both with all stops.",
-    ),
-    "blend_gain": (
-        "s",
-        "How much shorter the plan is than the same stages with stops at the outer ends of lines; none where tools "
-        "stop there.",
-    ),
+    "lower_bound": ("s", "No plan is shorter (with `blend` none: none that is at rest after every transfer and line): of the same stages where the file gives the order, of all orders where the planner chose it; the conditions are in `notes`. None where none was computed."),
+    "grid_gap": ("", "How far the best plan of the search's grid was above that grid's own bound, before it was refined."),
+    "order_grid_gap": ("", "By what share another order may be quicker on the grid of the search for orders, which proves nothing of plans; none for a given order."),
+    "clearance_cost": ("s", "How much longer the plan is than the same method's plan without collision checking, both with all stops."),
+    "blend_gain": ("s", "How much shorter the plan is than the same stages with stops at the outer ends of lines; none where tools stop there."),
     **_STAGES,
-    "stages[].arm": (
-        "",
-        "The arm whose stage it is with `mode: free`; empty where it is both arms'.",
-    ),
+    "stages[].arm": ("", "The arm whose stage it is with `mode: free`; empty where it is both arms'."),
     "segments[].arm": ("", "left or right."),
     "segments[].kind": ("", "transfer, approach, dwell, retract, wait, return, path or seam."),
     "segments[].task": ("", "Task; empty for a return."),
@@ -131,32 +81,17 @@ SCHEDULE: dict[str, tuple[str, str]] = {
     "events[].time": ("s", "When a tool is commanded to be somewhere."),
     "events[].arm": ("", "left or right."),
     "events[].task": ("", "Task."),
-    "events[].action": (
-        "",
-        "pick, place, move, give, take, take_tool, leave_tool, or the begin and end of a path or seam.",
-    ),
+    "events[].action": ("", "pick, place, move, give, take, take_tool, leave_tool, or the begin and end of a path or seam."),
     "events[].frame": ("", "Frame that is there, such as left_tcp."),
     "events[].xyz": ("m", "Commanded position of that frame in the world."),
     "events[].quat_xyzw": ("", "Commanded rotation."),
     "events[].dwell": ("s", "How long the tool stands there."),
-    "events[].velocity": (
-        "m/s",
-        "Velocity of the conveyor that the tool moves with during the dwell; absent where it stands.",
-    ),
+    "events[].velocity": ("m/s", "Velocity of the conveyor that the tool moves with during the dwell; absent where it stands."),
     "events[].signal": ("", "Name of the signal that is set then; absent where there is none."),
     "motion.<group>.time": ("s", "Knots of the group, shape (k,)."),
-    "motion.<group>.acceleration": (
-        "rad/s²",
-        "Accelerations at the knots, shape (k, joints); they change linearly between them.",
-    ),
-    "motion.<group>.anchor": (
-        "",
-        "Knots, counted from 0, at which position and velocity are stated, shape (m,); the first one always is.",
-    ),
-    "motion.<group>.position": (
-        "rad",
-        "Positions at the anchors, shape (m, joints) (m for joints that slide, here and above).",
-    ),
+    "motion.<group>.acceleration": ("rad/s²", "Accelerations at the knots, shape (k, joints); they change linearly between them."),
+    "motion.<group>.anchor": ("", "Knots, counted from 0, at which position and velocity are stated, shape (m,); the first one always is."),
+    "motion.<group>.position": ("rad", "Positions at the anchors, shape (m, joints) (m for joints that slide, here and above)."),
     "motion.<group>.velocity": ("rad/s", "Velocities at the anchors."),
     "provenance.version": ("", "Version of dualarm."),
     "provenance.inputs.<name>": ("", "SHA-256 of each input file."),
@@ -200,10 +135,7 @@ _FOLLOWED = {
     "slide_travel": ("m", "Sum of the ways of all joints that slide."),
     "platform_travel": ("rad", "Way of the platform's joints that turn; of one that slides in m."),
     "platform_slides": ("", "Whether all joints of the platform slide."),
-    "limit_room": (
-        "rad",
-        "Least distance of a joint from its position limit (m where it slides).",
-    ),
+    "limit_room": ("rad", "Least distance of a joint from its position limit (m where it slides)."),
     "limit_joint": ("", "That joint."),
     "limit_slides": ("", "Whether it slides."),
     "speed_share": ("", "Largest share of a joint's speed limit."),
@@ -218,12 +150,7 @@ REPORT: dict[str, tuple[str, str]] = {
     "closes": ("", "Whether it returns to the start."),
     "parts": ("", "Number of tasks that pick or place a part."),
     "parts_per_hour": ("1/h", "Throughput; none for a motion too short to mean anything."),
-    "lower_bound": (
-        "s",
-        "No plan that is at rest after every transfer and line is shorter: of the same stages where the file gives "
-        "the order, of all orders where the planner chose it; the conditions are in `notes`. None where none was "
-        "computed.",
-    ),
+    "lower_bound": ("s", "No plan that is at rest after every transfer and line is shorter: of the same stages where the file gives the order, of all orders where the planner chose it; the conditions are in `notes`. None where none was computed."),
     "gap": ("", "Share of the cycle time that lies above the lower bound."),
     "grid_gap": SCHEDULE["grid_gap"],
     "order_grid_gap": SCHEDULE["order_grid_gap"],
@@ -235,50 +162,29 @@ REPORT: dict[str, tuple[str, str]] = {
     "bodies.without_shape": ("", "Moving links and tools without shapes."),
     "bodies.without_part": ("", "Tasks that carry something without a shape: they name no `part`."),
     "collisions": ("", "What was proven about collisions, in a sentence."),
-    "smallest_clearance.stage": (
-        "",
-        "Stage, counted from 0, that has the least clearance compared with what is required.",
-    ),
+    "smallest_clearance.stage": ("", "Stage, counted from 0, that has the least clearance compared with what is required."),
     "smallest_clearance.clearance": ("m", "Least distance of its two bodies."),
     "smallest_clearance.margin": ("m", "That less what is required."),
     "smallest_clearance.required": ("m", "What is required of the pair."),
     "smallest_clearance.bodies": ("", "The two bodies."),
     "smallest_clearance.time": ("s", "When."),
-    "skew": (
-        "",
-        "How late each arm may be against the other, in a sentence; none where that was not proven.",
-    ),
+    "skew": ("", "How late each arm may be against the other, in a sentence; none where that was not proven."),
     "clearance_cost": SCHEDULE["clearance_cost"],
     "blending.gain": SCHEDULE["blend_gain"],
     "blending.share": ("", "The same as a share of the cycle time with these stops."),
-    "blending.largest_deviation": (
-        "m",
-        "Largest distance of a tool from a line beyond the straight part, until it is as far out as the whole line.",
-    ),
-    "blending.corners[].arm": (
-        "",
-        "Arm whose tool passes the outer end of a line, or the target of a move, in motion.",
-    ),
+    "blending.largest_deviation": ("m", "Largest distance of a tool from a line beyond the straight part, until it is as far out as the whole line."),
+    "blending.corners[].arm": ("", "Arm whose tool passes the outer end of a line, or the target of a move, in motion."),
     "blending.corners[].task": ("", "Task."),
     "blending.corners[].action": ("", "What is done at the target, such as pick or place."),
     "blending.corners[].line": ("", "approach or retract; empty for the target of a move."),
     "blending.corners[].time": ("s", "When the tool is there."),
     "blending.corners[].speed": ("m/s", "How fast it is there."),
-    "blending.corners[].joint": (
-        "",
-        "The joint that is nearest to one of its limits in the transfer beside it.",
-    ),
+    "blending.corners[].joint": ("", "The joint that is nearest to one of its limits in the transfer beside it."),
     "blending.corners[].limit": ("", "Which limit that is: velocity, acceleration or jerk."),
-    "blending.corners[].beside": (
-        "m",
-        "How far the tool gets from the line where it need not be straight, or from the target of a move.",
-    ),
+    "blending.corners[].beside": ("m", "How far the tool gets from the line where it need not be straight, or from the target of a move."),
     "budget[].name": ("", "cycle_time, clearance or skew: what the task file's `budget` asks for."),
     "budget[].allowed": ("s or m", "Longest cycle time, or least clearance or skew."),
-    "budget[].measured": (
-        "s or m",
-        "What the plan has; none where no clearance or skew is proven.",
-    ),
+    "budget[].measured": ("s or m", "What the plan has; none where no clearance or skew is proven."),
     "budget[].kept": ("", "Whether the plan meets it."),
     "budget[].file": ("", "Task file, as the command names it."),
     "budget[].line": ("", "Its line."),
@@ -290,10 +196,7 @@ REPORT: dict[str, tuple[str, str]] = {
     "paths[].tool_angle_error": ("rad", "Largest angle of a tool from its path."),
     "paths[].rounded_corners[]": ("m", "How far the tool leaves each corner that `blend` rounds."),
     "paths[].elbow_distance.<arm>": ("m", "Mean distance of the elbow from its critical point."),
-    "paths[].least_elbow_distance.<arm>": (
-        "m",
-        "Mean of the least distance that the elbow can have there, tool and platform kept; none for arms without closed forms.",
-    ),
+    "paths[].least_elbow_distance.<arm>": ("m", "Mean of the least distance that the elbow can have there, tool and platform kept; none for arms without closed forms."),
     "paths[].manipulability_together": ("", "Mean manipulability of both arms together."),
     "paths[].least_manipulability_together": ("", "Least manipulability of both arms together."),
     **{f"seams[].{name}": row for name, row in _FOLLOWED.items()},
@@ -327,10 +230,7 @@ REPORT: dict[str, tuple[str, str]] = {
     "bottlenecks.<joint>": ("", "In how many stages each joint is the bottleneck."),
     **{f"arms.<arm>.{name}": ("s", text) for name, text in _USE.items()},
     "arms.<arm>.utilisation": ("", "Share of the cycle in which the arm does not wait."),
-    "tool_changes.<arm>.changes": (
-        "",
-        "How often the arm changes its tool; visits one right after the other are one change.",
-    ),
+    "tool_changes.<arm>.changes": ("", "How often the arm changes its tool; visits one right after the other are one change."),
     "tool_changes.<arm>.visits": ("", "How often it visits a stand."),
     "tool_changes.<arm>.time": ("s", "Time of transfers to stands, lines and dwells there."),
     "waits[].arm": ("", "Arm that waits."),
@@ -350,50 +250,32 @@ REPORT: dict[str, tuple[str, str]] = {
     "limits_used.<joint>.velocity": ("", "Largest share of the joint's speed limit that is used."),
     "limits_used.<joint>.acceleration": ("", "Largest share of its acceleration limit."),
     "limits_used.<joint>.jerk": ("", "Largest share of its jerk limit."),
-    "sliding_joints": (
-        "",
-        "Joints that slide: their positions and rates are in m, m/s, m/s² and m/s³.",
-    ),
+    "sliding_joints": ("", "Joints that slide: their positions and rates are in m, m/s, m/s² and m/s³."),
     "platform_slides": ("", "Whether all joints of the platform slide."),
     "platform_travel": ("rad", "How far the platform turns in all; moves, in m, where it slides."),
-    "elbow_imbalance": (
-        "rad",
-        "Mean of the difference of both elbows' ways, which [Bottin2021] makes zero.",
-    ),
+    "elbow_imbalance": ("rad", "Mean of the difference of both elbows' ways, which [Bottin2021] makes zero."),
     "joint_travel.<joint>": ("rad", "Way of each joint (m where it slides)."),
     "speed": ("", "The job's share of full speed."),
     "tool_speed_cap": ("m/s", "Cap on the speed of the tools, or none."),
     "assumed_limits": ("", "Joints whose acceleration or jerk limits are assumed."),
     "assumptions": ("", "Sentences that name the assumed limits."),
-    "without_jerk_limit": (
-        "",
-        "Joints whose jerk is not limited: the robot file says `jerk: none`.",
-    ),
+    "without_jerk_limit": ("", "Joints whose jerk is not limited: the robot file says `jerk: none`."),
     "sensitivity[].joint": ("", "Joint; empty for all together."),
     "sensitivity[].limit": ("", "acceleration or jerk."),
     "sensitivity[].value": ("rad/s² or rad/s³", "The limit (m/s² or m/s³ of a joint that slides)."),
     "sensitivity[].lower": ("s", "Cycle time with the limit 10 % lower."),
     "sensitivity[].higher": ("s", "Cycle time with the limit 10 % higher."),
     **_CHECKS,
-    "verification.caveats": (
-        "",
-        "Sentences on what a pass leaves open: collisions not, or not fully, checked.",
-    ),
+    "verification.caveats": ("", "Sentences on what a pass leaves open: collisions not, or not fully, checked."),
     "verification.clearances[].stage": ("", "Stage, counted from 0."),
-    "verification.clearances[].clearance": (
-        "m",
-        "Least distance of the two bodies, proven over the whole stage.",
-    ),
+    "verification.clearances[].clearance": ("m", "Least distance of the two bodies, proven over the whole stage."),
     "verification.clearances[].margin": ("m", "That less what is required; no pair has less."),
     "verification.clearances[].required": ("m", "What is required of the pair."),
     "verification.clearances[].bodies": ("", "The two bodies."),
     "verification.clearances[].time": ("s", "When."),
     "verification.delays[].arm": ("", "The arm that is late."),
     "verification.delays[].clear": ("s", "No delay up to it lacks clearance, proven."),
-    "verification.delays[].lacking": (
-        "s",
-        "A delay that lacks clearance; none where none was found.",
-    ),
+    "verification.delays[].lacking": ("s", "A delay that lacks clearance; none where none was found."),
     "verification.delays[].bodies": ("", "The two bodies that come too near then, or none."),
     "verification.delays[].time": ("s", "When, by the plan's time; or none."),
     **_SETTINGS,
