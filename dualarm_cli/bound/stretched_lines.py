@@ -73,7 +73,7 @@ def _line_bounds(
 ) -> FloatArray:
     arm = work.closed_form
     geometry = arm.geometry
-    one, other = (wrist_distances(arm, x, cells) for x in (wrist, end))
+    ends = [wrist_distances(arm, x, cells) for x in (wrist, end)]
     v, w = (turned(x, cells.middle) - geometry.shoulder for x in (wrist, end))
     length = float(norm(end - wrist))
     # The shoulder goes round under the line: how far it gets from the interval's middle.
@@ -82,11 +82,11 @@ def _line_bounds(
     size = np.maximum(norm(cross, axis=1), 1e-12)
     axis = cross / size[:, None]
     beta = arctan2(size, (v * w).sum(axis=1))
-    for nearest, _ in (one, other):
+    for nearest, _ in ends:
         beta -= _turn(away / np.maximum(nearest, 1e-12))
     # m = v × w changes by no more than |v - w| times the shoulder's way.
     tilt = 2.0 * sin(0.5 * _turn(length * away / size))
-    near, far, passes = _distances(v, w, length, size, away, one, other)
+    near, far, passes = _distances(v, w, length, size, away, ends)
     near = np.maximum(near, arm.reach[0])
     upper, fore = geometry.upper, geometry.fore
     alpha, sin_alpha = _variation(upper, fore, near, far, passes)
@@ -97,7 +97,7 @@ def _line_bounds(
     last = np.abs((axis * seventh).sum(axis=1))
     shoulder_way = np.stack([*_shares(first, tilt + cells.half), sin_alpha])
     wrist_way = np.stack([*_shares(last, tilt), sin_gamma])
-    bend = _turns_of_joint_4(upper, fore, one, other)
+    bend = _turns_of_joint_4(upper, fore, *ends)
     return _least_time(work, bend, (beta - alpha, shoulder_way), (beta - gamma, wrist_way))
 
 
@@ -112,16 +112,15 @@ def _distances(
     length: float,
     size: FloatArray,
     away: FloatArray,
-    one: Distances,
-    other: Distances,
+    ends: list[Distances],
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns least and greatest distance of shoulder and wrist [m], and whether the least is between the ends."""
-    (near_1, far_1), (near_2, far_2) = one, other
-    far, ends = np.maximum(far_1, far_2), np.minimum(near_1, near_2)
+    (near_1, far_1), (near_2, far_2) = ends
+    far, nearer = np.maximum(far_1, far_2), np.minimum(near_1, near_2)
     # Where the foot of the shoulder's height lies along the line.
     place = -(v * (w - v)).sum(axis=1) / length
     passes = (place > -away) & (place < length + away)
-    near = np.where(passes, np.minimum(size / length - away, ends), ends)
+    near = np.where(passes, np.minimum(size / length - away, nearer), nearer)
     return np.maximum(near, 1e-6), far, passes
 
 

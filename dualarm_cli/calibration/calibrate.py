@@ -103,10 +103,15 @@ def fit_tools_and_pose(sides: dict[str, Side], noise: float | None) -> JointFit:
     if not pose_seen.all():
         raise InfeasibleError(_unseen(sight, names, len(rest) // 3))
     covariance, degrees = _noise(sight, rest, noise)
-    fits = {
-        side: _tool_fit(sight, names, 6 + 3 * k, tools[side], covariance, degrees, rest)
-        for k, side in enumerate(unknown)
-    }
+    words = tuple(sight.in_words(names))
+    rms = float(np.sqrt(rest @ rest / (len(rest) // 3)))
+    fits = {}
+    for k, side in enumerate(unknown):
+        part = slice(6 + 3 * k, 9 + 3 * k)
+        seen: BoolArray = sight.seen[part]
+        own = None if covariance is None else readonly(covariance[part, part])
+        tool = readonly(tools[side])
+        fits[side] = ToolFit(TOOL, tool, seen, own, degrees, rms, () if seen.all() else words)
     spread = None
     if covariance is not None:
         spread = (G @ covariance @ G.T)[:6, :6]
@@ -153,23 +158,6 @@ def _noise(
     if degrees <= 0:  # as many unknowns as equations: nothing is left that would tell
         return None, degrees
     return sight.covariance(float(rest @ rest) / degrees), degrees
-
-
-def _tool_fit(
-    sight: Sight,
-    names: list[str],
-    first: int,
-    tool: FloatArray,
-    covariance: FloatArray | None,
-    degrees: int | None,
-    rest: FloatArray,
-) -> ToolFit:
-    part = slice(first, first + 3)
-    seen: BoolArray = sight.seen[part]
-    words = sight.in_words(names) if not seen.all() else []
-    own = None if covariance is None else readonly(covariance[part, part])
-    rms = float(np.sqrt(rest @ rest / (len(rest) // 3)))
-    return ToolFit(TOOL, readonly(tool), seen, own, degrees, rms, tuple(words))
 
 
 def _unmatched(causes: Sequence[Refusal | str]) -> InfeasibleError:

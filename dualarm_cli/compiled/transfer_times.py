@@ -240,9 +240,8 @@ def least_from(
     own: NDArray[np.float32],
     floor: NDArray[np.float32],
     beyond: NDArray[np.float32],
-    least: NDArray[np.float32],
-) -> None:
-    """Sets `least` to the minima over the cells of `after` of max(transfer + own, floor + beyond).
+) -> NDArray[np.float32]:
+    """Minimise max(transfer + own, floor + beyond) over the cells of `after` [s], shape (n,).
 
     Args:
         laws: tables of times.
@@ -251,14 +250,15 @@ def least_from(
         own: of each of these [s], shape (m,).
         floor: of each pair of groups [s], shape (g, g).
         beyond: of each cell of `after` [s], shape (m,).
-        least: [s], shape (n,).
 
     Raises:
         MemoryError: there is none.
     """
     held = tuple(np.ascontiguousarray(x, dtype=np.float32) for x in (own, floor, beyond))
     arguments = *map(byref, (laws, before, after)), *map(pointer, held), _int64(len(floor))
+    least = np.empty(before.cells.count, dtype=np.float32)
     _checked(library().least_from(*arguments, pointer(least)))
+    return least
 
 
 def _checked(failed: int) -> None:

@@ -111,7 +111,10 @@ def free_orders(order: OrderModel, effort: str, seed: int, watch: Watch) -> Free
     for f in rank:
         if best[f].worth > FREE.promising * best[rank[0]].worth:
             continue
-        ranked = _improved(order, f, problems[f], best[f], how, seed, watch)
+        touch = None
+        if how.iterations and any(task.arm == ANY for task in order.job.tasks):
+            touch = stop_conflicts(order, f)
+        ranked = _improved(problems[f], touch, best[f], how, seed, watch)
         exact = exact and ranked[0][1] <= best[f].total + 1e-9
         found += [
             FreeOrder(_decided(order, own, problems[f].ways), order.angles[f], total)
@@ -124,9 +127,8 @@ def free_orders(order: OrderModel, effort: str, seed: int, watch: Watch) -> Free
 
 
 def _improved(
-    order: OrderModel,
-    f: int,
     problem: SequencingProblem,
+    touch: BoolArray | None,
     start: Timed,
     how: FreeEffort,
     seed: int,
@@ -139,9 +141,6 @@ def _improved(
     tasks are made dearer by that times the share of the other arm's present tasks that they touch, and orders are
     improved anew, a few times.
     """
-    touch = None
-    if how.iterations and any(task.arm == ANY for task in order.job.tasks):
-        touch = stop_conflicts(order, f)
     count = max(200, round(how.iterations * min(1.0, 100 / problem.tasks)))
     if touch is None or not touch.any():
         if how.iterations and not is_small(problem):

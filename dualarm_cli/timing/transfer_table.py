@@ -246,9 +246,7 @@ class Pairs:
             floor: least length of the stage for every pair of platform cells [s], shape (g, g).
             beyond: from each cell where a transfer ends, all the rest alone [s], shape (m,).
         """
-        least = np.empty(len(self.before.index), dtype=np.float32)
-        least_from(self._laws, self.before.runs, self.after.runs, own, floor, beyond, least)
-        return least
+        return least_from(self._laws, self.before.runs, self.after.runs, own, floor, beyond)
 
     @cached_property
     def _line_ends(self) -> tuple[int, LineEnds, LineEnds]:

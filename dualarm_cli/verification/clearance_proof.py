@@ -147,9 +147,9 @@ class ClearanceProof:
         begin, end, where = times[low], times[high], stretch[low]
         proven = np.full(len(found), np.inf)
         met = np.full(len(found), np.inf)
-        met_pair, met_time = np.full(len(found), -1), np.zeros(len(found))
-        _lower(met, met_pair, met_time, where, at_low, pair, begin)
-        _lower(met, met_pair, met_time, where, at_high, pair, end)
+        met_at = np.full(len(found), -1), np.zeros(len(found))
+        _lower(met, met_at, where, at_low, pair, begin)
+        _lower(met, met_at, where, at_high, pair, end)
         rate = rates[low, pair]
         room = PROOF.most_halved + PROOF.halved_each * len(self._trajectory.time) * len(
             self._required
@@ -167,17 +167,15 @@ class ClearanceProof:
             at_low, at_high = at_low[left], at_high[left]
             middle = 0.5 * (begin + end)
             between = self._margins_at(middle, pair)
-            _lower(met, met_pair, met_time, where, between, pair, middle)
+            _lower(met, met_at, where, between, pair, middle)
             begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
             at_low = np.concatenate([at_low, between])
             at_high = np.concatenate([between, at_high])
             pair, where = np.tile(pair, 2), np.tile(where, 2)
             rate = (self._fastest(begin, end) * self._levers[pair]).sum(axis=1)
         return [
-            Certified(
-                float(proven[k]) - NUMERICAL, float(met[k]), int(met_pair[k]), float(met_time[k])
-            )
-            for k in range(len(found))
+            Certified(float(low) - NUMERICAL, float(margin), int(pair), float(time))
+            for low, margin, pair, time in zip(proven, met, *met_at, strict=True)
         ]
 
     def _instants(self, edges: FloatArray) -> FloatArray:
@@ -268,14 +266,13 @@ class ClearanceProof:
 
 def _lower(
     met: FloatArray,
-    met_pair: IntArray,
-    met_time: FloatArray,
+    met_at: tuple[IntArray, FloatArray],
     where: IntArray,
     value: FloatArray,
     pair: IntArray,
     time: FloatArray,
 ) -> None:
-    """Lowers what was met in each stretch to the least of some margins; the earliest of equal ones counts."""
+    """Lower the least margins met, with their pairs and times; of equal ones the earliest counts."""
     least = np.full(len(met), np.inf)
     np.minimum.at(least, where, value)
     rows = np.flatnonzero((value == least[where]) & (value < met[where]))
@@ -285,7 +282,7 @@ def _lower(
     order = np.lexsort((pair, time, where))
     firsts = order[np.concatenate([[True], np.diff(where[order]) > 0])]
     k = where[firsts]
-    met[k], met_pair[k], met_time[k] = value[firsts], pair[firsts], time[firsts]
+    met[k], met_at[0][k], met_at[1][k] = value[firsts], pair[firsts], time[firsts]
 
 
 def interval_speeds(trajectory: Trajectory) -> FloatArray:

@@ -340,35 +340,26 @@ def _rate(
         value = None if section is None else getattr(section, which)
         if section is not None and value is not None:
             loc: Loc = ("limits", name, which)
-            return _checked(value, which, document, loc, joint, before, findings), section.source
+            try:
+                return _limit(value, which, joint, before), section.source
+            except QuantityError as error:
+                findings.add(document, loc, str(error), "E200")
+                return math.nan, section.source
         if name == joint.name and stated is not None:
             return stated, "urdf"
     return None
 
 
-def _checked(
-    value: object,
-    which: Rate,
-    document: Document,
-    loc: Loc,
-    joint: UrdfJoint,
-    before: float,
-    findings: Findings,
-) -> float:
-    """Returns a limit [SI], infinite for no jerk limit, or NaN after noting what is wrong with it."""
+def _limit(value: object, which: Rate, joint: UrdfJoint, before: float) -> float:
+    """Read a limit [SI], infinite for no jerk limit; raises QuantityError."""
     if which == "jerk" and value == NONE:
         return math.inf
-    try:
-        if isinstance(value, str) and " in " in value:
-            return _ruled(value, which, before)
-        rate = parse_quantity(value, _dimension(which, joint.slides))
-    except QuantityError as error:
-        findings.add(document, loc, str(error), "E200")
-        return math.nan
+    if isinstance(value, str) and " in " in value:
+        return _ruled(value, which, before)
+    dimension = _dimension(which, joint.slides)
+    rate = parse_quantity(value, dimension)
     if rate < _SMALLEST_RATE:
-        name = _dimension(which, joint.slides).name
-        findings.add(document, loc, f"{quote(value)}: {name} must be positive", "E200")
-        return math.nan
+        raise QuantityError(f"{quote(value)}: {dimension.name} must be positive")
     return rate
 
 

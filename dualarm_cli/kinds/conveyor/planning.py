@@ -5,7 +5,7 @@ Parts that move with a belt, and bodies that come too near to them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -305,9 +305,9 @@ def touched_on_belt(job: Job, found: ClearedPlan) -> Refusal | None:
             assert room.stop.belt is not None  # it moves
             gone = (time - room.stop.belt.at)[:, None] * room.stop.belt.conveyor.velocity
             shift = np.einsum("ij,nj->ni", job.cell.base.rotation.T, gone)
-            own = event.arm if stage_of[room.key] in (k, k - 1) else ""
-            own_lines = stage_of[room.key] == k
-            if worst := _worst(cell, r, samples, there, shift, own, own_lines):
+            since = k - stage_of[room.key]
+            touching = {event.arm: since == 0} if since in (0, 1) else {}
+            if worst := _worst(cell, r, samples, there, shift, touching):
                 one, other, lack, row = worst
                 more = {"one": one, "other": other, "when": float(time[row] - stage.start)}
                 more |= {"stage": k + 1, "beside": [], "standing": [], "tried": []}
@@ -323,12 +323,11 @@ def _worst(
     samples: StageSamples,
     there: BoolArray,
     shift: FloatArray,
-    own: str,
-    own_lines: bool,
+    touching: Mapping[str, bool],
 ) -> tuple[str, str, float, int] | None:
     """Find the bodies that lack most clearance, the lack [m] and the row.
 
-    None where all is clear. The arm of the part (own) may touch it, on its lines (own_lines: of this stage) at will.
+    None where all is clear. Arms in `touching` may touch the part, at will on their lines where it says so.
     """
     for a, arm in enumerate(cell.arms):
         held = cell.loads.in_first_scene(samples.held[:, a])
@@ -339,10 +338,10 @@ def _worst(
             )
             for margin, pair in zip(margins, pairs, strict=True):
                 least = KEPT
-                if arm == own and cell.test.is_on_flange(pair, arm):
+                if arm in touching and cell.test.is_on_flange(pair, arm):
                     room = cell.rooms[r]
                     needed = min(-OVERLAP, cell.test.needed(pair, arm, (room.task, room.stop)))
-                    least = -np.inf if own_lines and load.on_line else needed - pair.required
+                    least = -np.inf if touching[arm] and load.on_line else needed - pair.required
                 k = int(np.argmin(margin))
                 if margin[k] < least:
                     return *cell.test.labels(pair), max(0.0, -float(margin[k])), int(rows[k])

@@ -117,7 +117,7 @@ def read_tool_changes(
             message = f"the robot has no {arm} arm; it has {', '.join(tools)}"
             findings.add(document, loc, message, key=True)
             continue
-        found[arm] = _of_arm(document, section, loc, tools[arm], frames, reader.shape, findings)
+        found[arm] = _of_arm(reader, section, loc, tools[arm], frames)
     _check_stands(document, found, findings)
     _check_names(document, found, list(model.parts), findings)
     if found and model.limits.tool_speed is not None:
@@ -135,14 +135,13 @@ def read_tool_changes(
 
 
 def _of_arm(
-    document: Document,
+    reader: CellReader,
     section: ArmChangesSection,
     loc: Loc,
     own: Tool,
     frames: dict[str, pin.SE3],
-    shape: ShapeReader,
-    findings: Findings,
 ) -> ToolChanges:
+    document, findings = reader.document, reader.findings
     tools = {}
     for name, entry in section.tools.items():
         place: Loc = (*loc, "tools", name)
@@ -150,7 +149,7 @@ def _of_arm(
             message = f"{quote(NO_TOOL)} means that no tool is mounted; choose another name"
             findings.add(document, place, message, key=True)
             continue
-        shapes = [shape(s, (*place, "shapes", k), {}) for k, s in enumerate(entry.shapes)]
+        shapes = [reader.shape(s, (*place, "shapes", k), {}) for k, s in enumerate(entry.shapes)]
         tool = Tool(to_se3(entry.tcp), entry.mass, tuple(s for s in shapes if s))
         _check_axis(document, place, name, tool, own, findings)
         stand = _stand(document, entry, place, frames, findings)

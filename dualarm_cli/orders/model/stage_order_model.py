@@ -47,7 +47,7 @@ def cheapest_postures(
         place = np.repeat(left, count)
         nth = np.arange(len(place)) - np.repeat(np.cumsum(count) - count, count)
         tried = rows[done[place] + nth]
-        clear = _clear(order, name, stops, nodes, stop[place], angles[angle[place]], tried)
+        clear = _clear(order, name, stops, stop[place], angles[angle[place]], tried)
         # Backwards, so that the cheapest one of each is what remains.
         found[place[clear][::-1]] = tried[clear][::-1]
         done[left] += count
@@ -81,7 +81,6 @@ def _clear(
     order: OrderModel,
     name: str,
     stops: Sequence[tuple[int, int]],
-    nodes: Sequence[Nodes | None],
     stop: IntArray,
     angle: IntArray,
     rows: IntArray,
@@ -94,8 +93,7 @@ def _clear(
     edges = np.flatnonzero(np.diff(stop, prepend=-1, append=len(stops)))
     for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         k = int(stop[begin])
-        own = nodes[k]
-        assert own is not None  # it has rows
+        own = order.nodes[name, *stops[k]]
         for place, table in zip(places, (own.q_approach, own.q_target, own.q_retract), strict=True):
             place.append(table[rows[begin:end]])
         held[:, begin:end] = np.array(order.held(*stops[k]))[:, None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -73,7 +73,8 @@ def prove_order(
         if np.isfinite(prices.bound):
             price = prices.price
             most = min(FIRST_LOOK, effort.labels)
-            best, _ = _better(graph, prices, best, upper, most, better, stop)
+            found = LabelSearch(graph, prices, upper, most, stop).run()
+            best = _better(graph, found.orders, best, better)
     if stop():
         return StageProof(0.0, best, None, None)
     graph, upper = StageGraph.of(problem, singles=True), min(upper, best.total)
@@ -84,29 +85,26 @@ def prove_order(
     bounded(bound)
     if not stop() and bound < upper - SAME:
         fewer = graph.kept(needed(graph, prices, upper))
-        best, least = _better(fewer, prices, best, upper, effort.labels, better, stop)
-        bound = max(bound, min(least, best.total))
+        found = LabelSearch(fewer, prices, upper, effort.labels, stop).run()
+        best = _better(fewer, found.orders, best, better)
+        bound = max(bound, min(found.bound, best.total))
         bounded(bound)
     return StageProof(bound, best, graph, prices)
 
 
 def _better(
     graph: StageGraph,
-    prices: Prices,
+    orders: Sequence[IntArray],
     best: StageOrder,
-    upper: float,
-    most: int,
     better: Callable[[float], None],
-    stop: Callable[[], bool],
-) -> tuple[StageOrder, float]:
-    """Returns the better one of an order and what labels find below `upper` [s], and the bound that they prove."""
-    found = LabelSearch(graph, prices, upper, most, stop).run()
-    for nodes in found.orders:
+) -> StageOrder:
+    """Select the best of an order and those of nodes that keep the rules."""
+    for nodes in orders:
         order = with_angles(graph.problem, graph.stops[nodes])
         if order.total < best.total and keeps_rules(graph.problem, order.slots):
             better(order.total)
             best = order
-    return best, found.bound
+    return best
 
 
 def keeps_rules(problem: StageProblem, slots: IntArray) -> bool:

@@ -124,9 +124,7 @@ def best_track(
     found = _grid_tracks(arm, R, p, velocity, start)
     if not found:
         return None
-    track = found[0]
-    fixed = start is not None
-    return _refined(arm, R, p, velocity, track.branch, track.psi, fixed=fixed)
+    return _refined(arm, R, p, velocity, found[0], fixed=start is not None)
 
 
 def coarse_tracks(arm: SrsArm, R: FloatArray, p: FloatArray, velocity: FloatArray) -> list[Track]:
@@ -211,8 +209,7 @@ def _refined(
     R: FloatArray,
     p: FloatArray,
     velocity: FloatArray,
-    branch: int,
-    psi: FloatArray,
+    track: Track,
     *,
     fixed: bool,
 ) -> Track:
@@ -223,7 +220,7 @@ def _refined(
     from scipy.linalg import solveh_banded
 
     def joints(angles: FloatArray) -> FloatArray:
-        return arm.solve_branch(R, p, angles, np.array(branch))[0]
+        return arm.solve_branch(R, p, angles, np.array(track.branch))[0]
 
     def cost_of(q: FloatArray) -> float:
         inside = (
@@ -236,6 +233,7 @@ def _refined(
             else np.inf
         )
 
+    psi = track.psi
     q = joints(psi)
     cost, damping = cost_of(q), 1e-6
     for _ in range(TRACK.rounds):
@@ -265,7 +263,7 @@ def _refined(
         else:
             damping *= 30.0
     # Sum of squares of differences times the number of stretches: independent of how many there are.
-    return Track(branch, psi, cost * (len(psi) - 1))
+    return Track(track.branch, psi, cost * (len(psi) - 1))
 
 
 def _reason(
