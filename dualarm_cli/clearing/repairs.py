@@ -195,7 +195,7 @@ class Clearing:
 
     def alone(self, plan: StagePlan) -> Motion:
         """Returns the motion of one stage by itself."""
-        return realise(self.model, self.job, [plan], self.timing, self.known, windows=False)
+        return realise(self.model, self.job, [plan], self.timing, self.known, clock=None)
 
     def touching(self, plans: Sequence[StagePlan], motion: Motion) -> list[int]:
         """Returns the stages of a motion that collide; how long arms wait in them must always be the same."""

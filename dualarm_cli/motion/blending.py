@@ -7,7 +7,7 @@ So every transfer of every arm is a problem of its own. Our own.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 
@@ -102,10 +102,8 @@ def _passed(
         if (k, name) in stopping or name in plan.waits or name in plan.detours:
             continue
         timed = len(drive.known.moving)
-        tried = (_ways(drive, before, plan, name, platform, widths, room) for room in ROOMS)
-        ways = next(
-            (one for one in tried if not one or _holds(drive, before, plan, name, one)), None
-        )
+        tried = _ways(drive, before, plan, name, platform, widths)
+        ways = next((one for one in tried if _holds(drive, before, plan, name, one)), None)
         if ways is None:
             continue
         lines = []
@@ -174,25 +172,25 @@ def _ways(
     name: str,
     platform: float,
     widths: int,
-    room: float,
-) -> tuple[Launch | None, Launch | None] | None:
-    """Returns how an arm passes the ends of the lines about its transfer, None where it stops at both."""
+) -> Iterator[tuple[Launch | None, Launch | None]]:
+    """Yield how an arm passes the ends of the lines about its transfer, with ever more room, until it stops at both."""
     arm = drive.model.arms[name]
     index, limits = arm.columns, drive.own_limits[name]
     start, goal = plan.start[index], plan.arrival[index]
     retract, approach = passings_beside(drive, before, plan, name)
     platform = max(platform, _giver_time(drive, plan, name))
     if len(retract.ways) == len(approach.ways) == 1 or np.array_equal(start, goal):
-        return None
+        return
     problem = TransferProblem(limits.joints, start, goal, limits, platform)
     law = limits.law
     rest = max(platform, float(law.duration(goal - start)))
     if retract.rates[0].any() or approach.rates[0].any():
         rest = MovingTransfer(problem).duration(retract.rates[0], approach.rates[0])
-    i, j, time = quickest_pair(retract, approach, problem, rest, room)
-    if time > float(retract.time[0] + rest + approach.time[0]) - WORTH:
-        return None
-    return refined_pair((retract, approach), (i, j, time), problem, widths, room)
+    for room in ROOMS:
+        i, j, time = quickest_pair(retract, approach, problem, rest, room)
+        if time > float(retract.time[0] + rest + approach.time[0]) - WORTH:
+            return
+        yield refined_pair((retract, approach), (i, j, time), problem, widths, room)
 
 
 def _giver_time(drive: Drive, plan: StagePlan, name: str) -> float:

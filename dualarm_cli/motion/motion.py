@@ -199,8 +199,7 @@ def realise(
     timing: TimingSolver,
     known: Known | None = None,
     *,
-    windows: bool = True,
-    clock: float = 0.0,
+    clock: float | None = 0.0,
 ) -> Motion:
     """Returns the motion of the decided stages under every limit of the job.
 
@@ -210,8 +209,8 @@ def realise(
         plans: its stages in order.
         timing: how transfers and lines are timed.
         known: what is timed already; what is new is added.
-        windows: whether stages wait for windows of their tasks to open; a stage by itself has no time to wait for.
-        clock: when the first stage begins [s], for its windows; the motion itself is from 0.
+        clock: when the first stage begins [s], for windows of tasks; the motion itself is from 0. None for a stage by
+            itself, which waits for no window.
     """
     drive = Drive.of(model, job, timing, known)
     time_lines(drive, plans)
@@ -229,7 +228,8 @@ def realise(
             _add_stage(alone, drive, plan, transfers, held, {})
             return {event.arm: event.time for event in alone.events}
 
-        waits = stage_waits(plan, arrivals, list(model.arms), clock + begin if windows else None)
+        now = None if clock is None else clock + begin
+        waits = stage_waits(plan, arrivals, list(model.arms), now)
         _wait(record, drive, plan, waits)
         _add_stage(record, drive, plan, transfers, waits.held, after)
         record.stages[-1] = replace(record.stages[-1], start=begin)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -430,18 +431,16 @@ def _solve_chunk(problem: PlatformProblem) -> PlatformSolution:
         rest = build_solution(
             problem.rows(missing),
             *unbalanced_angles(coefficients[missing], problem.angle_0[missing]),
-            balanced_first=True,
             coefficients=coefficients[missing],
         )
-        best = rest.order[:, : EXACT.fallbacks]
+        best = replace(rest, balanced_first=True).order[:, : EXACT.fallbacks]
         level = (rest.imbalance <= EXACT.root_tolerance) & alike[missing, None]
         way = np.where((rest.delta[..., 0] * rest.delta[..., 1]) >= 0.0, *ROOTS)
         kinds = np.where(level, way, rest.kind)
         for values, found in ((angle, rest.angle), (valid, rest.valid), (kind, kinds)):
             values[missing, ROOT_KINDS.size :] = np.take_along_axis(found, best, axis=1)
-    return build_solution(
-        problem, angle, kind, valid, balanced_first=True, alike=alike, coefficients=coefficients
-    )
+    found = build_solution(problem, angle, kind, valid, alike, coefficients)
+    return replace(found, balanced_first=True)
 
 
 def _each_reaches(coefficients: FloatArray) -> BoolArray:

@@ -118,7 +118,6 @@ def build_solution(
     angle: FloatArray,
     kind: IntArray,
     valid: BoolArray,
-    balanced_first: bool = False,
     alike: BoolArray | None = None,
     coefficients: FloatArray | None = None,
 ) -> PlatformSolution:
@@ -129,7 +128,6 @@ def build_solution(
         angle: candidate angles of any turn [rad], shape (n, k).
         kind: what each is, shape (n, k) or (k,).
         valid: which entries are candidates, shape (n, k).
-        balanced_first: how candidates that are no roots are ordered.
         alike: moves whose elbows turn equally at every angle, shape (n,); none if not given.
         coefficients: of the problem's `cosine_coefficients`, if the caller has them.
     """
@@ -157,7 +155,6 @@ def build_solution(
         delta,
         is_degenerate(coefficients),
         np.zeros(len(turned), dtype=np.bool_) if alike is None else alike,
-        balanced_first,
     )
 
 

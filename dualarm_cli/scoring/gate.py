@@ -191,15 +191,27 @@ def judge_all(
     return [
         judge(
             case,
-            evaluations.get(case),
+            evaluations[case],
             recorded.get(case),
             max_regression,
             compared=baseline is not None,
             elsewhere=elsewhere,
-            renamed=fresh.get(_files(recorded[case].inputs), "") if case in recorded else "",
         )
+        if case in evaluations
+        else _missing(case, recorded[case], fresh.get(_files(recorded[case].inputs), ""))
         for case in sorted(known)
     ]
+
+
+def _missing(case: str, before: Recorded, renamed: str) -> Verdict:
+    """Judge a case that was not planned; `renamed` is a new case with the very files of this one, empty for none."""
+    text = (
+        "is in the baseline, but was not scored; --update-baseline removes it, "
+        "--subset ignores cases that are not named"
+    )
+    if renamed:
+        text = f"is now named {quote(renamed)}, with the same files; --update-baseline stores the new name"
+    return Verdict(case, "missing", None, before, (Finding(text, case),))
 
 
 def _files(inputs: Mapping[str, str]) -> frozenset[tuple[str, str]]:
@@ -209,33 +221,23 @@ def _files(inputs: Mapping[str, str]) -> frozenset[tuple[str, str]]:
 
 def judge(
     case: str,
-    evaluation: Evaluation | None,
+    evaluation: Evaluation,
     before: Recorded | None,
     max_regression: float,
     *,
     compared: bool,
-    renamed: str = "",
     elsewhere: str = "",
 ) -> Verdict:
     """Returns the verdict on one case.
 
     Args:
         case: its name.
-        evaluation: what it came to; None where it was not planned.
+        evaluation: what it came to.
         before: what it came to then; None where it is not in the baseline.
         max_regression: by what share its cycle time may be longer than it was.
         compared: whether there is a baseline at all.
-        renamed: a case that is new and has the very files of this one; empty for none.
         elsewhere: on what other machine the baseline was made, in words; empty for one like this.
     """
-    if evaluation is None:
-        text = (
-            "is in the baseline, but was not scored; --update-baseline removes it, "
-            "--subset ignores cases that are not named"
-        )
-        if renamed:
-            text = f"is now named {quote(renamed)}, with the same files; --update-baseline stores the new name"
-        return Verdict(case, "missing", None, before, (Finding(text, case),))
     if evaluation.status != "planned":
         return Verdict(case, evaluation.status, evaluation, before, evaluation.findings)
     time = evaluation.cycle_time

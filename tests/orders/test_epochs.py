@@ -191,7 +191,8 @@ def test_what_an_epoch_leaves_in_a_buffer_is_there_in_the_next(by_clocks):
     base = replace(made, stores=Stores(change, np.array([2]), np.array([0])), lasts=lasts)
     problem = EpochProblem({0: base}, np.zeros((1, 1)), 0)
     starts = [arm.start for arm in base.arms]
-    own = problem.restricted(Epoch(0, (1, 2)), starts, 0, 0.0, (0,), last=False)
+    epochs = [Epoch(0, tasks) for tasks in ((0,), (1, 2), (3,))]
+    own = problem.restricted(epochs, 1, starts, 0.0)
     assert own.stores.initial.tolist() == [1]
     assert len(own.lasts) == made.stops[1] + made.stops[2]
     rows = [*range(first[1], first[3])]

@@ -179,13 +179,14 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str
         findings.raise_if_any()
         raise InputError(findings.diagnostics)
     bodies = reader.bodies(robot, model, [body for one in added for body in one.bodies])
-    contacts = checked_pairs(
-        document, ("allowed_contacts",), model.allowed_contacts, bodies, findings, kinds=parts
-    )
-    between = [section.between for section in model.clearances]
-    special = checked_pairs(
-        document, ("clearances",), between, bodies, findings, "between", kinds=parts
-    )
+    allowed: dict[Loc, Sequence[str]] = {
+        ("allowed_contacts", k): pair for k, pair in enumerate(model.allowed_contacts)
+    }
+    contacts = checked_pairs(document, allowed, bodies, findings, parts)
+    between: dict[Loc, Sequence[str]] = {
+        ("clearances", k, "between"): section.between for k, section in enumerate(model.clearances)
+    }
+    special = checked_pairs(document, between, bodies, findings, parts)
     findings.raise_if_any()
     cell = Cell(
         robot,

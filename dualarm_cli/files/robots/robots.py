@@ -166,11 +166,17 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
     found_limits = joint_limits(document, model, joints, findings)
     frozen = frozen_positions(document, model, urdf, names, findings)
     postures = posture_positions(document, model, joints, findings)
-    contacts = checked_pairs(
-        document, ("allowed_contacts",), model.allowed_contacts, list(urdf.links), findings
-    )
-    doubtful = checked_pairs(
-        document, ("assumed_contacts",), model.assumed_contacts, list(urdf.links), findings
+    contacts, doubtful = (
+        checked_pairs(
+            document,
+            {(key, k): pair for k, pair in enumerate(pairs)},
+            list(urdf.links),
+            findings,
+        )
+        for key, pairs in (
+            ("allowed_contacts", model.allowed_contacts),
+            ("assumed_contacts", model.assumed_contacts),
+        )
     )
     findings.raise_if_any()
     if found_limits is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import pinocchio as pin
 
@@ -20,27 +20,22 @@ def link_names(robot: Robot) -> list[str]:
 
 def checked_pairs(
     document: Document,
-    loc: Loc,
-    pairs: Iterable[Sequence[str]],
+    pairs: Mapping[Loc, Sequence[str]],
     known: list[str],
     findings: Findings,
-    member: str = "",
     kinds: Collection[str] = (),
 ) -> tuple[tuple[str, str], ...]:
     """Returns pairs of bodies, after noting every name that is none, and bodies paired with themselves or twice.
 
     Args:
         document: the file.
-        loc: place of the list.
-        pairs: two names each.
+        pairs: two names each, by their places.
         known: all bodies.
         findings: where errors are noted.
-        member: key of an entry under which its two names stand; empty where the entry is the two names.
         kinds: those of the bodies that there may be several of: parts.
     """
     found: list[tuple[str, str]] = []
-    for k, (one, other) in enumerate(pairs):
-        place: Loc = (*loc, k, member) if member else (*loc, k)
+    for place, (one, other) in pairs.items():
         for n, name in enumerate((one, other)):
             if name not in known:
                 message = f"there is no body {quote(name)}{suggest(name, known, 'bodies')}"

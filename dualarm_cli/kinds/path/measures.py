@@ -5,6 +5,7 @@ How near an arm in closed form can bring its elbow to a point while its tool sta
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -226,7 +227,7 @@ def _sampled(
     )
     methods = [stage.platform_solver for stage in schedule.stages if section[0].id in stage.tasks]
     arms = tuple(body.arms[a] for a in which)
-    return PathSamples(
+    samples = PathSamples(
         section[0].id,
         methods[0] if methods else "",
         work,
@@ -238,44 +239,33 @@ def _sampled(
         tool,
         elbow,
         critical,
-        _least(context, q, rotation, tool, elbow, critical, arms)
-        if context.model.has_arm_angles
-        else None,
+        None,
         alone_all,
         together_all,
     )
+    if not context.model.has_arm_angles:
+        return samples
+    return replace(samples, least=_least(context, samples, rotation))
 
 
-def _least(
-    context: PathContext,
-    q: FloatArray,
-    R: FloatArray,
-    p: FloatArray,
-    elbow: FloatArray,
-    critical: FloatArray,
-    arms: tuple[str, ...],
-) -> FloatArray:
+def _least(context: PathContext, samples: PathSamples, R: FloatArray) -> FloatArray:
     """Returns the least distances of the elbows of m arms from their critical points [m], shape (k, m).
 
     Args:
         context: the job.
-        q: all joints [rad], shape (k, n).
+        samples: the path as it is followed, with elbows on the axes of the arms' fourth joints, as springs pull them.
         R: rotations of the tools, shape (k, m, 3, 3).
-        p: tool centre points [m], shape (k, m, 3).
-        elbow: elbows as springs pull them, on the axes of the arms' fourth joints [m], shape (k, m, 3).
-        critical: critical points [m], shape (k, m, 3).
-        arms: names of the arms.
     """
-    model, found = context.model, []
+    model, q, found = context.model, samples.position, []
     R_world, p_world = model.carried_frame(q)
     R_carried = np.swapaxes(R_world, -1, -2)
-    for m, name in enumerate(arms):
+    for m, name in enumerate(samples.arms):
         arm = model.arms[name]
         T = arm.T_flange_tcp.inverse()
         turned = product(R_carried, R[:, m])
         tool, place, point = (
             product(R_carried, (there[:, m] - p_world)[..., None])[..., 0]
-            for there in (p, elbow, critical)
+            for there in (samples.tool, samples.elbow, samples.critical)
         )
         flange = tool + product(turned, T.translation)
         middle, axis = arm.closed_form.elbow(q[0, arm.columns])

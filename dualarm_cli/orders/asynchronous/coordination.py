@@ -8,6 +8,7 @@ plane [ODonnell1989]. Dynamic programming over the plane finds the quickest way 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -38,6 +39,46 @@ class Diagram:
     def band(self) -> int:
         """How many steps one arm may be ahead of the other at most."""
         return (self.blocked.shape[1] - 1) // 2
+
+    @cached_property
+    def may_wait(self) -> list[BoolArray]:
+        """Places of each arm where it may wait, shape (steps + 1,)."""
+        return [_marks(k, r) for k, r in zip(self.steps, self.rests, strict=True)]
+
+    @cached_property
+    def opening(self) -> list[FloatArray]:
+        """Times before which each arm must not leave its places [steps], shape (steps + 1,)."""
+        return [_largest(k, r) for k, r in zip(self.steps, self.opens, strict=True)]
+
+    @cached_property
+    def needed(self) -> list[FloatArray]:
+        """Places that the other arm has to have reached before each arm leaves its own, shape (steps + 1,)."""
+        return [_largest(k, r) for k, r in zip(self.steps, self.needs, strict=True)]
+
+    def leaving(
+        self, time: FloatArray, i: int, j: IntArray, moves: tuple[bool, bool]
+    ) -> FloatArray:
+        """Compute when states are left at the earliest [steps]: arms wait until they may move on, if both can wait.
+
+        Infinite where the other arm has to get farther first.
+
+        Args:
+            time: when the states are reached, shape (c,).
+            i: place of the first arm.
+            j: places of the second arm, shape (c,).
+            moves: which arms move on.
+        """
+        may_wait, opens, needs = self.may_wait, self.opening, self.needed
+        jj = np.clip(j, 0, len(opens[1]) - 1)
+        until = np.zeros(len(time))
+        if moves[0]:
+            until = np.maximum(until, opens[0][i])
+        if moves[1]:
+            until = np.maximum(until, opens[1][jj])
+        held = (moves[0] & (j < needs[0][i])) | (moves[1] & (i < needs[1][jj]))
+        both_wait = may_wait[0][i] & may_wait[1][jj]
+        found = np.where(time >= until, time, np.where(both_wait, np.maximum(time, until), np.inf))
+        return np.where(held, np.inf, found)
 
 
 @dataclass(frozen=True)
@@ -73,9 +114,7 @@ def quickest_together(diagram: Diagram) -> Together | None:
     """Returns the quickest way through the plane, None where there is none within the band."""
     n, m = diagram.steps
     band = diagram.band
-    may_wait = [_marks(k, r) for k, r in zip(diagram.steps, diagram.rests, strict=True)]
-    opens = [_largest(k, r) for k, r in zip(diagram.steps, diagram.opens, strict=True)]
-    needs = [_largest(k, r) for k, r in zip(diagram.steps, diagram.needs, strict=True)]
+    may_wait, opens, needs = diagram.may_wait, diagram.opening, diagram.needed
     # time[i, c] for the second arm at j = i + c - band.
     time = np.full((n + 1, 2 * band + 1), np.inf)
     columns = np.arange(2 * band + 1)
@@ -90,10 +129,9 @@ def quickest_together(diagram: Diagram) -> Together | None:
             row[band] = 0.0
         else:
             # Both go on; or the first goes on while the second waits (one column to the right, as i grows).
-            both = _leaving(time[i - 1], may_wait, opens, needs, i - 1, j - 1, (True, True))
-            row = both + 1.0
+            row = diagram.leaving(time[i - 1], i - 1, j - 1, (True, True)) + 1.0
             ahead = np.append(time[i - 1][1:], np.inf)
-            wait = _leaving(ahead, may_wait, opens, needs, i - 1, j, (True, False)) + 1.0
+            wait = diagram.leaving(ahead, i - 1, j, (True, False)) + 1.0
             row = np.minimum(row, np.where(waits_b[jj], wait, np.inf))
         row = np.where(inside & ~diagram.blocked[i], row, np.inf)
         if may_wait[0][i]:
@@ -103,7 +141,7 @@ def quickest_together(diagram: Diagram) -> Together | None:
     end = band + m - n
     if not 0 <= end <= 2 * band or not np.isfinite(time[n, end]):
         return None
-    return _traced(diagram, time, may_wait, opens, needs)
+    return _traced(diagram, time)
 
 
 def _along(
@@ -139,40 +177,6 @@ def _along(
     return row
 
 
-def _leaving(
-    time: FloatArray,
-    may_wait: Sequence[BoolArray],
-    opens: Sequence[FloatArray],
-    needs: Sequence[FloatArray],
-    i: int,
-    j: IntArray,
-    moves: tuple[bool, bool],
-) -> FloatArray:
-    """Returns when states are left at the earliest [steps]: arms wait until they may move on, if both can wait.
-
-    Infinite where the other arm has to get farther first.
-
-    Args:
-        time: when the states are reached, shape (c,).
-        may_wait: by arm where it may wait.
-        opens: by arm the time before which it must not go on.
-        needs: by arm the place that the other one has to have reached before it goes on.
-        i: place of the first arm.
-        j: places of the second arm, shape (c,).
-        moves: which arms move on.
-    """
-    jj = np.clip(j, 0, len(opens[1]) - 1)
-    until = np.zeros(len(time))
-    if moves[0]:
-        until = np.maximum(until, opens[0][i])
-    if moves[1]:
-        until = np.maximum(until, opens[1][jj])
-    held = (moves[0] & (j < needs[0][i])) | (moves[1] & (i < needs[1][jj]))
-    both_wait = may_wait[0][i] & may_wait[1][jj]
-    found = np.where(time >= until, time, np.where(both_wait, np.maximum(time, until), np.inf))
-    return np.where(held, np.inf, found)
-
-
 def _marks(steps: int, rests: Sequence[int]) -> BoolArray:
     found = np.zeros(steps + 1, dtype=np.bool_)
     found[list(rests)] = True
@@ -188,13 +192,7 @@ def _largest(steps: int, rows: Sequence[tuple[int, int]]) -> FloatArray:
     return found
 
 
-def _traced(
-    diagram: Diagram,
-    time: FloatArray,
-    may_wait: Sequence[BoolArray],
-    opens: Sequence[FloatArray],
-    needs: Sequence[FloatArray],
-) -> Together:
+def _traced(diagram: Diagram, time: FloatArray) -> Together:
     """Returns the way that leads to the end, backwards step by step."""
     (n, m), band = diagram.steps, diagram.band
     i, j = n, m
@@ -207,7 +205,7 @@ def _traced(
 
     def left(i: int, j: int, moves: tuple[bool, bool]) -> float:
         own = np.array([at(i, j)])
-        return float(_leaving(own, may_wait, opens, needs, i, np.array([j]), moves)[0]) + 1.0
+        return float(diagram.leaving(own, i, np.array([j]), moves)[0]) + 1.0
 
     while i or j:
         now = at(i, j)
@@ -215,7 +213,7 @@ def _traced(
         # Of ways that are as quick the one on which an arm waits at its end, where it is in nobody's way.
         at_end = [(1, 0)] * (j == m) + [(0, 1)] * (i == n)
         for di, dj in (*at_end, (1, 1), (1, 0), (0, 1)):
-            may = (di or may_wait[0][i]) and (dj or may_wait[1][j])
+            may = (di or diagram.may_wait[0][i]) and (dj or diagram.may_wait[1][j])
             if may and np.isfinite(at(i - di, j - dj)):
                 tries.append((left(i - di, j - dj, (bool(di), bool(dj))), i - di, j - dj))
         _, before_i, before_j = min(tries, key=lambda one: abs(one[0] - now))

@@ -82,18 +82,16 @@ class EpochProblem:
         """
         starts = [np.asarray(arm.start) for arm in self.sample.arms]
         tools = [0 if one is None else one.start for one in self.stands]
-        here, clock, late = 0, 0.0, 0.0
+        clock, late = 0.0, 0.0
         rows: list[tuple[tuple[int, ...], ...]] = []
         for k, one in enumerate(epochs):
-            last = k == len(epochs) - 1
-            done = [t for before in epochs[:k] for t in before.tasks]
-            problem = self.restricted(one, starts, here, clock, done, tools, last=last)
+            problem = self.restricted(epochs, k, starts, clock, tools)
             if problem.stores is not None and not problem.stores.is_possible:
                 return EpochOrder(epochs, (), np.inf, np.inf)
             key = (
                 one,
-                here,
-                last,
+                problem.turn,
+                problem.returns,
                 iterations,
                 round(clock, 6) if problem.windows else 0.0,
                 b"" if problem.stores is None else problem.stores.initial.tobytes(),
@@ -107,35 +105,32 @@ class EpochProblem:
                 return EpochOrder(epochs, (), np.inf, np.inf)
             own = found.order.tasks(problem.ways)
             rows.append(tuple(tuple(one.tasks[k] for k in row) for row in own))
-            clock += max(found.total, _idle_return(problem, found) if last else 0.0)
+            clock += max(found.total, _idle_return(problem, found) if k == len(epochs) - 1 else 0.0)
             late += found.late
             starts = leaving(problem, found, starts)
             tools = _tools_after(problem, found, tools)
-            here = one.angle
         return EpochOrder(epochs, tuple(rows), clock, late)
 
     def restricted(
         self,
-        epoch: Epoch,
+        epochs: Sequence[Epoch],
+        k: int,
         starts: Sequence[FloatArray],
-        here: int,
         clock: float,
-        done: Sequence[int] = (),
         tools: Sequence[int] = (),
-        *,
-        last: bool,
     ) -> SequencingProblem:
-        """Returns the problem of one epoch.
+        """Restrict the job to the tasks of one epoch.
 
         Args:
-            epoch: its angle and tasks.
+            epochs: all of them: those before it have filled and emptied buffers; after the last one all return where
+                the job returns.
+            k: number of the epoch.
             starts: each arm's joints before it [rad].
-            here: number of the angle at which the platform is before it.
             clock: when it begins [s].
-            done: tasks that are over before it: what buffers hold then is what they have put in and taken out.
             tools: by arm the tool that is on before it; empty where no arm changes tools.
-            last: whether it is the last one, after which all return where the job returns.
         """
+        epoch, here = epochs[k], epochs[k - 1].angle if k else 0
+        done = [t for before in epochs[:k] for t in before.tasks]
         whole, own = self.problems[epoch.angle], list(epoch.tasks)
         number = {t: k for k, t in enumerate(own)}
         arms = tuple(
@@ -150,7 +145,7 @@ class EpochProblem:
             )
             for arm, start in zip(whole.arms, starts, strict=True)
         )
-        back = whole.returns and last
+        back = whole.returns and k == len(epochs) - 1
         return SequencingProblem(
             arms,
             tuple(whole.stops[t] for t in own),

@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.orders.rules.stores import Stores
-from dualarm_cli.orders.rules.tool_stands import ToolStands, between_with_changes
+from dualarm_cli.orders.rules.tool_stands import ToolStands
 from dualarm_cli.records import dataclass
 
 CHUNK = 2_000_000
@@ -153,8 +153,8 @@ class SequencingProblem:
         found[-1, -1] = 0.0
         if stands is None:
             return found
-        return between_with_changes(
-            found, entry, leaving, stands, arm.law.duration, self.turn, returns=self.returns
+        return stands.between_with_changes(
+            found, entry, leaving, arm.law.duration, self.turn, returns=self.returns
         )
 
 

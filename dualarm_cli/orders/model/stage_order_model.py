@@ -194,7 +194,6 @@ def stage_model(order: OrderModel) -> StageModel:
             ways[0],
             _where_idle(ways[2], order.angles[angles]),
             work,
-            order.start[model.arms[name].columns],
             turn,
         )
         for name, ways, work in zip(model.arms, chosen, works, strict=True)
@@ -306,7 +305,6 @@ def _lengths(
     entry: FloatArray,
     leaving: FloatArray,
     work: FloatArray,
-    start: FloatArray,
     turn: FloatArray,
 ) -> FloatArray:
     """Returns one arm's part of stages, see StageProblem.length.
@@ -316,6 +314,7 @@ def _lengths(
     """
     count, f = work.shape
     free = order.job.start == "free"
+    start = order.start[order.model.arms[name].columns]
     whole = order.clock.arms[name].law
     # Joint by joint, on long rows of numbers, all is several times quicker.
     laws = _single_joints(whole)

@@ -299,7 +299,8 @@ class StageSearch:
         def found(slots: IntArray, total: float) -> None:
             better(StageOrder(slots, np.zeros(0, dtype=np.int64), total))
 
-        slots, _ = self._annealed(start.slots, start.total, iterations, heat, None, found, stop)
+        first = start.slots, start.total
+        slots, _ = self._annealed(first, iterations, heat, None, found, stop)
         return with_angles(self.problem, slots)
 
     def improve_stretches(
@@ -330,8 +331,7 @@ class StageSearch:
             before = float(totals(self.problem, own[None], ends)[0])
             warm = INSERTION.hot * share * (1.0 - k / stretches)
             found, after = self._annealed(
-                own,
-                before,
+                (own, before),
                 INSERTION.per_stretch,
                 (warm, INSERTION.cold * share),
                 ends,
@@ -346,16 +346,15 @@ class StageSearch:
 
     def _annealed(
         self,
-        slots: IntArray,
-        total: float,
+        start: tuple[IntArray, float],
         iterations: int,
         heat: tuple[float, float],
         ends: Ends | None,
         better: Callable[[IntArray, float], None],
         stop: Callable[[], bool],
     ) -> tuple[IntArray, float]:
-        """Returns the best stages found, and their total."""
-        best, current = (slots, total), (slots, total)
+        """Improve stages with their total [s] by annealing; return the best found, with theirs."""
+        best = current = start
         warm, cooling = heat[0], power(heat[1] / max(heat), 1.0 / max(1, iterations))
         for _ in range(iterations):
             warm *= cooling

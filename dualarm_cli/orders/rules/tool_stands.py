@@ -35,63 +35,61 @@ class ToolStands:
         for name in ("entry", "leaving", "work"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
+    def between_with_changes(
+        self,
+        plain: FloatArray,
+        entry: FloatArray,
+        leaving: FloatArray,
+        duration: Callable[[FloatArray], FloatArray],
+        turn: tuple[float, float],
+        *,
+        returns: bool,
+    ) -> FloatArray:
+        """Compute times between an arm's nodes with the tool changes due there [s], shape (N + 1, N + 1).
+
+        From the last task of a tool to its stand, from there to the stand of the next one, and on to the next task.
+
+        Args:
+            plain: the times without changes; the last row is from the start, the last column the way back.
+            entry: joints where every node begins, where the arm goes back to last, shape (N + 1, joints).
+            leaving: joints where every node ends, the start last, shape (N + 1, joints).
+            duration: rest-to-rest times of moves (..., joints) [s].
+            turn: how long the platform turns before the first stop and after the last one [s].
+            returns: whether the arm goes back to its start.
+        """
+        found = plain.copy()
+        last = len(plain) - 1
+        tool = np.repeat(self.tool, last // len(self.tool))
+        came, goes = np.append(tool, self.start), np.append(tool, self.home)
+        for old in distinct(came).tolist():
+            rows = np.flatnonzero(came == old)
+            for new in distinct(goes).tolist():
+                columns = np.flatnonzero(goes == new)
+                if not returns:
+                    columns = columns[columns != last]
+                if old == new or not len(columns):
+                    continue
+                here: FloatArray = leaving[rows]
+                time: FloatArray = np.where(np.eye(len(rows)) > 0.0, 0.0, np.inf)
+                # From the start no sooner than the platform is there.
+                least = np.where(rows == last, turn[0], 0.0)[:, None]
+                for action, number in ((0, old), (1, new)):
+                    if number == NO_TOOL:
+                        continue
+                    step = np.maximum(_moves(here, self.entry[action, number], duration), least)
+                    time = minimum_sums(time, step + self.work[action, number][None])
+                    here, least = self.leaving[action, number], np.zeros((1, 1))
+                end = _moves(here, entry[columns], duration)
+                end = np.where(columns == last, np.maximum(end, turn[1]), end)
+                found[np.ix_(rows, columns)] = minimum_sums(time, end)
+        return found
+
 
 def minimum_sums(one: FloatArray, other: FloatArray) -> FloatArray:
     """Returns the least of one[i, k] + other[k, j] over k, shape (i, j), for shapes (i, k) and (k, j)."""
     found = np.full((one.shape[0], other.shape[1]), np.inf)
     for k in range(one.shape[1]):
         np.minimum(found, one[:, k, None] + other[None, k], out=found)
-    return found
-
-
-def between_with_changes(
-    plain: FloatArray,
-    entry: FloatArray,
-    leaving: FloatArray,
-    stands: ToolStands,
-    duration: Callable[[FloatArray], FloatArray],
-    turn: tuple[float, float],
-    *,
-    returns: bool,
-) -> FloatArray:
-    """Returns the times between an arm's nodes with the tool changes that are due there [s], shape (N + 1, N + 1).
-
-    From the last task of a tool to its stand, from there to the stand of the next one, and on to the next task.
-
-    Args:
-        plain: the times without changes; the last row is from the start, the last column the way back.
-        entry: joints where every node begins, where the arm goes back to last, shape (N + 1, joints).
-        leaving: joints where every node ends, the start last, shape (N + 1, joints).
-        stands: tools and stands.
-        duration: rest-to-rest times of moves (..., joints) [s].
-        turn: how long the platform turns before the first stop and after the last one [s].
-        returns: whether the arm goes back to its start.
-    """
-    found = plain.copy()
-    last = len(plain) - 1
-    tool = np.repeat(stands.tool, last // len(stands.tool))
-    came, goes = np.append(tool, stands.start), np.append(tool, stands.home)
-    for old in distinct(came).tolist():
-        rows = np.flatnonzero(came == old)
-        for new in distinct(goes).tolist():
-            columns = np.flatnonzero(goes == new)
-            if not returns:
-                columns = columns[columns != last]
-            if old == new or not len(columns):
-                continue
-            here: FloatArray = leaving[rows]
-            time: FloatArray = np.where(np.eye(len(rows)) > 0.0, 0.0, np.inf)
-            # From the start no sooner than the platform is there.
-            least = np.where(rows == last, turn[0], 0.0)[:, None]
-            for action, number in ((0, old), (1, new)):
-                if number == NO_TOOL:
-                    continue
-                step = np.maximum(_moves(here, stands.entry[action, number], duration), least)
-                time = minimum_sums(time, step + stands.work[action, number][None])
-                here, least = stands.leaving[action, number], np.zeros((1, 1))
-            end = _moves(here, entry[columns], duration)
-            end = np.where(columns == last, np.maximum(end, turn[1]), end)
-            found[np.ix_(rows, columns)] = minimum_sums(time, end)
     return found
 
 

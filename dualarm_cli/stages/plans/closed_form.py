@@ -94,16 +94,13 @@ def _postures(
     lines = q.shape[1] > 1
     middle = MIDDLE if lines else 0
     bulge = bulges(np.diff(q, axis=1)) if lines else np.zeros((n, 1, 7))
-    carried = table.carried[row]
-    if carried.any():
-        q, ok = _at_configurations(table, row, carried, length, q, ok, middle)
+    q, ok = _at_configurations(table, row, length, q, ok, middle)
     return timed_postures(work, q, ok, bulge, table.dwell[stage])
 
 
 def _at_configurations(
     table: StopTable,
     row: IntArray,
-    carried: BoolArray,
     length: FloatArray,
     q: FloatArray,
     ok: BoolArray,
@@ -113,6 +110,9 @@ def _at_configurations(
 
     The configuration itself counts, also where a singular wrist has others for the same pose; a line must start in it.
     """
+    carried = table.carried[row]
+    if not carried.any():
+        return q, ok
     given = np.where(carried[:, None], table.configuration[row], q[:, middle])
     turn = TURN * np.round((given - q[:, middle]) / TURN)
     q = q + turn[:, None]

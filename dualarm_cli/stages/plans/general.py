@@ -86,7 +86,8 @@ def _postures(
     q, ok = moved_along(_loose(work), near, R, p, candidates.psi_target)
     q = np.where(carried[:, None], table.configuration[row], q)
     ok |= carried
-    path, followed = _followed(_loose(work), table, stage, candidates, (R, p, z), q, LINE_SAMPLES)
+    length = np.stack([table.approach[stage], table.retract[stage]])
+    path, followed = _followed(_loose(work), length, candidates, (R, p, z), q, LINE_SAMPLES)
     if path is None:
         return timed_postures(work, q[:, None], ok, np.zeros(1), table.dwell[stage])
     both = np.moveaxis(np.concatenate([path[:0:-1, 0], path[:, 1]]), 0, 1)
@@ -184,7 +185,8 @@ def _grid_nodes(
     count = len(index)
     stages, angle = np.full(count, stage), grid.angles[index]
     R, p, z = _poses(problem, work, table, stages, angle, rows)
-    path, ok = _followed(general, table, stages, rows, (R, p, z), rows.near, END_SAMPLES)
+    length = np.stack([table.approach[stages], table.retract[stages]])
+    path, ok = _followed(general, length, rows, (R, p, z), rows.near, END_SAMPLES)
     ends = np.stack([rows.near, rows.near]) if path is None else path[-1]
     out, back = (work.law.duration(end - rows.near) for end in ends)
     time = LINE_FACTOR * (out + back) + stop.dwell
@@ -278,8 +280,7 @@ def _poses(
 
 def _followed(
     general: GeneralArm,
-    table: StopTable,
-    stage: IntArray,
+    length: FloatArray,
     rows: ArmDecisions,
     poses: tuple[FloatArray, FloatArray, FloatArray],
     q: FloatArray,
@@ -289,8 +290,7 @@ def _followed(
 
     Args:
         general: the arm, with the limits that count.
-        table: its stops.
-        stage: of each candidate, shape (n,).
+        length: of approach and retract [m], shape (2, n).
         rows: the candidates.
         poses: theirs.
         q: joints at the targets [rad], shape (n, joints).
@@ -300,7 +300,6 @@ def _followed(
         Joints (samples, 2, n, joints), None where no candidate has a line, and which are followed, shape (n,).
     """
     R, p, z = poses
-    length = np.stack([table.approach[stage], table.retract[stage]])
     ok = np.asarray(general.within_limits(q))
     if not length.any():
         return None, ok
