@@ -12,9 +12,10 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.joint_motion import SAME_TIME, merge
 from dualarm_cli.model.robot import Robot
-from dualarm_cli.model.schedule import Event, Segment, Stage
+from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.waiting import with_ends
+from dualarm_cli.postures.stage_plan import ArmStop
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.composition import concatenate
 
@@ -91,6 +92,30 @@ class MotionBuilder:
         if self.clock != next(reversed(begins.values()), None):
             begins[len(pieces)] = self.clock
         pieces.append(piece)
+
+    def add_segment(
+        self,
+        name: str,
+        kind: SegmentKind,
+        arm_stop: ArmStop | None,
+        start: float,
+        end: float,
+        reason: WaitReason = "",
+    ) -> None:
+        """Note what an arm does between two instants.
+
+        Args:
+            name: the arm.
+            kind: what it does.
+            arm_stop: the stop that it belongs to; None for none.
+            start: when it begins [s].
+            end: when it ends [s].
+            reason: why it waits, if it does.
+        """
+        task = arm_stop.task.id if arm_stop else ""
+        action = arm_stop.stop.action if arm_stop else ""
+        dwell = arm_stop.stop.dwell if arm_stop and kind == "dwell" else None
+        self.segments.append(Segment(name, kind, task, action, start, end, dwell, reason))
 
     def add_whole(self, piece: Trajectory) -> None:
         """Appends a motion of all joints."""

@@ -16,7 +16,6 @@ from dualarm_cli.motion.bent_transfers import detour_pieces, moving_detour
 from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.motion.stop_motion import (
     add_handover,
-    add_segment,
     add_stop,
     rates_between,
     stage_of,
@@ -263,7 +262,7 @@ def _wait(record: MotionBuilder, drive: Drive, plan: StagePlan, waits: StageWait
         record.add(name, hold(drive.joints(name), plan.start[index], waits.common))
         if name != PLATFORM:
             span = record.clock, record.clock + waits.common
-            add_segment(record, name, "wait", plan.stops.get(name), *span, waits.reasons[name])
+            record.add_segment(name, "wait", plan.stops.get(name), *span, waits.reasons[name])
     record.clock += waits.common
 
 
@@ -293,7 +292,7 @@ def _add_stage(
             if name != PLATFORM and ends[name] > start:
                 span = begin + start, begin + ends[name]
                 what = "wait" if reason else kind
-                add_segment(record, name, what, plan.stops.get(name), *span, reason)
+                record.add_segment(name, what, plan.stops.get(name), *span, reason)
     arrived = dict(ends)
     pair = giver_and_taker(plan.stops)
     if pair is not None:
@@ -316,7 +315,7 @@ def _add_stage(
             if name != PLATFORM:
                 span = begin + ends[name], begin + length
                 why: WaitReason = "after" if name in after else "partner"
-                add_segment(record, name, "wait", after.get(name), *span, why)
+                record.add_segment(name, "wait", after.get(name), *span, why)
     record.clock = begin + length
     # In a hand-over the one that comes last decides, not the one that leaves last.
     last = ends if pair is None else arrived

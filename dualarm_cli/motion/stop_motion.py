@@ -14,7 +14,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import JointTarget, PoseTarget
-from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
+from dualarm_cli.model.schedule import Event, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import MotionBuilder
 from dualarm_cli.motion.transfers import (
@@ -203,7 +203,7 @@ def add_handover(
         arm = drive.model.arms[arm_stop.arm]
         stands = hold(arm.arm.joints, plan.arrival[arm.columns], end - start)
         record.add(arm_stop.arm, stands)
-        add_segment(record, arm_stop.arm, "wait", arm_stop, start, end, "partner")
+        record.add_segment(arm_stop.arm, "wait", arm_stop, start, end, "partner")
 
     clock = begin + there
     wait(taker, begin + ends[taker.arm], clock)
@@ -364,7 +364,7 @@ def add_stop(
     def add(piece: Trajectory, kind: SegmentKind, reason: WaitReason = "") -> None:
         nonlocal clock
         record.add(name, piece)
-        add_segment(record, name, kind, arm_stop, clock, clock + piece.duration, reason)
+        record.add_segment(name, kind, arm_stop, clock, clock + piece.duration, reason)
         clock += piece.duration
 
     if arm_stop.tracked is not None:
@@ -396,11 +396,11 @@ def _add_tracked(
     reached, left = clock + tracked.reached, clock + tracked.left
     over = clock + tracked.motion.duration
     record.add(name, tracked.motion)
-    add_segment(record, name, "approach", arm_stop, clock, reached)
+    record.add_segment(name, "approach", arm_stop, clock, reached)
     record.events.append(event_of(model, plan, arm_stop, reached))
     if left > reached:
-        add_segment(record, name, "dwell", arm_stop, reached, left)
-    add_segment(record, name, "retract", arm_stop, left, over)
+        record.add_segment(name, "dwell", arm_stop, reached, left)
+    record.add_segment(name, "retract", arm_stop, left, over)
     return over
 
 
@@ -415,29 +415,3 @@ def _line_key(model: CellModel, plan: StagePlan, arm_stop: ArmStop, line: str) -
         [made.target, made.yaw, made.branch, made.psi_target, made.psi_approach, made.psi_retract],
     )
     return arm_stop.arm, id(arm_stop.stop), np.concatenate(numbers).tobytes()
-
-
-def add_segment(
-    record: MotionBuilder,
-    name: str,
-    kind: SegmentKind,
-    arm_stop: ArmStop | None,
-    start: float,
-    end: float,
-    reason: WaitReason = "",
-) -> None:
-    """Notes what an arm does between two instants.
-
-    Args:
-        record: what is planned so far.
-        name: the arm.
-        kind: what it does.
-        arm_stop: the stop that it belongs to; None for none.
-        start: when it begins [s].
-        end: when it ends [s].
-        reason: why it waits, if it does.
-    """
-    task = arm_stop.task.id if arm_stop else ""
-    action = arm_stop.stop.action if arm_stop else ""
-    dwell = arm_stop.stop.dwell if arm_stop and kind == "dwell" else None
-    record.segments.append(Segment(name, kind, task, action, start, end, dwell, reason))

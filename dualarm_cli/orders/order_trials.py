@@ -19,7 +19,7 @@ from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.node_plans import with_yaws
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
-from dualarm_cli.stages.search.polish import polish
+from dualarm_cli.stages.search.polish import Polishing
 from dualarm_cli.stages.sequence_problem import sequence_problem
 
 MOST_TRIED = 120
@@ -66,9 +66,8 @@ class _Trial:
     def polished(self, rounds: int) -> _Trial:
         """Returns the same with a better plan."""
         tables = tuple(StopTable.of(work) for work in self.problem.arms)
-        return replace(
-            self, plan=polish(self.problem, tables, self.plan, rounds, TRIALS.random_steps, 0)
-        )
+        polishing = Polishing(self.problem, tables)
+        return replace(self, plan=polishing.polished(self.plan, rounds, TRIALS.random_steps))
 
 
 def most_promising(

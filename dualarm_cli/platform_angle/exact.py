@@ -439,8 +439,8 @@ def _solve_chunk(problem: PlatformProblem) -> PlatformSolution:
         kinds = np.where(level, way, rest.kind)
         for values, found in ((angle, rest.angle), (valid, rest.valid), (kind, kinds)):
             values[missing, ROOT_KINDS.size :] = np.take_along_axis(found, best, axis=1)
-    found = build_solution(problem, angle, kind, valid, alike, coefficients)
-    return replace(found, balanced_first=True)
+    solution = build_solution(problem, angle, kind, valid, alike, coefficients)
+    return replace(solution, balanced_first=True)
 
 
 def _each_reaches(coefficients: FloatArray) -> BoolArray:

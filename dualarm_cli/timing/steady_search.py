@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
@@ -216,26 +218,27 @@ def fastest_profile(
         acceleration: largest acceleration of the share [1/s²], or None.
         trapezoid: whether accelerations may jump; only for joints without jerk limits.
     """
+    ramps = _Ramps(rates, limits, acceleration, trapezoid)
     top = steady_limit(rates, limits).speed
     if most <= top:
-        exact = _quickest(rates, limits, np.array([most]), acceleration, trapezoid)
+        exact = ramps.quickest(np.array([most]))
         if exact is not None:
-            return _shortened(exact, rates, limits, acceleration, trapezoid)
+            return ramps.shortened(exact)
     # Two ramps cover the whole path at most.
     # Rounding may not make a ramp to the highest speed too fast.
     highest = min(most, top / PROFILE.as_fast, 1.0 / RAMPS[0])
     speeds = highest * geometric(1.0, PROFILE.least_speed, PROFILE.speeds)
-    best = _quickest(rates, limits, speeds, acceleration, trapezoid)
+    best = ramps.quickest(speeds)
     if best is None:
         return None
     k = int(np.argmin(np.abs(speeds - best.speed)))
     near = np.linspace(
         speeds[max(k - 1, 0)], speeds[min(k + 1, PROFILE.speeds - 1)], PROFILE.near_best
     )
-    nearby = _quickest(rates, limits, near, acceleration, trapezoid)
+    nearby = ramps.quickest(near)
     if nearby is not None and nearby.duration < best.duration:
         best = nearby
-    return _shortened(best, rates, limits, acceleration, trapezoid)
+    return ramps.shortened(best)
 
 
 def profile_of_duration(
@@ -255,6 +258,7 @@ def profile_of_duration(
         acceleration: largest acceleration of the share [1/s²], or None.
         trapezoid: whether accelerations may jump; only for joints without jerk limits.
     """
+    ends = _Ramps(rates, limits, acceleration, trapezoid).ends
     top = steady_limit(rates, limits).speed
     shapes = [0.0] if trapezoid else JERK_SHARES.tolist()
     for ramp in (duration * SHARES_OF_TIME).tolist():
@@ -263,11 +267,7 @@ def profile_of_duration(
             continue
         for shape in shapes:
             time, part = np.array([ramp]), np.array([shape])
-            ends = (rates, rates.backwards())
-            if all(
-                _keeps(end, limits, speed, time, part, acceleration, PROFILE.close).all()
-                for end in ends
-            ):
+            if all(end.keep(speed, time, part, PROFILE.close).all() for end in ends):
                 one = Ramp(ramp, ramp * shape)
                 return SteadyProfile(speed, one, one)
     fastest = fastest_profile(rates, limits, np.inf, acceleration, trapezoid=trapezoid)
@@ -279,131 +279,115 @@ def profile_of_duration(
     return SteadyProfile(fastest.speed / longer, start, end)
 
 
-def _quickest(
-    rates: PathRates,
-    limits: JointLimits,
-    speeds: FloatArray,
-    acceleration: float | None,
-    trapezoid: bool,
-) -> SteadyProfile | None:
-    """Returns the quickest profile of some steady speeds, or None."""
-    best: SteadyProfile | None = None
-    for speed in speeds.tolist():
+@dataclass(frozen=True)
+class _Ramps:
+    """Ramps to both ends of a path that keep every limit."""
+
+    rates: PathRates
+    """Rates of the path, which begins at rest."""
+    limits: JointLimits
+    """Limits of its joints."""
+    acceleration: float | None
+    """Largest acceleration of the share [1/s²], or None."""
+    trapezoid: bool
+    """Whether accelerations may jump; only for joints without jerk limits."""
+
+    @property
+    def ends(self) -> tuple[_Ramps, _Ramps]:
+        """The path from its start, and from its end."""
+        return self, replace(self, rates=self.rates.backwards())
+
+    def quickest(self, speeds: FloatArray) -> SteadyProfile | None:
+        """Select the quickest profile of some steady speeds, or None."""
+        best: SteadyProfile | None = None
+        for speed in speeds.tolist():
+            ramps = []
+            for end in self.ends:
+                ramp = end.shortest(speed)
+                if ramp is None:
+                    break
+                ramps.append(ramp)
+            if len(ramps) < 2 or speed * (ramps[0].time + ramps[1].time) / 2.0 > 1.0:
+                continue
+            found = SteadyProfile(speed, *ramps)
+            if best is None or found.duration < best.duration:
+                best = found
+        return best
+
+    def shortest(self, speed: float) -> Ramp | None:
+        """Select the shortest ramp to a speed that keeps every limit, or None."""
+        least = 0.0
+        if self.acceleration is not None:
+            least = speed / (self.acceleration * PROFILE.as_fast)
+        times = RAMPS[(2.0 / speed >= RAMPS) & (least / RATIO < RAMPS)]
+        for k in range(0, len(times), PROFILE.together):
+            found = self.first(speed, times[k : k + PROFILE.together], JERK_SHARES)
+            if found is not None:
+                low = found.time / np.square(RATIO)
+                shorter = geometric(low, found.time, PROFILE.finer + 1)[:-1]
+                return self.first(speed, shorter, FINER_SHARES) or found
+        return None
+
+    def shortened(self, profile: SteadyProfile) -> SteadyProfile:
+        """Shorten a profile's ramps by what the times that were tried leave between them."""
         ramps = []
-        for end in (rates, rates.backwards()):
-            ramp = _shortest_ramp(end, limits, speed, acceleration, trapezoid)
-            if ramp is None:
-                break
-            ramps.append(ramp)
-        if len(ramps) < 2 or speed * (ramps[0].time + ramps[1].time) / 2.0 > 1.0:
-            continue
-        found = SteadyProfile(speed, *ramps)
-        if best is None or found.duration < best.duration:
-            best = found
-    return best
+        for end, ramp in zip(self.ends, (profile.start, profile.end), strict=True):
+            low = ramp.time / power(RATIO, 2.0 / PROFILE.finer)
+            times = geometric(low, ramp.time, PROFILE.finer + 1)[:-1]
+            ramps.append(end.first(profile.speed, times, FINER_SHARES) or ramp)
+        return SteadyProfile(profile.speed, *ramps)
 
+    def first(self, speed: float, times: FloatArray, shapes: FloatArray) -> Ramp | None:
+        """Select the first ramp that keeps every limit, of times (g,) [s] and shapes (h,), or None."""
+        shapes = np.zeros(1) if self.trapezoid else shapes
+        time, shape = (grid.ravel() for grid in np.meshgrid(times, shapes, indexing="ij"))
+        good = np.flatnonzero(self.keep(speed, time, shape))
+        # On a wavy path rates have peaks between the few instants by which most ramps are refused.
+        for k in range(0, len(good), PROFILE.at_once):
+            some = good[k : k + PROFILE.at_once]
+            kept = some[self.keep(speed, time[some], shape[some], PROFILE.close)]
+            if len(kept):
+                return Ramp(float(time[kept[0]]), float((time * shape)[kept[0]]))
+        return None
 
-def _shortest_ramp(
-    rates: PathRates,
-    limits: JointLimits,
-    speed: float,
-    acceleration: float | None,
-    trapezoid: bool,
-) -> Ramp | None:
-    """Returns the shortest ramp to a speed that keeps every limit, or None."""
-    least = 0.0 if acceleration is None else speed / (acceleration * PROFILE.as_fast)
-    times = RAMPS[(2.0 / speed >= RAMPS) & (least / RATIO < RAMPS)]
-    coarse, fine = (np.zeros(1) if trapezoid else shares for shares in (JERK_SHARES, FINER_SHARES))
-    for k in range(0, len(times), PROFILE.together):
-        tried = times[k : k + PROFILE.together]
-        found = _first(rates, limits, speed, tried, coarse, acceleration)
-        if found is not None:
-            shorter = geometric(found.time / np.square(RATIO), found.time, PROFILE.finer + 1)[:-1]
-            return _first(rates, limits, speed, shorter, fine, acceleration) or found
-    return None
+    def keep(
+        self,
+        speed: float,
+        time: FloatArray,
+        shape: FloatArray,
+        instants: int = PROFILE.per_phase,
+    ) -> BoolArray:
+        """Select the ramps to a speed that keep every limit, shape (g,).
 
-
-def _shortened(
-    profile: SteadyProfile,
-    rates: PathRates,
-    limits: JointLimits,
-    acceleration: float | None,
-    trapezoid: bool,
-) -> SteadyProfile:
-    """Returns a profile with its ramps shorter by what the times that were tried leave between them."""
-    ramps = []
-    for end, ramp in ((rates, profile.start), (rates.backwards(), profile.end)):
-        times = geometric(
-            ramp.time / power(RATIO, 2.0 / PROFILE.finer), ramp.time, PROFILE.finer + 1
-        )[:-1]
-        shapes = np.zeros(1) if trapezoid else FINER_SHARES
-        ramps.append(_first(end, limits, profile.speed, times, shapes, acceleration) or ramp)
-    return SteadyProfile(profile.speed, *ramps)
-
-
-def _first(
-    rates: PathRates,
-    limits: JointLimits,
-    speed: float,
-    times: FloatArray,
-    shapes: FloatArray,
-    acceleration: float | None,
-) -> Ramp | None:
-    """Returns the first ramp that keeps every limit, of times (g,) [s] and for each of shapes (h,), or None."""
-    time, shape = (grid.ravel() for grid in np.meshgrid(times, shapes, indexing="ij"))
-    good = np.flatnonzero(_keeps(rates, limits, speed, time, shape, acceleration))
-    # On a wavy path rates have peaks between the few instants by which most ramps are refused.
-    for k in range(0, len(good), PROFILE.at_once):
-        some = good[k : k + PROFILE.at_once]
-        kept = some[
-            _keeps(rates, limits, speed, time[some], shape[some], acceleration, PROFILE.close)
-        ]
-        if len(kept):
-            return Ramp(float(time[kept[0]]), float((time * shape)[kept[0]]))
-    return None
-
-
-def _keeps(
-    rates: PathRates,
-    limits: JointLimits,
-    speed: float,
-    time: FloatArray,
-    shape: FloatArray,
-    acceleration: float | None,
-    instants: int = PROFILE.per_phase,
-) -> BoolArray:
-    """Returns which ramps to a speed keep every limit, shape (g,).
-
-    Args:
-        rates: of the path from where it is at rest.
-        limits: of its joints.
-        speed: steady speed [1/s].
-        time: of the ramps [s], shape (g,).
-        shape: share of each in which the acceleration rises, shape (g,).
-        acceleration: largest acceleration of the share [1/s²], or None.
-        instants: of each phase that are looked at.
-    """
-    x = shape * time
-    steep = speed / (time - x)
-    edges = np.stack([np.zeros_like(time), x, time - x, time], axis=-1)
-    inner = np.linspace(0.0, 1.0, instants)
-    t = edges[:, :-1, None] + np.diff(edges, axis=1)[:, :, None] * inner
-    ramp = Ramp(time[:, None, None], x[:, None, None])  # type: ignore[arg-type]
-    s, sd, sdd = ramp_at(t, speed, ramp)
-    sddd = np.zeros_like(s)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rise = np.where(x > 0.0, steep / np.where(x > 0.0, x, 1.0), 0.0)
-    sddd[:, 0], sddd[:, 2] = rise[:, None], -rise[:, None]
-    # Where the acceleration jumps both sides count.
-    sdd[:, 1] = steep[:, None]
-    q1, q2, q3 = rates.at(s)
-    sd, sdd, sddd = sd[..., None], sdd[..., None], sddd[..., None]
-    velocity = np.abs(q1 * sd) / limits.velocity
-    accelerations = np.abs(q2 * np.square(sd) + q1 * sdd) / limits.acceleration
-    jerks = np.abs(q3 * cube(sd) + 3.0 * q2 * sd * sdd + q1 * sddd) / limits.jerk
-    largest = [part.max(axis=(1, 2, 3)) for part in (velocity, accelerations, jerks)]
-    good = np.all([one <= margin for one, margin in zip(largest, RATE_MARGIN, strict=True)], axis=0)
-    good &= s.max(axis=(1, 2)) <= PROFILE.as_fast
-    if acceleration is not None:
-        good &= steep <= acceleration * PROFILE.as_fast
-    return np.asarray(good)
+        Args:
+            speed: steady speed [1/s].
+            time: of the ramps [s], shape (g,).
+            shape: share of each in which the acceleration rises, shape (g,).
+            instants: of each phase that are looked at.
+        """
+        x = shape * time
+        steep = speed / (time - x)
+        edges = np.stack([np.zeros_like(time), x, time - x, time], axis=-1)
+        inner = np.linspace(0.0, 1.0, instants)
+        t = edges[:, :-1, None] + np.diff(edges, axis=1)[:, :, None] * inner
+        ramp = Ramp(time[:, None, None], x[:, None, None])  # type: ignore[arg-type]
+        s, sd, sdd = ramp_at(t, speed, ramp)
+        sddd = np.zeros_like(s)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rise = np.where(x > 0.0, steep / np.where(x > 0.0, x, 1.0), 0.0)
+        sddd[:, 0], sddd[:, 2] = rise[:, None], -rise[:, None]
+        # Where the acceleration jumps both sides count.
+        sdd[:, 1] = steep[:, None]
+        q1, q2, q3 = self.rates.at(s)
+        sd, sdd, sddd = sd[..., None], sdd[..., None], sddd[..., None]
+        velocity = np.abs(q1 * sd) / self.limits.velocity
+        accelerations = np.abs(q2 * np.square(sd) + q1 * sdd) / self.limits.acceleration
+        jerks = np.abs(q3 * cube(sd) + 3.0 * q2 * sd * sdd + q1 * sddd) / self.limits.jerk
+        largest = [part.max(axis=(1, 2, 3)) for part in (velocity, accelerations, jerks)]
+        good = np.all(
+            [one <= margin for one, margin in zip(largest, RATE_MARGIN, strict=True)], axis=0
+        )
+        good &= s.max(axis=(1, 2)) <= PROFILE.as_fast
+        if self.acceleration is not None:
+            good &= steep <= self.acceleration * PROFILE.as_fast
+        return np.asarray(good)

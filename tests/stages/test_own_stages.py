@@ -31,7 +31,6 @@ from dualarm_cli.stages.search.own_stages import (
     exact_nodes,
     shared_intervals,
     spread,
-    with_own_angles,
 )
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.potentials import arm_layers, with_potentials
@@ -204,7 +203,7 @@ def test_a_stage_with_less_than_the_margin_of_nodes_everywhere_keeps_collision_f
     tables = tuple(StopTable.of(work) for work in problem.arms)
     angles = np.zeros((3, 4))
     arms = [arm_layers(problem, a, angles, [None] * 3) for a in (0, 1)]
-    found = with_own_angles(problem, ExactStages(problem, tables), arms, angles, [1], 500)
+    found = ExactStages(problem, tables).layers(problem, arms, angles, [1], 500)
     assert (found is not None) == possible
     if found is not None:
         assert all(len(arm.layers[1].angle_index) for arm in found if arm.layers[1] is not None)
@@ -377,7 +376,7 @@ def test_where_all_lines_at_shared_angles_fail_a_stage_gets_angles_of_its_own(pa
         holds.append(bool(found.possible.any()))
     assert holds == [True, False]
     # One node less a round would leave most of the 40 that fail.
-    [(_, plan)] = plans_on_nodes(problem, tables, mesh, 1).plans
+    [(_, plan)] = plans_on_nodes(problem, ExactStages(problem, tables), mesh, 1).plans
     assert np.isfinite(plan.total)
     assert not np.isclose(plan.decisions.angle[0], grid.angles[shared[0]])
 
@@ -416,7 +415,8 @@ def test_a_beam_in_which_all_the_best_steps_touch_looks_at_the_others(
     problem, tables = crowded(packing, seed)
     few = beam.BeamSettings(oversampling=1, clearance_oversampling=1)
     monkeypatch.setattr(beam, "SETTINGS", few)
-    [(path, plan)] = plans_on_nodes(problem, tables, Mesh(0.25, 12, 1500, 1), 1).plans
+    exact = ExactStages(problem, tables)
+    [(path, plan)] = plans_on_nodes(problem, exact, Mesh(0.25, 12, 1500, 1), 1).plans
     assert path.is_possible
     assert plan_clearance(problem, plan).stops.all()
 

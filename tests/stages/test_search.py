@@ -25,7 +25,8 @@ from dualarm_cli.stages.search.beam import beam_search
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.linear_steps import _windows
 from dualarm_cli.stages.search.node_plans import NodePlans, grid_angles, plans_on_nodes
-from dualarm_cli.stages.search.polish import polish
+from dualarm_cli.stages.search.own_stages import ExactStages
+from dualarm_cli.stages.search.polish import Polishing
 from dualarm_cli.stages.search.potentials import arm_layers, with_potentials
 from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.search.variables import FIELDS, Variables, slopes
@@ -278,7 +279,9 @@ def test_a_path_on_nodes_takes_what_its_decisions_take(
     """Without lines the beam's total is exact but for the table's steps, and no bound is above it."""
     problem = _with_one_law(random_problem(2, stages, start=start, returns=returns))
     tables = tuple(StopTable.of(work) for work in problem.arms)
-    found = plans_on_nodes(problem, tables, Mesh(np.radians(12.0), 14, 1500, 40), 4)
+    found = plans_on_nodes(
+        problem, ExactStages(problem, tables), Mesh(np.radians(12.0), 14, 1500, 40), 4
+    )
     assert found.plans
     for path, plan in found.plans:
         assert path.total <= plan.total + 1e-5
@@ -305,7 +308,8 @@ def test_polishing_gains_and_never_loses(random_problem: Problems) -> None:
     ]
     [path] = beam_search(problem, with_potentials(problem, layers, len(angles)), every, 20, 4)
     plan = evaluate(problem, tables, path.decisions)
-    totals = [polish(problem, tables, plan, rounds, 2, 0).total for rounds in (0, 1, 3, 8)]
+    polishing = Polishing(problem, tables)
+    totals = [polishing.polished(plan, rounds, 2).total for rounds in (0, 1, 3, 8)]
     assert totals[0] == plan.total
     assert totals == sorted(totals, reverse=True)
     assert totals[-1] < 0.99 * plan.total

@@ -124,9 +124,9 @@ def lines_hold(
     k = np.flatnonzero(table.active)
     rows = rows.take(k)
     poses = _poses(problem, work, table, k, angle[k], rows)
-    _, holds[k] = _followed(
-        numeric_form(work.kinematics), table, k, rows, poses, rows.near, DENSE_SAMPLES
-    )
+    length = np.stack([table.approach[k], table.retract[k]])
+    general = numeric_form(work.kinematics)
+    _, holds[k] = _followed(general, length, rows, poses, rows.near, DENSE_SAMPLES)
     return holds
 
 

@@ -24,7 +24,6 @@ from dualarm_cli.stages.search.own_stages import (
     free_nodes,
     stages_without_angle,
     taking_turns,
-    with_own_angles,
 )
 from dualarm_cli.stages.search.potentials import ArmLayers, arm_layers, with_potentials
 
@@ -195,26 +194,24 @@ class _StageNodes:
 
 def plans_on_nodes(
     problem: SequenceProblem,
-    tables: tuple[StopTable, ...],
+    exact: ExactStages,
     mesh: Mesh,
     plans: int,
     near: Evaluated | None = None,
     loose: BoolArray | None = None,
-    exact: ExactStages | None = None,
 ) -> NodePlans:
     """Returns the beam's plans on a grid of nodes, and the grid's bound.
 
     Args:
         problem: the sequence.
-        tables: the arms' stops.
+        exact: the arms' stops, with exact nodes of stages as far as they are known from other grids.
         mesh: how finely nodes are set.
         plans: how many plans at most.
         near: a plan around which the platform angles lie, if the mesh has them around one.
         loose: the stages that are looked at, shape (n,); in all others that plan's own postures are the only nodes. All
             by default.
-        exact: exact nodes of stages, as far as they are known from other grids.
     """
-    exact = exact or ExactStages(problem, tables)
+    tables = exact.tables
     if mesh.around and near is not None:
         angles = angles_near(problem, near.decisions, mesh)
     else:
@@ -233,7 +230,7 @@ def plans_on_nodes(
             return NodePlans([], bound, tuple(lacking))
         # Near a plan, stages with less than SLACK everywhere stay as they are in that plan; here they have no other.
         spares = (SLACK, 0.0) if near is None else (SLACK,)
-        refined = with_own_angles(problem, exact, arms, angles, lacking, mesh.most_nodes, spares)
+        refined = exact.layers(problem, arms, angles, lacking, mesh.most_nodes, spares)
         if refined is None:
             return NodePlans([], bound, tuple(lacking))
         own.update(lacking)

@@ -313,7 +313,7 @@ class ExactStages:
 
     problem: SequenceProblem
     """The sequence; what has to be collision-free in it does not matter."""
-    tables: Sequence[StopTable]
+    tables: tuple[StopTable, ...]
     """The arms' stops."""
     _shared: dict[int, list[Interval]] = field(default_factory=dict)
     _known: dict[tuple[int, int, int], tuple[FloatArray, list[Nodes | None]]] = field(
@@ -348,41 +348,42 @@ class ExactStages:
             for a, work in enumerate(problem.arms)
         ]
 
+    def layers(
+        self,
+        problem: SequenceProblem,
+        arms: Sequence[ArmLayers],
+        angles: FloatArray,
+        stages: Sequence[int],
+        most: int,
+        spares: Sequence[float] = (SLACK, 0.0),
+    ) -> tuple[ArmLayers, ...] | None:
+        """Move stages to platform angles of their own; return the arms' layers, or None where a stage has none.
 
-def with_own_angles(
-    problem: SequenceProblem,
-    exact: ExactStages,
-    arms: Sequence[ArmLayers],
-    angles: FloatArray,
-    stages: Sequence[int],
-    most: int,
-    spares: Sequence[float] = (SLACK, 0.0),
-) -> tuple[ArmLayers, ...] | None:
-    """Returns the arms' layers with some stages on platform angles of their own; None where a stage has none.
-
-    Args:
-        problem: the sequence.
-        exact: its exact nodes.
-        arms: layers of each arm.
-        angles: the platform angles of all stages [rad], shape (n, f); rows of those stages are replaced.
-        stages: their numbers.
-        most: most nodes of one stop.
-        spares: margins beyond the clearance that is asked for [m]: each is tried where the one before leaves no angle.
-    """
-    # Whether there are angles at all is known long before the nodes at them.
-    if problem.turns and not all(exact.shared(k) for k in stages):
-        return None
-    layers = [list(arm.layers) for arm in arms]
-    for k in stages:
-        made = _own_nodes(problem, exact, k, angles.shape[1], most, spares)
-        if made is None:
+        Args:
+            problem: the sequence.
+            arms: layers of each arm.
+            angles: the platform angles of all stages [rad], shape (n, f); rows of those stages are replaced.
+            stages: their numbers.
+            most: most nodes of one stop.
+            spares: margins beyond the clearance that is asked for [m]: each is tried where the one before leaves no
+                angle.
+        """
+        # Whether there are angles at all is known long before the nodes at them.
+        if problem.turns and not all(self.shared(k) for k in stages):
             return None
-        angles[k], nodes = made
-        for a, (arm, own) in enumerate(zip(arms, nodes, strict=True)):
-            if own is not None:
-                partner = nodes[1 - a] if k in problem.together else None
-                layers[a][k] = layer_of(problem, arm.table, angles[k], taking_turns(own, partner))
-    return tuple(replace(arm, layers=own) for arm, own in zip(arms, layers, strict=True))
+        layers = [list(arm.layers) for arm in arms]
+        for k in stages:
+            made = _own_nodes(problem, self, k, angles.shape[1], most, spares)
+            if made is None:
+                return None
+            angles[k], nodes = made
+            for a, (arm, own) in enumerate(zip(arms, nodes, strict=True)):
+                if own is not None:
+                    partner = nodes[1 - a] if k in problem.together else None
+                    layers[a][k] = layer_of(
+                        problem, arm.table, angles[k], taking_turns(own, partner)
+                    )
+        return tuple(replace(arm, layers=own) for arm, own in zip(arms, layers, strict=True))
 
 
 def taking_turns(nodes: Nodes, partner: Nodes | None) -> Nodes:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import Evaluated, held
@@ -25,56 +28,64 @@ SMALLEST_RADIUS = 2e-3
 """Radius below which polishing ends [rad]."""
 
 
-def polish(
-    problem: SequenceProblem,
-    tables: tuple[StopTable, ...],
-    start: Evaluated,
-    rounds: int,
-    random_steps: int,
-    seed: int,
-    loose: BoolArray | None = None,
-) -> Evaluated:
-    """Returns a plan that is nowhere slower than the start, after some rounds.
+@dataclass(frozen=True)
+class Polishing:
+    """The polishing of plans of one sequence."""
 
-    Every round offers each stage shares of the linear step and some random steps; dynamic programming combines them.
+    problem: SequenceProblem
+    """The sequence."""
+    tables: tuple[StopTable, ...]
+    """The arms' stops."""
+    seed: int = 0
+    """Seed of the random steps."""
+    loose: BoolArray | None = None
+    """Stages in which something may change, shape (n,); None for all."""
 
-    Args:
-        problem: the sequence.
-        tables: the arms' stops.
-        start: a possible plan.
-        rounds: how many rounds at most.
-        random_steps: how many random steps are offered besides.
-        seed: of the random steps.
-        loose: stages in which something may change, shape (n,); all by default.
-    """
-    variables = Variables.of(problem, loose)
-    if not variables.count:
-        return start
-    # Its module is loaded when it is first asked for, which takes time.
-    random = np.random.default_rng(seed) if random_steps else None
-    best, radius = start, FIRST_RADIUS
-    for k in range(rounds):
-        radii = np.full(problem.stages + 1, radius)
-        step = linear_step(problem, tables, variables, best, radii, k)
-        steps = np.vstack(
-            [SCALES[:, None] * step, _random_steps(random, variables, radius, random_steps)]
-        )
-        moved = [_within(problem, variables.moved(best.decisions, one)) for one in steps]
-        pool = Pool.of(problem, tables, best, moved)
-        found = combined(problem, pool, best)
-        if problem.returns:
-            # The return of an arm that is idle at the end is no matter of neighbours: whole steps see it.
-            whole = [pool.plan(np.full(problem.stages, m + 1)) for m in range(len(SCALES))]
-            found = _best(problem, [found, *whole])
-        if best.total - found.total < LITTLE * best.total:
-            radius *= SHRINK
-        best = found
-        if radius < SMALLEST_RADIUS:
-            break
-    sure = held(problem, tables, best)
-    if np.isfinite(sure.total):
-        return sure
-    return best_combination(problem, tables, start, [best.decisions])
+    @property
+    def at_rest(self) -> Polishing:
+        """The same with all lines' ends at rest."""
+        return replace(self, problem=replace(self.problem, ways=None))
+
+    def polished(self, start: Evaluated, rounds: int, random_steps: int) -> Evaluated:
+        """Polish a plan; the result is nowhere slower.
+
+        Every round offers each stage shares of the linear step and some random steps; dynamic programming combines
+        them.
+
+        Args:
+            start: a possible plan.
+            rounds: maximum number of rounds.
+            random_steps: number of random steps that are offered besides.
+        """
+        problem, tables = self.problem, self.tables
+        variables = Variables.of(problem, self.loose)
+        if not variables.count:
+            return start
+        # Its module is loaded when it is first asked for, which takes time.
+        random = np.random.default_rng(self.seed) if random_steps else None
+        best, radius = start, FIRST_RADIUS
+        for k in range(rounds):
+            radii = np.full(problem.stages + 1, radius)
+            step = linear_step(problem, tables, variables, best, radii, k)
+            steps = np.vstack(
+                [SCALES[:, None] * step, _random_steps(random, variables, radius, random_steps)]
+            )
+            moved = [_within(problem, variables.moved(best.decisions, one)) for one in steps]
+            pool = Pool.of(problem, tables, best, moved)
+            found = combined(problem, pool, best)
+            if problem.returns:
+                # The return of an arm that is idle at the end is no matter of neighbours: whole steps see it.
+                whole = [pool.plan(np.full(problem.stages, m + 1)) for m in range(len(SCALES))]
+                found = _best(problem, [found, *whole])
+            if best.total - found.total < LITTLE * best.total:
+                radius *= SHRINK
+            best = found
+            if radius < SMALLEST_RADIUS:
+                break
+        sure = held(problem, tables, best)
+        if np.isfinite(sure.total):
+            return sure
+        return best_combination(problem, tables, start, [best.decisions])
 
 
 def _best(problem: SequenceProblem, plans: list[Evaluated]) -> Evaluated:

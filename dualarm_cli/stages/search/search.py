@@ -21,7 +21,7 @@ from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.node_plans import plans_on_nodes
 from dualarm_cli.stages.search.own_stages import ExactStages
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
-from dualarm_cli.stages.search.polish import polish
+from dualarm_cli.stages.search.polish import Polishing
 from dualarm_cli.stages.search.stretches import Stretch, in_parts, loose_stretches, stretch_of
 from dualarm_cli.stages.search.variables import Variables
 
@@ -105,11 +105,9 @@ def _searched(
     """Search with one set of limits of position, see `search`; `others` are plans that were polished in motion."""
     asked, problem = problem, replace(problem, ways=None)
     tables = tuple(StopTable.of(work) for work in problem.arms)
-    exact = ExactStages(problem, tables)
+    exact, polishing = ExactStages(problem, tables), Polishing(problem, tables, seed)
     made = halves(
-        lambda meshes: [
-            plans_on_nodes(problem, tables, one, how.plans, exact=exact) for one in meshes
-        ],
+        lambda meshes: [plans_on_nodes(problem, exact, mesh, how.plans) for mesh in meshes],
         how.meshes,
     )
     bound = made[0].bound
@@ -123,18 +121,18 @@ def _searched(
     pool = best_of_each_kind(problem, [plan for plan in pool if np.isfinite(plan.total)])
     if not pool:
         return None
-    best, tried = combination(problem, tables, pool, how, seed)
+    best, tried = combination(polishing, pool, how)
     for _ in range(how.local_rounds):
-        around = plans_on_nodes(problem, tables, how.local, how.plans, best, exact=exact).plans
+        around = plans_on_nodes(problem, exact, how.local, how.plans, best).plans
         before = best.total
         pool = [best, *(plan for _, plan in around)]
-        best, more = combination(problem, tables, pool, how, seed)
+        best, more = combination(polishing, pool, how)
         tried += more
         if best.total > (1.0 - LITTLE) * before:
             break
     rivals = _apart(problem, best, tried)[: how.rivals] if asked.ways is not None else []
     given = [evaluate(problem, tables, decisions) for decisions in others]
-    best = polished_thoroughly(asked, tables, best, how, seed, rivals=(rivals, given))
+    best = polished_thoroughly(replace(polishing, problem=asked), best, how, (rivals, given))
     return FoundSequence(best, bound, total)
 
 
@@ -155,31 +153,25 @@ def _apart(
 
 
 def polished_thoroughly(
-    problem: SequenceProblem,
-    tables: tuple[StopTable, ...],
+    polishing: Polishing,
     best: Evaluated,
     how: SearchEffort,
-    seed: int,
-    loose: BoolArray | None = None,
     rivals: tuple[Sequence[Evaluated], Sequence[Evaluated]] = ((), ()),
 ) -> Evaluated:
     """Returns a plan polished thoroughly: from rest to rest, and then as its lines' ends are passed, if they may be.
 
     Args:
-        problem: the sequence.
-        tables: the arms' stops.
+        polishing: of the sequence.
         best: a plan, in times from rest to rest.
         how: how hard is searched.
-        seed: of the random steps.
-        loose: stages in which something may change, shape (n,); all by default.
         rivals: plans that may be as short when lines' ends are passed, those to be polished for that and those that
             were; what is best of all of them is taken.
     """
-    at_rest = replace(problem, ways=None)
-    best = polish(at_rest, tables, best, how.rounds, how.random_steps, seed, loose)
+    problem, tables, at_rest = polishing.problem, polishing.tables, polishing.at_rest
+    best = at_rest.polished(best, how.rounds, how.random_steps)
     if problem.ways is None:
         return best
-    polished = partial(polished_in_motion, problem, tables, how, seed, loose)
+    polished = partial(polished_in_motion, polishing, how)
     unpolished, others = rivals
     found = [*halves(partial(polished, range(how.cycles)), [best, *unpolished]), *others]
     if len(found) == 1:
@@ -189,7 +181,7 @@ def polished_thoroughly(
     beside = [plan.decisions for plan in found[:k] + found[k + 1 :]]
     best = best_combination(moving[k][0], tables, moving[k][1], beside)
     # The ways that go best with it are known.
-    return polished(range(1, how.cycles), [evaluate(at_rest, tables, best.decisions)])[0]
+    return polished(range(1, how.cycles), [evaluate(at_rest.problem, tables, best.decisions)])[0]
 
 
 def with_best_ways(
@@ -201,16 +193,10 @@ def with_best_ways(
 
 
 def polished_in_motion(
-    problem: SequenceProblem,
-    tables: tuple[StopTable, ...],
-    how: SearchEffort,
-    seed: int,
-    loose: BoolArray | None,
-    cycles: range,
-    plans: Sequence[Evaluated],
+    polishing: Polishing, how: SearchEffort, cycles: range, plans: Sequence[Evaluated]
 ) -> list[Evaluated]:
-    """Returns plans polished as their lines' ends are passed, in times from rest to rest."""
-    found = []
+    """Polish plans as their lines' ends are passed; return them in times from rest to rest."""
+    problem, tables, found = polishing.problem, polishing.tables, []
     for plan in plans:
         best = plan
         for cycle in cycles:
@@ -218,10 +204,9 @@ def polished_in_motion(
                 moving, start = with_best_ways(problem, tables, best)
             else:
                 moving, start = problem, evaluate(problem, tables, best.decisions)
-            best = polish(
-                moving, tables, start, how.passing_rounds, how.random_steps, seed + cycle, loose
-            )
-        found.append(evaluate(replace(problem, ways=None), tables, best.decisions))
+            moved = replace(polishing, problem=moving, seed=polishing.seed + cycle)
+            best = moved.polished(start, how.passing_rounds, how.random_steps)
+        found.append(evaluate(polishing.at_rest.problem, tables, best.decisions))
     return found
 
 
@@ -266,12 +251,10 @@ def search_in_parts(
         for stretch in stretches:
             for part in _with_room(stretch.problem, roomy):
                 own = tuple(StopTable.of(work) for work in part.arms)
-                still = replace(part, ways=None)
-                best = evaluate(still, own, decisions.take(stretch.stages))
+                polishing = Polishing(part, own, seed, stretch.loose)
+                best = evaluate(polishing.at_rest.problem, own, decisions.take(stretch.stages))
                 if np.isfinite(best.total):
-                    best = polished_thoroughly(
-                        part, own, best, replace(how, random_steps=0), seed, stretch.loose
-                    )
+                    best = polished_thoroughly(polishing, best, replace(how, random_steps=0))
                     break
             found.append(best.decisions)
         return found
@@ -393,7 +376,7 @@ def _near(
     known = set(np.flatnonzero(np.isin(stretch.stages, list(touching))).tolist())
     exact = ExactStages(problem, tables)
     while True:
-        found = plans_on_nodes(problem, tables, mesh, how.plans, start, loose, exact)
+        found = plans_on_nodes(problem, exact, mesh, how.plans, start, loose)
         # Nodes are in single precision; what is not looked at stays as it was to the last bit.
         around = [
             evaluate(problem, tables, plan.decisions.put(np.flatnonzero(~loose), near))
@@ -408,8 +391,10 @@ def _near(
         problem = _settled(problem, lacking)
     if not around:
         return None
-    best, _ = combination(problem, tables, [*around, start], how, seed, loose)
-    best = polished_thoroughly(replace(problem, ways=asked.ways), tables, best, how, seed, loose)
+    polishing = Polishing(problem, tables, seed, loose)
+    best, _ = combination(polishing, [*around, start], how)
+    moving = replace(problem, ways=asked.ways)
+    best = polished_thoroughly(replace(polishing, problem=moving), best, how)
     return best.decisions if np.isfinite(_worth(problem, best)) else None
 
 
@@ -463,12 +448,7 @@ def _beside(stages: BoolArray, count: int) -> BoolArray:
 
 
 def combination(
-    problem: SequenceProblem,
-    tables: tuple[StopTable, ...],
-    pool: list[Evaluated],
-    how: SearchEffort,
-    seed: int,
-    loose: BoolArray | None = None,
+    polishing: Polishing, pool: list[Evaluated], how: SearchEffort
 ) -> tuple[Evaluated, list[Evaluated]]:
     """Returns the best combination of several plans after a little polishing, never slower than any of them, and those.
 
@@ -476,20 +456,19 @@ def combination(
     """
     if len(pool) == 1 and not how.local_rounds:
         return pool[0], []
+    problem = polishing.problem
     worth = [_worth(problem, plan) for plan in pool]
     least = min(worth)
     promising = [k for k, own in enumerate(worth) if own <= (1.0 + PROMISING) * least]
     if problem.stages > SCALING.long and how.spares:
         promising = sorted(promising, key=lambda k: worth[k])[:POLISHED]
     tried = halves(
-        lambda some: [
-            polish(problem, tables, pool[k], how.trial_rounds, 0, seed, loose) for k in some
-        ],
+        lambda some: [polishing.polished(pool[k], how.trial_rounds, 0) for k in some],
         promising,
     )
     tried.sort(key=lambda plan: _worth(problem, plan))
     others = [plan.decisions for plan in (*tried[1:], *pool)]
-    return best_combination(problem, tables, tried[0], others), tried
+    return best_combination(problem, polishing.tables, tried[0], others), tried
 
 
 def _worth(problem: SequenceProblem, plan: Evaluated) -> float:
