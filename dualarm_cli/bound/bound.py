@@ -32,7 +32,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.model.rest_to_rest import at_rest
 from dualarm_cli.records import dataclass
-from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
+from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.times import TransferChain
 from dualarm_cli.stages.search.potentials import platform_columns, transfer_table
 from dualarm_cli.timing.transfer_table import Pairs, PostureBoxes, Times, TransferTable
@@ -82,6 +82,8 @@ class OtherWork:
 class _Arm:
     """One arm while the stages are gone through backwards."""
 
+    index: int
+    """Number of the arm in the sequence."""
     table: TransferTable
     table_at_rest: TransferTable
     """For transfers from rest to rest."""
@@ -94,13 +96,13 @@ class _Arm:
 
     @classmethod
     def of(
-        cls, problem: SequenceProblem, work: ArmWork, table: TransferTable, works: OtherWork
+        cls, problem: SequenceProblem, index: int, table: TransferTable, works: OtherWork
     ) -> _Arm:
         """Returns an arm before any of its stages."""
-        table_at_rest = table
+        work, table_at_rest = problem.arms[index], table
         if works.at_rest.any():
             table_at_rest = transfer_table(problem, replace(work, law=at_rest(work.law)))
-        return cls(table, table_at_rest, TransferChain.of(work))
+        return cls(index, table, table_at_rest, TransferChain.of(work))
 
 
 @dataclass(frozen=True)
@@ -157,10 +159,7 @@ def _turns_tell(problem: SequenceProblem) -> bool:
 def _backward(problem: SequenceProblem, resolution: Resolution, works: OtherWork) -> float:
     edges = platform_edges(problem, resolution.step)
     cells = StopCells(problem, edges, resolution)
-    arms = [
-        _Arm.of(problem, work, table, works)
-        for work, table in zip(problem.arms, cells.tables, strict=True)
-    ]
+    arms = [_Arm.of(problem, a, table, works) for a, table in enumerate(cells.tables)]
     pending: dict[tuple[int, int], StopWork] = {}
 
     def work_of(a: int, stage: int) -> StopWork | None:
@@ -173,7 +172,7 @@ def _backward(problem: SequenceProblem, resolution: Resolution, works: OtherWork
     for a, arm in enumerate(arms):
         if len(arm.chain.active):
             arm.here = work_of(a, int(arm.chain.active[-1]))
-            arm.to_go = _return_times(problem, a, arm, works)
+            arm.to_go = _return_times(problem, arm, works)
     passed = _take_common(arms)
     longest = 0.0
     for k in range(problem.stages - 1, -1, -1):
@@ -184,7 +183,7 @@ def _backward(problem: SequenceProblem, resolution: Resolution, works: OtherWork
             before[a] = work_of(a, int(arm.chain.previous[k]))
             if not all(stop is None or stop.possible for stop in (arm.here, before[a])):
                 return np.inf
-            stages[a] = _stage(problem, a, arm, k, before[a], len(edges) - 1, works)
+            stages[a] = _stage(problem, arm, k, before[a], len(edges) - 1, works)
         least = np.float32(works.least[k])
         for a, arm in enumerate(arms):
             others = [stage.by_cells for b, stage in stages.items() if b != a]
@@ -211,12 +210,12 @@ def _take_common(arms: list[_Arm]) -> float:
     return least
 
 
-def _return_times(problem: SequenceProblem, a: int, arm: _Arm, works: OtherWork) -> Times:
+def _return_times(problem: SequenceProblem, arm: _Arm, works: OtherWork) -> Times:
     """Returns how long the return takes at least from each cell of the last stop [s], 0 where there is none.
 
     A free start is closed to wherever the first transfer would end: that may be no way at all.
     """
-    stop, last = arm.here, int(arm.chain.active[-1])
+    a, stop, last = arm.index, arm.here, int(arm.chain.active[-1])
     assert stop is not None  # an arm without stops has nothing to return from
     if not problem.returns or problem.free_start or works.moved[a, last + 1 :].any():
         return np.zeros(len(stop.retract.index), dtype=np.float32)
@@ -247,7 +246,6 @@ def _start(problem: SequenceProblem, a: int, table: TransferTable) -> PostureBox
 
 def _stage(
     problem: SequenceProblem,
-    a: int,
     arm: _Arm,
     k: int,
     before: StopWork | None,
@@ -255,7 +253,7 @@ def _stage(
     works: OtherWork,
 ) -> _Stage:
     """Returns an arm's transfers into stage k, and its work there; the platform's grid has so many cells."""
-    stop = arm.here
+    a, stop = arm.index, arm.here
     assert stop is not None  # callers ask for active stages only
     came = int(arm.chain.previous[k])
     begins = k == 0 and problem.free_start
