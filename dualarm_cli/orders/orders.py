@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -30,7 +29,7 @@ from dualarm_cli.orders.paired.changes import (
     stages_with_changes,
     with_whole_changes,
 )
-from dualarm_cli.orders.paired.orders import good_orders, is_few, short_search
+from dualarm_cli.orders.paired.orders import good_orders, is_few, searched_orders, short_search
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem, apart
 from dualarm_cli.orders.paired.times import totals, with_angles
 from dualarm_cli.orders.proof.relaxation import of_stages, of_ways
@@ -154,8 +153,7 @@ class PairedSearch:
         effort, provable = EFFORTS[self.effort].orders, is_provable(self.problem, self.effort)
         if provable:
             effort = effort.shorter(SHORTER)
-        wanted = partial(
-            good_orders,
+        wanted = (
             self.problem,
             effort,
             self.seed,
@@ -163,10 +161,10 @@ class PairedSearch:
             watch.found,
             lambda: watch.stop(kept),
         )
-        found, few = wanted(), is_few(self.problem) and self.start is None
+        found, few = good_orders(*wanted), is_few(self.problem) and self.start is None
         if few and not found:
             # Where the k-th stops of both arms collide, one arm may wait for the other one.
-            found, few = wanted(all_if_few=False), False
+            found, few = searched_orders(*wanted), False
         if not found or self._is_late(found[0]):
             # Lateness is as far as the search knows: only what is proven ends here.
             # And with targets that move where they are guessed to be met it proves nothing.

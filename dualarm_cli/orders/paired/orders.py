@@ -169,12 +169,28 @@ def good_orders(
     start: IntArray | None = None,
     better: Callable[[float], None] = lambda _: None,
     stop: Callable[[], bool] = lambda: False,
-    *,
-    all_if_few: bool = True,
 ) -> list[StageOrder]:
-    """Returns different orders, the best one first; none where none was found.
+    """Select the best of all orders of few tasks; search orders of more with `searched_orders`.
 
-    Few tasks: the best of all. More: ruin and recreate from the order of the tasks' numbers, and from others.
+    Of few tasks the k-th stops of both arms are together.
+    """
+    if is_few(problem) and start is None:
+        best = best_of_all(problem, better, stop)
+        return [] if best is None else [best]
+    return searched_orders(problem, effort, seed, start, better, stop)
+
+
+def searched_orders(
+    problem: StageProblem,
+    effort: StageEffort,
+    seed: int,
+    start: IntArray | None,
+    better: Callable[[float], None],
+    stop: Callable[[], bool],
+) -> list[StageOrder]:
+    """Search different orders, the best one first; none where none was found.
+
+    Ruin and recreate from the order of the tasks' numbers, and from others.
 
     Args:
         problem: what is asked.
@@ -183,11 +199,7 @@ def good_orders(
         start: an order that is known to be good, to begin with, shape (n, arms).
         better: receives the total of every better order [s].
         stop: whether to stop early; one order is made in any case.
-        all_if_few: whether few tasks have all their orders timed, in which the k-th stops of both arms are together.
     """
-    if all_if_few and is_few(problem) and start is None:
-        best = best_of_all(problem, better, stop)
-        return [] if best is None else [best]
     found: list[StageOrder] = []
 
     def told(one: StageOrder) -> None:
