@@ -259,6 +259,17 @@ _POSTURES = {
     "no_postures_together": "collision-free postures were found for single places, but none for this stop along "
     "its lines together",
     "no_plan_on_grid": "no plan was found on the grid of nodes",
+    "target_out_of_reach": "the target is out of the arm's reach",
+    "target_missed": "no posture within limits reaches the target; the nearest one found misses it by {mm:.1f} mm and "
+    "{degrees:.1f} deg",
+    "target_beyond_limits": "no arm angle and branch keeps all joints within their limits",
+    "target_touches": "every posture at the target within limits collides or lacks clearance",
+    "lines_not_followed": "no posture at the target can follow its approach and retract lines",
+    "lines_not_clear": "no posture at the target can follow its approach and retract lines and are collision-free at "
+    "their ends",
+    "given_lines_not_followed": "no given configuration can follow its approach and retract lines (a straight wrist or "
+    "shoulder is singular); give other configurations, or approach: 0 and retract: 0",
+    "arms_touch": "its posture and the other arm's lack clearance in all combinations tried",
 }
 _CLEARANCE = {
     "touches": "{one} and {other} lack {measured:mm} of clearance",

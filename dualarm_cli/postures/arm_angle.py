@@ -16,6 +16,7 @@ from dualarm_cli.postures.stop_batch import StopBatch, batches
 from dualarm_cli.postures.target_grid import target_postures
 from dualarm_cli.postures.ways import LINE_SAMPLES, SURE, StopWays, transfer_cost
 from dualarm_cli.records import dataclass
+from dualarm_cli.refusals import Refusal
 
 SWINGS = np.array([0.0, -0.2, 0.2, -0.5, 0.5])
 """Changes of the arm angle along a line that are tried [rad]."""
@@ -416,13 +417,9 @@ def _with_clear_ends(batch: StopBatch, ways: StopWays) -> StopWays:
 def _no_lines(batch: StopBatch) -> NoPosture:
     """Returns the reason where targets can be reached but no line can be followed."""
     if batch.given:
-        return NoPosture(
-            "no given configuration can follow its approach and retract lines (a straight wrist or "
-            "shoulder is singular); give other configurations, or approach: 0 and retract: 0"
-        )
+        return NoPosture(Refusal("given_lines_not_followed"))
     clear = any(problem.clear is not None for problem in batch.problems)
-    also = " and are collision-free at their ends" if clear else ""
-    return NoPosture(f"no posture at the target can follow its approach and retract lines{also}")
+    return NoPosture(Refusal("lines_not_clear" if clear else "lines_not_followed"))
 
 
 def _settled(batch: StopBatch, ways: StopWays) -> dict[int, StopPosture]:

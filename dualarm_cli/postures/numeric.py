@@ -17,6 +17,7 @@ from dualarm_cli.postures.numeric_ways import (
 )
 from dualarm_cli.postures.problem import NoPosture, StopPosture, StopProblem
 from dualarm_cli.postures.stop_batch import StopBatch
+from dualarm_cli.refusals import Refusal
 
 LINE_SAMPLES = 7
 """Samples of a line while postures are compared."""
@@ -62,19 +63,15 @@ def choose_numeric(problem: StopProblem) -> StopPosture | NoPosture:
             if found is not None:
                 return _best_of(batch, some, k, found)
     if not clear:
-        return NoPosture("every posture at the target within limits collides or lacks clearance")
-    also = "" if problem.clear is None else " and are collision-free at their ends"
-    return NoPosture(f"no posture at the target can follow its approach and retract lines{also}")
+        return NoPosture(Refusal("target_touches"))
+    return NoPosture(Refusal("lines_not_followed" if problem.clear is None else "lines_not_clear"))
 
 
-def _nowhere(miss: FloatArray) -> str:
+def _nowhere(miss: FloatArray) -> Refusal:
     distance, angle = miss
     if not np.isfinite(distance):
-        return "the target is out of the arm's reach"
-    return (
-        f"no posture within limits reaches the target; the nearest one found misses it by {distance * 1e3:.1f} mm "
-        f"and {np.degrees(angle):.1f} deg"
-    )
+        return Refusal("target_out_of_reach")
+    return Refusal("target_missed", more={"mm": distance * 1e3, "degrees": np.degrees(angle)})
 
 
 def _drifted(batch: StopBatch, ways: NumericWays) -> NumericWays:

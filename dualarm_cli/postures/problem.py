@@ -8,6 +8,7 @@ from typing import Literal
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.kinematics.posture_source import Posture, PostureSource
 from dualarm_cli.records import dataclass
+from dualarm_cli.refusals import Refusal
 
 Place = Literal["approach", "target", "retract"]
 """Where on a stop an arm is: where its approach starts, at its target, or where its retract ends."""
@@ -117,5 +118,5 @@ class StopPosture:
 class NoPosture:
     """Why an arm cannot make a stop at this platform position."""
 
-    reason: str
-    """In words."""
+    reason: Refusal
+    """Fault of the stop, as part of a refusal."""

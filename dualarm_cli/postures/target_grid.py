@@ -15,6 +15,7 @@ from dualarm_cli.postures.line_following import FLIPPED
 from dualarm_cli.postures.problem import NoPosture, StopProblem
 from dualarm_cli.postures.stop_batch import StopBatch
 from dualarm_cli.postures.ways import StopWays
+from dualarm_cli.refusals import Refusal
 
 ARM_ANGLE_STEPS = 48
 """Arm angles tried at each target: 7.5 degrees apart."""
@@ -22,7 +23,6 @@ KEPT = 48
 """Target postures, quickest transfer first, whose lines are looked at."""
 LOOKED_AT = 4 * KEPT
 """Target postures whose clearance is looked at together, quickest first, until KEPT are clear."""
-TOUCHES = "every posture at the target within limits collides or lacks clearance"
 """Why there is none where what is clear matters."""
 ROUGH_STEPS = 24
 """Arm angles where only a first idea of a time is wanted: 15 degrees apart."""
@@ -89,7 +89,7 @@ def _clear_ones(
         if sum(map(len, kept)) >= KEPT:
             break
     clear = np.concatenate(kept)[:KEPT]
-    return postures(clear) if len(clear) else NoPosture(TOUCHES)
+    return postures(clear) if len(clear) else NoPosture(Refusal("target_touches"))
 
 
 def _clear(batch: StopBatch, row: int, q: FloatArray) -> BoolArray:
@@ -168,7 +168,7 @@ def _given(batch: StopBatch, row: int) -> StopWays | NoPosture:
     q = batch.configurations(np.full(len(index), row), index)
     clear = _clear(batch, row, q)
     if not clear.any():
-        return NoPosture(TOUCHES)
+        return NoPosture(Refusal("target_touches"))
     index, q = index[clear], q[clear]
     arm = batch.arm
     return StopWays.at_targets(
@@ -191,5 +191,5 @@ def _between_the_grid(
         psi = 0.5 * (intervals.start + intervals.end)[pose, branch, k]
         return StopWays.at_targets(owner[pose], target[pose], yaw[pose], branch, psi)
     if float(batch.arm.reach_miss(poses.R, poses.p).min()) > 0:
-        return NoPosture("the target is out of the arm's reach")
-    return NoPosture("no arm angle and branch keeps all joints within their limits")
+        return NoPosture(Refusal("target_out_of_reach"))
+    return NoPosture(Refusal("target_beyond_limits"))

@@ -108,8 +108,6 @@ def in_axis_frame(point: FloatArray, angle: float) -> FloatArray:
     return np.array([c * x - s * y, s * x + c * y, z])
 
 
-MEET = "its posture and the other arm's lack clearance in all combinations tried"
-"""Why there is none for two arms together."""
 REACH = "reach"
 """What a stage's solver is called where none of its angles would do."""
 
@@ -265,7 +263,7 @@ def made_apart(
     if not tries and keep.apart(position, angles, found, keep.at_once):
         return postures
     if not tries:
-        return dict.fromkeys(postures, NoPosture(MEET))
+        return dict.fromkeys(postures, NoPosture(Refusal("arms_touch")))
     return min(
         tries, key=lambda pair: max(p.cost for p in pair.values() if isinstance(p, StopPosture))
     )
@@ -333,9 +331,7 @@ def explain(
     model = stage.model
     stops = stage.at_start(position)
     misses = {name: explain_reach(model, position, stop) for name, stop in stops.items()}
-    faults: dict[str, Refusal | str] = {
-        name: fault for name, fault in misses.items() if fault is not None
-    }
+    faults = {name: fault for name, fault in misses.items() if fault is not None}
     everywhere = bool(faults)
     keep = None if faults else stage.keep
     if keep is not None:
