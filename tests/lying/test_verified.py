@@ -189,6 +189,17 @@ def test_the_next_lines_are_none_of_a_part_on_a_belt(job_of):
     assert "left_tool and cube of first lack 20.0 mm of clearance" in str(refused.value)
 
 
+def test_a_tool_leaves_a_part_from_within_the_clearance(job_of, task):
+    """The palm is 10 mm over the cube, 12 mm when its line ends, of 15 mm required."""
+    job = job_of(
+        task("one", (0.45, 0.1, 0.31), (0.45, 0.5, 0.31), ", retract: 2 mm"),
+        "{id: next, arm: left, move: {xyz: [0.45, 0.2, 0.8], rpy: [180 deg, 0, 0]}}",
+        tool=PALM,
+        clearance="15 mm",
+    )
+    assert verify(plan_without_bound(job, QUICK), job, clearance=True).passed
+
+
 def test_a_tool_leaves_a_part_on_a_belt_from_within_the_clearance(job_of):
     """The palm is 10 mm over the cube, 12 mm when its line ends, of 15 mm required: the next stage begins there."""
     job = job_of(
