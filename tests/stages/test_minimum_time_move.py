@@ -205,7 +205,7 @@ def test_without_grid_and_brackets_it_is_the_best_of_the_simpler_ones(
     """What is certain does not hang on what is searched besides."""
     stage, home = stage_of(model, random_job(packing, seed, line=0.06))
     monkeypatch.setattr(move, "_promising", lambda *_: np.zeros(0))
-    monkeypatch.setattr(move, "ZOOM_ROUNDS", 0)
+    monkeypatch.setattr(move, "MOVE", dataclasses.replace(move.MOVE, zoom_rounds=0))
     others = choose_stage(stage, dict.fromkeys(SIMPLER, home))
     least = min(plan.duration for plan in others.values() if isinstance(plan, StagePlan))
     assert choose_quickest(stage, home).duration == pytest.approx(least, abs=1e-9)
