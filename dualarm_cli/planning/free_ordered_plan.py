@@ -57,11 +57,6 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
     """
     problem, settings = work.problem, work.settings
     planner = FreePlanner(problem, work.method.solve, work.timing, watch.tell, work.clear)
-
-    def schedule(motion: Motion, one: Job) -> Schedule:
-        notes = (*work.job.notes, *work.replaced, *job_notes(one))
-        return in_time(schedule_of(one, settings, motion, notes), work.job)
-
     watch.begin()
     watch.tell("timing each task at every platform angle")
     order = OrderModel.of(problem.model, problem.job, clear=planner.clear)
@@ -77,7 +72,7 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
         try:
             decided = with_changes(one.job)
             own = replace(planner, problem=replace(problem, job=decided))
-            found = schedule(own.plan(one.angle), decided)
+            found = _schedule(work, own.plan(one.angle), decided)
         except InfeasibleError:
             continue
         if best is None or found.duration < best.duration:
@@ -94,7 +89,7 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
                 continue
             try:
                 watch.tell(f"planning with {len(several.epochs)} platform angles")
-                found = schedule(plan_epochs(planner, several), several.job)
+                found = _schedule(work, plan_epochs(planner, several), several.job)
             except InfeasibleError:
                 continue
             if best is None or found.duration < best.duration:
@@ -118,6 +113,12 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
     if epochs is None:
         return _noted(best, free_notes(orders, total, together, turns=turns))
     return _noted(best, epoch_notes(epochs, together, rail=rail))
+
+
+def _schedule(work: PlannedJob, motion: Motion, job: Job) -> Schedule:
+    """Build the schedule of a decided variant from its motion, with nothing done too late."""
+    notes = (*work.job.notes, *work.replaced, *job_notes(job))
+    return in_time(schedule_of(job, work.settings, motion, notes), work.job)
 
 
 def _noted(schedule: Schedule, notes: list[str]) -> Schedule:
