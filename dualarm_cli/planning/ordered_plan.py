@@ -57,7 +57,7 @@ def plan_in_best_order(
     """
     if job.is_decided:
         return decided_plan(work, job, watch)
-    return planned_around(job, lambda ruled: _in_best_order(work, ruled, watch, keep))
+    return planned_around(job, lambda ruled: _in_best_order(work, ruled, watch, keep), watch.stop)
 
 
 def _in_best_order(

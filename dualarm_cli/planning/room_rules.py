@@ -75,7 +75,7 @@ class RoomRules:
         return replace(job, tasks=tuple(tasks), notes=(*job.notes, *self.notes, *orders))
 
 
-def planned_around(job: Job, plan: Callable[[Job], Schedule]) -> Schedule:
+def planned_around(job: Job, plan: Callable[[Job], Schedule], stop: Callable[[], bool]) -> Schedule:
     """Plan a job of open order; turn two tasks round where the part of one is in the way of the other.
 
     The rules of a job are of tools and parts: that a part is in the way of a link, only a plan tells.
@@ -83,6 +83,7 @@ def planned_around(job: Job, plan: Callable[[Job], Schedule]) -> Schedule:
     Args:
         job: what is to be done.
         plan: plans it.
+        stop: whether to end early, with the refusal of the job as it is.
 
     Raises:
         InfeasibleError: that of the job as it is, where no order of such tasks has a plan.
@@ -99,7 +100,7 @@ def planned_around(job: Job, plan: Callable[[Job], Schedule]) -> Schedule:
             open_pairs = [pair for pair in pairs if not given & {pair, pair[::-1]}]
             rules = [r for pair in open_pairs for r in (pair, pair[::-1]) if r not in tried]
             # Each costs a whole plan.
-            if job.order == "given" or not rules or len(tried) == len(job.tasks):
+            if job.order == "given" or not rules or len(tried) == len(job.tasks) or stop():
                 raise first from None
             tried.add(rules[0])
             ruled = _with_rule(ruled, *rules[0])

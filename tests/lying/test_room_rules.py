@@ -228,17 +228,18 @@ def test_a_part_in_the_way_of_a_link_turns_two_tasks_round(job_of, task, order, 
 
     if order == "given":
         with pytest.raises(BlockedError):
-            planned_around(job, planned)
+            planned_around(job, planned, lambda: False)
         assert len(asked) == 1
         return
-    found = planned_around(job, planned)
+    found = planned_around(job, planned, lambda: False)
     assert asked == [{"a": (), "b": ()}, {"a": ("b",), "b": ()}]
     assert [e.task for e in found.events] == ["b", "b", "a", "a"]
     assert found.order_grid_gap is None and not any("order bound" in note for note in found.notes)
 
 
-def test_tasks_that_are_in_each_other_s_way_are_refused_as_they_are(job_of, task):
-    """Neither order has a plan: the refusal is that of the job without rules."""
+@pytest.mark.parametrize("stopped", [False, True])
+def test_tasks_that_are_in_each_other_s_way_are_refused_as_they_are(job_of, task, stopped):
+    """Neither order has a plan: the refusal is that of the job without rules, at once where the search is stopped."""
     job = job_of(
         *(
             task(name, (0.45, y, CUBE), (0.45, y + 0.3, CUBE))
@@ -254,9 +255,9 @@ def test_tasks_that_are_in_each_other_s_way_are_refused_as_they_are(job_of, task
         raise BlockedError(Refusal("no_posture", task="b", arm="left", more=more), stages=(0,))
 
     with pytest.raises(BlockedError) as caught:
-        planned_around(job, planned)
+        planned_around(job, planned, lambda: stopped)
     assert caught.value.refusals[0].more["number"] == 1
-    assert asked == [[(), ()], [("b",), ()], [(), ("a",)]]
+    assert asked == [[(), ()], [("b",), ()], [(), ("a",)]][: 1 if stopped else 3]
 
 
 def test_an_order_of_the_file_is_not_turned_round(job_of, task):
@@ -274,5 +275,5 @@ def test_an_order_of_the_file_is_not_turned_round(job_of, task):
         raise BlockedError(Refusal("no_posture", task="b", arm="left", more=more), stages=(0,))
 
     with pytest.raises(BlockedError):
-        planned_around(job, planned)
+        planned_around(job, planned, lambda: False)
     assert asked == [[(), ("a",)]]

@@ -155,12 +155,7 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
         findings.raise_if_any()
         raise InputError(findings.diagnostics)
     names = [*model.platform, *(joint for arm in file_arms(model).values() for joint in arm.joints)]
-    try:
-        joints, notes = moving_joints(urdf, names)
-    except InputError as error:
-        findings.extend(error.diagnostics)
-        findings.raise_if_any()
-        raise
+    joints, notes = _moving_joints(urdf, names, findings)
     check_chains(document, model, urdf, joints, findings)
     joints = with_margins(document, model, joints, findings)
     found_limits = joint_limits(document, model, joints, findings)
@@ -202,6 +197,18 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
         *read.notes,
     ]
     return robot, tuple(notes)
+
+
+def _moving_joints(
+    urdf: Urdf, names: Sequence[str], findings: Findings
+) -> tuple[list[UrdfJoint], list[str]]:
+    """Select the named joints, with notes; raise everything that is wrong with the file and them."""
+    try:
+        return moving_joints(urdf, names)
+    except InputError as error:
+        findings.extend(error.diagnostics)
+        findings.raise_if_any()
+        raise
 
 
 def _narrowed_notes(joints: Sequence[UrdfJoint]) -> list[str]:
