@@ -232,8 +232,7 @@ def test_a_worker_that_came_later_with_other_programs_plans_nothing(
 def test_a_cluster_that_has_lost_all_workers_is_given_up(request_and_answer, answered, monkeypatch):
     """Instead of waiting forever; one that has some, or does not say, is waited for."""
     request, answer = request_and_answer
-    monkeypatch.setattr(module, "LOOK", 0.01)
-    monkeypatch.setattr(module, "DESERTED", 0.2)
+    monkeypatch.setattr(module, "WAITS", replace(module.WAITS, look=0.01, deserted=0.2))
     good, pending = Future("finished", answer.as_document()), Future("pending")
     with pytest.raises(UsageError, match=r"it has had no workers for 0.2 s; start some"):
         answered([request] * 2, good, pending)

@@ -189,12 +189,12 @@ def test_the_next_best_way_is_taken_where_the_best_does_not_hold_between_samples
 
     monkeypatch.setattr(member, "_settled", refuse_first)
     second = choose_posture(problem)
-    assert len(refused[0].row) == member.STARTS
+    assert len(refused[0].row) == member.ARM_ANGLE.starts
     monkeypatch.undo()
     # The ways that come next, by a look at all of them.
     (batch,) = [batch for _, batch in batches([problem])]
     ways = coarse_ways(batch, target_postures(batch), [0], False)
-    following = ways.take(np.arange(member.STARTS, 2 * member.STARTS))
+    following = ways.take(np.arange(member.ARM_ANGLE.starts, 2 * member.ARM_ANGLE.starts))
     expected = refinements(batch, following)[-1]
     assert second.cost == pytest.approx(float(expected.time[0]), rel=1e-9)
     assert second.psi_target == pytest.approx(float(expected.psi[0]), abs=1e-9)
@@ -209,7 +209,7 @@ def test_of_several_ways_the_one_that_refines_best_is_taken(problems):
         together = refinements(batch, two)
         assert {len(stage.row) for stage in together} == {1}
         alone = [refinements(batch, two.take(np.array([k]))) for k in (0, 1)]
-        leader = min(alone, key=lambda rounds: rounds[refinement.ALL_WAYS].cost[0])
+        leader = min(alone, key=lambda rounds: rounds[refinement.ARM_ANGLE.all_ways].cost[0])
         assert together[-1].cost[0] == pytest.approx(leader[-1].cost[0], rel=1e-9)
 
 
