@@ -21,9 +21,9 @@ from dataclasses import fields
 
 import numpy as np
 import pinocchio as pin
-from dualarm_cli.kinematics.srs.srs_geometry import SrsGeometry
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.joint_axes import SrsGeometry
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.kinematics.wrist_arm import WristArm

@@ -15,14 +15,15 @@ from dataclasses import replace
 
 import numpy as np
 import ruckig
-from dualarm_cli.kinematics.srs.srs_geometry import SrsGeometry
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.joint_axes import SrsGeometry
 from dualarm_cli.kinematics.srs_arm import SrsArm
+from dualarm_cli.model.joint_motion import merge
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.timing import TIMING_SOLVERS
-from dualarm_cli.timing.composition import concatenate, hold, merge
+from dualarm_cli.timing.composition import concatenate, hold
 from dualarm_cli.timing.line_profile import estimate_line_durations
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 

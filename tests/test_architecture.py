@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import tomllib
-from collections import Counter, defaultdict
+from collections import defaultdict
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -18,7 +18,6 @@ from dualarm_cli.refusals import HEADS, HELPS, remedies, sentences
 PACKAGE = Path(__file__).parent.parent / "dualarm_cli"
 MOST_MODULES = 20
 """Modules in one folder, `__init__.py` not counted."""
-MOST_PARAMETERS = 7
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 
@@ -108,107 +107,6 @@ def test_public_class_names_are_unique():
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 places[node.name].append(name)
     assert {name: found for name, found in places.items() if len(found) > 1} == {}
-
-
-def test_functions_have_at_most_seven_parameters():
-    """Keyword-only ones are counted, `self` and `cls` are not. Commands, and `plan`, have one for each option."""
-    found = {}
-    for name, path in modules().items():
-        for node in nodes(path):
-            public = name.startswith(("dualarm_cli.cli.", "dualarm_cli.interface"))
-            if public or not isinstance(node, FUNCTIONS):
-                continue
-            given = [arg.arg for arg in (*node.args.posonlyargs, *node.args.args)]
-            given = [*given, *(arg.arg for arg in node.args.kwonlyargs)]
-            own = len(given) - (given[:1] in (["self"], ["cls"]))
-            if own > MOST_PARAMETERS:
-                found[f"{name}:{node.lineno}"] = own
-    assert found == {}
-
-
-def names_in(node):
-    """Returns the names that an expression is made of."""
-    parts = ast.walk(node)
-    return {getattr(part, "id", getattr(part, "attr", "")) for part in parts}
-
-
-def arm_families():
-    """Returns the names of all classes that are arms, those that they derive from among them."""
-    families = {"PostureSource", "SerialChain"}
-    classes = [
-        node
-        for name, path in modules().items()
-        for node in nodes(path)
-        if name.startswith("dualarm_cli.kinematics") and isinstance(node, ast.ClassDef)
-    ]
-    for _ in classes:
-        families |= {
-            node.name for node in classes for base in node.bases if names_in(base) & families
-        }
-    return families
-
-
-def test_nobody_asks_which_family_an_arm_is():
-    """Arms differ behind `PostureSource`; two functions of `kinematics` hand one on as what it is, or refuse."""
-    families = arm_families()
-    assert {"SrsArm", "GeneralArm", "ClosedArm", "WristArm", "ParallelArm"} <= families
-    asked = []
-    for name, path in modules().items():
-        for node in nodes(path):
-            by_call = isinstance(node, ast.Call) and names_in(node.func) & {
-                "isinstance",
-                "issubclass",
-            }
-            if by_call and len(node.args) > 1 and names_in(node.args[1]) & families:
-                asked.append(name)
-            if isinstance(node, ast.MatchClass) and names_in(node.cls) & families:
-                asked.append(name)
-            if isinstance(node, ast.Compare) and names_in(node) & families:
-                asked.append(name)
-    assert sorted(asked) == ["dualarm_cli.kinematics.general_arm", "dualarm_cli.kinematics.srs_arm"]
-
-
-ARM_QUESTIONS = {
-    # A member of a family of solvers says whom it serves.
-    "postures": 2,
-    "kinds.path.context": 1,
-    "kinds.path.planning": 1,
-    "stages.method": 1,
-    # What an arm's nodes and candidates are is decided once for all searches.
-    "stages.plans.source": 1,
-    "stages.plans.problem": 2,
-    # What closed forms do at once takes long by search: fewer candidates, and none of them twice.
-    "kinds.conveyor.meeting": 1,
-    "kinds.conveyor.tracking": 1,
-    "orders.model.order_model": 1,
-    "reachability.filling": 1,
-    "stages.search.corridor": 1,
-    "stages.search.node_plans": 1,
-    "stages.search.own_stages": 2,
-    "stages.search.search": 1,
-    "stages.sequence": 2,
-    # Plans, starts and measures are by the arm angle itself.
-    "kinds.path.measures": 1,
-    "kinds.path.starts": 1,
-    "orders.model.stage_order_model": 1,
-    # The lower bound encloses all postures of a pose.
-    "bound.layers": 1,
-    "bound.job_bound": 2,
-}
-"""Questions outside `kinematics` to what an arm's postures are made by, with the reason; there may only be fewer."""
-
-
-def test_what_postures_are_made_by_is_asked_at_named_places():
-    """By `has_arm_angle`, `has_arm_angles` and `solves_by_search`."""
-    asked = Counter(
-        name.removeprefix("dualarm_cli.")
-        for name, path in modules().items()
-        if not name.startswith("dualarm_cli.kinematics")
-        for node in nodes(path)
-        if isinstance(node, ast.Attribute)
-        and node.attr in {"has_arm_angle", "has_arm_angles", "solves_by_search"}
-    )
-    assert dict(asked) == ARM_QUESTIONS
 
 
 def test_every_room_is_on_the_map():
