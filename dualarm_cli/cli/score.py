@@ -226,8 +226,9 @@ def _tell(
     quiet: bool,
 ) -> None:
     """Prints the result; failures go to stderr where stdout has no table."""
-    from dualarm_cli.scoring.document import reason_lines, score_document
+    from dualarm_cli.scoring.document import score_document
     from dualarm_cli.scoring.markdown import github_commands
+    from dualarm_cli.scoring.messages import reason_lines
 
     if github:
         for line in github_commands(verdicts, os.environ.get("GITHUB_WORKSPACE")):
@@ -244,14 +245,14 @@ def _tell(
 
 
 def _print(verdicts: list[Verdict], allowed: float, compared: bool) -> None:
-    from dualarm_cli.scoring.document import (
+    from dualarm_cli.scoring.messages import (
         advice,
         caveat_lines,
         counted,
         reason_lines,
         rule_words,
-        score_table,
     )
+    from dualarm_cli.scoring.table import score_table
 
     console = stdout_console()
     console.print(score_table(verdicts))
@@ -267,7 +268,7 @@ def _write_pages(
 ) -> None:
     """Writes the pages of all cases that have a plan, and their index."""
     from dualarm_cli.page.index_page import page_names
-    from dualarm_cli.scoring.document import score_index
+    from dualarm_cli.scoring.index import score_index
 
     shown = {v.case: v.evaluation.page for v in verdicts if v.evaluation and v.evaluation.page}
     names = dict(zip(shown, page_names(shown), strict=True))

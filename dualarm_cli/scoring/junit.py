@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from dualarm_cli.model.verification import exceptions
-from dualarm_cli.scoring.document import figure_words
+from dualarm_cli.scoring.messages import figure_words
 from dualarm_cli.scoring.verdict import EXIT_CODES, Verdict, words
 
 SUITE = "dualarm score"

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from dualarm_cli.model.evaluation import Finding
 from dualarm_cli.report.printable import printable
-from dualarm_cli.scoring.document import (
+from dualarm_cli.scoring.messages import (
     advice,
     caveat_lines,
     counted,

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -386,7 +387,7 @@ def test_a_cluster_that_is_not_there_and_a_library_that_is_not_are_told(cells, s
     import dualarm_cli.evaluation.cluster as module
 
     cells(1)
-    monkeypatch.setattr(module, "CONNECTING", 0.5)
+    monkeypatch.setattr(module, "WAITS", replace(module.WAITS, connecting=0.5))
     code, _, err = score(ALL, "--scheduler", "tcp://127.0.0.1:9", "--no-cache", cached=False)
     assert (code, "no scheduler answers there" in err, "dask scheduler" in err) == (2, True, True)
     monkeypatch.setitem(sys.modules, "distributed", None)

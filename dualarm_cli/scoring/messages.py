@@ -1,0 +1,82 @@
+"""Figures and sentences that all formats of a score have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from dualarm_cli.model.verification import exceptions
+from dualarm_cli.report.printable import one_line, printable
+from dualarm_cli.scoring.gate import FLOOR
+from dualarm_cli.scoring.verdict import STATES, Verdict, words
+
+NOTHING = "–"
+
+
+def figure_words(verdict: Verdict) -> tuple[str, str, str, str]:
+    """Write a case's cycle time, change, gap and least clearance."""
+    found, change = verdict.evaluation, verdict.change
+    time, gap, clearance = (
+        (None, None, None) if found is None else (found.cycle_time, found.gap, found.clearance)
+    )
+    same = "0.0 %" if change is None or abs(change) < 5e-4 else f"{change * 100:+.1f} %"
+    return (
+        NOTHING if time is None else f"{time:.3f}",
+        NOTHING if change is None else same,
+        NOTHING if gap is None else f"{gap * 100:.1f} %",
+        NOTHING if clearance is None else f"{clearance * 1e3:.1f}",
+    )
+
+
+def verdict_words(verdict: Verdict) -> str:
+    """Name the state of a case, with a remark on caveats."""
+    return words(verdict.state) + (", not fully checked" if verdict.caveats else "")
+
+
+def caveat_lines(verdicts: Sequence[Verdict]) -> list[str]:
+    """List the caveats of passes, one printable sentence for each case."""
+    shown: list[str] = printable(
+        [f"{one_line(v.case)}: verified{exceptions(v.caveats)}" for v in verdicts if v.caveats]
+    )
+    return shown
+
+
+def reason_lines(verdict: Verdict) -> list[str]:
+    """Returns why a case is not simply a pass, one sentence each, fit to be shown on a terminal."""
+    lines = []
+    for reason in verdict.reasons:
+        placed = replace(reason, file=one_line(reason.file))
+        if reason.file == verdict.case:
+            lines.append(str(replace(placed, message=f"{words(verdict.state)}: {reason.message}")))
+        else:
+            lines.append(f"{one_line(verdict.case)}: {words(verdict.state)}: {placed}")
+    shown: list[str] = printable(lines)
+    return shown
+
+
+def counted(verdicts: Sequence[Verdict]) -> str:
+    """Returns how many cases there are of each state, most severe first."""
+    states = [verdict.state for verdict in verdicts]
+    counts = [f"{states.count(s)} {words(s)}" for s in STATES if s in states]
+    word = "case" if len(verdicts) == 1 else "cases"
+    if open_cases := sum(bool(verdict.caveats) for verdict in verdicts):
+        counts.append(f"of these {open_cases} not fully checked")
+    return f"{len(verdicts)} {word}: {', '.join(counts)}"
+
+
+def rule_words(max_regression: float) -> str:
+    """Returns what is allowed."""
+    return f"allowed: {max_regression * 100:g} % longer than the baseline, and {FLOOR * 1e3:g} ms"
+
+
+def advice(verdicts: Sequence[Verdict]) -> list[str]:
+    """Returns what to do about what did not fail, but is not as recorded."""
+    states = [verdict.state for verdict in verdicts]
+    lines = []
+    if better := states.count("improved"):
+        lines.append(
+            f"{better} improved: store it with --update-baseline, or a later loss is not detected"
+        )
+    if new := states.count("new"):
+        lines.append(f"{new} new: --update-baseline takes {'it' if new == 1 else 'them'} in")
+    return lines
