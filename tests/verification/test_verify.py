@@ -166,6 +166,7 @@ def test_the_verifier_loads_no_solver(clean, tmp_path):
         *(
             "collision",
             "errors",
+            "explanations",  # texts
             "geometry",
             "kinds",
             "model",
