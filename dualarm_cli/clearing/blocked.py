@@ -116,6 +116,13 @@ def why_blocked(clearing: Clearing, found: TimedPlan | None) -> list[Refusal]:
         one, other, margin = cell.nearest(samples.position[worst], samples.held[worst])
         stage = found.motion.stages[k]
         stops = list(found.plans[k].stops.values())
+        row = slice(worst, worst + 1)
+        if stops and cell.cross_margins(samples.position[row], samples.held[row])[0] <= margin:
+            # Of an arm that stands, its last stop says why it is there.
+            active = set(found.plans[k].stops)
+            before = [plan.stops for plan in found.plans[:k]]
+            last = {arm: stop for each in before for arm, stop in each.items()}
+            stops += [stop for arm, stop in last.items() if arm not in active]
         more = {
             "one": one,
             "other": other,

@@ -100,7 +100,9 @@ def test_what_nobody_names_is_not_asked_for() -> None:
     seen = set()
     for found in pkgutil.walk_packages(dualarm_cli.model.__path__, "dualarm_cli.model."):
         for noun in vars(importlib.import_module(found.name)).values():
-            if not dataclasses.is_dataclass(noun):
+            if not (isinstance(noun, type) and dataclasses.is_dataclass(noun)):
+                continue
+            if noun.__name__.endswith("Settings"):
                 continue
             for field in dataclasses.fields(noun):
                 if isinstance(field.default, (int, float)):
