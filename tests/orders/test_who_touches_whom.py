@@ -112,7 +112,10 @@ def test_an_arm_that_stands_where_it_started_is_told_with_a_way_out(
     work = SimpleNamespace(arm="left", stop=stop, task=task)
     plans = [SimpleNamespace(stops={arm: work}) for arm in ("left", "left", "right", "left")]
     cell = SimpleNamespace(
-        margins=lambda *_: np.array([-1.0, 0.0]), nearest=lambda *_: ("l", "r", -1.0), skew=0.0
+        margins=lambda *_: np.array([-1.0, 0.0]),
+        cross_margins=lambda *_: np.zeros(1),
+        nearest=lambda *_: ("l", "r", -1.0),
+        skew=0.0,
     )
     clearing = SimpleNamespace(
         job=dataclasses.replace(job, start=start),
