@@ -119,12 +119,13 @@ def planned_around(job: Job, plan: Callable[[Job], Schedule], stop: Callable[[],
 def _in_the_way(job: Job, error: InfeasibleError) -> list[tuple[str, str]]:
     """List tasks that one arm cannot do, each with the task whose part is in its way."""
     owners = {lying_label(task): task.id for task in job.tasks if task.part}
-    found = []
+    known, found = {task.id for task in job.tasks}, []
     for refusal in error.refusals:
         cause = refusal.more.get("cause")
         bodies = (cause if isinstance(cause, Refusal) else refusal).more
         owner = owners.get(str(bodies.get("other")), refusal.task)
-        if owner != refusal.task and not bodies.get("beside"):
+        # A return is of no task, a change of tools of none of the job.
+        if refusal.task in known and owner != refusal.task and not bodies.get("beside"):
             found.append((refusal.task, owner))
     return found
 
