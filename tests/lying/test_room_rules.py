@@ -284,8 +284,12 @@ def test_a_return_that_a_part_is_in_the_way_of_is_refused_as_it_is(job_of, task)
     job = job_of(task("a", (0.45, 0.1, CUBE), (0.45, 0.4, CUBE)), head="order: optimise")
     more = {"one": "left_link_5", "other": f"{job.tasks[0].part} of a"}
 
-    def planned(_):
+    asked = []
+
+    def planned(one):
+        asked.append(one)
         raise BlockedError(Refusal("return_touches", measured=0.01, more=more), stages=(0,))
 
     with pytest.raises(BlockedError):
         planned_around(job, planned, lambda: False)
+    assert asked == [job]
