@@ -138,3 +138,34 @@ def test_an_arm_that_stands_where_it_started_is_told_with_a_way_out(
     assert "left arm stands" not in said_of(0)
     # Nobody bent a transfer, and there is no platform to turn.
     assert said_of(0).splitlines()[0].endswith("was found (tried: other postures, delays):")
+
+
+@pytest.mark.parametrize(
+    ("margin", "what"), [(0.001, "stage_lacks_skew"), (-0.001, "stage_touches")]
+)
+def test_a_stage_that_is_clear_in_step_lacks_room_for_a_late_arm(
+    tasks_folder, monkeypatch, margin, what
+):
+    """With 50 ms asked for: what touches anyhow is told as that."""
+    job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
+    work = SimpleNamespace(
+        arm="left", stop=SimpleNamespace(place=job.tasks[0].place), task=SimpleNamespace(id="a")
+    )
+    cell = SimpleNamespace(
+        margins=lambda *_: np.array([margin, 1.0]),
+        cross_margins=lambda *_: np.array([margin]),
+        nearest=lambda *_: ("l", "r", margin),
+        skew=0.05,
+    )
+    clearing = SimpleNamespace(
+        job=job,
+        holding=SimpleNamespace(cell=cell),
+        model=SimpleNamespace(platform=SimpleNamespace(is_chosen=False)),
+        tried=set(),
+    )
+    samples = SimpleNamespace(position=np.zeros((2, 14)), held=np.zeros((2, 2)))
+    monkeypatch.setattr(clear_words, "stage_samples", lambda *_: samples)
+    motion = SimpleNamespace(stages=[SimpleNamespace(start=0.0, end=1.0)])
+    found = TimedPlan([SimpleNamespace(stops={"left": work})], motion, (0,))
+    [refusal] = clear_words.why_blocked(clearing, found)
+    assert (refusal.what, refusal.allowed == 0.05) == (what, margin > 0.0)
