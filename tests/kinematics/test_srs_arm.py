@@ -52,6 +52,23 @@ def test_forward_agrees_with_pinocchio(chain, arm):
         np.testing.assert_allclose(p[k], flange.translation, atol=1e-12)
 
 
+def test_its_chain_of_joints_leads_to_the_flange(chain, arm):
+    """Step by step about z axes, against pinocchio: for compiled functions that take any arm."""
+    model, (steps, slides) = chain.model(), arm.chain
+    data, frame = model.createData(), model.getFrameId("flange")
+    assert not slides.any()
+    for q in random_postures(2, 50):
+        T = pin.SE3.Identity()
+        for step, turn in zip(steps, (*q, 0.0), strict=True):
+            T = (
+                T
+                * pin.SE3(step[:, :3], step[:, 3])
+                * pin.SE3(pin.utils.rotate("z", turn), np.zeros(3))
+            )
+        pin.framesForwardKinematics(model, data, q)
+        np.testing.assert_allclose(T.homogeneous, data.oMf[frame].homogeneous, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("q", "left", "right"),
     [
