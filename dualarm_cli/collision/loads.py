@@ -10,14 +10,14 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class Load:
-    """Tool and part that an arm holds at an instant, and how they count in collision checks."""
+    """Tool and part held by an arm, and their treatment in collision checks."""
 
     name: str
     """Name of what is held, see `Held.name`; empty for nothing."""
     on_line: bool = False
-    """Whether the arm is on a stop's lines, where a part need not be clear of what stands still."""
+    """Flag of motion on a stop's lines: the part may touch standing objects."""
     is_handed: bool = False
-    """Whether the part is handed over: the other arm's tool, and what that holds, may touch it."""
+    """Flag of a hand-over: the other tool and its load may touch the part."""
     scene: int = 0
     """Index of the scene: of what lies in the cell meanwhile."""
 

@@ -1,8 +1,7 @@
-"""Pairs of solids as arrays, as the quick test takes them.
+"""Arrays of the pairs of solids that the quick collision test takes.
 
-Capsules around solids: the round hulls that many postures are tested by.
-
-Boxes and boxes: gaps along all separating axes, of many pairs in many postures at once.
+Solids are replaced by capsules around them; pairs of boxes also have the gaps along all separating axes. Both are
+computed for many pairs in many postures at once.
 """
 
 from __future__ import annotations
@@ -126,10 +125,10 @@ class Hulls:
 
     @classmethod
     def of(cls, solids: Sequence[Solid], tree: JointTree) -> Hulls:
-        """Returns the capsules of some solids.
+        """Build the capsules around solids.
 
         Args:
-            solids: what they are around.
+            solids: the solids to enclose.
             tree: of the robot.
         """
         ends = [_hull(solid, tree) for solid in solids]
@@ -143,7 +142,7 @@ class Hulls:
 
 
 def is_rough(one: Solid, other: Solid) -> bool:
-    """Returns whether the margin of two solids' hulls may be less than their own."""
+    """Check whether the hulls' margin may be less than that of the two solids."""
     forms = [solid.geometry for solid in (one, other)]
     exact = [isinstance(form, coal.Capsule | coal.Sphere) for form in forms]
     boxes = [isinstance(form, coal.Box | coal.Halfspace) for form in forms]
@@ -151,14 +150,17 @@ def is_rough(one: Solid, other: Solid) -> bool:
 
 
 def keeps_form(solid: Solid) -> bool:
-    """Returns whether a solid is tested as a box or half-space rather than as a round hull."""
+    """Check whether a solid is tested by its own form, not its hull.
+
+    Boxes, half-spaces and convex solids keep theirs.
+    """
     return isinstance(
         solid.geometry, coal.Halfspace | coal.Box | coal.ConvexBase
     ) and not isinstance(solid.geometry, coal.Capsule | coal.Sphere | coal.Cylinder)
 
 
 def box_around(geometry: coal.CollisionGeometry) -> tuple[FloatArray, FloatArray]:
-    """Returns centre and half sides of the box around a solid in its own frame [m]."""
+    """Compute a solid's bounding box in its own frame: centre and half sides [m]."""
     if isinstance(geometry, coal.Box):
         return np.zeros(3), np.array(geometry.halfSide).ravel()
     geometry.computeLocalAABB()
@@ -168,10 +170,12 @@ def box_around(geometry: coal.CollisionGeometry) -> tuple[FloatArray, FloatArray
 
 
 def _hull(solid: Solid, tree: JointTree) -> tuple[FloatArray, FloatArray, float]:
-    """Returns both ends, in the tree's frame of its joint, and the radius of a capsule around a solid [m].
+    """Compute a capsule around a solid: both ends and the radius [m].
 
-    A cylinder lies within the capsule about its own axis, a box within that about its longest side's middle line with
-    half the diagonal of the others as its radius. A half-space has none, and is never asked for it.
+    The ends are in the tree's frame of the solid's joint. A cylinder lies within the capsule about its own axis, a box
+    within that about its longest side's middle line with half the diagonal of the others as its radius. A half-space
+    has
+    no capsule: all values are zero.
     """
     form = solid.geometry
     if isinstance(form, coal.Halfspace):
@@ -203,7 +207,7 @@ Frames = Mapping[int, tuple[FloatArray, FloatArray]]
 
 @dataclass(frozen=True)
 class BoxPairs:
-    """Those of some pairs that are two boxes, b of them; first index is which of the two."""
+    """Pairs of two boxes, b of them; the first index selects the box."""
 
     number: IntArray
     """Their numbers among the pairs, shape (b,)."""
@@ -252,10 +256,10 @@ class BoxPairs:
         )
 
     def gaps(self, which: IntArray, frames: Frames, row: IntArray) -> FloatArray:
-        """Returns the largest gap of m pairs of boxes along the axes of their sides and edges [m], shape (m,).
+        """Compute the largest gap of each pair along its separating axes [m], shape (m,).
 
         It is never more than their distance, and negative where they overlap: boxes are apart if and only if one of
-        these axes separates them ([Gottschalk1996]).
+        these axes, which belong to their sides and edges, separates them ([Gottschalk1996]).
 
         Args:
             which: of the b pairs, shape (m,).
@@ -282,7 +286,11 @@ class BoxPairs:
 
 
 def _placed_box(solid: Solid, tree: JointTree) -> tuple[int, FloatArray, FloatArray, FloatArray]:
-    """Returns a box's joint, and its rotation and centre in the tree's frame of it, and its half sides."""
+    """Place a box in the tree's frame of its joint.
+
+    Returns:
+        Joint, rotation (3, 3), centre (3,) [m] and half sides (3,) [m].
+    """
     own = tree.R_joint_own[solid.joint].T
     center, half = box_around(solid.geometry)
     return (
@@ -294,13 +302,13 @@ def _placed_box(solid: Solid, tree: JointTree) -> tuple[int, FloatArray, FloatAr
 
 
 def _largest_gap(C: FloatArray, t: FloatArray, one: FloatArray, other: FloatArray) -> FloatArray:
-    """Returns the largest gap of m pairs of boxes [m], shape (m,).
+    """Compute the largest gap of each pair of boxes [m], shape (m,).
 
     Args:
         C: the second box's axes in the first one's frame, shape (m, 3, 3).
-        t: its centre there [m], shape (m, 3).
+        t: the second box's centre in the first one's frame [m], shape (m, 3).
         one: half sides of the first box [m], shape (m, 3).
-        other: of the second one, shape (m, 3).
+        other: half sides of the second box [m], shape (m, 3).
     """
     size = np.abs(C)
     sides = np.abs(t) - one - product(size, other[..., None])[..., 0]

@@ -33,7 +33,7 @@ class CrewSettings:
     most_words: int = 200
     """Longest last message of a process that is reported."""
     longest_start: float = 120.0
-    """How long a process may take to load its libraries [s]."""
+    """Maximum time for a process to load its libraries [s]."""
     longest_wait: float = 3600.0
     """Longest time that is waited at once [s]; the kernel counts no further than some weeks."""
     failed_starts: int = 3

@@ -97,7 +97,7 @@ def _refuse_existing(folder: Path, names: Iterable[str]) -> None:
 
 
 def base_file(rotation: FloatArray, translation: FloatArray, remarks: list[str]) -> bytes:
-    """Returns a `dualarm: base/1` file: where the right robot's base stands in the left one's.
+    """Render the right robot's base in the left one's as a `dualarm: base/1` file.
 
     Args:
         rotation: R_left_right, shape (3, 3).
@@ -122,10 +122,12 @@ HEADER = "s,x,y,z,qx,qy,qz,qw"
 
 
 def curve_csv(s: FloatArray, points: Points) -> bytes:
-    """Returns the CSV: length, position, unit quaternion in the part's frame; m.
+    """Render the points of a curve as CSV: length, position and unit quaternion.
 
-    A task's `curve: {kind: poses, file: …}` takes it. Numbers are written so that reading them gives the same double;
-    neighbouring quaternions are on the same side, so that a reader may interpolate between them.
+    Lengths and positions are in m, poses in the part's frame. A task's `curve: {kind: poses, file: …}` takes the file.
+    Numbers are written so that reading them gives the same double; neighbouring quaternions are on the same side, so
+    that
+    a reader may interpolate between them.
 
     Args:
         s: lengths along the curve [m], shape (k,).

@@ -1,6 +1,6 @@
-"""What is in the cell besides the robot, and what happens there, as visualization_msgs/Marker.
+"""Markers of the cell and its events, and the frames of the robot's links.
 
-The links of a schedule's URDF as a tree of frames, as tf has it.
+Markers are rows of visualization_msgs/Marker. The links of a schedule's URDF form a tree of frames, as in tf.
 """
 
 from __future__ import annotations
@@ -183,23 +183,30 @@ def triangle_corners(hulls: DrawnHulls, number: int) -> list[dict[str, float]]:
 
 @dataclass(frozen=True)
 class LinkFrame:
-    """One link and where it is in the link that carries it."""
+    """Link and its pose in its parent link."""
 
     name: str
-    """Of the link."""
+    """Name of the link."""
     parent: str
-    """The link that carries it; the world of the root link."""
+    """Name of the parent link; of the root link, the world frame."""
     pose: pin.SE3
-    """Of its frame in the parent's, at position 0 of its joint."""
+    """Pose of the link's frame in the parent's, at position 0 of its joint."""
     joint: str = ""
-    """The moving joint between the two; empty where it is fixed."""
+    """Name of the moving joint between link and parent; empty for a fixed link."""
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """Of the joint, in the link's frame."""
+    """Axis of the joint in the link's frame."""
     slides: bool = False
-    """Whether the joint slides along its axis instead of turning about it."""
+    """Flag of a joint that slides along its axis instead of turning about it."""
 
     def poses(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns translations (m, 3) [m] and quaternions x, y, z, w (m, 4) in the parent at joint positions (m,)."""
+        """Compute the link's poses in its parent.
+
+        Args:
+            positions: of its joint [rad or m], shape (m,).
+
+        Returns:
+            Translations (m, 3) [m] and quaternions x, y, z, w (m, 4).
+        """
         count, axis = len(positions), np.array(self.axis)
         translation = np.tile(self.pose.translation, (count, 1))
         own = pin.Quaternion(self.pose.rotation)
@@ -215,10 +222,13 @@ class LinkFrame:
 
 
 def link_frames(robot: ScheduleRobot) -> tuple[str, list[LinkFrame]]:
-    """Returns the name of the fixed frame, and the frames of all links, parents first.
+    """Build the tree of a robot's link frames.
 
     Args:
         robot: of a schedule.
+
+    Returns:
+        Name of the fixed frame, and the frames of all links, parents first.
     """
     model = pin.buildModelFromXML(robot.urdf)
     data = model.createData()

@@ -45,9 +45,12 @@ class ParallelArmTolerances:
     meeting: float = 1e-6
     """Distance of axes 5 and 6 below which they meet [m]."""
     least_normal: float = 1e-3
-    """Distance of axes 5 and 6 above which the polynomial for joint 1 keeps its digits [m]."""
+    """Least distance of axes 5 and 6 that do not meet [m].
+
+    Below it the polynomial for joint 1 loses digits.
+    """
     reach_slack: float = 1e-11
-    """How far a pose may be out of reach by rounding [m]."""
+    """Rounding tolerance of the reachability test [m]."""
     tiny: float = 1e-12
     """A point nearer to an axis than this does not tell the angle about it [m]."""
 

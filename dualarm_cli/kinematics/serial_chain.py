@@ -112,7 +112,7 @@ class SerialChain(LimitedJoints):
 
     @property
     def last_axis(self) -> tuple[FloatArray, FloatArray]:
-        """Direction of the last joint's axis and a point on it [m], in the flange frame, (3,) each."""
+        """Last joint's axis in the flange frame: direction and point [m], (3,) each."""
         back = self.R_last_flange.T
         return back[:, 2], product(-back, self.p_last_flange)
 
@@ -128,37 +128,60 @@ class SerialChain(LimitedJoints):
 
     @cached_property
     def without_limits(self) -> Self:
-        """The same arm with joints that may be anywhere."""
+        """Copy of the arm without position limits."""
         free = np.full(self.axes, np.inf)
         return replace(self, lower=-free, upper=free)
 
     @cached_property
     def length(self) -> float:
-        """Greatest distance that the flange can be away from the first axis' origin, joints that slide at 0 [m]."""
+        """Upper bound on the flange's distance from the first axis' origin [m].
+
+        Joints that slide are at 0.
+        """
         links = norm([*self.p_parent_joint[1:], self.p_last_flange], axis=1)
         return float(links.sum())
 
     @cached_property
     def farthest(self) -> float:
-        """The same wherever the joints that slide are [m]."""
+        """Upper bound on the flange's distance with sliding joints anywhere within limits [m].
+
+        It is measured from the first axis' origin.
+        """
         slides = list(self.slides)
         ways = np.maximum(np.abs(self.lower[slides]), np.abs(self.upper[slides]))
         return self.length + float(ways.sum())
 
     def forward(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns flange rotations (..., 3, 3) and positions (..., 3) [m] for joints (..., n)."""
+        """Compute flange poses.
+
+        Args:
+            q: joints [rad], of those that slide [m], shape (..., n).
+
+        Returns:
+            Rotations (..., 3, 3) and positions (..., 3) [m].
+        """
         q = np.asarray(q, dtype=np.float64)
         shape = q.shape[:-1]
         R, p, _, _ = self._chain(q.reshape(-1, self.axes))
         return R.reshape(*shape, 3, 3), p.reshape(*shape, 3)
 
     def jacobian(self, q: FloatArray) -> FloatArray:
-        """Returns Jacobians (..., 6, n): linear velocity of the flange above angular, in the carried frame."""
+        """Compute Jacobians of the flange in the carried frame, shape (..., 6, n).
+
+        Linear velocity is above angular velocity.
+        """
         q = np.asarray(q, dtype=np.float64)
         return self.linearised(q.reshape(-1, self.axes))[2].reshape(*q.shape[:-1], 6, self.axes)
 
     def linearised(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Returns flange rotations (b, 3, 3), positions (b, 3) [m] and Jacobians (b, 6, n) for joints (b, n)."""
+        """Compute flange poses and Jacobians.
+
+        Args:
+            q: joints [rad], of those that slide [m], shape (b, n).
+
+        Returns:
+            Rotations (b, 3, 3), positions (b, 3) [m] and Jacobians (b, 6, n).
+        """
         R, p, z, origin = self._chain(q)
         arm = p.T[:, None] - origin
         J = np.empty((len(q), 6, self.axes))
@@ -171,7 +194,7 @@ class SerialChain(LimitedJoints):
         return R, p, J
 
     def _chain(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Returns flange rotations and positions, and axes and origins of all joints, both (3, n, b).
+        """Compute flange poses, and axes and origins of all joints, both (3, n, b).
 
         Few postures are quickest as products of 4 x 4 matrices, many with the postures last in memory.
         """
@@ -188,10 +211,10 @@ class SerialChain(LimitedJoints):
 
     @cached_property
     def chain(self) -> tuple[FloatArray, BoolArray]:
-        """Constant steps from joint to joint, shape (n + 1, 3, 4), and which joints slide, shape (n,).
+        """Constant transforms between successive joints, and a mask of the joints that slide.
 
-        Rotation and position [m] of each joint at zero in the one before, and of the flange in the last one. Joints
-        slide along their z axes or turn about them.
+        Rotation and position [m] of each joint at zero in the one before, and of the flange in the last one,
+        shape (n + 1, 3, 4); mask of shape (n,). Joints slide along their z axes or turn about them.
         """
         slides = np.zeros(self.axes, dtype=np.bool_)
         slides[list(self.slides)] = True
@@ -216,7 +239,7 @@ class SerialChain(LimitedJoints):
         return T[n, :, :3, :3], T[n, :, :3, 3], z, origin
 
     def _turned(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns cosines and sines of joints (b, n); those that slide do not turn."""
+        """Compute cosines and sines of joints (b, n); sliding joints count as angle 0."""
         c, s = cos(q), sin(q)
         c[:, list(self.slides)], s[:, list(self.slides)] = 1.0, 0.0
         return c, s
@@ -276,7 +299,9 @@ class SerialChain(LimitedJoints):
 def pose_error(
     R: FloatArray, p: FloatArray, R_wanted: FloatArray, p_wanted: FloatArray
 ) -> FloatArray:
-    """Returns the displacements that take poses to wanted ones, shape (b, 6): [m] above rotation vectors [rad].
+    """Compute the displacements from poses to wanted poses, shape (b, 6).
+
+    Translations [m] are above rotation vectors [rad].
 
     Args:
         R: rotations, shape (b, 3, 3).

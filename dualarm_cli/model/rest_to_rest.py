@@ -1,4 +1,7 @@
-"""Least time between states at rest, or any, under velocity, acceleration and jerk limits, in closed form."""
+"""Minimum times of joint motions under velocity, acceleration and jerk limits, in closed form.
+
+They hold between states at rest, and as lower bounds between any states of motion.
+"""
 
 from __future__ import annotations
 
@@ -144,7 +147,7 @@ AT_ONCE = 1e12
 
 @dataclass(frozen=True)
 class PassingLaw(RestToRest):
-    """Least times between any states of motion, and how far joints get from rest to any state.
+    """Lower bounds on times between any states of motion, and reachable distances from rest.
 
     The bound on plans whose tools pass the outer ends of lines in motion rests on it. Stages are as they are: both arms
     begin one together, with transfers, then approach, dwell and retract. Only at its target a tool is at rest, its
@@ -164,12 +167,12 @@ class PassingLaw(RestToRest):
 
     @classmethod
     def of(cls, law: RestToRest) -> PassingLaw:
-        """Returns the law of joints with given limits."""
+        """Build the passing law of joints with the limits of a rest-to-rest law."""
         velocity = np.asarray(law.velocity)
         return cls(velocity, AT_ONCE * velocity, np.full_like(velocity, np.inf), law)
 
     def reachable_distance(self, duration: FloatArray) -> FloatArray:
-        """Returns how far each joint turns at most in the given times from rest [rad].
+        """Compute the largest rotation of each joint in given times from rest [rad].
 
         Args:
             duration: times T [s], 0 or more, shape (..., n) or (..., 1).

@@ -173,7 +173,12 @@ def _ways(
     platform: float,
     widths: int,
 ) -> Iterator[tuple[Launch | None, Launch | None]]:
-    """Yield how an arm passes the ends of the lines about its transfer, with ever more room, until it stops at both."""
+    """Yield the blends of a transfer with its lines, with increasing room.
+
+    Each is a pair: the launch at the end of the retract and that at the begin of the approach. The iteration ends as
+    soon
+    as no pair is faster than stopping at both.
+    """
     arm = drive.model.arms[name]
     index, limits = arm.columns, drive.own_limits[name]
     start, goal = plan.start[index], plan.arrival[index]

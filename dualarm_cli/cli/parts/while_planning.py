@@ -1,10 +1,7 @@
-"""What happens beside a search: Ctrl-C, the status line, and watched files that are planned again.
+"""Interaction with a running search: Ctrl-C, the status line, and re-planning of watched files.
 
-Ctrl-C while something has been found: the first one ends the search, the next one everything.
-
-One line on a terminal about what is being done, put into words whenever it is drawn.
-
-`dualarm plan --watch`: plans again whenever a file of the job changes, and shows the newest page.
+The first Ctrl-C ends a search that has a result, the next one gives up. A status line on a terminal names the current
+activity. `dualarm plan --watch` plans again whenever a file of the job changes, and shows the newest page.
 """
 
 from __future__ import annotations
@@ -31,7 +28,7 @@ if TYPE_CHECKING:
     from dualarm_cli.page.live import LivePage
 
 STOPPING = "stopping: the best found so far is planned and verified (Ctrl-C again to give up)"
-"""What the first Ctrl-C is answered with."""
+"""Message on the first Ctrl-C."""
 
 
 class Interrupts:
@@ -81,7 +78,10 @@ class Interrupts:
 
 
 def _importing(frame: FrameType | None) -> bool:
-    """Returns whether a module is being imported, which would be left half initialised and is needed later."""
+    """Check whether a module is being imported.
+
+    An interrupt would leave it half initialised, and it is needed later.
+    """
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
             return True
@@ -90,7 +90,10 @@ def _importing(frame: FrameType | None) -> bool:
 
 
 def _say(text: str) -> None:
-    """Writes a line on stderr past its buffer, which the signal may have come in the middle of."""
+    """Write a line to stderr past its buffer.
+
+    The signal may have interrupted a write to the buffer.
+    """
     with suppress(OSError, ValueError):
         # On a terminal it takes the place of the status line, which is drawn again below it.
         clear = "\r\x1b[2K" if sys.stderr.isatty() else ""
@@ -98,7 +101,10 @@ def _say(text: str) -> None:
 
 
 class StatusLine:
-    """What is being done, as a thing that rich draws: the search is not kept by telling it anything more."""
+    """Status line that rich redraws with the current activity.
+
+    It reads the watch whenever it is drawn; the search only reports a change of activity.
+    """
 
     def __init__(self, watch: Watch, doing: str) -> None:
         """Begins with what is being done first; the watch tells what comes then."""
@@ -110,7 +116,7 @@ class StatusLine:
         self.doing = doing
 
     def words(self) -> str:
-        """Returns the line as it is now: while a search goes on with its best, its bound and its time."""
+        """Return the current text; during a search with best, bound and elapsed time."""
         watch = self.watch
         if not watch.searching:
             return self.doing
@@ -124,16 +130,16 @@ class StatusLine:
         return f"{self.doing}: {', '.join(known)}"
 
     def __rich__(self) -> Text:
-        """Returns what is drawn."""
+        """Return the line as rich text."""
         from rich.text import Text
 
         return Text(self.words(), no_wrap=True, overflow="ellipsis")
 
 
 PAUSE = 0.3
-"""How often files are looked at [s]."""
+"""Interval at which the files are checked [s]."""
 STILL = 0.2
-"""How long they must not have changed: editors write in steps [s]."""
+"""Time without changes before planning starts [s]. Editors write in steps."""
 KINDS = (".yaml", ".yml", ".urdf", ".csv", ".stl", ".obj", ".ply", ".dae")
 """Files of a job, by their endings."""
 
@@ -174,7 +180,7 @@ def keep_planning(tasks: Path, page: Path, plan: Callable[[], None]) -> None:
 
 
 def stamps(files: Collection[Path]) -> dict[Path, tuple[int, int]]:
-    """Returns when files were changed, and how long they are; those that are not there are left out."""
+    """Read modification time [ns] and size [B] of the files that exist."""
     found = {}
     for path in files:
         with suppress(OSError):
@@ -184,7 +190,10 @@ def stamps(files: Collection[Path]) -> dict[Path, tuple[int, int]]:
 
 
 def _inputs(tasks: Path, known: frozenset[Path]) -> frozenset[Path]:
-    """Returns the files of a job, and those beside its task file; while it cannot be read, those known before too."""
+    """List the files of a job and those next to its task file.
+
+    While the job cannot be read, the files that were known before stay in the list.
+    """
     from dualarm_cli.files.source.projects import Project
     from dualarm_cli.files.tasks.tasks import load_job
 

@@ -297,12 +297,15 @@ Placement = tuple[FloatArray, FloatArray]
 
 
 def read_tables(document: Document, model: RobotFile, findings: Findings) -> Urdf | None:
-    """Returns the URDF that a robot file's tables describe, or None after noting what is wrong.
+    """Build the URDF that a robot file's tables describe.
 
     Args:
         document: the robot file.
         model: its content, with tables.
         findings: where errors are noted.
+
+    Returns:
+        The URDF, or None after an error has been noted.
     """
     if model.dh is None or not _check_links(document, model, findings):
         return None
@@ -323,7 +326,7 @@ def read_tables(document: Document, model: RobotFile, findings: Findings) -> Urd
 
 
 def placements(rows: Sequence[RowSection], convention: str) -> list[Placement]:
-    """Returns the frame of each joint in the one before, and at last the flange in the last joint's.
+    """Compute the frame of each joint in the previous one, then the flange's.
 
     A joint's frame turns with it, about its z axis; at position 0 it stands as the table's theta says. So a
     standard row's Tz(d) Tx(a) Rx(alpha) comes after its joint and belongs to the next frame, a modified row's
@@ -352,7 +355,7 @@ def placements(rows: Sequence[RowSection], convention: str) -> list[Placement]:
 
 
 def _check_links(document: Document, model: RobotFile, findings: Findings) -> bool:
-    """Returns whether every link has a name of its own, each table its arm and each arm its table."""
+    """Check that link names are unique, and that arms and tables match."""
     before, tables = len(findings.diagnostics), model.dh.tables() if model.dh is not None else {}
     for name in model.platform:
         message = (
@@ -382,7 +385,7 @@ def _check_links(document: Document, model: RobotFile, findings: Findings) -> bo
 
 
 def _arm(rows: Sequence[RowSection], frames: list[Placement], flange: str) -> list[Element]:
-    """Returns the links and joints of one arm."""
+    """Build the links and joints of one arm."""
     parts, parent = [], ROOT_LINK
     for row, frame, following in zip(rows, frames, frames[1:], strict=False):
         name = f"{row.joint}_link"
@@ -411,7 +414,10 @@ def _joint(name: str, kind: str, parent: str, child: str, frame: Placement) -> E
 
 
 def _capsule(tag: str, link: str, radius: float, end: FloatArray) -> list[Element]:
-    """Returns a capsule from the link's origin to a point, spelled as a cylinder and two balls."""
+    """Build a capsule from a link's origin to a point.
+
+    It consists of a cylinder and two balls.
+    """
     length = float(norm(end))
     ball = Element("sphere", {"radius": repr(radius)})
     if length < 1e-9:

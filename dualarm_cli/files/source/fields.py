@@ -223,12 +223,12 @@ def quantity_schema(
     high: float = math.inf,
     words: Sequence[str] = (),
 ) -> JsonDict:
-    """Returns the JSON Schema of a number within a range, or of text with a unit.
+    """Build the JSON Schema of a bounded number, or of text with a unit.
 
-    A schema cannot say the range of text with a unit.
+    A schema cannot express the range of text with a unit.
 
     Args:
-        dimensions: what it may be.
+        dimensions: the quantities that are accepted.
         low: least plain number.
         high: greatest plain number.
         words: patterns of texts that may stand in place of a quantity.
@@ -249,13 +249,13 @@ def quantity_schema(
 
 
 def text_pattern(dimensions: Sequence[Dimension]) -> str:
-    """Returns the pattern of a number as text, with or without a unit of some dimensions."""
+    """Build the pattern of a number as text with an optional unit."""
     units = [_unit(unit) for dimension in dimensions for unit in dimension.units if unit]
     return rf"\s*{NUMBER}\s*" + (rf"({'|'.join(units)})?\s*" if units else "")
 
 
 def _unit(unit: str) -> str:
-    """Returns the pattern of a unit's spellings."""
+    """Build the pattern of a unit's spellings."""
     for plain, pattern in _SPELLINGS.items():
         unit = unit.replace(plain, pattern)
     return unit

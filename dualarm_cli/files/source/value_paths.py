@@ -20,7 +20,13 @@ class PathError(ValueError):
     """A path that cannot be read or leads nowhere; its text is the whole message."""
 
     def __init__(self, message: str, lacks: bool = False, guessed: bool = False) -> None:
-        """Stores the message, whether a key or entry is missing, and whether the message guesses the one meant."""
+        """Store the message and its kind.
+
+        Args:
+            message: the whole text.
+            lacks: whether a key or entry is missing.
+            guessed: whether the message guesses the key or entry that was meant.
+        """
         super().__init__(message)
         self.lacks, self.guessed = lacks, guessed
 

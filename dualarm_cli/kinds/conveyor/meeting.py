@@ -70,20 +70,22 @@ class MeetingSettings:
     """Numbers that steer the search for a meeting with a part."""
 
     spare: float = 1e-3
-    """By how much an arm is to be earlier than its part at most where nothing else makes it wait [s]."""
+    """Maximum time by which an arm is early for its part [s].
+
+    It does not hold for a part that is met as early as it can be.
+    """
     side: float = 0.1
-    """A new time is within what is known of both sides by this share of it at least."""
+    """Least distance of a new time from both known times, relative to their difference."""
     farthest: float = 8.0
     """A time is tried no later than by so many times what the arm is late."""
     rounds: int = 14
-    """So often the time at which a part is met is corrected by when the arm can be there."""
+    """Maximum number of corrections of the time at which a part is met."""
     exact: float = 1e-9
-    """An arm that is there so much earlier or later than its part is there with it [s]."""
+    """Difference in arrival up to which arm and part meet [s]."""
     tries: int = 8
+    """Number of later times tried within a window if a part cannot be followed."""
     narrow: float = 0.02
-    """Parts of a window after which a later time is tried where a part cannot be followed, and how closely
-    the first time
-    at which it can be is found [s]."""
+    """Precision of the first time at which a part can be followed [s]."""
 
 
 MEETING = MeetingSettings()

@@ -1,6 +1,6 @@
-"""What is measured of paths as they are followed, and how reports show it.
+"""Measurements of followed paths, and their lines, tables and curves in reports.
 
-How near an arm in closed form can bring its elbow to a point while its tool stays where it is.
+They include the least distance between an arm's elbow and a point while the tool stays where it is, in closed form.
 """
 
 from __future__ import annotations
@@ -374,7 +374,7 @@ THIRDS = np.arange(3) * (TURN / 3.0)
 def least_elbow_distance(
     arm: SrsArm, R: FloatArray, p: FloatArray, point: FloatArray, along: float = 0.0
 ) -> FloatArray:
-    """Returns the least distance of the elbow from a point over all postures within limits [m], shape (k,).
+    """Compute the least elbow distance from a point within joint limits [m], shape (k,).
 
     The elbow is on a circle about the line from shoulder to wrist, so that its squared distance from a point is
     a + b cos psi + c sin psi: the least is where that is least, or at an end of the interval of arm angles that the

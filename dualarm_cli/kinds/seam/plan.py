@@ -49,18 +49,20 @@ class SeamPlanSettings:
     knots: tuple[int, ...] = (24, 48, 96, 192, 384)
     """Numbers of knots that are tried until the tool stays near enough to its line."""
     near: float = 5e-5
-    """How far the tool may leave its line [m] and its orientation [rad]: half of what is verified."""
+    """Tolerance of the tool's line [m] and orientation [rad]: half of the verified one."""
     looked_at: float = 0.01
     """Time between the postures of a seam that are looked at [s]."""
     rounds: int = 3
-    """How often other starts are drawn where what comes of the first ones cannot be worked."""
+    """Number of draws of starts that are tried in turn."""
     enough_refusals: int = 2
-    """So many times too fast, and other starts will be as well."""
+    """Number of refusals for too high speed after which no more starts are tried."""
     steady_share: float = 0.8
     """Share of a given duration in which the tool is at its steady speed, about: solvers know no ramps."""
     together: float = 2e-7
-    """Residual up to which the robot counts as having tool and part where a seam begins [m, rad]: what files
-    round away."""
+    """Largest residual of robot, tool and part where a seam begins [m, rad].
+
+    It covers the rounding of files.
+    """
     slowed: float = 1.0005
     """Factor on time or speed above which a seam falls short of what is asked."""
 
@@ -71,7 +73,7 @@ SEAM = SeamPlanSettings()
 def drawn_back(
     chain: Chain, limits: JointLimits, position: FloatArray, length: float
 ) -> FloatArray | Refusal:
-    """Returns joints (`seam_line_samples`, n) [rad] while the tool is drawn back along its axis, or why it cannot be.
+    """Trace the joints while the tool is drawn back along its axis.
 
     Only the slave's own joints move, by Newton steps of least norm.
 
@@ -80,6 +82,9 @@ def drawn_back(
         limits: of all joints.
         position: where the tool is [rad], shape (n,).
         length: how far it is drawn back [m].
+
+    Returns:
+        Joints [rad], shape (`seam_line_samples`, n), or the reason why the tool cannot be drawn back.
     """
     here = chain.bodies(position[None])
     R, p, back = here.R_tool[0], here.p_tool[0], -here.R_tool[0, :, 2]

@@ -23,12 +23,17 @@ class SplineSettings:
     few: int = 8
     """Points below which the ends of an open spline are straight; more of them tell how it bends there."""
     exact: float = 1e-9
+    """Largest error at skipped points that lets a spline skip them [m]."""
     rounded: float = 1e-5
-    """How near a spline through some of the points comes to the others where these add nothing, and where
-    what is left may
-    be what files round away [m]."""
+    """Error at skipped points that the rounding of files may explain [m].
+
+    Here a spline stops taking more points if they do not reduce the error by `gained`.
+    """
     gained: float = 4.0
-    """Factor by which twice as many points have to bring it nearer: rounding gains nothing."""
+    """Least factor by which twice as many points reduce the error.
+
+    Rounding reduces nothing.
+    """
 
 
 SPLINE = SplineSettings()

@@ -19,8 +19,9 @@ class LimitSettings:
     stations: int = 400
     """Places along the path between which joints are followed without time."""
     steps: int = 12
+    """Maximum number of Newton steps per place."""
     centring: int = 3
-    """Newton steps per place, and those that self-motion uses to leave limits."""
+    """Minimum number of Newton steps per place, in which self-motion moves joints off limits."""
     share: float = 0.2
     """Share of the distance to mid-range by which self-motion moves joints."""
     followed: float = 1e-9

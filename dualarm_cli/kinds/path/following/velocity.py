@@ -30,22 +30,23 @@ class VelocitySettings:
     """Gains and margins of the velocity-level program."""
 
     absolute: float = 1e-9
+    """Absolute tolerance of the solver."""
     relative: float = 1e-10
-    """Tolerances of the solver."""
+    """Relative tolerance of the solver."""
     largest_step: float = 0.5
     """A joint that would move farther between two instants is at a singular posture [rad]."""
     corrections: int = 10
-    """So many Newton corrections of the tools follow a step at most."""
+    """Maximum number of Newton corrections of the tools after a step."""
     settled: float = 1e-11
-    """Error of the tools at which they end [m, rad]."""
+    """Expected tool error at which the corrections end [m, rad]."""
     self_share: float = 0.5
-    """Share of a cap on the tools' speed that self-motion may give the tools of arms that do not follow."""
+    """Largest share of a tool-speed cap that self-motion gives other arms' tools."""
     self_speed: float = 0.4
-    """Share of its speed limit that self-motion may give a joint."""
+    """Largest share of a joint's speed limit that self-motion may use."""
     kept_free: float = 1e-3
     """Distance from the joints' limits at which they are stopped [rad]."""
     braking: float = 4.0
-    """A joint's speed towards a limit is at most so many times its distance from it [1/s]."""
+    """Maximum ratio of a joint's speed to its distance from a limit [1/s]."""
     margin: float = 1e-3
     """Share of the speed limits that is kept free: instants are joined by curves."""
 

@@ -28,9 +28,11 @@ class SeamStartSettings:
     finer: int = 8
     """Steps from node to node where the first place that fails is looked for."""
     closing_steps: int = 24
+    """Newton steps that close the chain from drawn joints."""
     following_steps: int = 8
+    """Newton steps from one node to the next."""
     pulls: int = 2
-    """Newton steps from drawn joints, and from one node to the next; of these so many pull joints to the middle."""
+    """First Newton steps from node to node that pull joints to their middle."""
     width: float = 0.7
     """Share of the joints' ranges from which starts are drawn."""
     widest: float = 2.6
@@ -40,7 +42,10 @@ class SeamStartSettings:
     spread: float = 0.3
     """Standard deviation of starts about joints that the file names [rad]."""
     beyond: float = 0.5
-    """Starts may be beyond joints' limits by this, as the steps that follow bring joints back [rad]."""
+    """Largest violation of joint limits accepted in the search for starts [rad].
+
+    Later steps bring the joints back.
+    """
     farthest: float = 0.7
     """Joints that differ by more from node to node jump [rad]."""
 
