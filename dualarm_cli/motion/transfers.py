@@ -38,12 +38,13 @@ class SpeedSettings:
     speed_step: float = 1e-5
     """Half-width of the central difference that measures them [s]."""
     coarse: int = 4
+    """Stride of the instants at which tool speeds are measured first."""
     fast: float = 0.9
-    """Every so many instants are looked at first, and all about those with more than this share of the
-    largest speed."""
+    """Share of the largest speed above which the instants around are measured as well."""
     speed_tries: int = 36
+    """Maximum number of velocity factors tried for a tool-speed cap."""
     sure: int = 5
-    """Velocity factors that are tried at most, and those by which it should be clear where this leads."""
+    """Number of tries after which every other factor halves the remaining range."""
 
 
 SPEED = SpeedSettings()
@@ -336,7 +337,9 @@ def largest_tool_speed(
     position_at: Callable[[FloatArray], FloatArray],
     length: float,
 ) -> float:
-    """Returns the largest speed of some arms' tool centre points [m/s], at instants `speed_sample` apart.
+    """Measure the largest speed of the arms' tool centre points [m/s].
+
+    Instants are `speed_sample` apart: first every `coarse`-th one, then all those about fast ones.
 
     Args:
         model: the cell.

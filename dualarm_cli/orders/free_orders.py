@@ -1,6 +1,6 @@
-"""Arms and order of a job whose arms are asynchronous, with the platform standing at one angle.
+"""Arms and order of an asynchronous job, with the platform at one angle.
 
-How long two arms take together where some of their tasks cannot be done at the same time.
+It includes the time of two arms some of whose tasks cannot be done at the same time.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ class FreeOrderSettings:
     """Numbers that steer the order search of asynchronous arms."""
 
     most_proven: int = 40
-    """Of so many tasks at most a bound on all orders is looked for."""
+    """Maximum number of tasks for which all orders are bounded."""
     wait: float = 1.5
-    """What a task costs more at which the other arm is in the way wherever it works [s]."""
+    """Extra time of a stop that conflicts with all of the other arm's [s]."""
     spare: int = 4
-    """Orders at one angle that are kept, for the case that the best ones cannot be planned."""
+    """Maximum number of orders kept at one angle. The best ones may be infeasible."""
     rounds: int = 4
     """So often orders are improved with what the last one has in each other's way."""
     promising: float = 1.05
@@ -222,7 +222,7 @@ def _decided(order: OrderModel, answer: Timed, ways: int) -> Job:
 
 
 def time_together(problem: SequencingProblem, order: Order, touch: BoolArray) -> float:
-    """Returns when both arms are done if they wait for each other wherever their stops touch [s].
+    """Time an order in which arms wait wherever their stops touch [s].
 
     A stop takes its place from when the arm leaves for it until it is over; arms wait between stops.
 
@@ -262,7 +262,7 @@ def time_together(problem: SequencingProblem, order: Order, touch: BoolArray) ->
 
 
 def _ends(problem: SequencingProblem, a: int, nodes: tuple[int, ...]) -> FloatArray:
-    """Returns when each stop is over, and at last when the arm is back, by its own clock [s]."""
+    """Compute by the arm's clock when each stop and the return end [s]."""
     if not nodes:
         return np.zeros(0)
     start, w, arm = problem.start_node, problem.ways, problem.arms[a]
@@ -279,7 +279,10 @@ def _ends(problem: SequencingProblem, a: int, nodes: tuple[int, ...]) -> FloatAr
 
 
 def _doing(ends: FloatArray, stops: list[int], steps: int, step: float) -> IntArray:
-    """Returns which stop an arm makes after so many steps, -1 on its way back and at its very start."""
+    """Sample the index of an arm's stop at each step, shape (steps + 1,).
+
+    It is -1 at the very start and on the return.
+    """
     time = step * np.arange(steps + 1)
     number = np.searchsorted(ends, time, side="right")
     found: IntArray = np.append(stops, [-1, -1]).astype(np.int64)[np.minimum(number, len(stops))]
@@ -290,14 +293,18 @@ def _doing(ends: FloatArray, stops: list[int], steps: int, step: float) -> IntAr
 def together_ranked(
     problem: SequencingProblem, orders: list[Timed], touch: BoolArray
 ) -> list[tuple[Timed, float]]:
-    """Returns orders, as they are and with one arm's or both arms' tasks the other way round, the quickest first.
+    """Rank orders and their reversals by the time of both arms together.
 
-    Each with how long it takes together [s].
+    One arm's or both arms' tasks are also tried in reverse, unless they are coupled, in sequences or in the file's
+    order.
 
     Args:
         problem: two arms.
         orders: good orders, not empty.
         touch: as of `time_together`.
+
+    Returns:
+        Orders with their times [s], the quickest first.
     """
     tries: list[Timed] = []
     for one in {one.order: one for one in orders}.values():
@@ -312,4 +319,4 @@ def together_ranked(
 
 
 FLIPS = ((False, False), (True, False), (False, True), (True, True))
-"""Which arms' orders are turned round."""
+"""Combinations of arms whose tasks are done in reverse order."""

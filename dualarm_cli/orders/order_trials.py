@@ -33,12 +33,13 @@ class TrialSettings:
     random_steps: int = 4
     """Random steps that each round of polishing offers besides: where something touches others lead nowhere."""
     fewer: int = 3
+    """Divisor of the number of orders from one polishing to the next."""
     longer: int = 2
-    """Every so-manieth of the orders that were polished is polished again, so many times longer."""
+    """Factor on the polishing rounds from one polishing to the next."""
     alike: float = 0.9
     """Orders that share more than this part of their stages are much alike: what is off the grid is so as well."""
     unlikely: float = 10.0
-    """What counts for an order in which arms touch at their stops as it stands [s]: it is one to try at last."""
+    """Upper bound on an order's collision penalty [s]. Such orders are tried last."""
     swings: tuple[float, ...] = (1.0, 0.95, 0.8, 0.5, 0.0)
     """Shares of the arm angle's change along the lines."""
 

@@ -40,8 +40,9 @@ class FaultSettings:
     belt_step: float = 0.02
     """Spacing of a conveyor's places at which targets are examined [m]."""
     stretches: int = 16
+    """Number of equal stretches of a path whose ends are examined."""
     most_junctions: int = 64
-    """Equal stretches, and maximum number of junctions, at which a path is examined."""
+    """Maximum number of junctions of a path that are examined."""
     far: float = 2.0
     """Distance beyond reach from which a wrong unit is the likely cause [m]."""
     upwards: float = 0.5

@@ -28,7 +28,10 @@ NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
 NOT_EASIER = "effort: less effort might give a shorter plan; its search was interrupted"
 """Message where the user had seen enough before the plan of less effort was there."""
 SHORT_STOPS = 24
-"""Greatest number of stops of a job that is planned with less effort as well, in another process."""
+"""Maximum number of stops of a job that is also planned with less effort.
+
+That plan is made in another process.
+"""
 FAR_SLOWER = 0.08
 """By more than this share the file's order is slower by far, as the search times it."""
 OF_THE_FILE = planning_note("order", "of_file")
@@ -124,9 +127,9 @@ def _planned(work: PlannedJob, watch: Watch) -> Schedule:
 
 
 def _not_slower_than_filed(work: PlannedJob, watch: Watch) -> Schedule:
-    """Plan a job, in the order of its file where no quicker plan was found of an open one.
+    """Plan a job, and keep the file's order if no quicker plan is found.
 
-    It is not planned where it is far slower by the times of the search.
+    The file's order is not planned if the times of the search show that it is far slower.
     """
     best: Schedule | None = None
     failure: InfeasibleError | None = None
@@ -238,7 +241,11 @@ def _as_asked(easier: Schedule, settings: PlanSettings, duration: float | None =
 
 
 def _until_seen_enough(watch: Watch, made: Callable[[], T]) -> T | None:
-    """Returns what is made; None where the user has seen enough before, and there is a plan to go on with."""
+    """Run a planning step until the user has seen enough.
+
+    Returns:
+        Its result, or None after an interrupt with a plan to go on with.
+    """
     try:
         watch.catching = True
         found = made()

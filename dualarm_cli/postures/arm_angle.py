@@ -31,7 +31,7 @@ class ArmAngleSettings:
     looked_at_first: int = 4
     """Postures of each problem, by what no motion can beat, whose lines are timed first."""
     near: float = 1.02
-    """Other lines are timed if they may come to within this multiple of the best of those."""
+    """Factor on the best first time up to which other lines are timed."""
     all_ways: int = 2
     """Rounds in which all ways of a problem are refined."""
     first_width: float = 0.25
@@ -141,7 +141,7 @@ def _line_times(sides: Sequence[tuple[Lines, FollowedLines]], wanted: BoolArray)
 
 
 def _first(row: IntArray, least: FloatArray) -> BoolArray:
-    """Returns the `looked_at_first` least entries of each problem, shape (n,)."""
+    """Mark the `looked_at_first` least entries of each problem, shape (n,)."""
     order = np.lexsort((least, row))
     place = np.arange(len(row)) - np.searchsorted(row[order], row[order], side="left")
     first = np.zeros(len(row), dtype=np.bool_)

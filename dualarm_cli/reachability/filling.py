@@ -23,12 +23,13 @@ class FillingSettings:
     seed_steps: tuple[int, ...] = (4, 3, 2, 1)
     """Postures are found from scratch on every so many nodes along each axis: the first of these with `many` nodes."""
     many: int = 200
+    """Minimum number of seed nodes of an arm without closed forms."""
     many_closed: int = 1000
-    """So many nodes, and where the arm has closed forms."""
+    """Minimum number of seed nodes of an arm with closed forms."""
     seeds_kept: int = 6
-    """Of the postures found there, those that are looked at."""
+    """Maximum number of postures kept per seed pose."""
     turns: tuple[int, ...] = (0, 1, -1, 2, -2)
-    """By how many of YAWS the tool is turned on the way to a node next to it, in the order in which they are tried."""
+    """Yaw steps between neighbouring nodes, of YAWS per turn, in order of trial."""
 
 
 FILLING = FillingSettings()
@@ -128,11 +129,13 @@ def _most(turn: int) -> float:
 
 
 def seeds(model: CellModel, arm: str, grid: TableGrid) -> Postures:
-    """Returns postures on nodes spread over the grid; `seeds_kept` at most for each pose.
+    """Find postures on nodes spread over the grid.
+
+    At most `seeds_kept` are kept of each pose.
 
     Args:
         model: the cell.
-        arm: which arm.
+        arm: its name.
         grid: the nodes.
     """
     kinematics = model.arms[arm].kinematics

@@ -28,25 +28,33 @@ class ToolSettings:
     """Dimensions of a proposed tool, and numbers of its search."""
 
     length: float = 0.12
+    """Maximum length of a gripper on a bare flange [m]."""
     length_share: float = 0.13
-    """Length of a gripper on a bare flange [m], and what share of the arm's length it is at most."""
+    """Maximum length of a gripper on a bare flange as share of the reach."""
     radius_share: float = 0.25
-    """Its radius as a share of its length."""
+    """Radius of a gripper as a share of its length."""
     hand: float = 0.06
     """Shapes that stand out farther than this from the flange are a hand [m]."""
     beyond: float = 0.01
+    """Distance of the tool centre point beyond the hand's shapes [m]."""
     finger: float = 0.04
-    """Where the tool centre point is beyond the hand's shapes [m], and the length of a capsule at the end of a hand."""
+    """Length of the capsule at the end of a hand [m]."""
     longer: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
-    """How far from the flange a gripper may begin, as shares of its length: where the arm's own shapes leave
-    it room."""
+    """Distances between flange and gripper that are tried, relative to the gripper's length.
+
+    The arm's own shapes must leave it room.
+    """
     postures: int = 200
+    """Number of random postures in which a gripper is tested against its arm."""
     touched: float = 0.3
-    """Postures in which that is looked at, and the share of them in which the two may touch."""
+    """Largest share of tested postures in which gripper and arm may touch."""
     rounded: float = 0.005
-    """Lengths are multiples of this [m], or of a fifth of it for arms shorter than `short`."""
+    """Step to which dimensions of a gripper are rounded [m].
+
+    It is a fifth of this for arms shorter than `short`.
+    """
     short: float = 0.3
-    """[m]"""
+    """Reach up to which an arm is short [m]."""
     along: float = 0.6
     """Cosine from which on a flange is taken to point along the last joint's axis."""
 

@@ -285,7 +285,7 @@ def _limits_used(schedule: Schedule) -> dict[str, dict[str, float]]:
 
 REASONS: tuple[str, ...] = get_args(WaitReason)[1:]
 UNSTATED = "unstated"
-"""What a wait is called of which the schedule does not say why."""
+"""Reason of a wait for which the schedule states none."""
 FOR_THE_OTHER = ("partner", "shared_zone", "end")
 """Reasons that lie in what the other arm does."""
 SAME_LENGTH = 1e-6
@@ -293,10 +293,11 @@ SAME_LENGTH = 1e-6
 
 
 def wait_rows(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
-    """Returns every wait as a JSON-ready row, in time order; times in s.
+    """List every wait as a JSON-ready row, in time order.
 
-    `task` is what the arm is about to do, `for` the arm and task that it waits for; both None where that is not known,
-    `for` also where it waits for the platform or for a time. Of the other arm it is what it does when the wait ends.
+    Times are in s. `task` is what the arm is about to do, `for` the arm and task that it waits for; both None where
+    that is not known, `for` also where it waits for the platform or for a time. Of the other arm it is what it does
+    when the wait ends.
 
     Args:
         schedule: with segments.
@@ -333,7 +334,10 @@ def wait_rows(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
 
 
 def waited(schedule: Schedule, arm: str) -> dict[str, float]:
-    """Returns how long an arm waits by reason [s]; every reason, and `unstated` where it waits for none of them."""
+    """Sum an arm's waiting times by reason [s].
+
+    All reasons are keys; `unstated` is one if the schedule gives no reason for a wait.
+    """
     times = dict.fromkeys(REASONS, 0.0)
     for part in schedule.segments:
         if part.arm == arm and part.kind == "wait":
@@ -343,7 +347,7 @@ def waited(schedule: Schedule, arm: str) -> dict[str, float]:
 
 
 def drawn_out(schedule: Schedule) -> dict[str, float]:
-    """Returns by how much each arm's transfers are drawn out because the platform needs longer [s].
+    """Compute by how much the platform lengthens each arm's transfers [s].
 
     Platform and arms leave together, and an arm that would be there before the platform moves more slowly instead of
     waiting at the end. What it would wait is the platform's own time less the arm's, in each transfer that lasts as
@@ -369,7 +373,7 @@ def drawn_out(schedule: Schedule) -> dict[str, float]:
 
 
 def _arm_work(schedule: Schedule) -> dict[str, list[Segment]]:
-    """Returns what each arm does, waits left out, in time order."""
+    """List each arm's segments without waits, in time order."""
     work: dict[str, list[Segment]] = {}
     for part in sorted(schedule.segments, key=lambda part: part.start):
         if part.kind != "wait":
@@ -378,7 +382,10 @@ def _arm_work(schedule: Schedule) -> dict[str, list[Segment]]:
 
 
 def _meanwhile(wait: Segment, work: Mapping[str, Sequence[Segment]]) -> Segment | None:
-    """Returns what another arm does when a wait ends, that which ends last of several; None for nothing."""
+    """Find the segment of another arm at the end of a wait, or None.
+
+    Of several it is the one that ends last.
+    """
     found = []
     for arm, parts in work.items():
         last = bisect_left(parts, wait.end - SAME_TIME, key=lambda part: part.start) - 1
@@ -390,7 +397,7 @@ def _meanwhile(wait: Segment, work: Mapping[str, Sequence[Segment]]) -> Segment 
 def _before(
     wait: Segment, after: Sequence[str], work: Mapping[str, Sequence[Segment]]
 ) -> Segment | None:
-    """Returns the last part by a wait's end of those tasks that have to be done before its own; None for nothing."""
+    """Find the last segment, by a wait's end, of its predecessor tasks, or None."""
     found = [
         part
         for parts in work.values()

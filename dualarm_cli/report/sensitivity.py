@@ -40,7 +40,7 @@ class SensitivitySettings:
     at_rest: float = 1e-6
     """Joints that are slower stand, but for the rounding of instants [rad/s or m/s]."""
     slowed: float = 1e-6
-    """A transfer that is longer than its closed form by more than this share was slowed for a tool-speed cap."""
+    """Least relative excess over the closed form that indicates a tool-speed cap."""
 
 
 SENSITIVITY = SensitivitySettings()
@@ -136,7 +136,7 @@ def _own_times(
 def _paths(
     trajectory: Trajectory, spans: FloatArray, columns: list[int], scale: FloatArray
 ) -> FloatArray:
-    """Returns joints at the path's sample nodes [rad], shape (k, `samples`, n)."""
+    """Sample the joints along each path at its nodes [rad], shape (k, `samples`, n)."""
     # Dense where the motion starts and ends slowly, so that the path is resolved alike everywhere.
     share = (1.0 - cos(np.linspace(0.0, np.pi, SENSITIVITY.instants))) / 2.0
     time = spans[:, :1] + share * (spans[:, 1:] - spans[:, :1])

@@ -135,7 +135,9 @@ INPUT_FILES: Mapping[str, Callable[[], type[BaseModel]]] = {
 
 
 def input_schema(kind: str) -> dict[str, Any]:
-    """Returns the JSON Schema of a kind of input file: every key with its description, default and values.
+    """Build the JSON Schema of a kind of input file.
+
+    It has every key with its description, default and values.
 
     Args:
         kind: one of INPUT_FILES.

@@ -1,10 +1,8 @@
-"""The document of `dualarm sweep`: rows best first, Pareto set, what failed and why, what matters.
+"""Document of `dualarm sweep`: ranked rows, Pareto set, failures, and each parameter's influence.
 
 Nothing in it was measured by a clock, and nothing depends on processes or on what a store knew.
 
-How much each parameter of a study matters for an objective, from the plans that there are.
-
-Three views, as none tells all:
+The influence of a parameter on an objective is estimated from the plans of the study. It has three measures:
 
 * Main effects: the mean of the objective at each level of a parameter. `effect` is the largest of these means minus the
   least; `share` is the part of the objective's variance that they explain. On a whole grid shares add up with those of
@@ -243,21 +241,21 @@ class Factor:
     """A parameter as columns of numbers: what each plan had of it."""
 
     name: str
-    """Its name."""
+    """Name of the parameter."""
     levels: IntArray
-    """Which of its values each plan had, shape (n,); for ranges without steps which part."""
+    """Index of each plan's value, or of its part of a range, shape (n,)."""
     count: int
-    """How many values or parts there are."""
+    """Number of values, or of parts of a range without steps."""
     numbers: FloatArray | None
     """The values as numbers, shape (n,); None where they are words."""
 
 
 @dataclass(frozen=True)
 class Influence:
-    """How much one parameter matters."""
+    """Influence of one parameter on an objective."""
 
     parameter: str
-    """Its name."""
+    """Name of the parameter."""
     effect: float | None
     """Largest minus least mean of the objective over the parameter's values, in the objective's unit."""
     share: float | None
@@ -270,29 +268,32 @@ class Influence:
 
 @dataclass(frozen=True)
 class StudySensitivity:
-    """What an objective depends on."""
+    """Sensitivity of an objective to the parameters of a study."""
 
     plans: int
-    """How many plans this rests on."""
+    """Number of plans that the analysis rests on."""
     is_grid: bool
-    """Whether these are a whole grid of the values that occur, so that shares are exact."""
+    """Flag of plans that form a whole grid of the values that occur.
+
+    Shares are exact then.
+    """
     influences: tuple[Influence, ...]
-    """By parameter, the one with the largest share first."""
+    """Influences of all parameters, the one with the largest share first."""
     pairs: tuple[tuple[str, str, float], ...]
     """On a whole grid: shares of the interactions of two parameters, the largest first."""
     linear_share: float | None
     """Part of the variance that a linear fit explains."""
     notes: tuple[str, ...] = field(default=())
-    """How far this can be relied on."""
+    """Remarks on the reliability of the analysis."""
 
 
 def numeric_factor(name: str, numbers: ArrayLike, levels: Sequence[float]) -> Factor:
-    """Returns a parameter with numbers for values.
+    """Build the factor of a parameter with numbers as values.
 
     Args:
-        name: what it is called.
-        numbers: what each plan had, shape (n,).
-        levels: its values; empty for a range without steps, which is cut into parts.
+        name: of the parameter.
+        numbers: values of the plans, shape (n,).
+        levels: values of the parameter; empty for a range without steps, which is cut into parts.
     """
     values = np.asarray(numbers, dtype=np.float64)
     if len(levels):
@@ -307,12 +308,12 @@ def numeric_factor(name: str, numbers: ArrayLike, levels: Sequence[float]) -> Fa
 
 
 def word_factor(name: str, chosen: Sequence[int], count: int) -> Factor:
-    """Returns a parameter with words for values.
+    """Build the factor of a parameter with words as values.
 
     Args:
-        name: what it is called.
-        chosen: which value each plan had.
-        count: how many values there are.
+        name: of the parameter.
+        chosen: index of the value of each plan.
+        count: number of values.
     """
     return Factor(name, np.asarray(chosen, dtype=np.int64), count, None)
 
@@ -320,7 +321,7 @@ def word_factor(name: str, chosen: Sequence[int], count: int) -> Factor:
 def sensitivity(
     factors: Sequence[Factor], values: FloatArray, stepped: bool, step: float = 0.0
 ) -> StudySensitivity:
-    """Returns what an objective depends on.
+    """Analyse the sensitivity of an objective to parameters.
 
     Args:
         factors: the parameters, all with n plans.
@@ -358,7 +359,7 @@ def sensitivity(
 
 
 def _is_grid(factors: Sequence[Factor], count: int) -> bool:
-    """Returns whether there is one plan for every combination of the values that occur."""
+    """Check that every combination of occurring values has exactly one plan."""
     if count == 0:
         return False
     present = [len(np.unique(factor.levels)) for factor in factors]
@@ -367,7 +368,11 @@ def _is_grid(factors: Sequence[Factor], count: int) -> bool:
 
 
 def level_means(factor: Factor, values: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
-    """Returns the levels that plans have, the objective's mean at each, and how many plans each has."""
+    """Average the objective at each level of a parameter.
+
+    Returns:
+        Levels that plans have, the objective's mean at each, and the number of plans at each.
+    """
     sums = np.bincount(factor.levels, values, factor.count)
     counts = np.bincount(factor.levels, minlength=factor.count)
     there = np.flatnonzero(counts)
@@ -380,7 +385,10 @@ def _effect(factor: Factor, values: FloatArray) -> float | None:
 
 
 def _share(factor: Factor, values: FloatArray, grid: bool) -> float | None:
-    """Returns the part of the variance between the parameter's levels, less what chance explains off a grid."""
+    """Compute the share of the variance between a parameter's levels.
+
+    Off a grid, what chance explains is subtracted.
+    """
     _, means, counts = level_means(factor, values)
     if len(means) < 2:
         return None
@@ -395,7 +403,10 @@ def _share(factor: Factor, values: FloatArray, grid: bool) -> float | None:
 
 
 def _pairs(factors: Sequence[Factor], values: FloatArray) -> tuple[tuple[str, str, float], ...]:
-    """Returns the shares of interactions of two parameters on a whole grid, the largest first."""
+    """Compute the shares of pairwise interactions on a whole grid.
+
+    The largest comes first.
+    """
     total = float(((values - values.mean()) ** 2).sum())
     found = []
     for one, other in combinations(factors, 2):
@@ -410,9 +421,11 @@ def _pairs(factors: Sequence[Factor], values: FloatArray) -> tuple[tuple[str, st
 def _regression(
     factors: Sequence[Factor], values: FloatArray
 ) -> tuple[dict[str, float], float | None]:
-    """Returns standardised coefficients by parameter, and the part of the variance that the fit explains.
+    """Fit a linear regression with standardised coefficients.
 
-    Nothing where there are too few plans, or where the plans vary parameters only together.
+    Returns:
+        Coefficients by parameter, and the part of the variance that the fit explains. Nothing where there are too few
+        plans, or where the plans vary parameters only together.
     """
     columns: list[tuple[str, FloatArray]] = []
     for factor in factors:
@@ -447,7 +460,10 @@ def _rank_correlation(factor: Factor, values: FloatArray) -> float | None:
 
 
 def _ranks(values: FloatArray) -> FloatArray:
-    """Returns ranks from 0; equal values share the mean of theirs. Rounding does not make values differ."""
+    """Rank values from 0, with the mean rank for equal values.
+
+    Rounding does not make values differ.
+    """
     scale = float(np.abs(values).max()) or 1.0
     _, inverse, counts = np.unique(
         np.round(values / scale, 9), return_inverse=True, return_counts=True

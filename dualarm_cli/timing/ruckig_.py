@@ -27,15 +27,15 @@ class TransferTolerances:
     same_duration: float = 1e-9
     """Relative difference up to which ruckig's duration is the closed form's."""
     same_position: float = 1e-10
-    """How far from its goal a joint of ruckig's may end [rad]; it promises 1e-8."""
+    """Largest position error of a joint at ruckig's goal [rad]; it promises 1e-8."""
     same_limit: float = 1e-10
     """Share by which ruckig's acceleration may exceed its limit by rounding; now and then it is 6e-9."""
     same_rate: float = 1e-9
-    """How far from its goal's velocity a joint of ruckig's may end [rad/s]."""
+    """Largest velocity error of a joint at ruckig's goal [rad/s]."""
     same_end: float = 1e-12
-    """How far from its goal a joint of a transfer in motion may end, in s, rad, rad/s and rad/s²."""
+    """Largest error at the goal of a transfer in motion [s, rad, rad/s, rad/s²]."""
     corrections: int = 5
-    """Steps in which such a joint's phases are corrected at most."""
+    """Maximum number of corrections of a joint's phases in a transfer in motion."""
     shortest_phase: float = 1e-6
     """Phases that are not longer [s] make a profile unusable: knots a nanosecond apart become one."""
 

@@ -45,7 +45,10 @@ class OrderNodeSettings:
     angle_step: float = np.radians(15.0)
     """Spacing of the platform angles [rad]; of a rail as `PlatformChain.spacing` has it."""
     candidates: int = 16
-    """Postures of a stop at one platform angle that are looked at for whether they are collision-free."""
+    """Postures per stop and platform angle that are checked for collisions first.
+
+    The others are checked if all of these collide.
+    """
     ways: tuple[tuple[int, ...], ...] = ((12, 6), (40, 4), (120, 2))
     """Ways of every task, by up to how many tasks; one beyond."""
 

@@ -232,14 +232,18 @@ class InsertionSettings:
     removed: tuple[int, ...] = (2, 7)
     """Fewest and most units that are removed at a time."""
     hot: float = 0.25
+    """First temperature of the annealing, relative to a unit's mean time.
+
+    That time is the first order's total divided by its number of units.
+    """
     cold: float = 0.002
-    """First and last temperature of the annealing, in shares of a unit's mean share of the first order's total."""
+    """Last temperature of the annealing, relative to a unit's mean time."""
     blink: float = 0.03
     """Share of the places that are overlooked when a unit is put back."""
     stretch: int = 12
     """Stages of a long order that are improved together."""
     per_stretch: int = 25
-    """How often something is removed and put back in each."""
+    """Number of removals and insertions per stretch of a long order."""
 
 
 INSERTION = InsertionSettings()

@@ -1,6 +1,7 @@
-"""What one arm does by its own clock: its way through its stops while the platform stands, and where it can wait.
+"""One arm's timeline while the platform stands: its motion, rests and departures.
 
-When two arms leave the places at which they may wait: exact instants for what was found in whole steps.
+`OwnClock` is the motion of one arm through its stops and the places at which it can wait. `leaving_times` turns a
+coordination of two arms that was found in whole steps into exact instants.
 """
 
 from __future__ import annotations
@@ -248,12 +249,15 @@ def piece(trajectory: Trajectory, start: float, end: float) -> Trajectory:
 
 @dataclass(frozen=True)
 class Since:
-    """An instant of an arm's own clock, counted from when the arm leaves a place to rest: it moves with that."""
+    """Instant of an arm's own clock relative to its departure from a rest.
+
+    It moves with the departure.
+    """
 
     rest: int
     """Number of the rest; -1 for the start of the motion, which nothing moves."""
     after: float
-    """How long after the arm leaves it [s]."""
+    """Time since the departure [s]."""
 
 
 @dataclass(frozen=True)
@@ -263,11 +267,14 @@ class ClockSteps:
     step: float
     """Length of a step [s]."""
     rests: tuple[float, ...]
-    """When the arm is where it may wait, by its own clock [s], increasing."""
+    """Instants of the own clock at which the arm may wait [s], increasing."""
     places: tuple[int, ...]
     """The step of each rest, never before its instant, increasing."""
     count: int
-    """How many steps there are: the arm leaves its last rest even where its clock has no length."""
+    """Number of steps.
+
+    The arm leaves its last rest even if its clock has no length.
+    """
     duration: float
     """Length of the clock [s]."""
 
@@ -287,32 +294,55 @@ class ClockSteps:
         return cls(step, tuple(rests), tuple(places), count, duration)
 
     def times(self) -> FloatArray:
-        """Returns the instant of every step by the own clock [s], exact at rests, shape (count + 1,)."""
+        """Compute the instants of all steps by the own clock [s], shape (count + 1,).
+
+        They are exact at rests.
+        """
         found = np.minimum(self.step * np.arange(self.count + 1), self.duration)
         found[list(self.places)] = self.rests
         return found
 
     def rest_at(self, time: float) -> int | None:
-        """Returns the number of the rest at an instant of the own clock [s], None where the arm goes on."""
+        """Return the number of the rest at an instant, or None.
+
+        Args:
+            time: the instant of the own clock [s].
+        """
         k = bisect_left(self.rests, time - SAME_TIME)
         return k if k < len(self.rests) and self.rests[k] <= time + SAME_TIME else None
 
     def place_after(self, time: float) -> int:
-        """Returns the first step that is not before an instant of the own clock [s] between two rests."""
+        """Return the first step not before an instant between two rests.
+
+        Args:
+            time: the instant of the own clock [s].
+        """
         k = bisect_right(self.rests, time + SAME_TIME) - 1
         least = self.places[k] + 1 if k >= 0 else 0
         return min(max(_up(time, self.step), least), self.count)
 
     def arrived(self, time: float) -> Since:
-        """Returns an instant of the own clock [s] as one at which the arm has yet to leave a rest that is just then."""
+        """Express an instant relative to the last rest that is strictly before it.
+
+        The arm has yet to leave a rest that is just then.
+
+        Args:
+            time: of the own clock [s].
+        """
         return self._since(bisect_left(self.rests, time - SAME_TIME) - 1, time)
 
     def left(self, time: float) -> Since:
-        """Returns an instant of the own clock [s] as one at which the arm has left a rest that is just then."""
+        """Express an instant relative to the last rest up to it.
+
+        The arm has left a rest that is just then.
+
+        Args:
+            time: of the own clock [s].
+        """
         return self._since(bisect_right(self.rests, time + SAME_TIME) - 1, time)
 
     def reached(self, place: int) -> Since:
-        """Returns when the arm comes to a step; one at which it may wait, before it waits there."""
+        """Return the arrival at a step, before any wait there."""
         k = bisect_left(self.places, place)
         time = min(self.step * place, self.duration)
         if k < len(self.places) and self.places[k] == place:
@@ -329,28 +359,34 @@ def _up(time: float, step: float) -> int:
 
 @dataclass(frozen=True)
 class NotBefore:
-    """An arm does not leave a rest before an instant, or before the other arm is somewhere on its way."""
+    """Earliest departure from a rest, at an instant or after the other arm's progress."""
 
     arm: int
-    """Whose rest."""
+    """Index of the arm."""
     rest: int
-    """Its number."""
+    """Number of the rest."""
     reason: WaitReason
-    """Why; empty where it is only how far the other arm was meanwhile."""
+    """Reason for waiting.
+
+    It is empty for a rule that only states the other arm's progress meanwhile.
+    """
     time: float
-    """The instant [s], or how long after (or, negative, before) the other arm is there [s]."""
+    """Instant [s]; with `other`, time after that instant (negative: before) [s]."""
     other: Since | None = None
-    """Where the other arm has to be."""
+    """Instant of the other arm's clock from which `time` counts."""
 
 
 def leaving_times(
     clocks: Sequence[ClockSteps], rules: Sequence[NotBefore]
 ) -> tuple[tuple[float, ...], ...] | None:
-    """Returns by arm the earliest instants at which it leaves its rests [s]; None where arms wait forever.
+    """Compute the earliest departures of all arms from their rests [s].
 
     Args:
         clocks: one or two arms' own clocks.
         rules: what they wait for, best in the order in which it comes about.
+
+    Returns:
+        Departures by arm, or None if arms wait for each other forever.
     """
     found = [list(clock.rests) for clock in clocks]
     for _ in range(sum(map(len, found)) + 2):
@@ -370,7 +406,7 @@ def leaving_times(
 
 
 def due(rule: NotBefore, leaving: Sequence[Sequence[float]]) -> float:
-    """Returns the instant before which a rule keeps its arm at the rest [s].
+    """Compute the earliest departure that a rule allows its arm [s].
 
     Args:
         rule: one rule.
@@ -383,7 +419,7 @@ def due(rule: NotBefore, leaving: Sequence[Sequence[float]]) -> float:
 
 
 def waits_at(clock: ClockSteps, leaving: Sequence[float]) -> list[float]:
-    """Returns how long an arm waits at each rest [s].
+    """Compute how long an arm waits at each rest [s].
 
     Args:
         clock: its own clock.

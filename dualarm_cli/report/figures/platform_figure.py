@@ -199,15 +199,20 @@ def _draw_elbows(ax: Any, problem: PlatformProblem, rows: list[MethodRow]) -> No
 
 
 REACH_COLOURS = {"left": "#1f5fbf", "right": "#c23b22", "both": "#2a7f3f"}
-"""By who reaches."""
+"""Colours by the arms that reach a point."""
 MAPS = {"left": "Blues", "right": "Reds", "both": "Greens"}
 """Scales of colours for how much of the platform's way reaches a point."""
 LIGHTEST = 0.25
-"""Where in its scale the colour of a point begins that is reached from one position only."""
+"""Lower end of the used part of a colour scale.
+
+It is the colour of a point that is reached from one platform position only.
+"""
 
 
 def draw_reach(document: Mapping[str, Any], cell: Cell, kind: str) -> bytes:
-    """Returns the figure as PNG, SVG or PDF: the same bytes for the same input.
+    """Draw a reach map as PNG, SVG or PDF.
+
+    The same input gives the same bytes.
 
     Args:
         document: of `reach_document`.
@@ -270,7 +275,7 @@ def draw_reach(document: Mapping[str, Any], cell: Cell, kind: str) -> bytes:
 
 
 def _scale(name: str) -> Any:
-    """Returns a scale of colours whose least value can be seen."""
+    """Build a colour scale whose least value is visible."""
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
 

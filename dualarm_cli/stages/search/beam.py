@@ -79,7 +79,10 @@ class BeamSettings:
     first_per_kind: int = 2
     """Pairs of a kind that are rated first: else all the best ones share one collision."""
     fallback_per_angle: int = 16
-    """Nodes of each arm paired at each platform angle, from the best state alone, if all rated pairs collide."""
+    """Nodes of each arm paired at each platform angle in the fallback search.
+
+    It extends the best state alone, if all rated pairs collide.
+    """
     varied_states: int = 64
     """Minimum number of states that a varied beam keeps: the pairs of eight branches of two arms."""
     varied_pairs: int = 4096
@@ -108,7 +111,7 @@ class _Beam:
     per_angle: int
     """Nodes of each arm that are paired at each platform angle."""
     varied: bool = False
-    """Whether nodes and states of all kinds of postures are kept, not the best ones alone."""
+    """Flag of a beam that keeps nodes and states of every kind of posture."""
 
     def nodes_per_angle(self, rows: int, arms: int) -> int:
         """Return the number of nodes of each working arm to pair at each of some states' angles."""
@@ -360,7 +363,10 @@ def _extend(
 
 
 def _extend_best(beam: _Beam, states: _States, k: int) -> tuple[BeamStep, _States] | None:
-    """Extend the best state alone by stage k, with more nodes of which all pairs are rated."""
+    """Extend the best state alone by stage k.
+
+    More nodes are paired, and all pairs are rated.
+    """
     best = np.argmin(states.spent + states.left.max(axis=0), keepdims=True)
     wide = replace(beam, per_angle=max(beam.per_angle, SETTINGS.fallback_per_angle))
     if (extended := _extend(wide, states.take(best), k, None)) is None:

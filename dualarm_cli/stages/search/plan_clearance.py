@@ -21,8 +21,9 @@ class PlanClearanceSettings:
     stops: int = 7
     """Places that are looked at of every stop: two on each line, its target, and where the lines begin and end."""
     detour: float = 0.1
+    """Approximate fixed cost of an arm's move that has to be bent [s]."""
     depth: float = 10.0
-    """About what it costs that an arm's move has to be bent: in any case [s], and for what it lacks [s/m]."""
+    """Approximate cost of a bent move per missing clearance [s/m]."""
 
 
 PENALTY = PlanClearanceSettings()
