@@ -28,9 +28,10 @@ class JudgementSettings:
     """Levels at which readings count as contradictions."""
 
     outlier_level: float = 0.02
+    """Significance level of the test for an outlier [fraction of sound files]."""
     scale_level: float = 0.01
-    """Chance at which sound points are called to have an outlier, or two scales. With the 1 % of `explained` and for
-    whatever number of points, a false alarm comes in less than 5 of 100 sound files."""
+    """Significance level of the test for a difference in scale [fraction of sound files]. With `outlier_level` and the
+    1 % of `explained`, a false alarm comes in less than 5 of 100 sound files, whatever the number of points."""
     readings_level: float = 0.0025
     """Chance at which either of the two tests of a robot's own readings fails sound ones: 1 % in a file of
     two robots."""
@@ -39,7 +40,7 @@ class JudgementSettings:
     same_point: float = 1e-4
     """Points nearer than this for both robots are one point [m]."""
     mirrored: float = 1e-3
-    """Residuals of which the root mean square is less are not those of a mirror image [m]."""
+    """Root mean square residual from which points may be mirror images [m]."""
     turn_off: float = math.radians(0.5)
     """An uncertainty of rotation that is reported [rad]."""
 
@@ -121,7 +122,7 @@ def least_squares(problem: CalibrationProblem) -> float:
 
 
 def _outlier(problem: CalibrationProblem, squares: float, fitted: int) -> Outlier | None:
-    """Returns the point without which the others fit so much better that noise does it in `outlier_level` of all files.
+    """Find the point without which the others fit better at level `outlier_level`, or None.
 
     The mean-shift test of each point, F(3, 3 n - 9) under noise of any size, and Bonferroni's bound on the most
     extreme of n.
@@ -147,7 +148,10 @@ def _outlier(problem: CalibrationProblem, squares: float, fitted: int) -> Outlie
 
 
 def _scale(problem: CalibrationProblem, squares: float, fitted: int) -> float | None:
-    """Returns by how much one robot's lengths are larger, if noise does as much in `scale_level` of all files.
+    """Estimate the scale of the left robot's points against the right's, if significant.
+
+    None where noise has as large an effect in `scale_level` of all files, or where distances differ by less than
+    `relevant`.
 
     The scale of least squares ([Umeyama1991]) as a seventh unknown: F(1, 3 n - 7) under noise of any size.
     """

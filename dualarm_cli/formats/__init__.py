@@ -36,7 +36,7 @@ class ExportFormat:
     module: str
     """Module of this folder, imported on use together with its libraries."""
     needs_job: bool = False
-    """Whether the format shows the cell, which the schedule alone does not know."""
+    """Flag of formats that show the cell, for which the job is needed."""
     motion: str = ""
     """Contents of motion: trajectories, samples or frames; empty for none."""
     refuses: Callable[[ExportRequest], str | None] = _always_supported

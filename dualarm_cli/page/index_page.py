@@ -119,11 +119,11 @@ def verified_cell(status: str, caveats: Sequence[str]) -> PageCell:
 
 
 AS_IT_IS = -1
-"""What stands for the number of a point for the files as they are."""
+"""Point number of the unchanged files."""
 
 
 def study_index(document: Mapping[str, Any], pages: Mapping[tuple[int, int], str]) -> bytes:
-    """Returns the index.
+    """Build the index page of a study.
 
     Args:
         document: of `dualarm sweep`.
@@ -159,7 +159,7 @@ def study_index(document: Mapping[str, Any], pages: Mapping[tuple[int, int], str
 
 
 def page_title(document: Mapping[str, Any], point: int, job: int) -> str:
-    """Returns what a point's plan is called.
+    """Compose the title of a point's plan.
 
     Args:
         document: of `dualarm sweep`.
@@ -178,7 +178,10 @@ def page_title(document: Mapping[str, Any], point: int, job: int) -> str:
 def _links(
     document: Mapping[str, Any], row: Mapping[str, Any], pages: Mapping[tuple[int, int], str]
 ) -> dict[str, str]:
-    """Returns the pages of a row's plans, by the names of their task files where there are several."""
+    """Collect the links to the pages of a row's plans by their labels.
+
+    The labels are the names of the task files if there are several, else `watch`.
+    """
     jobs = document["tasks"]
     paths = {k: pages.get((row["point"], k)) for k in range(len(jobs))}
     many = len(jobs) > 1
@@ -195,7 +198,7 @@ def _cells(
     objectives: Sequence[Objective],
     links: Mapping[str, str],
 ) -> list[PageCell]:
-    """Returns a row's cells, in the order of the columns."""
+    """Build the cells of a row in the order of the columns."""
     jobs, status = row["jobs"], row["status"]
     bounds = [job["lower_bound"] for job in jobs]
     bound = "–" if None in bounds else f"{sum(bounds):.3f}"

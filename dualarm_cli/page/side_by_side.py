@@ -195,7 +195,7 @@ PlanKey = tuple[str, ...]
 
 
 def plan_key(tasks: str, row: Mapping[str, Any]) -> PlanKey:
-    """Returns what the data of a row's plan are found by.
+    """Compose the key under which a row's plan is found.
 
     Args:
         tasks: what the task file is called.
@@ -205,7 +205,7 @@ def plan_key(tasks: str, row: Mapping[str, Any]) -> PlanKey:
 
 
 def solvers_page(document: Mapping[str, Any], plans: Mapping[PlanKey, Mapping[str, Any]]) -> bytes:
-    """Returns one HTML file with all plans of a comparison.
+    """Build one HTML file with all plans of a comparison.
 
     Args:
         document: of `dualarm compare solvers`.
@@ -231,7 +231,7 @@ def solvers_page(document: Mapping[str, Any], plans: Mapping[PlanKey, Mapping[st
 
 
 def _table(section: dict[str, Any], places: Mapping[int, int]) -> PageTable:
-    """Returns the table of one task file.
+    """Build the table of one task file.
 
     Args:
         section: of the document.
@@ -258,7 +258,7 @@ def _table(section: dict[str, Any], places: Mapping[int, int]) -> PageTable:
 
 
 def _figures(row: Mapping[str, Any], best: float | None) -> list[str]:
-    """Returns a row's numbers as they are read: cycle time, loss against the best one, gap, clearance."""
+    """Format a row's cycle time, loss against the best row, gap and clearance."""
     time, clearance = row["cycle_time"], row["clearance"]
     if time is None:
         return ["–"] * 5

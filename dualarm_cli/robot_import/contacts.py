@@ -31,13 +31,14 @@ class ContactSettings:
     postures: int = 10_000
     """Postures that are sampled."""
     few: int = 200
-    """Postures after which pairs that have not yet touched in most of them are looked at no longer."""
+    """Number of postures after which pairs that seldom touch are not sampled further. Pairs that touch in a
+    share below half of `often` are left out, unless the SRDF names them."""
     always: float = 0.95
     """Share of postures from which on two links overlap by construction."""
     mostly: float = 0.55
+    """Share of touching postures from which shapes of near links count as too wide."""
     near: int = 3
-    """Share of postures from which on the shapes of links at most `near` moving joints apart are assumed to
-    be too wide."""
+    """Maximum number of moving joints between links that count as near."""
     often: float = 0.5
     """Share of postures from which on links that are farther apart are named."""
 

@@ -188,7 +188,8 @@ NOISE, COARSE, UNITS = 1e-9, 1e-4, 5
 """A written angle within NOISE of a multiple of a quarter turn is that one [rad]; so is one within UNITS of its last
 decimal, at most COARSE: 1.5708, 3.14159, and 1.570795, which is half of 3.14159."""
 ROUNDED = 1e-3
-"""Coarsest last decimal of an angle that is a multiple of a quarter turn where it rounds to it [rad]: 1.571, 3.142."""
+"""Coarsest last decimal of a rounded multiple of a quarter turn [rad]. An angle is taken as the multiple where that
+rounds to it: 1.571, 3.142."""
 _KEPT = ("origin", "parent", "child", "axis", "limit", "safety_controller", "mimic")
 
 
@@ -197,11 +198,11 @@ class Described:
     """A robot description and its mesh files."""
 
     text: str
-    """Of the URDF."""
+    """Text of the URDF."""
     meshes: Mapping[str, bytes]
     """STL files by path."""
     reasons: tuple[str, ...]
-    """What was changed, and why."""
+    """Changes to the description, with their reasons."""
 
 
 def described(
@@ -209,7 +210,7 @@ def described(
     meshes: Mapping[str, Sequence[Shape]],
     parts: Mapping[str, Sequence[Sequence[Hull]]],
 ) -> Described:
-    """Returns the description of a robot as it is imported.
+    """Build the description of an imported robot.
 
     Args:
         urdf: as it was read.
@@ -263,7 +264,7 @@ def described(
 
 
 def _exact(rpy: str) -> tuple[str, int]:
-    """Returns angles with rounded multiples of a quarter turn made exact, and how many were.
+    """Make rounded multiples of a quarter turn exact, and count them.
 
     Small angles stay as they are: a calibration measured them.
     """
@@ -294,10 +295,10 @@ _WORDS = ("true", "false", "yes", "no", "on", "off", "null", "y", "n")
 
 @dataclass(frozen=True)
 class RobotText:
-    """What a robot file says."""
+    """Contents of a robot file."""
 
     name: str
-    """Of the robot."""
+    """Name of the robot."""
     urdf: str
     """Name of its URDF file."""
     structure: Structure
@@ -319,7 +320,7 @@ class RobotText:
 
 
 def robot_text(robot: RobotText) -> str:
-    """Returns the text of a robot file.
+    """Compose the text of a robot file.
 
     Args:
         robot: what it says.
@@ -367,7 +368,7 @@ def robot_text(robot: RobotText) -> str:
 
 
 def _limits(robot: RobotText) -> list[str]:
-    """Returns the lines on limits."""
+    """Compose the lines on limits."""
     rule = f"{{acceleration: {ACCELERATION_RULE}, jerk: {JERK_RULE}, source: assumed}}"
     lines = ["limits:  # positions and velocities are those of the URDF", f"  default: {rule}"]
     for joint in robot.structure.joints:
@@ -389,7 +390,7 @@ def _limits(robot: RobotText) -> list[str]:
 
 
 def _frozen(structure: Structure) -> list[str]:
-    """Returns the lines on lifts and rails that stand still, and how to let them move."""
+    """Compose the lines on frozen lifts and rails, and how to let them move."""
     if not structure.frozen:
         return []
     lines = ["frozen:  # where other joints stand; 0 where it is not given"]
@@ -413,13 +414,13 @@ def _frozen(structure: Structure) -> list[str]:
 
 
 def _text(text: str) -> str:
-    """Returns text as YAML reads it: plain where it can be nothing else, else in quotes."""
+    """Quote text for YAML unless it can be read as nothing else."""
     plain = re.fullmatch(r"[A-Za-z][A-Za-z0-9_.-]*", text) is not None
     return text if plain and text.lower() not in _WORDS else json.dumps(text)
 
 
 def _line(text: str) -> str:
-    """Returns text as one line of a comment."""
+    """Flatten text to one line of a comment."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 

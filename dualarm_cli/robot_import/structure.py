@@ -1,6 +1,7 @@
-"""Which joints of a URDF are arms and which carry both, found in its tree.
+"""Structure of a URDF: its arms, and the joints that carry both of them.
 
-Words in the names of joints, links and groups: sides, and parts of a robot that are no arm.
+Come here if an import takes the wrong joints. Both are found in the tree of joints, with the help of words in the names
+of joints, links and groups: sides, and parts of a robot that are no arm.
 """
 
 from __future__ import annotations
@@ -427,7 +428,7 @@ _RUN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 
 
 def words(name: str) -> list[str]:
-    """Returns the words of a name in small letters: split at signs, digits and capitals, sides split off.
+    """Split a name into lower-case words at signs, digits and capitals, and after sides.
 
     `RHipYaw` is r, hip, yaw; `leftarm` is left, arm; `l1` is none, as its letter only numbers; plurals of parts are
     singular.
@@ -448,12 +449,15 @@ def words(name: str) -> list[str]:
 
 
 def _part(word: str) -> str:
-    """Returns a part's singular, and any other word as it is."""
+    """Make the name of a part singular; return other words unchanged."""
     return word[:-1] if word.endswith("s") and word[:-1] in _PARTS else word
 
 
 def side_of(name: str) -> str:
-    """Returns left or right where a name tells one of them; whole words before single letters."""
+    """Find the side in a name: `left`, `right` or an empty string.
+
+    Whole words take precedence over single letters. A name with both sides has none.
+    """
     found = words(name)
     for marks in (("left", "right"), ("l", "r")):
         sides = {_SIDES[word] for word in found if word in marks}
@@ -463,16 +467,16 @@ def side_of(name: str) -> str:
 
 
 def side_of_most(names: Iterable[str]) -> str:
-    """Returns the side that more than half of some names tell, or nothing."""
+    """Find the side in more than half of the names, or an empty string."""
     sides = [side_of(name) for name in names]
     return next((s for s in ("left", "right") if sides.count(s) > len(sides) / 2), "")
 
 
 def tells(name: str, parts: Iterable[str]) -> str:
-    """Returns the first word of a name that is one of some parts, or nothing."""
+    """Find the first word of a name among given parts, or an empty string."""
     return next((word for word in words(name) if word in parts), "")
 
 
 def count_of(number: int, one: str, several: str = "") -> str:
-    """Returns a number of things, such as `1 pair` or `3 pairs`."""
+    """Format a count with its noun, such as `1 pair` or `3 pairs`."""
     return f"{number} {one if number == 1 else several or f'{one}s'}"

@@ -177,7 +177,7 @@ _TASKS = re.compile(
 
 
 def find_cases(patterns: Sequence[str]) -> list[str]:
-    """Returns the names of the task files that patterns mean, each once, sorted.
+    """Find the names of the task files that match patterns, each once, sorted.
 
     A name of a file is that file, whatever is in it; of a folder all task files in it and below. Anything else is a
     pattern, in which `**` stands for any folders; where it matches folders and no file, it means these. Hidden files
@@ -215,7 +215,7 @@ def _matches(pattern: str) -> list[str]:
 
 
 def _tasks_in(folder: str) -> list[str]:
-    """Returns the task files of a folder, found by their `dualarm` key.
+    """Find the task files in and below a folder by their `dualarm` key.
 
     Raises:
         UsageError: it cannot be looked into, nor can a folder in it.

@@ -1,6 +1,7 @@
-"""What a shell completes: names of solvers, robots and jobs, and YAML files. Nothing here may print or raise.
+"""Shell completion of solvers, robots, jobs, error codes, kinds of files and YAML files.
 
-Every family of methods, for lists and for completion; loaded when asked for.
+Come here if a name is missing in completion. `families` lists the registries of all methods and imports them on the
+first call. Nothing here may print or raise.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ def complete_kind(incomplete: str) -> list[str]:
 
 
 def families() -> list[Any]:
-    """Returns every family of methods: a registry each."""
+    """List the registries of all families of methods."""
     from dualarm_cli.calibration import CALIBRATION_SOLVERS
     from dualarm_cli.kinds import planning
     from dualarm_cli.model.blending import BLENDINGS

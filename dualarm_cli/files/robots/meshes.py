@@ -239,30 +239,30 @@ _PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 _TRANSFORMS = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
 """Elements that move a node, and how many numbers they hold."""
 _UNREAD = ("lookat", "skew", "instance_controller")
-"""What may move or shape a mesh and is not read."""
+"""Unsupported elements that may move or shape a mesh."""
 _MOST_NODES, _DEEPEST = 10_000, 100
-"""Most nodes that a scene may show, each as often as it is instantiated, and how deep within one another."""
+"""Maximum number of nodes in a scene, and their maximum depth. A node counts each time it is instantiated."""
 _T = TypeVar("_T")
 
 
 @dataclass
 class _Scene:
-    """What a file shows."""
+    """Nodes and corners of a COLLADA scene while it is traversed."""
 
     nodes: dict[str, Element]
     """Nodes that may be instantiated, by id."""
     corners: dict[str, FloatArray]
     """Corners of each geometry, by id."""
     left: int
-    """How many corners may still be found."""
+    """Number of corners that may still be added."""
     visited: int = 0
-    """How many nodes have been gone through."""
+    """Number of nodes visited so far."""
     found: list[FloatArray] = field(default_factory=list)
     """Corners in the scene."""
 
 
 def dae_corners(data: bytes, most: int) -> tuple[FloatArray, float]:
-    """Returns the corners of what a COLLADA file's scene shows, shape (n, 3), and their unit [m].
+    """Read the corners in a COLLADA scene, shape (n, 3), and their unit [m].
 
     Args:
         data: the whole file.
@@ -306,7 +306,7 @@ def dae_corners(data: bytes, most: int) -> tuple[FloatArray, float]:
 
 
 def _unit(root: Element) -> float:
-    """Returns the unit that a file states [m]; 1 where it states none."""
+    """Read the length unit of a file [m]; 1 if it has none."""
     asset = root.find("asset")
     element = asset.find("unit") if asset is not None else None
     if element is None:
@@ -325,7 +325,7 @@ def _below(element: Element) -> Iterator[Element]:
 
 
 def _target(instance: Element, known: Mapping[str, _T]) -> _T:
-    """Returns what an instance's url names."""
+    """Look up the target of an instance's url."""
     url = instance.get("url")
     if not url.startswith("#") or url[1:] not in known:
         raise MeshError(
@@ -363,7 +363,7 @@ def _show(node: Element, T_scene_parent: FloatArray, scene: _Scene, depth: int) 
 
 
 def _transform(element: Element) -> FloatArray:
-    """Returns the matrix of one step of a node, shape (4, 4)."""
+    """Compute the matrix of one transform element of a node, shape (4, 4)."""
     values = _numbers(element)
     if len(values) != _TRANSFORMS[element.tag]:
         raise MeshError(
@@ -382,7 +382,7 @@ def _transform(element: Element) -> FloatArray:
 
 
 def _geometry_corners(geometry: Element) -> FloatArray:
-    """Returns all corners of a geometry, shape (n, 3)."""
+    """Read all corners of a geometry, shape (n, 3); none without faces."""
     (mesh, *_) = geometry.all("mesh")
     sources = {source.get("id"): source for source in mesh.all("source")}
     vertices, positions = mesh.find("vertices"), None
@@ -398,7 +398,7 @@ def _geometry_corners(geometry: Element) -> FloatArray:
 
 
 def _positions(source: Element) -> FloatArray:
-    """Returns the points of a source, shape (n, 3)."""
+    """Read the points of a source, shape (n, 3)."""
     array, technique = source.find("float_array"), source.find("technique_common")
     accessor = technique.find("accessor") if technique is not None else None
     if array is None or accessor is None:
