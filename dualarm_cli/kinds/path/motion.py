@@ -80,37 +80,42 @@ class FollowSettings:
     smoothed: tuple[float, ...] = (0.0, 0.04, 0.08, 0.16, 0.32)
     """Times over which self-motion is evened out, where joints would exceed their limits without [s]."""
     hopeless: float = 3.0
+    """Factor too fast above which self-motion is not evened out. Above it a method's limits are not tightened
+    either."""
     hopeless_yet: float = 1.3
-    """Factors too fast above which no evening out helps, or slowing down is tried first."""
+    """Factor too fast above which a slowed path is not evened out."""
     finest: int = 8
-    """How many times as many instants as usual are tried where a curve through them strays."""
+    """Maximum refinement of the instants where a curve through them strays [factor]."""
     tolerated: float = 0.2
+    """Share of a path's tolerance that is reserved for deviations between knots."""
     stray: float = 2e-5
-    """Share of its tolerance, and distance, by which the trajectory may leave a path between knots [m]."""
+    """Largest deviation of a trajectory from its path between knots [m]. `tolerated` may allow less."""
     gentler: tuple[float, ...] = (2.0, 4.0)
-    """How many times as long as usual ramps take that are tried next where the file leaves them open."""
+    """Stretch factors of ramps that are tried next where the file leaves them open."""
     slower: float = 0.9
     """Largest share of the speed that is tried next where easing off locally does not do."""
     halved: float = 0.5
-    """Share of the speed that is tried next where the method does not say how much slower it has to be."""
+    """Factor on the speed where the method does not report the necessary reduction."""
     bisections: int = 3
-    """How often the speed is bisected between the last that is too fast and the first that is not, after halving."""
+    """Number of bisections between the last infeasible and the first feasible speed. They follow a reduction by
+    `halved` or more."""
     slowest: float = 0.05
     """Least share of its speed at which a path is tried."""
     rounds: int = 16
-    """How often a path is tried slower."""
+    """Maximum number of attempts at lower speed."""
     gently: float = 1.3
-    """By how much more gently it eases off every time."""
+    """Growth of the time in which a path eases off, per attempt [factor]."""
     eased: int = 8
-    """How often it is tried slower only where it was too fast."""
+    """Maximum number of attempts that slow a path only where it was too fast."""
     gained: float = 0.98
     """Share of what exceeds the limits above which evening out has gained nothing."""
     near_junction: float = 0.02
     """Distance from a junction of pieces within which it is to blame [m]."""
     ample: float = 1.02
-    """By how much more than needed speed is reduced."""
+    """Factor by which speed is reduced more than needed."""
     tightened: int = 3
-    """How often a method that keeps the limits itself is given less of them, where the curve exceeds them."""
+    """Maximum number of times that a method's limits are tightened. This is for methods that keep the limits
+    themselves, where the curve through their instants exceeds them."""
     looked_at: float = 0.02
     """Time between the postures of a path that are looked at [s]."""
 

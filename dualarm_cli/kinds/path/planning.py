@@ -50,15 +50,19 @@ class PathTrials:
     longest: float = 1800.0
     """Longest time of a path that is planned [s]."""
     alike: int = 3
+    """Number of consecutive starts, too fast at one place, that end the search."""
     same_place: float = 0.02
+    """Spread of failures below which they are at one place [fraction of the path]."""
     far_too_fast: float = 1.2
-    """So many starts that are too fast at the same place, to this share of the path, by this factor, speak for all."""
+    """Factor too fast above which failures at one place end the search."""
     cheap: float = 0.1
-    """What keeping a transfer clear may cost for no other start to be looked at [s]."""
+    """Cost of a collision-free transfer up to which no other start is tried [s]. It applies to efforts with
+    `spares`."""
     most_starts: int = 16
-    """So many starts of a path are tried."""
+    """Maximum number of starts that are tried for a path."""
     most_stuck: int = 3
-    """So many of those from which less speed may help, but how much less is not known, are tried slower."""
+    """Maximum number of stuck starts that are tried slower. At a stuck start less speed may help, but how much less is
+    unknown."""
 
 
 TRIALS = PathTrials()
@@ -172,11 +176,11 @@ class PathSearch:
     accepted: int = 0
     """Number of starts with a collision-free path and transfer."""
     budget: TrialBudget = field(default_factory=TrialBudget)
-    """What may still be tried."""
+    """Remaining budget of trials."""
     refusals: list[Refused] = field(default_factory=list)
     """Failed trials."""
     stuck: list[tuple[float, FloatArray]] = field(default_factory=list)
-    """Starts that a lower but unknown speed may help, with the share of the path that they follow."""
+    """Pairs of path share and start that an unknown lower speed may help. The start follows that share of the path."""
 
     def run(self) -> Reached:
         """Try starts at the speed that limits tell, then stuck ones slower; return the nearest posture."""

@@ -30,11 +30,11 @@ class StartSettings:
     seeds: int = 24
     """Configurations drawn at random from which starts are looked for."""
     most: int = 120
-    """So many ways are looked at for what they touch, the cheapest first."""
+    """Maximum number of posture paths that are tested for collisions, the cheapest first."""
     alike: float = 1e-3
     """Starts that differ by less are one [rad]."""
     ease: float = 0.2
-    """What the cost of a way along the path counts among the times to get to its start [s/s²]."""
+    """Weight of a posture path's cost against the time to its start [s/s²]."""
 
 
 STARTS = StartSettings()
@@ -158,7 +158,10 @@ def _ways(
     limits: JointLimits,
     here: FloatArray,
 ) -> list[tuple[FloatArray, float]]:
-    """Returns an arm's easiest ways along a path, one per branch, joints (`stations`, 7), with what they cost."""
+    """Select an arm's posture paths of least motion along a path, one per branch.
+
+    Each is the joints (`stations`, 7) [rad] and their cost.
+    """
     kinematics = arm.closed_form
     tracks = coarse_tracks(kinematics, *flanges, limits.velocity[arm.columns])
     found = []

@@ -32,18 +32,18 @@ class SeamMotionSettings:
     spacings: tuple[float, ...] = (0.02, 0.01, 0.005, 0.0025, 0.00125)
     """Times between knots that are tried until the chain is closed between them too [s]."""
     open: float = 4e-7
-    """How far the chain may be open between knots [m, rad]."""
+    """Largest opening of the chain between knots [m, rad]."""
     uneven: float = 4e-4
-    """Share by which the speed along the seam may be off between knots, ramps not counted, and its
-    acceleration above what
-    the file allows."""
+    """Largest relative error of the speed along the seam between knots. Ramps do not count. The acceleration along the
+    seam may exceed what the file allows by the same share."""
     moment: float = 2e-4
     """Time by which accelerations along the seam are measured [s]."""
     per_knot: int = 3
     """Instants between knots that are looked at."""
     tighter: tuple[float, ...] = (1.0, 0.97, 0.92, 0.85)
-    """Shares of the joints' limits with which a profile is looked for, until its spline keeps them."""
+    """Shares of the joint limits that are tried until a profile's spline keeps them."""
     as_asked: float = 1.0 - 1e-9
+    """Share of a requested speed, or of a cap, that counts as reached."""
     acceleration_margin: float = 0.99
     """Share of the file's acceleration along the seam that is used: the motion's spline is a little dearer."""
     cap_margin: float = 0.999

@@ -45,9 +45,10 @@ class AccelerationSettings:
     braking: float = 0.15
     """Share of the time at the end in which self-motion dies out, at least."""
     least_braking: float = 0.8
-    """Time in which it dies out [s], but for paths that take less than twice as long."""
+    """Least time in which self-motion dies out [s]. Paths that take less than twice as long use half of their time."""
     order: float = 3.0
-    """It dies out with this power of the time that is left, so that velocity, acceleration and jerk end at nothing."""
+    """Exponent of the remaining time with which self-motion dies out. With it velocity, acceleration and jerk end at
+    zero."""
 
 
 ACCELERATION = AccelerationSettings()

@@ -38,19 +38,25 @@ class ProgramSettings:
     rounds: int = 60
     """Steps at most."""
     first_radius: float = 0.2
+    """Largest joint displacement in the first step [rad]."""
     widest: float = 0.5
+    """Largest joint displacement in any step [rad]."""
     narrowest: float = 1e-3
-    """How far joints may move in the first step, and in any [rad]."""
+    """Trust-region radius below which a search ends [rad]."""
     good: float = 0.5
+    """Share of the predicted gain above which the trust region grows."""
     poor: float = 0.2
-    """Share of the gain promised above which steps grow, and below which they shrink."""
+    """Share of the predicted gain below which the trust region shrinks."""
     grown: float = 1.5
+    """Growth factor of the trust region."""
     shrunk: float = 0.5
+    """Shrink factor of the trust region after a step with little gain."""
     refused: float = 0.35
-    """Factors on the radius."""
+    """Shrink factor of the trust region after a rejected step."""
     looked_back: int = 6
+    """Number of latest costs over which progress is measured."""
     enough: float = 2e-3
-    """So many steps that together gain less than this share end it."""
+    """Relative gain over the latest costs below which a search ends."""
     closing_steps: int = 8
     """Newton steps after each step."""
     smoothing: int = 16

@@ -43,7 +43,7 @@ class WaySettings:
     """Numbers that choose between branches of a seam."""
 
     crowded: float = 0.15
-    """What a joint at its limit counts, as a share of the time."""
+    """Penalty of a joint at its limit, as a share of the time."""
     long: float = 10.0
     """Time beyond which limits and singular postures count no more [s]: the way to where the seam begins counts too."""
     arm: float = 0.5
@@ -84,7 +84,10 @@ def way_cost(problem: SeamProblem, way: FloatArray) -> float:
 
 
 def least_singular_value(problem: SeamProblem, way: FloatArray) -> float:
-    """Returns how near to singular working arms come: the least singular value of their Jacobians, metres by `arm`."""
+    """Compute the least singular value of the working arms' Jacobians along a seam.
+
+    Lengths count in units of `WAYS.arm`.
+    """
     chain = problem.chain
     bodies = chain.bodies(way)
     scale = np.array([1.0 / WAYS.arm] * 3 + [1.0] * 3)[:, None]
