@@ -67,7 +67,8 @@ class ClearanceSettings:
     blending_rival: float = 0.03
     """Largest lag of an unchecked plan that may be the shortest when blended [fraction]."""
     sufficient_gain: float = 0.03
-    """Gain of blending above which postures chosen for stops do not compete [fraction of the blended plan]."""
+    """Blending gain above which postures chosen for stops do not compete [fraction]. It is a fraction of the blended
+    plan's duration."""
 
 
 SETTINGS = ClearanceSettings()
@@ -137,7 +138,7 @@ class ClearanceLoop:
     """
 
     problem: MethodProblem
-    """What the method is asked."""
+    """Problem that the method solves."""
     solve: Callable[[MethodProblem], Decided]
     """The method: proposes stages."""
     timing: TimingSolver

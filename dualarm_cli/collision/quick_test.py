@@ -36,18 +36,19 @@ class QuickSettings:
     """Thresholds of the quick collision test."""
 
     enough: float = 0.01
-    """Margins that balls around two solids show to be greater than this are not looked at more closely [m]."""
+    """Margin of bounding balls above which a pair is not examined further [m]."""
     overlaps: float = 1e-3
     """Boxes that no axis shows to overlap by less are looked at by coal [m]."""
     rounded: float = 1e-9
-    """What margins are less by, for rounding [m]."""
+    """Rounding allowance that is subtracted from margins [m]."""
     apart: float = 0.003
-    """Margin of a tool from its own part at the outer end of a line from which on it keeps its clearance
-    elsewhere [m]."""
+    """Margin at a line's outer end from which a tool keeps its clearance [m]. It is the tool's margin from its
+    own part. With less, the tool may touch the part while it is off the lines."""
     sure: float = 5e-4
     """Margins of boxes that are greater are as good as true ones [m]."""
     doubted: float = 0.004
-    """Margins below this of solids in wider hulls are computed by coal, if all else is collision-free [m]."""
+    """Margin of solids in wider hulls below which it is refined [m]. Boxes refine it first, then coal, and only in
+    postures where all else is collision-free."""
 
 
 QUICK = QuickSettings()

@@ -199,11 +199,11 @@ class CellModel:
 
     @property
     def has_arm_angles(self) -> bool:
-        """Whether all arms have closed forms over an arm angle."""
+        """Flag of cells whose arms all have closed forms over an arm angle."""
         return all(arm.kinematics.has_arm_angle for arm in self.arms.values())
 
     def platform_around(self, position: FloatArray) -> tuple[float, float, float]:
-        """Return the position of a platform's one joint, and the range that is examined about it [rad or m].
+        """Return a one-joint platform's position and the range examined about it [rad or m].
 
         Args:
             position: all joints of the robot [rad], shape (n,).
@@ -269,7 +269,7 @@ def general_arms(cell: Cell) -> dict[str, GeneralArm]:
 
 
 def find_false_kinds(robot: Robot) -> list[Diagnostic]:
-    """Return a diagnostic for every arm that is not of the kind it is called, with what was measured.
+    """Diagnose every arm that is not of its stated kind, with what was measured.
 
     Args:
         robot: of the data model.

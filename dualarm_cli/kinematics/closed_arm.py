@@ -27,7 +27,7 @@ EXACT = 1e-12
 BRANCHES = 8
 """Postures of a pose at most, whole turns apart."""
 SINGULAR = 1e-4
-"""Least singular value of the Jacobian, lengths over the arm's, below which a pose's postures count as unknown."""
+"""Least singular value of the Jacobian below which a pose's postures are unknown. Lengths are divided by the arm's."""
 MOST_TURNS = 3
 """Number of turns within limits from which a joint may be anywhere."""
 SPREAD = 8

@@ -20,8 +20,10 @@ class ContinuationSettings:
     newton_steps: int = 6
     """Steps of Newton's method within which a sample of a line must be met."""
     bend: float = 0.6
+    """Largest deviation from the extrapolated sample, as a share of the step."""
     bend_slack: float = 0.02
-    """A sample may differ from the extrapolated one by this share of the step, and a little [rad]: more is a jump."""
+    """Constant part of the largest deviation from the extrapolated sample [rad]. It adds to `bend`; a larger deviation
+    is a jump."""
     least_pivot: float = 1e-5
     """A system whose determinant, in metres and rad, is smaller has met a singularity."""
     points_in_sequence: int = 16
@@ -181,7 +183,7 @@ class LineFollowing:
         return self._crossed(Course(q, ok & same, ok & ~same))
 
     def _followed(self, samples: int) -> Course:
-        """Returns the joints sample by sample, each from those before."""
+        """Solve for the joints sample by sample, starting from extrapolated guesses."""
         q = np.empty((samples, *self.start.shape))
         q[0] = self.start
         ok, sign = self._starts()
@@ -410,7 +412,9 @@ class PointFollowing:
         return cls(arm, R, W[0], q[0], float(np.sign(det[0]))), bool(met.all())
 
     def outward(self, points: FloatArray, drift: FloatArray) -> tuple[FloatArray, bool]:
-        """Solve for joints (m, n) [rad] from the target on, and whether they are continuous and within limits.
+        """Solve for joints (m, n) [rad] along flange positions, beginning at the target.
+
+        The flag tells whether they are continuous and within limits.
 
         Args:
             points: positions of the flange [m], the first one the target, shape (m, 3).
@@ -438,7 +442,10 @@ class PointFollowing:
     def _solved(
         self, points: FloatArray, drift: FloatArray, guess: FloatArray
     ) -> tuple[FloatArray, bool]:
-        """Solve poses from guesses, and return whether all of them are on the branch and within limits."""
+        """Solve for joints at flange positions from guesses.
+
+        The flag tells whether all of them are on the branch and within limits.
+        """
         ahead = np.zeros((len(points), self.arm.spare))
         ahead[:, :1] = drift[:, None]
         planes = np.broadcast_to(self.W, (len(points), *self.W.shape))

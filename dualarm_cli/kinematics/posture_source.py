@@ -28,13 +28,13 @@ class ReachedPostures:
     """Postures within limits that reach some of m poses."""
 
     pose: IntArray
-    """Which pose each of them reaches, ascending, shape (k,)."""
+    """Index of the pose that each posture reaches, ascending, shape (k,)."""
     q: FloatArray
     """Joints [rad], the turns nearest to the middle of the limits, shape (k, n)."""
     branch: IntArray
     """Their branches, shape (k,)."""
     miss: FloatArray
-    """By how much each pose is missed: distance [m] and angle [rad], 0 where it is reached, shape (m, 2)."""
+    """Miss of each pose: distance [m] and angle [rad], shape (m, 2). It is 0 where a pose is reached."""
 
 
 ToolPose = tuple[FloatArray, FloatArray, FloatArray]
@@ -108,23 +108,26 @@ class PostureSource(LimitedJoints, ABC):
     """Spacing of the platform angles at which reach is examined [rad]."""
 
     has_arm_angle: ClassVar[bool] = False
-    """Whether postures are closed forms over branches and an arm angle."""
+    """Flag of families with closed forms over branches and an arm angle."""
     solves_by_search: ClassVar[bool] = False
-    """Whether postures are searched for, some thousand times slower than closed forms."""
+    """Flag of families that search for postures. A search takes some thousand times as long as closed forms."""
 
     @property
     @abstractmethod
     def chain(self) -> tuple[FloatArray, BoolArray]:
-        """Constant steps from joint to joint, shape (n + 1, 3, 4), and which joints slide, shape (n,).
+        """Constant transforms from joint to joint, and flags of joints that slide.
 
-        Rotation and position [m] of each joint at zero in the one before, and of the flange in the last one. Joints
-        slide along their z axes or turn about them.
+        The transforms have shape (n + 1, 3, 4): rotation and position [m] of each joint at zero in the one before, and
+        of the flange in the last one. The flags have shape (n,). Joints slide along their z axes or turn about them.
         """
 
     @property
     @abstractmethod
     def last_axis(self) -> tuple[FloatArray, FloatArray]:
-        """Direction of the last joint's axis and a point on it [m], in the flange frame, (3,) each."""
+        """Direction (3,) of the last joint's axis, and a point (3,) on it [m].
+
+        Both are in the flange frame.
+        """
 
     @abstractmethod
     def forward(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -222,7 +225,9 @@ class PostureSource(LimitedJoints, ABC):
     def may_bend(
         self, R: FloatArray, p: FloatArray, moved: FloatArray, turned: FloatArray
     ) -> BoolArray:
-        """Return whether joints may be within limits near poses (k,), as far as this family can prove.
+        """Test whether joints may be within limits near poses (k,).
+
+        The answer is yes where this family cannot prove the contrary.
 
         Args:
             R: flange rotations, shape (k, 3, 3).

@@ -175,7 +175,10 @@ class SrsArm(PostureSource):
 
     @property
     def last_axis(self) -> tuple[FloatArray, FloatArray]:
-        """Direction of the last joint's axis and a point on it [m], in the flange frame, (3,) each."""
+        """Direction (3,) of the last joint's axis, and a point (3,) on it [m].
+
+        Both are in the flange frame.
+        """
         direction = product(self.geometry.R_flange.T, self.geometry.axes[6])
         return direction, self.geometry.p_flange_wrist
 
@@ -342,7 +345,10 @@ class SrsArm(PostureSource):
         return "beyond_reach" if miss > 0 else "too_near_shoulder" if miss < 0 else "beyond_limits"
 
     def signed_miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
-        """Compute the wrist's distance beyond `reach` [m], negative where it is too near the shoulder, shape (...)."""
+        """Compute the wrist's signed distance beyond `reach` [m], shape (...).
+
+        It is negative where the wrist is too near the shoulder, and 0 within reach.
+        """
         least, most = self.reach
         distance = norm(self.wrist_center(R, p) - self.geometry.shoulder, axis=-1)
         return np.where(distance > most, distance - most, np.minimum(0.0, distance - least))

@@ -171,7 +171,7 @@ class Conveyor:
     """A belt that moves at one velocity all the time."""
 
     name: str
-    """What the cell calls it."""
+    """Name in the cell file."""
     velocity: FloatArray
     """In the world [m/s], shape (3,); not zero."""
 
@@ -187,27 +187,34 @@ class Conveyor:
 
 @dataclass(frozen=True)
 class OnBelt:
-    """How a target moves: with a conveyor, without turning, and on which stretch of its way it may be served."""
+    """Motion of a target with a conveyor, and where it may be served.
+
+    The target does not turn.
+    """
 
     conveyor: Conveyor
-    """What carries it."""
+    """Conveyor that carries the target."""
     passes: float
-    """When it passes the pose that the file gives [s] after the start; it may be served from then on."""
+    """Time after the start at which the target passes the file's pose [s]. It may be served from then on."""
     within: float
-    """How far it may have gone from there at most when it is served [m]."""
+    """Largest distance past the file's pose at which the target may be served [m]."""
     at: float
-    """When it is where the stop's own target has it [s]: at first `passes`, later when the planner means to meet it."""
+    """Time at which the target is at the stop's own pose [s]. It is `passes` at first, later the time at which the
+    planner means to meet the target."""
 
     @property
     def last(self) -> float:
-        """When it is `within` past the pose of the file [s]."""
+        """Time at which the target is `within` past the file's pose [s]."""
         return self.passes + self.within / self.conveyor.speed
 
     def gone(self, time: float) -> float:
-        """Returns how far it has gone at a time from the pose of the file [m]; negative before it passes there."""
+        """Compute the distance past the file's pose at a time [m], negative before it."""
         return self.conveyor.speed * (time - self.passes)
 
     def moved(self, pose: pin.SE3, time: float) -> tuple[pin.SE3, OnBelt]:
-        """Returns where a pose that holds now is at a time [s], and the target with that time as its own."""
+        """Move a pose with the belt to a time [s].
+
+        The pose holds at the time `at`. It comes back with the target whose `at` is the new time.
+        """
         shift = self.conveyor.velocity * (time - self.at)
         return pin.SE3(pose.rotation, pose.translation + shift), replace(self, at=time)

@@ -45,7 +45,7 @@ class LineSettings:
     knots: tuple[int, ...] = (12, 24, 48, 96, 192, 384)
     """Numbers of knots that are tried until the tool stays within the tolerance."""
     shared: int = 16
-    """So many lines or more are timed in two processes: copying a process takes as long as timing a few."""
+    """Number of lines from which two processes time them. Copying a process takes as long as timing a few."""
 
 
 LINE = LineSettings()

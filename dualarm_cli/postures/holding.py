@@ -21,7 +21,10 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class Holding:
-    """A job's cell with its quick test, and what the arms hold in n stages, as numbers of `Loads`."""
+    """Cell of a job with its quick test, and the arms' loads by stage.
+
+    There are n stages; a load is a number of `Loads`.
+    """
 
     cell: CellClearance
     """Hulls and pairs."""

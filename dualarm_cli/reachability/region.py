@@ -27,9 +27,9 @@ class RegionSettings:
     step_share: float = 0.08
     """Spacing as a share of an arm's length."""
     below: float = 0.2
-    """How far a table should be below the shoulder, as a share of the arm's length."""
+    """Least depth of easy heights below the shoulder, as a share of the reach."""
     some: float = 0.3
-    """Heights at which it is not count only where this share of the best is not reached at others."""
+    """Share of the best score above which only easy heights count. If no easy height exceeds it, all heights count."""
     nearly: float = 0.9
     """Heights at which this share of the best is reached are as good."""
 

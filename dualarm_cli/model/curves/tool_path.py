@@ -28,13 +28,13 @@ class ToolPathSettings:
     """Resolution and tolerances of tool paths."""
 
     same_direction: float = 1e-3
-    """Difference of the directions of two pieces, per unit of length, above which they meet in a corner."""
+    """Change of direction above which two pieces meet in a corner. Directions are per unit of length."""
     spline_nodes: int = 2048
     """Points at which the length of a spline is measured."""
     spacing: float = 0.3
-    """Distance of the first three and of the last three control points of a rounded corner, in its reach. Of
-    all quintics
-    whose curvature begins and ends at zero it has nearly the widest bend for how far it leaves the corner."""
+    """Spacing of the first and the last three control points of a rounded corner. It is a share of the corner's reach.
+    Of all quintics whose curvature begins and ends at zero, this one has nearly the widest bend for how far it leaves
+    the corner."""
     shortest_rest: float = 1e-9
     """Share of a straight piece between two rounded corners that counts as nothing."""
     rounded_nodes: int = 33
