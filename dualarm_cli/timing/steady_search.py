@@ -142,19 +142,24 @@ class ProfileSettings:
     """Resolution of the search for steady profiles."""
 
     together: int = 16
+    """Number of ramp times that are tried at once."""
     finer: int = 18
-    """So many times are tried at once, and so many between the first that will do and the second before."""
+    """Number of finer ramp times below the first feasible one. They span the last two steps of `RAMPS` before it."""
     per_phase: int = 9
+    """Number of instants per phase of a ramp in the first check."""
     close: int = 49
-    """Instants of each phase of a ramp that are looked at first, and of those that keep all limits there."""
+    """Number of instants per phase of a ramp in the final check. Only ramps that pass the first check have one."""
     at_once: int = 4
-    """So many ramps are looked at closely at once."""
+    """Number of ramps per batch of the final check."""
     speeds: int = 40
+    """Number of speeds in the first grid where the speed has to be chosen."""
     near_best: int = 16
-    """Speeds that are tried where any will do, and then about the best of them."""
+    """Number of speeds that are tried about the best of the first grid."""
     least_speed: float = 1e-3
-    """Least of them, as a share of the largest that can be: short seams are over before they are fast."""
+    """Least speed of the first grid, as a share of the largest possible one. Short seams are over before they are
+    fast."""
     as_fast: float = 1.0 + 1e-12
+    """Rounding tolerance of comparisons of speeds and accelerations [factor]."""
 
 
 PROFILE = ProfileSettings()
@@ -290,7 +295,7 @@ class _Ramps:
     acceleration: float | None
     """Largest acceleration of the share [1/s²], or None."""
     trapezoid: bool
-    """Whether accelerations may jump; only for joints without jerk limits."""
+    """Flag of accelerations that may jump; only for joints without jerk limits."""
 
     @property
     def ends(self) -> tuple[_Ramps, _Ramps]:
@@ -338,7 +343,10 @@ class _Ramps:
         return SteadyProfile(profile.speed, *ramps)
 
     def first(self, speed: float, times: FloatArray, shapes: FloatArray) -> Ramp | None:
-        """Select the first ramp that keeps every limit, of times (g,) [s] and shapes (h,), or None."""
+        """Select the first ramp that keeps every limit, or None.
+
+        The candidates are all times (g,) [s] in their order, each with all shapes (h,).
+        """
         shapes = np.zeros(1) if self.trapezoid else shapes
         time, shape = (grid.ravel() for grid in np.meshgrid(times, shapes, indexing="ij"))
         good = np.flatnonzero(self.keep(speed, time, shape))

@@ -217,9 +217,9 @@ class Pairs:
     table: TransferTable
     """Their times."""
     before: PostureBoxes
-    """Where they begin."""
+    """Posture boxes where the motions begin, n of them."""
     after: PostureBoxes
-    """Where they end."""
+    """Posture boxes where the motions end, m of them."""
     without: tuple[int, ...]
     """Coordinates that do not count."""
 
@@ -228,7 +228,9 @@ class Pairs:
         return self.table.laws(self.without)
 
     def by_cells(self, work: Times, cells: int) -> Times:
-        """Returns the least of transfer and work for every pair of platform cells [s], (g, g), infinite for none.
+        """Compute the least transfer plus work between platform cells [s], shape (g, g).
+
+        A pair of platform cells without a transfer has an infinite sum.
 
         Args:
             work: least work of each cell where a transfer ends [s], shape (m,).
@@ -239,7 +241,7 @@ class Pairs:
         return least
 
     def least_from(self, own: Times, floor: Times, beyond: Times) -> Times:
-        """Returns min over the pairs of max(transfer + own, floor + beyond), shape (n,).
+        """Minimise max(transfer + own, floor + beyond) over each cell's pairs, shape (n,).
 
         Args:
             own: from each cell where a transfer ends, the arm's work and all the rest [s], shape (m,).

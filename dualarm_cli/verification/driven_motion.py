@@ -36,26 +36,31 @@ class DrivenSettings:
     """Resolution of the comparison with a driven motion."""
 
     longest_delay: float = 1.0
+    """Longest delay that is looked for, in either direction [s]."""
     delay_step: float = 0.01
-    """Delays that are looked for [s], either way, and the step of the grid."""
+    """Step of the grid of delays [s]."""
     grid_samples: int = 2_000
     """Samples of a long log that the grid looks at."""
     nearby: float = 0.05
+    """Half-width of the fit's search about the best delay of the grid [s]."""
     fine_step: float = 0.002
-    """How far from the grid's best delay the fit looks, and its first step [s]."""
+    """Step of the fit's first search for a delay [s]."""
     sections: int = 12
+    """Number of golden-section steps in the fit of a delay."""
     steps: int = 20
+    """Maximum number of steps of generalised least squares."""
     enough: float = 1e-7
-    """Golden sections, steps of generalised least squares at most, and a step that is small enough [s]."""
+    """Change of the delay below which generalised least squares has converged [s]."""
     order: int = 8
-    """Of the autoregression: eight samples before tell the next one."""
+    """Order of the autoregression: the number of previous samples that predict the next one."""
     golden: float = (np.sqrt(5.0) - 1.0) / 2.0
+    """Shrink factor of a golden-section step."""
     most_samples: int = 20_000
     """Samples of a long log that the fit looks at."""
     least_motion: float = 0.02
     """Range of a joint's planned positions below which its delay is not measured [rad or m]."""
     between: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75)
-    """Where errors are measured between two samples, as shares of the step."""
+    """Places between two samples where errors are measured, as shares of the step."""
     per_quintic: int = 8
     """Cubics that stand for one quintic piece where the clearance is proven."""
     farthest: float = 10.0
@@ -286,7 +291,10 @@ def _untold(plan: Trajectory, times: FloatArray, driven: FloatArray, delay: floa
 
 
 def _autoregression(rest: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns weights (`order`,) by which values before tell each one best, and those values (m - `order`, `order`)."""
+    """Fit an autoregression to the residual of a joint.
+
+    The result is the weights (`order`,) and the previous values that they apply to, shape (m - `order`, `order`).
+    """
     windows = _windows(rest)
     gram = product(windows.T, windows)
     weights = np.asarray(

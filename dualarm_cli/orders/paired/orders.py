@@ -102,30 +102,38 @@ class StageSearchSettings:
     """Numbers that steer the search for orders of stages."""
 
     whole: int = 30
-    """Orders of up to so many stages are improved as a whole, longer ones in stretches as well."""
+    """Maximum number of stages of an order that is improved as a whole. Longer orders are improved in stretches as
+    well."""
     least: int = 120
-    """How often something is removed and put back at least."""
+    """Minimum number of ruin-and-recreate steps."""
     short: int = 20
-    """How often in a short search; of long orders so many stretches are improved."""
+    """Number of ruin-and-recreate steps in a short search. In long orders it is the number of stretches that are
+    improved."""
     full: int = 60
+    """Number of stages of an order that gets all rounds of annealing. Shorter orders get fewer rounds, longer ones
+    more."""
     least_share: float = 0.15
+    """Least share of the annealing rounds, for short orders."""
     most_share: float = 1.6
-    """Orders of so many stages get the rounds of annealing, shorter ones fewer, longer ones more, by these shares."""
+    """Largest share of the annealing rounds, for long orders."""
     sooner: int = 8
+    """Ratio of the rounds of successive coolings. The last cooling, the slowest, has all rounds."""
     shortest: int = 100
-    """Annealing is preceded by coolings that are so many times quicker each, down to so many rounds."""
+    """Minimum number of rounds of the quick coolings before the last one."""
     near: float = 0.02
-    """By less than this share an order is longer than another one that is nearly as good."""
+    """Largest relative excess of near-optimal orders over the best one."""
     warm: float = 0.02
+    """First temperature from a known order, as a share of a stage's mean length."""
     again: float = 0.4
-    """First temperature and share of the rounds from an order that is known to be good."""
+    """Share of the annealing rounds from a known order."""
     many: int = 100
-    """Of more tasks no first order is made by insertion where a simpler one is possible."""
+    """Number of units above which insertion makes no first order. It still does where no simpler order is possible."""
     first_tries: int = 6
-    """So many orders in which tasks are put in are tried until one serves."""
+    """Maximum number of insertions that are tried for a first feasible order."""
     hot: float = 0.06
+    """First temperature of annealing, as a share of a stage's mean length."""
     cold: float = 0.0015
-    """First and last temperature, in shares of a stage's mean length."""
+    """Last temperature of annealing, as a share of a stage's mean length."""
     nearest_tasks: int = 24
     """Tasks that are near another one."""
     refreshed: int = 20
@@ -152,7 +160,7 @@ class NearOrders:
             del self._kept[max(self._kept, key=lambda key: self._kept[key].total)]
 
     def of(self, best: float) -> list[StageOrder]:
-        """Returns those that are longer than the best one by less than `near`."""
+        """Select the orders that are longer than the best one by less than `near`."""
         return [one for one in self._kept.values() if one.total < (1.0 + SEARCH.near) * best]
 
 
@@ -388,7 +396,10 @@ shares of exchanges with a task that is not near, with an idle arm, and with sta
 
 
 def is_served(problem: StageProblem) -> bool:
-    """Returns whether a problem is two arms', without any rule of order, windows, hand-overs and buffers."""
+    """Test whether annealing supports a problem.
+
+    It has to have two arms, and no rules of order, windows, hand-overs or buffers.
+    """
     rules = problem.before or problem.sequences or problem.in_file_order or problem.handovers
     windows = problem.not_before is not None or problem.not_after is not None
     return len(problem.length) == 2 and not rules and not windows and problem.stores is None
@@ -416,7 +427,7 @@ class StageAnnealing:
         self._tasks = AnnealedTasks.of(problem.tasks, _near_tasks(problem, least))
 
     def line(self, slots: IntArray) -> StageLine:
-        """Returns an order with the best angles for it."""
+        """Prepare an order for annealing, with the best angles for it."""
         seed = int(self._random.integers(2**64, dtype=np.uint64))
         line = StageLine.of(self._lengths, slots, seed)
         self.anneal(line, range(0), (0.0, 1.0))
@@ -435,7 +446,7 @@ class StageAnnealing:
         heat: float = SEARCH.hot,
         met: Callable[[StageOrder], None] = lambda _: None,
     ) -> StageOrder:
-        """Returns the best order found from one to begin with, never a worse one.
+        """Anneal an order and return the best one found, never a worse one.
 
         Args:
             start: an order that can be.
@@ -464,7 +475,9 @@ class StageAnnealing:
 
 
 def _near_tasks(problem: StageProblem, lengths: tuple[FloatArray, FloatArray]) -> IntArray:
-    """Returns the nearest other tasks of each: those that follow it soonest, shape (t, `nearest_tasks` or fewer).
+    """Select the nearest other tasks of each, shape (t, `nearest_tasks` or fewer).
+
+    Near tasks follow one another soonest, in either order.
 
     Args:
         problem: what is asked.

@@ -92,11 +92,12 @@ class LabelSettings:
     """Numbers that steer the extension of partial orders."""
 
     halvings: int = 16
-    """So often a threshold is halved to keep as many as there is room for."""
+    """Number of bisections of the threshold that limits the number of continuations."""
     most_looked_at: int = 20_000
-    """So many labels at most are followed back to the start for different orders."""
+    """Maximum number of labels that are traced back to the start for different orders."""
     same_ends: int = 2
-    """So many of those that end with the same stops, at whatever angles, the quickest first."""
+    """Maximum number of labels traced back per sequence of last stops. The quickest come first; platform angles do not
+    distinguish sequences."""
 
 
 LABELS = LabelSettings()

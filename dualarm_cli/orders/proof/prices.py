@@ -24,12 +24,13 @@ class PriceSettings:
     """Numbers that steer the prices of stops."""
 
     patience: int = 6
+    """Number of steps without a better bound after which steps become shorter."""
     shorter: float = 0.6
-    """After so many steps without a better bound steps become shorter, by this factor."""
+    """Shrink factor of the steps."""
     little: float = 1e-3
-    """What is little at the first step [s]; less at shorter ones."""
+    """Least improvement of the bound at the first step length [s]. It shrinks with the steps."""
     few_nodes: int = 3000
-    """Of more nodes prices are found by way of so many."""
+    """Number of nodes above which prices are first found for a subset. It is the size of the subset, too."""
     shortest: float = 2e-3
     """Steps shorter than this share of the first one are not worth it."""
 

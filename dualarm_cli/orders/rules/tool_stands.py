@@ -45,7 +45,9 @@ class ToolStands:
         *,
         returns: bool,
     ) -> FloatArray:
-        """Compute times between an arm's nodes with the tool changes due there [s], shape (N + 1, N + 1).
+        """Compute times between an arm's nodes, including the tool changes due there [s].
+
+        The result has shape (N + 1, N + 1).
 
         From the last task of a tool to its stand, from there to the stand of the next one, and on to the next task.
 

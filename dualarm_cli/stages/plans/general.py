@@ -143,7 +143,7 @@ def grid_nodes(
     grid: Grid,
     near: ArmDecisions | None = None,
 ) -> Nodes:
-    """Compute the nodes of one arm at one stop, and those around a plan if one is given."""
+    """Compute an arm's nodes at one stop, with those around a plan if given."""
     few, spare = len(grid.angles) <= FEW_ANGLES, problem.arms[arm].spare > 0
     # A platform that does not turn leaves the poses as they are: around a plan they have been looked at before.
     thorough = few and spare if problem.turns else near is None

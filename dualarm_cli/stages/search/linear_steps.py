@@ -110,7 +110,7 @@ def timed_slopes(law: RestToRest, moved: FloatArray) -> tuple[FloatArray, FloatA
 
 @dataclass(frozen=True)
 class _LinearisedPlan:
-    """A possible plan, the slopes of its joints and times, and the rows that are made of them."""
+    """Linearisation of a feasible plan: slopes of its joints and times, and constraint rows."""
 
     problem: SequenceProblem
     """The sequence."""
@@ -172,7 +172,10 @@ class _LinearisedPlan:
             self._add(columns, values, time + dwell, k, time >= NEAR_CRITICAL * longest)
 
     def _transfer_slopes(self, a: int, chain: TransferChain) -> tuple[FloatArray, FloatArray]:
-        """Time an arm's joints on its transfers [s], with slopes by their displacements [s/rad], (m, joints) each."""
+        """Time an arm's joints on its transfers, with slopes by their displacements.
+
+        Times [s] and slopes [s/rad] have shape (m, joints).
+        """
         problem, work, found = self.problem, self.problem.arms[a], self.best.arms[a]
         k, came = chain.active, chain.previous[chain.active]
         q_from = np.where(
@@ -187,7 +190,10 @@ class _LinearisedPlan:
     def _platform_move(
         self, law: RestToRest, k: IntArray
     ) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Time the platform's moves into some stages [s], shape (m,), with their columns and slopes, (m, 2) each."""
+        """Time the platform's moves into some stages, with their columns and slopes.
+
+        Columns and slopes have shape (m, 2); the times [s], which come last, have shape (m,).
+        """
         angle = self.best.decisions.angle
         before = np.concatenate([[start_angle(self.problem, angle)], angle[:-1]])
         time, slope = timed_slopes(law, (angle - before)[k, None])

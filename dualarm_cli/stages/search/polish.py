@@ -43,7 +43,7 @@ class Polishing:
 
     @property
     def at_rest(self) -> Polishing:
-        """The same with all lines' ends at rest."""
+        """Polishing of the same sequence with all lines' ends at rest."""
         return replace(self, problem=replace(self.problem, ways=None))
 
     def polished(self, start: Evaluated, rounds: int, random_steps: int) -> Evaluated:
