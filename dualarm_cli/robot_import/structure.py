@@ -478,5 +478,5 @@ def tells(name: str, parts: Iterable[str]) -> str:
 
 
 def count_of(number: int, one: str, several: str = "") -> str:
-    """Format a count with its noun, such as `1 pair` or `3 pairs`."""
+    """Format a count with the name of what is counted, such as `1 pair` or `3 pairs`."""
     return f"{number} {one if number == 1 else several or f'{one}s'}"
