@@ -95,7 +95,7 @@ class SearchEffort:
     """How often a plan is polished for motion through the outer ends of lines, where tools may pass them: first with
     one way of passing all, from the second time on with those that go best with it."""
     cycles_in_long: int
-    """The same in sequences that are not short."""
+    """Polishing cycles for motion through line ends, in sequences that are not short."""
     passing_rounds: int
     """Rounds of polishing each time."""
     rivals: int
@@ -117,11 +117,17 @@ class SearchEffort:
     """Blended sequences of so many stages or fewer are compared with the refined plan of `minimum_time` in any case: at
     8 and 12 stages that is a quarter of quick effort's time, and gave nothing."""
     spares: bool = True
-    """Whether time is spared where more of it seldom helps: long sequences get fewer nodes and fewer of
-    their plans polished, and simpler plans are not refined beside a good one."""
+    """Flag of efforts that save time where more search seldom helps.
+
+    Long sequences get fewer nodes and fewer of their plans polished, and simpler plans are not refined beside a good
+    one.
+    """
 
     def for_stages(self, stages: int) -> SearchEffort:
-        """Return more of all for short sequences, where it takes little time, and fewer nodes for long ones."""
+        """Scale the effort to the number of stages.
+
+        More of everything for short sequences, where it takes little time, and fewer nodes for long ones.
+        """
         local = NEAR if stages >= SCALING.long else self.local
         cycles = self.cycles if stages <= SCALING.short else self.cycles_in_long
         if stages > SCALING.long and self.spares:

@@ -293,4 +293,4 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         "how-to/first-project.md",
     ),
 }
-"""By code, without the kinds of work."""
+"""Explanations by error code, without those of the kinds of work."""

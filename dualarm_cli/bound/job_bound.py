@@ -1,4 +1,7 @@
-"""Lower bound on the cycle time of every plan of a job, by the bound that fits it."""
+"""Lower bound on the cycle time of any job.
+
+Start here to see which bound a job gets: of its stages, over all orders, of asynchronous arms, or of paths and seams.
+"""
 
 from __future__ import annotations
 
@@ -25,23 +28,23 @@ SHARED = (
     "least its shortest time alone, with its best platform angle, postures and yaws, and the slower arm does at least "
     "its share; transfers between tasks count as zero, tool changes as the fewest visits to stands"
 )
-"""What the bound over all orders assumes."""
+"""Assumption of the bound over all orders and assignments."""
 OWN_CLOCKS = (
     "lower bound: holds for every plan in this order in which the arms run asynchronously: the time of the slower "
     "arm's stops, as if the platform moved for this arm only"
 )
-"""What the bound of asynchronous arms assumes."""
+"""Assumption of the bound of asynchronous arms in a given order."""
 DWELLS_ONLY = "lower bound: tasks after the first {most} count with their dwells only"
 """Message where there are too many tasks to bound each."""
 MOST_TASKS = 60
-"""So many tasks are bounded one by one."""
+"""Maximum number of tasks that are bounded individually; further ones count with their dwells."""
 
 
 def least_visits(job: Job, arm: str) -> list[Task]:
-    """Returns the visits to stands that an arm makes at least, whatever the order, for tasks that only it may do.
+    """Select the fewest visits to tool stands that an arm makes in any order.
 
-    Every tool of theirs is taken once, that of the start again where it has to be on in the end; before each of these
-    what was on is left.
+    Only tasks that no other arm may do count. Every tool of theirs is taken once, that of the start again where it has
+    to be on in the end; before each of these what was on is left.
 
     Args:
         job: what is to be done.
@@ -64,7 +67,9 @@ def least_visits(job: Job, arm: str) -> list[Task]:
 
 
 def _least_makespan(times: FloatArray, besides: FloatArray) -> float:
-    """Returns the least T of tasks shared out in fractions.
+    """Compute the least makespan of tasks shared out in fractions [s].
+
+    Infinite where no arm can do a task; 0 where the linear programme has no solution.
 
     Args:
         times: of every task on every arm [s], infinite where an arm cannot, shape (arms, n).
@@ -93,17 +98,17 @@ PATH_BOUND = (
     "arm that takes no part stands still; transfers to and from them count where the file gives the tool's pose, or "
     "how long they take"
 )
-"""What a bound of paths and seams in a given order counts."""
+"""Assumption of the bound of paths and seams in a given order."""
 OPEN_PATH_BOUND = (
     "lower bound: paths and seams count at full speed; transfers to and from them count only as long as the file says "
     "they take, as their order is not given"
 )
-"""What it counts of them in any order."""
+"""Assumption of the bound of paths and seams in any order."""
 STAGES_AS_ZERO = (
     "lower bound: paths and seams count at full speed; stages beside them count as zero on this robot, and transfers "
     "to and from them only as long as the file says they take"
 )
-"""What it counts on a robot whose stages have no bound."""
+"""Assumption of the bound of paths and seams on robots without stage bounds."""
 NO_BOUND = "lower bound: none for arms without closed forms"
 """Message where there is no bound."""
 NO_BOUND_ON_RAILS = (
@@ -118,7 +123,7 @@ NO_CORNER_BOUND = (
 
 
 def _kind(section: Section) -> KindPlanning:
-    """Returns the kind of a path or seam."""
+    """Return the kind of planning of a path or seam."""
     kind = kind_of(section)
     assert kind is not None  # stops have no kind
     return kind
@@ -126,22 +131,25 @@ def _kind(section: Section) -> KindPlanning:
 
 @dataclass(frozen=True)
 class _Row:
-    """One stage of a job with paths and seams; a path or seam has two, which end where it begins and where it ends."""
+    """Stage of a job with paths and seams, as its bound counts it.
+
+    A path or seam makes two of them: the first ends where it begins, the second where it ends.
+    """
 
     stops: Mapping[str, Stop]
-    """By arm."""
+    """Stops of the stage by arm."""
     least: float = 0.0
     """Least length of the stage [s]."""
     earliest: float = 0.0
-    """When it begins at the earliest [s]."""
+    """Earliest begin of the stage [s]."""
     moved: tuple[str, ...] = ()
     """Arms that come to its end by the path or seam."""
     at_rest: bool = False
-    """Whether a path or seam begins or ends there, so that tools are at rest."""
+    """Flag of stages that end at rest, at an end of path or seam."""
 
 
 def _other_work(job: Job, section: Section) -> list[_Row]:
-    """Returns the two stages of a path or seam."""
+    """Return the two stages of a path or seam: transfer and motion along it."""
     kind = _kind(section)
     begin, end = (
         {arm: Stop("move", pose, 0.0, 0.0, Dwell(), NOWHERE) for arm, pose in poses.items()}
@@ -155,7 +163,7 @@ def _other_work(job: Job, section: Section) -> list[_Row]:
 
 
 def _least_work(problem: SequenceProblem, a: int, k: int, effort: str) -> float:
-    """Returns what lines and dwell of one arm's stop take at least [s]."""
+    """Compute a lower bound on the lines and dwell of one arm's stop [s]."""
     stop = problem.arms[a].stops[k]
     if stop is None:
         return 0.0
@@ -273,7 +281,10 @@ class JobBound:
         return LowerBound(value, (OWN_CLOCKS,))
 
     def _sum_of_sections(self, job: Job, *, stages_count: bool) -> LowerBound:
-        """Bound a job whose paths and seams may come in any order, or whose stages have no bound.
+        """Sum the bounds of paths and seams and of all other tasks.
+
+        For paths and seams in any order, and for robots whose stages have no bound: there the other tasks count as
+        zero.
 
         Args:
             job: what is to be done.

@@ -98,10 +98,13 @@ class StopWork:
         return self.with_rest(np.zeros(len(self.retract.index), dtype=np.float32))[0]
 
     def with_rest(self, rest: Times) -> tuple[Times, Times]:
-        """Compute the least of work and rest, and of the rest alone, from each approach cell [s], shape (n,) each.
+        """Compute the least work plus rest, and the least rest, per approach cell.
 
         Args:
-            rest: from each retract cell [s].
+            rest: time that follows from each retract cell [s].
+
+        Returns:
+            Both in s, shape (n,) each.
         """
         sums, alone = (rest, rest) if self.same else self.lines.least_within(rest)
         return sums + np.float32(self.dwell), alone
@@ -134,7 +137,10 @@ class StopCells:
         return finer_edges(self.edges, self.resolution.finer)
 
     def works(self, stage: int) -> dict[int, StopWork]:
-        """Compute the work of each active arm in a stage, from platform angles within reach of all of them."""
+        """Compute the work of each active arm in a stage.
+
+        Only platform angles count from which all active arms reach their stops.
+        """
         arms = [a for a, arm in enumerate(self.problem.arms) if arm.stops[stage] is not None]
         reach = {a: self.reach(a, stage) for a in arms}
         shared = np.logical_and.reduce([each.parts for each in reach.values()])
@@ -166,11 +172,11 @@ class StopCells:
         return StopReach(poses, ends, parts, free_last)
 
     def work(self, a: int, stage: int, reach: StopReach) -> StopWork:
-        """Compute the cells of one arm's stop, which hold all of its postures at the platform angles of its reach.
+        """Compute the posture cells at both ends of one arm's stop.
 
-        Given configurations are points where there is no line, and free otherwise; a pose whose yaw is free is free
-        too where yaw moves more than the last joint. An arm without an arm angle has other closed forms, and its
-        platform stands still.
+        They hold all of its postures at the platform angles of its reach. Given configurations are points where there
+        is no line, and free otherwise; a pose whose yaw is free is free too where yaw moves more than the last joint.
+        An arm without an arm angle has other closed forms, and its platform stands still.
         """
         problem = self.problem
         work = problem.arms[a]

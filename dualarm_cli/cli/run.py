@@ -172,7 +172,7 @@ COMMANDS: Mapping[str, str] = {
 
 
 def command_line(only: str = "") -> typer.Typer:
-    """Returns the whole command line.
+    """Build the command line application with its commands.
 
     Args:
         only: the command that will be run; if it is one of COMMANDS, no other is loaded.
@@ -213,4 +213,4 @@ def root(
         ),
     ] = False,
 ) -> None:
-    """How fast can this dual-arm cell run? Cell + tasks in, verified joint schedule out."""
+    """Handle the options that precede every command: `--version`."""

@@ -29,11 +29,13 @@ if TYPE_CHECKING:
 TABLES = (".csv", ".yaml", ".yml")
 """Suffixes of files that are no schedules."""
 ERROR, DISTANCE, DELAY = "0.1 deg", "1 mm", "2 ms"
-"""What a driven motion may be off by default."""
+"""Default limits of a driven motion: joint error, tool distance and delay."""
 
 
 def refuse_logged(path: Path) -> None:
-    """Raises where a file is no schedule but a motion, which is judged together with its plan.
+    """Refuse a logged motion that was given in place of a schedule.
+
+    A motion is judged together with its plan.
 
     Raises:
         UsageError: with what to do.
@@ -58,7 +60,7 @@ def judged_log(
     clearance: bool,
     as_planned: bool,
 ) -> DrivenJudgement:
-    """Returns the judgement of a motion.
+    """Judge a logged motion against its plan.
 
     Args:
         path: of its file.
@@ -94,7 +96,7 @@ def judged_log(
 
 
 def tracking_limits(error: str, distance: str, delay: str) -> TrackingLimits:
-    """Returns what the options allow.
+    """Parse the options that limit how far a motion may be off.
 
     Raises:
         UsageError: one is no angle, length or time above 0.
@@ -122,7 +124,7 @@ def _positive(option: str, text: str, dimension: Dimension) -> float:
 
 
 def tracking_document(tracking: DrivenJudgement) -> dict[str, Any]:
-    """Returns the member `tracking` of the JSON document."""
+    """Build the member `tracking` of the JSON document."""
     return {
         "delay": tracking.delay,
         "joints": {
@@ -151,7 +153,7 @@ def tracking_document(tracking: DrivenJudgement) -> dict[str, Any]:
 
 
 def tracking_tables(tracking: DrivenJudgement) -> list[Any]:
-    """Returns a row for each joint, and one for each event."""
+    """Build the tables of tracking errors: one of joints, one of events."""
     from math import degrees
 
     from rich.markup import escape

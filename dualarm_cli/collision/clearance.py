@@ -47,8 +47,10 @@ class CellClearance:
     listed: dict[tuple[int, str, bool, bool], tuple[PairGroup, Scenes]] = field(
         default_factory=dict, compare=False
     )
-    """Pairs, and those that count in each scene, by arm, name of what it holds, whether it is on a line, and whether
-    they are those that may touch."""
+    """Cache of the pairs of each arm, with those that count in each scene.
+
+    Keys: the arm, the name of its load, whether it is on a line, and whether these are the pairs that may touch.
+    """
 
     @classmethod
     def of(

@@ -23,15 +23,18 @@ class ClusterSettings:
     """Times that a cluster is given [s]."""
 
     connecting: float = 10.0
-    """How long a scheduler may take to answer [s]."""
+    """Longest time in which a scheduler has to answer [s]."""
     poll: float = 0.02
-    """How often it is looked what has been done meanwhile [s]."""
+    """Interval between checks for finished requests [s]."""
     look: float = 5.0
-    """How often it is looked whether there are workers, while nothing comes [s]."""
+    """Interval between checks for workers while no request is finished [s]."""
     deserted: float = 60.0
-    """How long a cluster may be without workers [s]: those that die are started again, by whoever sees to them."""
+    """Longest time that a cluster may be without workers [s].
+
+    Workers that die may be started again meanwhile.
+    """
     closing: float = 1.0
-    """How long taking leave of it may take [s]."""
+    """Longest time in which the connection has to close [s]."""
 
 
 WAITS = ClusterSettings()

@@ -1,6 +1,6 @@
-"""What a robot file says of joints, checked against its URDF: names, chains, postures.
+"""Joints of a robot file, checked against its URDF: names, chains, postures, limits.
 
-Acceleration limits, jerk limits and position margins of a robot's joints.
+Limits are the acceleration limits, the jerk limits and the position margins.
 """
 
 from __future__ import annotations
@@ -203,11 +203,11 @@ def model_arms(document: Document, model: RobotFile, measured: pin.Model) -> tup
 DEFAULT = "default"
 """Key of the limits of joints that have none of their own."""
 NONE = "none"
-"""What a file says of a jerk that is not limited."""
+"""Value of a jerk limit in a file that stands for no limit."""
 _SMALLEST_RATE = 1e-6
 _RULE = re.compile(r"(top speed|acceleration) in (.+)", re.DOTALL)
 _RULES = {"acceleration": "top speed", "jerk": "acceleration"}
-"""What a rule for each rate begins with: the rate before it."""
+"""First words of a rule by rate: the name of the rate before it."""
 
 Rate = Literal["acceleration", "jerk"]
 
@@ -254,7 +254,9 @@ def with_margins(
 def joint_limits(
     document: Document, model: RobotFile, joints: list[UrdfJoint], findings: Findings
 ) -> tuple[JointLimits, list[str]] | None:
-    """Returns the limits of all moving joints and notes on assumed ones, or None after noting what is missing or wrong.
+    """Read the limits of all moving joints, with notes on assumed ones.
+
+    None after noting missing or wrong limits.
 
     A joint's own section comes first, then the URDF, then `default`; without any of them there is no acceleration
     limit, which is an error, and the jerk limit is that of JERK_RULE.
@@ -307,7 +309,7 @@ def joint_limits(
 
 
 def _notes(ruled: list[str], count: int) -> list[str]:
-    """Returns a note on jerk limits that nobody gave."""
+    """Compose a note on jerk limits that no file gives."""
     if not ruled:
         return []
     of = "all joints" if len(ruled) == count else ", ".join(ruled)
@@ -324,7 +326,9 @@ def _rate(
     before: float,
     findings: Findings,
 ) -> tuple[float, str] | None:
-    """Returns a joint's limit and its source; NaN after noting what is wrong, None where nobody gives one.
+    """Read a joint's acceleration or jerk limit [SI] and its source.
+
+    The limit is NaN after noting a wrong value. None where neither the robot file nor the URDF gives one.
 
     Args:
         which: of the two.
@@ -370,7 +374,7 @@ def _dimension(which: Rate, slides: bool) -> Dimension:
 
 
 def _ruled(rule: str, which: Rate, before: float) -> float:
-    """Returns the limit that a rule takes from the rate before it.
+    """Compute the limit that a rule derives from the rate before it [SI].
 
     Args:
         rule: `top speed in 0.3 s`, or `acceleration in 0.1 s` for a jerk.

@@ -403,7 +403,7 @@ class TargetReader:
         self._joints = {arm.name: _arm_joints(cell.robot, arm.joints) for arm in cell.robot.arms}
 
     def target(self, section: TargetSection, loc: Loc, arm: str) -> Target | None:
-        """Returns a target, or None after noting what is wrong.
+        """Read a target; None after noting an error.
 
         Args:
             section: the target as the file has it; a posture is one that the robot has.
@@ -420,12 +420,12 @@ class TargetReader:
         return PoseTarget(pose, section.free == "yaw", section.symmetry or 1)
 
     def _of_posture(self, name: str, arm: str) -> FloatArray:
-        """Returns an arm's joint positions in a posture of the robot, shape (1, n)."""
+        """Return an arm's joint positions in a named posture [rad], shape (1, n)."""
         columns = [self._robot.joints.index(joint.name) for joint in self._joints[arm]]
         return self._robot.postures[name][None, columns]
 
     def pose(self, section: FramedPose, at: str | None, loc: Loc) -> pin.SE3 | None:
-        """Returns a pose in the world, or None after noting a frame that there is not.
+        """Transform a pose into the world frame; None after noting an unknown frame.
 
         Args:
             section: the pose as the file has it.
@@ -439,7 +439,7 @@ class TargetReader:
     def _configurations(
         self, values: list[object], loc: Loc, joints: list[UrdfJoint]
     ) -> Target | None:
-        """Returns alternatives to choose from; a flat list is one."""
+        """Read alternative configurations; a flat list is a single one."""
         if not any(isinstance(value, list) for value in values):
             rows = [self._configuration(values, loc, joints)]
         else:
@@ -466,7 +466,7 @@ class TargetReader:
 
 
 def _arm_joints(robot: Robot, names: tuple[str, ...]) -> list[UrdfJoint]:
-    """Returns an arm's joints with their limits."""
+    """Return an arm's joints with their position and velocity limits."""
     limits = robot.limits.select(names)
     return [
         UrdfJoint(name, name in robot.sliding, float(low), float(high), float(velocity))
