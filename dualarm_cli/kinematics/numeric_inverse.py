@@ -17,22 +17,25 @@ class InverseSettings:
     """Numbers that steer the numeric inverse kinematics."""
 
     starts: int = 32
+    """Starts of a round for each pose."""
     few_starts: int = 12
-    """Starts of a round per pose, and where a first idea of the solutions will do."""
+    """Starts of a round for each pose in a search for a first idea."""
     most_rounds: int = 16
     """Rounds of starts at most; with more than six joints they end with the first solution."""
     quiet_rounds: int = 4
+    """Consecutive rounds without a new solution that end the search, with six joints."""
     few_rounds: int = 2
-    """With six joints they end after so many, one after the other, that brought nothing new; and for a first idea."""
+    """Consecutive rounds without a new solution that end a search for a first idea."""
     far: float = 1e-3
+    """Error above which a pose is given up after `quiet_rounds` [m and rad]."""
     hopeless: float = 0.05
-    """A pose that `quiet_rounds` rounds miss by more is given up, and one that two rounds miss by so much [m
-    and rad]."""
+    """Error above which a pose is given up after two rounds [m and rad]."""
     iterations: int = 40
     """Damped steps from one start."""
     stalled: float = 0.7
+    """Ratio of errors `patience` steps apart from which a start is given up."""
     patience: int = 6
-    """A start is given up when in so many steps its error does not fall below this share of what it was."""
+    """Steps between two comparisons of a start's error."""
     largest_step: float = 1.0
     """Longest step of a joint in an iteration [rad, or m where it slides]."""
     close: float = 1e-12
@@ -40,9 +43,11 @@ class InverseSettings:
     same: float = 1e-5
     """Solutions whose joints are all nearer than this are one [rad]."""
     no_progress: float = 0.9999
+    """Ratio of errors `patience` steps apart that ends a least-distance descent."""
     turned: float = 1e-2
-    """Where only the least distance is looked for: share as above, error of the rotation allowed [rad]."""
+    """Largest error of the rotation at which a least distance is valid [rad]."""
     primes: tuple[int, ...] = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
+    """Bases of the Halton sequence of starts, one for each joint."""
 
 
 INVERSE = InverseSettings()

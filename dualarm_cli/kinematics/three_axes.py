@@ -35,18 +35,22 @@ class ThreeAxesSettings:
     least_link: float = 1e-6
     """Shortest link of an elbow [m]."""
     least_product: float = 1e-3
-    """Least distance of axes 1 and 2 times the sine of their angle for which the quartic keeps its digits [m]."""
+    """Smallest distance of axes 1 and 2 times their angle's sine [m].
+
+    Below it the quartic does not keep its digits.
+    """
     reach_slack: float = 1e-11
-    """How far a point may be out of reach by rounding [m]."""
+    """Rounding tolerance of the reach of a point [m]."""
     tiny: float = 1e-12
     """A point nearer to an axis than this does not tell the angle about it [m]."""
     coarse: int = 32
     """Samples of joints 2 and 3 from which the nearest places are looked for."""
     valleys: int = 4
-    """So many of the grid's local minima are gone into."""
+    """Number of local minima of the grid that Newton's method refines."""
     steps: int = 60
+    """Maximum number of Newton steps."""
     largest_step: float = 0.3
-    """Newton steps at most, and the longest one [rad]."""
+    """Longest Newton step of a joint [rad]."""
     still: float = 1e-10
     """Steps shorter than this are the last ones [rad]."""
     block: int = 500
@@ -399,7 +403,14 @@ def point_miss(axes: ThreeAxes, p: FloatArray, lower: FloatArray, upper: FloatAr
 
 
 def _valleys(distance: FloatArray) -> IntArray:
-    """Returns the lowest local minima of grids (b, n, n) as flat indices, shape (b, `valleys`)."""
+    """Select the lowest local minima of grids of distances.
+
+    Args:
+        distance: values on the grids, shape (b, n, n).
+
+    Returns:
+        Flat indices, shape (b, `valleys`).
+    """
     b, n, _ = distance.shape
     walled = np.pad(distance, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
     lowest = np.ones(distance.shape, dtype=np.bool_)

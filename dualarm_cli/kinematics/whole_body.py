@@ -222,6 +222,7 @@ class WholeBodySettings:
     """Numbers of steps of the whole body."""
 
     rounds: int = 200
+    """Maximum number of Gauss-Newton steps."""
     longest: float = 0.3
     """Longest error that one round removes [m, rad]."""
     exact: float = 1e-11

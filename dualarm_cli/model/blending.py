@@ -12,7 +12,7 @@ from dualarm_cli.registry import Registry
 
 @dataclass(frozen=True)
 class Blending:
-    """Law of where tools pass in motion, and of what every plan under it takes at least."""
+    """Blending law: where tools pass in motion, and the least times under it."""
 
     name: str
     """Word on the command line and in files."""
@@ -21,9 +21,12 @@ class Blending:
     reference: str
     """Paper and equation, or that it is our own."""
     straight: Callable[[Job], Job]
-    """Job with as much of its lines as has to be straight, and with paths as they are followed."""
+    """Job reduced to the straight parts of its lines.
+
+    Its paths are as they are followed.
+    """
     passes: Callable[[Stop], bool]
-    """Whether tools may pass the target, or the outer ends of lines, of a stop in motion."""
+    """Test of stops whose target or outer line ends tools may pass in motion."""
     law: Callable[[RestToRest], RestToRest]
     """Least times of transfers and lines under joint limits, given the law from rest to rest."""
     assumption: str | None = None

@@ -52,7 +52,7 @@ class CurveSettings:
     least_spread: float = 0.01
     """Standard deviation below which nothing is to be gained [rad]."""
     missing_weight: float = 350.0
-    """What a metre of missing clearance costs at full speed [s/m]."""
+    """Penalty of missing clearance at full speed [s/m]."""
     curve_points: int = 65
     """Points of a curve that is passed along."""
     curve_knots: int = 48
@@ -130,7 +130,7 @@ class CurveCost:
 def quick_curves(
     start: FloatArray, goal: FloatArray, cost: CurveCost, seed: int
 ) -> list[FloatArray]:
-    """Returns control points (`controls`, n) of the quickest free curves found, best first; none where none is free.
+    """Search for the quickest collision-free curves between two configurations.
 
     The cross-entropy method [Rubinstein1999] over the control points, with what is missing of the clearance as a
     penalty: normal distributions about the best of every round.
@@ -140,6 +140,9 @@ def quick_curves(
         goal: where they end [rad], shape (n,).
         cost: what curves cost.
         seed: of the random curves.
+
+    Returns:
+        Control points (`controls`, n) [rad] of the curves found that lack no clearance, best first.
     """
     random, n, limits = np.random.default_rng(seed), len(start), cost.limits
     share = np.linspace(0.0, 1.0, CURVES.controls + 2)[1:-1, None]

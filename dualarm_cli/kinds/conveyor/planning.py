@@ -39,7 +39,10 @@ class BeltSettings:
     rounds: int = 4
     """So often a plan is made at most."""
     guesses: int = 2
-    """So often plans of a simple method correct where parts are met, before the method itself is asked."""
+    """Number of plans of a simple method that correct the meeting places.
+
+    They precede the method itself.
+    """
     shares: tuple[float, ...] = (0.5, 0.2, 0.8)
     """Shares of all windows at which parts are guessed to be met at first; the next one where one cannot be reached."""
     same_place: float = 0.08

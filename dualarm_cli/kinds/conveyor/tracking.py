@@ -34,7 +34,10 @@ class TrackingSettings:
     parts: tuple[int, ...] = (16, 32, 64, 128)
     """Knots per phase that are tried until the tool stays with the part; where jerks change there is one of them."""
     first_ramp: float = 0.04
-    """What every phase of motion is tried with at first at full speed [s]: less than any arm can do."""
+    """First trial duration of every phase of motion at full speed [s].
+
+    Less than any arm can do.
+    """
     tries: int = 40
     """So often phases are made longer until every limit holds."""
     growth: float = 1.002
@@ -42,22 +45,30 @@ class TrackingSettings:
     slowest: float = 20.0
     """No phase is made longer than this at full speed [s]: what needs more time is impossible."""
     with_part: float = 4e-7
-    """How far the tool may be from the part in the dwell [m], and turned from it [rad]: less than half of what is
-    verified."""
+    """Largest distance [m] and angle [rad] between tool and part in the dwell.
+
+    Less than half of the error that the verifier allows.
+    """
     with_belt: float = 5e-5
-    """How far the tool may be from where it should be elsewhere [m], and turned [rad]: half of what is verified."""
+    """Largest error of the tool outside the dwell, distance [m] and angle [rad].
+
+    Half of the error that the verifier allows.
+    """
     speed_margin: float = 2e-4
     """Share of a cap on the tool's speed that is kept free."""
     least_factor: float = 0.9
+    """Smallest factor by which a phase is shortened at a time."""
     shrinks: int = 6
+    """Maximum number of shortenings after every limit holds."""
     used: float = 0.98
-    """Phases are made shorter by this factor at most at a time, so often at most after every limit holds,
-    and no more where
-    each of them uses this share of its time's limits."""
+    """Ratio of shortest to actual duration from which no phase is shortened.
+
+    The shortest duration is that under the joints' limits; all phases but the dwell have to reach the ratio.
+    """
     dwell: int = 2
     """Number of the phase that is as long as it is."""
     rounding: float = 1e-9
-    """Share by which a rate in the dwell may exceed its limit for no phase beside it to be made longer."""
+    """Relative excess of a rate in the dwell that makes the other phases longer."""
 
 
 TRACKING = TrackingSettings()
@@ -295,7 +306,7 @@ class Tracking:
         return found
 
     def _speed(self, motion: Trajectory, rows: slice) -> float:
-        """Returns the largest speed of the tool between some knots [m/s], `speed_margin` added."""
+        """Compute the largest tool speed between knots with `speed_margin` added [m/s]."""
         time = dense(motion.time[rows])
         step = 1e-6 * max(1.0, self.pace)
         at = np.clip(np.stack([time - step, time + step]), motion.time[0], motion.time[-1])

@@ -32,13 +32,19 @@ class PathSettings:
     """Resolution and margins of paths."""
 
     ramp: float = 0.2
-    """Time in which the speed is reached at constant acceleration, where the file gives no acceleration [s]."""
+    """Default time to reach the speed at constant acceleration [s].
+
+    It applies where the file gives no acceleration.
+    """
     grid: float = 0.002
     """Spacing of the times at which a clock that eases off is kept [s]."""
     slowest: float = 0.02
     """Least factor on the speed."""
     easing: float = 0.15
-    """Time before and after a place that asks for less speed in which a clock eases off [s]."""
+    """Half-width of the filters that slow a clock near slower places [s].
+
+    First the least speed within the window is taken, then a mean over the window.
+    """
     cap_margin: float = 5e-4
     """Share of a cap on the tools' speed that is kept free: knots are joined by curves."""
     rise: float = 0.1
@@ -50,12 +56,13 @@ class PathSettings:
     fade: float = 4.0
     """Windows from a junction after which the path is followed to the letter again."""
     rounds: int = 12
-    """How often a shorter window is tried."""
+    """Maximum number of windows that are tried until the rounding keeps the tolerance."""
     beside: int = 3
     """Instants before and after a junction at which its accelerations are looked at."""
     step: float = 1e-3
+    """Time between the instants at which joints are computed [s]."""
     longest_step: float = 1e-2
-    """Time between the instants at which joints are found [s]; on long paths more, up to the second."""
+    """Longest time between the instants at which joints are computed, on long paths [s]."""
     most: int = 5_000
     """Instants beyond which the time between them grows."""
 

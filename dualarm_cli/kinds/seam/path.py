@@ -32,7 +32,7 @@ class SeamPathSettings:
     between: float = 5e-8
     """Residual between two places above which there is one more [m, radians by TURN]."""
     halvings: int = 6
-    """How often places are added."""
+    """Maximum number of rounds in which places are added."""
     closing_steps: int = 6
     """Newton steps at each place."""
     closed: float = 1e-9
@@ -169,9 +169,14 @@ def _closed(
 
 
 def _from(begin: FloatArray, share: FloatArray, position: FloatArray) -> FloatArray:
-    """Returns joints (k, n) at shares (k,) that begin exactly where they have to (n,), and are their own after `faded`.
+    """Shift the first part of a seam's joints to an exact begin.
 
     Where a seam goes on from another, what files round away opens the chain a little at first.
+
+    Args:
+        begin: joints where the other seam ended [rad], shape (n,).
+        share: shares of the seam, shape (k,).
+        position: joints at these shares [rad], shape (k, n); after the share `faded` they stay as they are.
     """
     x = np.clip(share / PATH.faded, 0.0, 1.0)
     fade = 1.0 - power(x, 4) * (35.0 - 84.0 * x + 70.0 * np.square(x) - 20.0 * cube(x))

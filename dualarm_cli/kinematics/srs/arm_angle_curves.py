@@ -25,17 +25,24 @@ class CurveTolerances:
     """Tolerances of joints over the arm angle."""
 
     stretched: float = 1e-14
-    """A wrist centre this close to the end of its reach is taken to be there [m]: the bend, a square
-    root of the gap, would otherwise be 1e-8 rad of noise."""
+    """Distance within which a wrist centre snaps to an end of its reach [m].
+
+    The bend, a square root of the gap, would otherwise be 1e-8 rad of noise.
+    """
     on_axis: float = 1e-12
-    """Below this sine of its angle to the first axis a direction counts as lying on it."""
+    """Sine of a direction's angle to the first axis below which they are parallel."""
     turning: tuple[int, ...] = (0, 2, 4, 6)
     """Joints that are an arc tangent of the arm angle: 1, 3, 5 and 7."""
     flipped_by: tuple[int, ...] = (2, 2, 6, 4, 5, 1, 1)
-    """For each joint the bits of a branch (4 elbow, 2 shoulder, 1 wrist) that turn it by half a turn,
-    or change its sign; two of them cancel."""
+    """Bits of a branch that flip each joint: 4 elbow, 2 shoulder, 1 wrist.
+
+    A flip turns the joint by half a turn, or changes its sign; two of them cancel.
+    """
     near_singular: float = 1e-4
-    """Sine of a middle joint below which its triple is solved in a way that keeps all digits."""
+    """Sine of a middle joint below which its triple is solved again.
+
+    The second solution keeps all digits there.
+    """
     singular: float = 1e-12
     """Sine of a middle joint below which its triple counts as singular: its first joint is then 0."""
 

@@ -23,11 +23,11 @@ class DiscretisationSettings:
     """Resolution of curves."""
 
     remainder: float = 1e-6
-    """What is left at the end and shorter than this is joined to the last step [m]."""
+    """Length below which the rest of a curve joins its last step [m]."""
     inner: int = 16
     """Equal parts of a step's parameter between which its distance from the chord is measured."""
     rounding: float = 1.0 + 1e-9
-    """What bounds are made longer by, so that rounding does not undo them."""
+    """Factor on proven bounds that covers rounding."""
 
 
 CURVE_STEPS = DiscretisationSettings()

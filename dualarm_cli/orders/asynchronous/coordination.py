@@ -52,7 +52,10 @@ class Diagram:
 
     @cached_property
     def needed(self) -> list[FloatArray]:
-        """Places that the other arm has to have reached before each arm leaves its own, shape (steps + 1,)."""
+        """Places that the other arm must reach before each arm moves on.
+
+        One array for each arm, shape (steps + 1,), by its own places.
+        """
         return [_largest(k, r) for k, r in zip(self.steps, self.needs, strict=True)]
 
     def leaving(

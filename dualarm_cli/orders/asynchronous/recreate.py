@@ -18,11 +18,14 @@ class RecreateSettings:
     """Numbers that steer ruin and recreate of asynchronous orders."""
 
     neighbours: int = 40
-    """So many of a task's nearest tasks are thought of when pieces about it are removed."""
+    """Maximum number of nearest neighbours of a task that its removal considers."""
     tries: int = 6
     """So often all is begun anew where it leads nowhere."""
     looks: int = 8
-    """So many of an arm's next units are looked at before all are."""
+    """Remaining units that are tried first where an order is built unit by unit.
+
+    The others are tried where none of these fits.
+    """
     removed: float = 8.0
     """Tasks that are removed at a time, on average."""
     longest: int = 10
@@ -30,14 +33,21 @@ class RecreateSettings:
     blink: float = 0.02
     """Share of the places that are overlooked when a task is put back."""
     hot: float = 0.3
+    """First annealing temperature, as a fraction of the first order's time per unit."""
     cold: float = 0.001
-    """First and last temperature of the annealing, in shares of a task's mean share of the first order's total."""
+    """Last annealing temperature, as a fraction of the first order's time per unit."""
     weights: tuple[float, ...] = (0.02, 0.3, 1.0)
-    """What the sum of the arms' times counts against the slower arm's, one of these at a time."""
+    """Weights of the sum of the arms' times against the slower arm's time.
+
+    One of them is drawn for each removal.
+    """
     varied: float = 0.3
-    """Where buffers make arms wait: by what share of a task's mean time what a place costs is varied, on average."""
+    """Mean random addition to a place's cost, relative to the mean task time.
+
+    Only in jobs with buffers.
+    """
     overlooked: float = 1e6
-    """What makes a place as good as none [s]."""
+    """Cost that is added to an overlooked place [s]."""
 
 
 RECREATE = RecreateSettings()

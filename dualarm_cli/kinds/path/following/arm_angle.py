@@ -23,8 +23,9 @@ class TrackSettings:
     cells: int = 72
     """Arm angles that are compared."""
     reach: int = 5
-    """By how many of them the arm angle may change between two places."""
+    """Largest change of the arm angle between neighbouring stations, in grid cells."""
     branches: int = 8
+    """Number of branches of the inverse kinematics."""
     rounds: int = 30
     """Rounds in which the best angles are refined, at most."""
     enough: float = 1e-6

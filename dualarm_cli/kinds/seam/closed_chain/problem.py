@@ -20,11 +20,16 @@ class SeamProblemSettings:
     """Resolution of a seam's program."""
 
     fewest_nodes: int = 41
+    """Smallest number of nodes, the places along the seam at which joints are decided."""
     most_nodes: int = 321
-    """Places along the seam at which joints are decided: intervals are halved until they tell the curve."""
+    """Largest number of nodes along a seam.
+
+    Intervals are halved until a smooth curve through the nodes represents the seam.
+    """
     told: float = 1e-4
+    """Position tolerance of the smooth curve through the nodes, per coordinate [m]."""
     told_turn: float = 1e-2
-    """How far a smooth curve through the seam's frames at the nodes may be from it [m], and how far turned [rad]."""
+    """Rotation tolerance of the smooth curve through the nodes, per matrix entry [rad]."""
     kept_free: float = 0.03
     """Distance from the joints' limits that is kept where they are decided [rad]."""
 
