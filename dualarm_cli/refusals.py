@@ -42,7 +42,7 @@ class Refusal:
     """One thing that cannot be done, or one part of why."""
 
     what: str
-    """What is wrong: a key of `sentences`."""
+    """Name of the fault: a key of `sentences`."""
     place: Located | None = None
     """Where it is written; None where it is part of another refusal, or of no place."""
     task: str = ""
@@ -54,7 +54,7 @@ class Refusal:
     allowed: float | None = None
     """What would do, in SI units."""
     remedy: tuple[str, ...] = ()
-    """What may help where the same fault has several remedies: keys of `remedies`."""
+    """Names of remedies, where the same fault has several: keys of `remedies`."""
     more: Mapping[str, object] = field(default_factory=dict)
     """What else the sentence names; refusals among it become their sentences."""
 
@@ -357,7 +357,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
 SENTENCES: Mapping[str, str] = {
     what: sentence for group in _GROUPS.values() for what, sentence in group.items()
 }
-"""What is wrong, by its name, to be filled in; without the kinds of work."""
+"""Sentences to fill in, by fault, without those of the kinds of work."""
 CODES: Mapping[str, str] = {what: code for code, group in _GROUPS.items() for what in group}
 """Stable short code of what is wrong, by its name; without the kinds of work."""
 
@@ -410,4 +410,4 @@ REMEDIES: Mapping[str, str] = {
     "allow_contact": "list the two in `allowed_contacts` if they may touch",
     "move_work": "move the work or the base of the robot",
 }
-"""What may help, by its name; without the kinds of work."""
+"""Remedies by name, without those of the kinds of work."""

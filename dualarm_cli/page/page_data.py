@@ -137,13 +137,15 @@ class PageSettings:
     """Resolution of what a page shows."""
 
     belt_margin: float = 0.3
+    """Length of a drawn belt beyond its targets at either end [m]."""
     belt_width: float = 0.2
-    """How a belt is drawn whose cell file says only how fast it is: beyond what is served, and across [m]."""
+    """Width of a drawn belt, in addition to the spread of its targets [m]."""
     per_stage: int = 20
     """Instants that are looked at, per stage."""
     fewest: int = 200
+    """Minimum number of sampled instants of a motion."""
     most: int = 3000
-    """Instants that are looked at."""
+    """Maximum number of sampled instants of a motion."""
     near: int = 3
     """Bodies of the robot with no more joints between them are near links."""
 
@@ -152,14 +154,15 @@ PAGE = PageSettings()
 
 
 CLEARANCE, NEAR_LINKS = "clearance", "near links"
-"""What the curves are called."""
+"""Names of the clearance curves on the page."""
 
 
 def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
-    """Returns samples of the least distance as the page reads them, of all pairs together but those of near links.
+    """Sample the least clearance over a motion, as curves of the page.
 
-    Near links have a curve of their own: a few joints alone set their distance, which often stays the same during the
-    whole plan and then hides how far arms, tools, parts and obstacles are from each other.
+    One curve is of all pairs together but those of near links. Near links have a curve of their own: a few joints alone
+    set their distance, which often stays the same during the whole plan and then hides how far arms, tools, parts and
+    obstacles are from each other.
     What may lie on something is left out on the lines where it does. The verifier's proof is between the samples, too;
     these curves prove nothing.
 
@@ -232,7 +235,7 @@ class _Samples:
         self.points.append(np.concatenate(ends))
 
     def packed(self, names: list[list[str]], required: FloatArray) -> dict[str, Any]:
-        """Returns the samples as the page reads them, with those pairs only that are in them."""
+        """Pack the samples for the page, with the pairs that occur in them."""
         used, pair = np.unique(self.pair, return_inverse=True)
         return {
             "time": packed(self.time, "f64"),
@@ -245,7 +248,10 @@ class _Samples:
 
 
 def _are_near(model: pin.Model, one: Solid, other: Solid) -> bool:
-    """Returns whether both are the robot's own, or on it, with few joints between them."""
+    """Test whether two bodies are near links of the robot.
+
+    Both are its own, or on it, with no more than `near` joints between them.
+    """
     if WORLD in (one.joint, other.joint) and not {one.body, other.body} <= _links(model):
         return False
     joints = set(model.supports[one.joint]) ^ set(model.supports[other.joint])
@@ -257,7 +263,10 @@ def _links(model: pin.Model) -> set[str]:
 
 
 def _instants(schedule: Schedule) -> FloatArray:
-    """Returns the instants that are looked at [s]: evenly over the motion, and those of the least clearances."""
+    """Select the instants at which clearances are sampled [s].
+
+    They are evenly spaced over the motion, together with those of the least clearances.
+    """
     time = schedule.trajectory.time
     count = int(np.clip(PAGE.per_stage * len(schedule.stages), PAGE.fewest, PAGE.most))
     even = np.linspace(float(time[0]), float(time[-1]), count)
@@ -266,7 +275,7 @@ def _instants(schedule: Schedule) -> FloatArray:
 
 
 def _during(windows: Any, times: FloatArray) -> BoolArray:
-    """Returns at which times a pair counts, shape (n,)."""
+    """Mark the times at which a pair counts, shape (n,)."""
     if windows is None:
         return np.ones(len(times), dtype=np.bool_)
     inside = np.zeros(len(times), dtype=np.bool_)

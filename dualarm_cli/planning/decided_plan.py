@@ -1,4 +1,4 @@
-"""Plan of a job whose arms and order are given, and the schedule of a planned motion."""
+"""Planning of a job with given arms and order, up to its schedule."""
 
 from __future__ import annotations
 

@@ -30,8 +30,11 @@ class ExactSettings:
     """Tolerances and iterations of exact platform angles."""
 
     nearly_real: float = 1e-3
-    """Imaginary part up to which a zero of the squared equation may stand for a real one: where its two branches
-    nearly touch, rounding makes a complex pair of them. The unsquared equation decides."""
+    """Imaginary part up to which a zero may stand for a real one.
+
+    Where the two branches of the squared equation nearly touch, rounding makes a complex pair of its zeros. The
+    unsquared equation decides.
+    """
     newton_steps: int = 5
     """Steps on the unsquared equation from each zero of the squared one, at most."""
     solved: float = 1e-13
@@ -39,11 +42,17 @@ class ExactSettings:
     root_tolerance: float = 5e-10
     """Largest difference of displacements at a root [rad]."""
     false_root: float = 0.05
-    """Difference of displacements beyond which a zero of the squared equation is none of the unsquared [rad]."""
+    """Difference of displacements from which a zero is discarded [rad].
+
+    It then belongs to the squared equation only.
+    """
     nearly_stretched: float = 1e-3
     """Distance of |x| from 1 below which the first step is taken on the squared equation."""
     close_pair: float = 1e-3
-    """Zeros of the squared equation this near to each other may both be nearest to the same true one [rad]."""
+    """Distance below which two zeros of the squared equation are a pair [rad].
+
+    Both may be nearest to the same zero of the unsquared equation.
+    """
     stiff: float = 1e-7
     """Sine of an elbow angle below which an arm counts as stretched or folded."""
     alike: float = 1e-11
@@ -51,12 +60,17 @@ class ExactSettings:
     fixed_point_steps: int = 4
     """Each gains the factor `square` or more."""
     square: float = 1e-4
-    """Size of h, relative to the swing of x_1 - m x_2, up to which the squared equation is nearly a square, its zeros
-    nearly double and inaccurate."""
+    """Relative size of h up to which the squared equation is nearly a square.
+
+    Relative to the swing of x_1 - m x_2. The zeros are then nearly double and inaccurate.
+    """
     same_root: float = 1e-8
     """Roots nearer than this are one [rad]."""
     hair: float = 1e-12
-    """How far inside its limit a boundary is put, so that rounding does not put it out of reach."""
+    """Distance of a boundary inside its limit of x.
+
+    Rounding then does not put the boundary out of reach.
+    """
     chunk: int = 4096
     """Moves solved at a time: their arrays stay in the processor's cache."""
     fallbacks: int = 4

@@ -1,6 +1,6 @@
-"""What a platform solver answers: candidate angles of many moves, and which to take.
+"""Solution of a platform solver: candidate angles of many moves, and their order.
 
-The platform stays where it is: the baseline of every comparison.
+`solve_fixed`, which keeps the platform where it is, is the baseline of every comparison.
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ def is_degenerate(coefficients: FloatArray) -> BoolArray:
 
 
 def solve_fixed(problem: PlatformProblem) -> PlatformSolution:
-    """Returns the start angle as the only candidate of every move."""
+    """Keep the platform at its start angle, the only candidate of every move."""
     angle = problem.angle_0[:, None]
     kind = np.full(angle.shape, Kind.START, dtype=np.int64)
     return build_solution(problem, angle, kind, np.ones(angle.shape, dtype=np.bool_))

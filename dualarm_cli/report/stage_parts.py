@@ -1,6 +1,6 @@
-"""A schedule taken apart: what each arm does in each stage, in order, and which arm ends it.
+"""Stages of a schedule for reports: segments, deciding arm, corners passed in motion.
 
-Outer ends of lines and targets of moves that tools pass in motion: how fast, what limits it, and what it saves.
+Corners are outer ends of lines and targets of moves; each has its speed and the limit that is nearest.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class CornerSettings:
     instants: int = 200
     """Instants at which a tool is looked at beyond the straight part of a line."""
     whole: float = 1e-6
-    """A line of which no more than this need not be straight is straight as a whole [m]."""
+    """Tolerance at which a line counts as straight over its whole length [m]."""
     at_once: int = 64
     """Lines that are looked at together."""
 
@@ -237,35 +237,43 @@ def _stands_from(
 
 @dataclass(frozen=True)
 class Corner:
-    """The outer end of a line's straight part, or the target of a move, which a tool passes in motion."""
+    """Corner that a tool passes in motion.
+
+    The outer end of a line's straight part, or the target of a move.
+    """
 
     arm: str
     """left or right."""
     task: str
     """Id of the task."""
     action: str
-    """What is done at the target, such as pick or place."""
+    """Action at the target, such as pick or place."""
     line: str
     """approach or retract; empty for a target."""
     time: float
-    """When the tool is there [s]."""
+    """Time at which the tool passes the corner [s]."""
     speed: float
-    """How fast it is there [m/s]."""
+    """Speed of the tool at the corner [m/s]."""
     joint: str
-    """The joint that is nearest to one of its limits in the transfer beside it, of a target the one that leaves it."""
+    """Joint nearest to one of its limits in the transfer at the corner.
+
+    At a target, it is the transfer that leaves it.
+    """
     limit: str
-    """Which limit that is: velocity, acceleration or jerk."""
+    """Limit that `joint` is nearest to: velocity, acceleration or jerk."""
     beside: float
-    """How far the tool leaves the line in the part of it that need not be straight; of a target, how far beside it the
-    tool passes [m]."""
+    """Largest deviation from the line, or distance from the target when passing [m].
+
+    Of a line, in the part of it that need not be straight.
+    """
 
 
 @dataclass(frozen=True)
 class _Candidate:
-    """Where an arm passes a corner, if it does not stand there."""
+    """Corner that an arm passes, or stands at."""
 
     time: float
-    """When the tool is there [s]."""
+    """Time at which the tool is at the corner [s]."""
     transfer: Segment
     """The transfer beside it, of a target the one that leaves it."""
     line: Segment | None = None
@@ -275,7 +283,7 @@ class _Candidate:
 
 
 def corners(schedule: Schedule, job: Job) -> list[Corner]:
-    """Returns the corners of a schedule in order of time.
+    """Find the corners that tools pass in motion, in order of time.
 
     Args:
         schedule: a planned one.
@@ -302,7 +310,7 @@ def corners(schedule: Schedule, job: Job) -> list[Corner]:
 
 
 def _passed(schedule: Schedule, arm: str) -> list[_Candidate]:
-    """Returns the corners of an arm at which it is in motion."""
+    """Select the corners of an arm at which it is in motion."""
     parts = sorted((p for p in schedule.segments if p.arm == arm), key=lambda p: p.start)
     near = []
     for k, part in enumerate(parts):
@@ -327,7 +335,10 @@ def _passed(schedule: Schedule, arm: str) -> list[_Candidate]:
 
 
 def blending_rows(schedule: Schedule, job: Job) -> dict[str, Any] | None:
-    """Returns what blending did, JSON-ready; None where tools stop at lines' outer ends."""
+    """Summarise the effect of blending, JSON-ready.
+
+    None where tools stop at the outer ends of lines.
+    """
     if schedule.blend_gain is None:
         return None
     found = corners(schedule, job)
@@ -341,7 +352,10 @@ def blending_rows(schedule: Schedule, job: Job) -> dict[str, Any] | None:
 
 
 def _off_target(event: Event | None, stop: Stop | None) -> float:
-    """Returns how far a tool is from its target at an event [m]."""
+    """Compute the distance of a tool from its target at an event [m].
+
+    0 without an event, or where the target is not a pose.
+    """
     if event is None or stop is None or not isinstance(stop.target, PoseTarget):
         return 0.0
     return float(norm(event.pose.translation - stop.target.pose.translation))
@@ -352,7 +366,7 @@ def _columns(schedule: Schedule, arm: str) -> list[int]:
 
 
 def _speeds(schedule: Schedule, model: ToolModel, arm: str, times: Sequence[float]) -> list[float]:
-    """Returns a tool's speeds at instants [m/s], by central differences."""
+    """Compute a tool's speeds at instants [m/s], by central differences."""
     step = 1e-5
     around = np.array(times)[:, None] + np.array([-step, step])
     _, p = model.poses(arm, schedule.trajectory.at(around.ravel())[0])
@@ -360,7 +374,7 @@ def _speeds(schedule: Schedule, model: ToolModel, arm: str, times: Sequence[floa
 
 
 def _limiting(schedule: Schedule, arm: str, parts: Sequence[Segment]) -> list[tuple[str, str]]:
-    """Returns the joint that uses the largest share of a limit in each part, and which limit it is."""
+    """Find the joint nearest to a limit in each part, and that limit."""
     limits = schedule.robot.limits.select(schedule.robot.arms[arm].joints)
     motion = schedule.trajectory.select(limits.joints)
     # A transfer between two lines has a corner at both ends.
@@ -392,7 +406,9 @@ def _besides(
     passed: Sequence[_Candidate],
     stops: Mapping[StopKey, Stop],
 ) -> dict[int, float]:
-    """Returns how far the tool gets from its line while it is no farther out than the whole line's end [m].
+    """Compute the tool's deviations from lines that continue beyond their straight parts.
+
+    They count while the tool is no farther out than the end of the whole line.
 
     Args:
         schedule: a planned one.
@@ -402,7 +418,7 @@ def _besides(
         stops: those of the job, their lines whole.
 
     Returns:
-        By the place among the corners, of those at ends of lines that go on beyond their straight parts.
+        Largest deviations [m] by the place among the corners, of those lines only.
     """
     ended = [(k, one.line, one.transfer) for k, one in enumerate(passed) if one.line is not None]
     found: dict[int, float] = {}

@@ -39,7 +39,7 @@ class MoveSettings:
     """Numbers that steer the search for quickest moves of one stage."""
 
     grid_step: float = np.radians(5.0)
-    """Spacing of the platform angles at which a first idea of the stage's time is had [rad]."""
+    """Spacing of the platform angles of the first estimate of a stage's time [rad]."""
     free_yaws: int = 4
     """Yaws that are looked at for it where any will do."""
     promising: int = 3
@@ -51,7 +51,10 @@ class MoveSettings:
     posture_width: float = 0.12
     """Half-width of the variation of postures in the first round [rad]."""
     travel_allowed: float = 0.01
-    """How much slower than the best a posture may be by the cost of its joints' travel to be looked at [s]."""
+    """Largest excess of a posture's time over the best one [s].
+
+    It covers the cost of the joints' travel; slower postures are left out.
+    """
 
 
 MOVE = MoveSettings()
@@ -111,7 +114,10 @@ def _angle(stage: OpenStage, plan: StagePlan) -> float:
 
 
 def _step(stage: OpenStage) -> float:
-    """Returns `grid_step`, or what goes with it on a rail [rad or m]."""
+    """Return the spacing of platform positions: `grid_step`, or its equivalent on a rail.
+
+    In rad, or in m on a rail.
+    """
     limits = stage.model.cell.robot.limits
     column = stage.model.platform_columns[0]
     return stage.model.platform.spacing(

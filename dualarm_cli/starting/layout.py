@@ -1,6 +1,7 @@
-"""Table, trays and boxes for a robot's first six picks: where its arms reach them, clear of each other.
+"""Placement of table, trays and boxes for a robot's first six picks.
 
-Where a table has room beside a robot, and holds most of what its arms reach.
+Targets are within reach, and the arms clear of each other. The table has room beside the robot and holds most of what
+the arms reach.
 """
 
 from __future__ import annotations
@@ -38,26 +39,36 @@ class LayoutSettings:
     """Distances of a proposed cell, and numbers of its search."""
 
     rows_kept: int = 80
+    """Maximum number of rows of targets of an arm that are paired."""
     pairs_kept: int = 150
+    """Maximum number of pairs of tray and box of an arm."""
     layouts_tried: int = 400
-    """Rows of targets of an arm, pairs of such rows, and pairs of those of both arms that are looked at."""
+    """Maximum number of layouts, combinations of the arms' pairs, that are tried."""
     clearance: float = 0.005
     """That bodies keep, or a tenth of a step: less than what imported robots' links come together by
     construction [m]."""
     tables_tried: int = 6
     """Tables that are looked at."""
     depth: int = 3
-    """A target that many nodes from the border of what is reached is as good as any other."""
+    """Preferred distance of targets from the border of an arm's reach [nodes].
+
+    Where there are not enough rows, smaller distances are tried.
+    """
     least_apart: float = 2.0
+    """Minimum distance of an arm's tray from its box [steps]."""
     apart: float = 4.0
+    """Preferred distance of an arm's tray from its box [steps]."""
     arms_apart: float = 4.0
-    """Distance of an arm's tray from its box at least and at best, and of what different arms work at, in steps."""
+    """Minimum distance between the rows of different arms, middle to middle [steps]."""
     alike: float = 0.2
-    """What a step off the mirror image of the other arm's targets counts, where a step farther apart counts 1."""
+    """Penalty of a step of asymmetry between the arms' targets.
+
+    A step farther apart counts 1.
+    """
     room: float = 0.03
     """Room between a table and the robot as it stands [m]."""
     front: float = 0.5
-    """What a node in front of the robot is worth more than one beside it."""
+    """Additional weight of a node in front of the robot over one beside it."""
 
 
 LAYOUT = LayoutSettings()
@@ -393,7 +404,7 @@ class Table:
 def room_for_table(
     cell: Cell, x: FloatArray, y: FloatArray, levels: tuple[float, float], *, arms: bool
 ) -> BoolArray:
-    """Returns where a table does not touch the robot as it stands at home, shape (ny, nx).
+    """Mark the nodes where a table clears the robot at home, shape (ny, nx).
 
     A platform that turns is looked at all round.
 
@@ -440,21 +451,24 @@ def room_for_table(
 def most_reached(
     reached: list[BoolArray], free: BoolArray, front: FloatArray
 ) -> tuple[float, slice, slice]:
-    """Returns the free rectangle of nodes in which the arms reach most: what it is worth, rows (y) and columns (x).
+    """Find the free rectangle of nodes in which the arms reach most.
 
-    What the arm reaches that reaches less counts, then what both do, then how little else there is. Where there is no
-    such rectangle it is worth minus infinity.
+    Its score is the weight of the nodes that the arm with less of it reaches, plus half the weight of those that all
+    arms reach, minus a tenth of the number of nodes.
 
     Args:
         reached: by arm, the nodes that it reaches, shape (ny, nx).
         free: nodes that a table may be on, shape (ny, nx).
-        front: what nodes are worth by where they are, shape (ny, nx).
+        front: weights of the nodes, shape (ny, nx).
+
+    Returns:
+        The score, rows (y) and columns (x); minus infinity where there is no such rectangle.
     """
     both: BoolArray = np.logical_and.reduce(reached)
     y, x = (np.array(np.triu_indices(n + 1, 1)) for n in free.shape)
 
     def inside(values: FloatArray) -> FloatArray:
-        """Returns the sums over all rectangles, shape (rows, columns)."""
+        """Sum values over all rectangles, shape (rows, columns)."""
         total = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
         total[1:, 1:] = values.cumsum(axis=0).cumsum(axis=1)
         found: FloatArray = (

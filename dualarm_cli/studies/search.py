@@ -232,7 +232,10 @@ MOST_POINTS = 100_000
 
 
 def count_points(study: Study) -> int | None:
-    """Returns how many points a study has; None where a range has neither steps nor samples."""
+    """Count the points of a study.
+
+    None where a range has neither steps nor samples.
+    """
     sampled = any(parameter.span is not None for parameter in study.parameters)
     if sampled and study.sampling is None:
         return None
@@ -243,9 +246,10 @@ def count_points(study: Study) -> int | None:
 
 
 def study_points(study: Study) -> list[Point]:
-    """Returns every combination of values: samples of the ranges, each with all steps of the others.
+    """Enumerate the points of a study: all combinations of its parameters' values.
 
-    Points go in the order of the parameters, the last one changing first; samples change first of all.
+    Samples of the ranges are combined with all steps of the other parameters. Points go in the order of the parameters,
+    the last one changing first; samples change first of all.
 
     Args:
         study: what is varied.
@@ -283,11 +287,11 @@ def study_points(study: Study) -> list[Point]:
 
 
 def sample_shares(sampling: Sampling, dimensions: int) -> FloatArray:
-    """Returns samples of the unit cube, shape (count, dimensions).
+    """Draw samples of the unit cube, shape (count, dimensions).
 
     Args:
-        sampling: how. Of a Latin hypercube each of `count` equal parts of every side has one sample. The first points
-            of a longer Halton sequence are those of a shorter one.
+        sampling: method, count and seed. Of a Latin hypercube each of `count` equal parts of every side has one sample.
+            The first points of a longer Halton sequence are those of a shorter one.
         dimensions: of the cube.
     """
     from scipy.stats import qmc  # takes a second, and grids do without
@@ -300,7 +304,7 @@ def sample_shares(sampling: Sampling, dimensions: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a study is."""
+    """Progress of a study."""
 
     done: int
     """Points that are done."""
@@ -314,12 +318,12 @@ class Progress:
 
 @dataclass
 class Desk:
-    """Where plans come from, and who receives the progress."""
+    """Evaluator of a study's points, from the store or by new plans."""
 
     run: Run
     """Evaluates what the store does not know."""
     store: Store | None
-    """Of answers."""
+    """Store of earlier evaluations, or None."""
     tell: Callable[[Progress], None] = lambda _: None
     """Called after every point."""
     known: int = 0
@@ -332,7 +336,7 @@ class Desk:
     def rows(
         self, study: Study, points: Sequence[Point], done: Sequence[StudyRow] = ()
     ) -> list[StudyRow]:
-        """Returns a row for each point, in the order of the points.
+        """Evaluate points into one row each, in their order.
 
         Args:
             study: what the points are of.
@@ -349,18 +353,19 @@ class Desk:
         return [found[k] for k in range(len(points))]
 
     def reference(self, study: Study) -> StudyRow:
-        """Returns what the files come to as they are; its number is -1."""
+        """Evaluate the unchanged files of a study, as row number -1."""
         asked = [reference_requests(study)]
         return self._evaluated(asked, lambda _, e: StudyRow(-1, (), e), study, None)[0]
 
     def pages(self, study: Study, rows: Sequence[StudyRow]) -> dict[tuple[int, int], str]:
-        """Returns the data of plans' pages, packed, by the numbers of row and task file; none where there is no plan.
-
-        What the store has no page of is planned again.
+        """Collect the page data of plans, planning them again where the store has none.
 
         Args:
             study: what the rows are of.
-            rows: that are to be seen.
+            rows: rows to show.
+
+        Returns:
+            Packed page data by the numbers of row and task file, without those that have no plan.
 
         Raises:
             InputError: a file of the jobs changed meanwhile.
@@ -390,7 +395,7 @@ class Desk:
         study: Study,
         done: list[StudyRow] | None,
     ) -> dict[int, StudyRow]:
-        """Returns rows by place; each is made as soon as all its requests are answered."""
+        """Evaluate requests into rows by place, each row once it is complete."""
         owners = [(k, j) for k, requests in enumerate(asked) for j in range(len(requests))]
         flat = [request for requests in asked for request in requests]
         parts: dict[int, dict[int, Evaluation]] = {k: {} for k in range(len(asked))}
@@ -416,7 +421,7 @@ class Desk:
 
 
 def _first(study: Study) -> Callable[[StudyRow], float]:
-    """Returns what rows are compared by: the first objective."""
+    """Return the cost function that compares rows: their first objective."""
 
     def cost(row: StudyRow) -> float:
         costs = row.costs(study.objectives[:1])

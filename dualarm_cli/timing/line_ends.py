@@ -30,13 +30,16 @@ class LineEndSettings:
     middle: tuple[int, int] = 2, 5
     """A profile and a cut, as indices, that are quick under jerk limits."""
     even: tuple[int, int] = 8, 5
-    """Those that are quick without."""
+    """A profile and a cut, as indices, that are quick without jerk limits."""
     late: tuple[tuple[int, int], ...] = (0, 9), (8, 9)
-    """Those that leave the line slowly, where limits of position are near, under jerk limits and without."""
+    """Profiles and cuts, as indices, that leave a line slowly, for nearby position limits.
+
+    The first pair is for jerk limits, the second one for none.
+    """
     steps: tuple[tuple[int, int], ...] = (2, 4), (1, 2), (1, 1)
     """Steps of that search through PROFILES and CUTS, one width after the other."""
     less: float = 1e-9
-    """What counts as a shorter time [s]."""
+    """Smallest difference that makes a time count as shorter [s]."""
     widest: tuple[float, ...] = 0.3, 0.3, 0.2, 0.03
     """First steps by which the numbers of a way are changed: constant, cruise, inner and cut; the next ones
     are halves."""

@@ -34,10 +34,16 @@ class ProofSettings:
     shortest: float = 1e-9
     """Intervals are not halved below this [s]: the bound then is what it is."""
     most_halved: int = 2_000_000
+    """Maximum number of halved intervals, before the allowance of `halved_each`.
+
+    A fast seam of 3 s on a body that it may touch needs 240,000; motions far beyond limits need as many as they are
+    long.
+    """
     halved_each: int = 20
-    """Intervals that are halved at most: in all, and for each knot and pair. Jobs need up to 0.2 each, and a
-    fast seam of
-    3 s on a body that it may touch 240,000; motions far beyond limits need as many as they are long."""
+    """Additional halved intervals that are allowed for each knot and pair.
+
+    Jobs need up to 0.2 for each.
+    """
     nonsense: float = -1e6
     """Distance below which coal's iteration has failed [m]."""
 

@@ -152,19 +152,26 @@ class MeetingGrid:
     """Resolution of the grid on which two arms are coordinated."""
 
     step: float = 0.02
-    """Time between the instants at which the arms are looked at, but for ways of minutes [s]."""
+    """Time between the instants at which the arms are compared [s].
+
+    Longer where there would be more than `most_cells` pairs.
+    """
     most_cells: int = 3_000_000
     """Pairs of instants at most."""
     ahead: tuple[float, ...] = (10.0, 40.0)
-    """How much farther on its way one arm may be than the other, beyond the difference of their lengths: if
-    the first one
-    does not do, the second [s]."""
+    """Allowed lead of one arm over the other, tried in this order [s].
+
+    It counts along the arms' motions, beyond the difference of their lengths.
+    """
     coarse: int = 4
     """Every so many instants of both are looked at first."""
     far: float = 0.4
     """Between two coarse instants arms that have this to spare are taken to be clear [m]."""
     soon: int = 60
-    """Waits so few steps before a place with a reason, which are as long as a transfer, have the same reason."""
+    """Largest distance of a wait from the place that explains it [steps].
+
+    About as long as a transfer.
+    """
     rows: int = 200_000
     """Pairs of instants that are looked at together."""
 

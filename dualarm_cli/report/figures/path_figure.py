@@ -180,18 +180,21 @@ def _draw_joints(axes: Any, path: PathSamples, job: Job, what: str) -> None:
 FRAMES = 36
 """Frames drawn along a curve at most."""
 COLOURS = ("#c23b22", "#2a7f3f", "#1f5fbf")
-"""Of x, y and z."""
+"""Colours of the axes x, y and z of a frame."""
 LABELS = ("x, along the curve", "y", "z, out of the surface")
 COLUMNS = 3
 """Curves side by side at most."""
 
 
 def draw_curves(reports: Sequence[CurveReport], kind: str) -> bytes:
-    """Returns the figure of curves in the part's frame, each with some of its frames, as a file.
+    """Draw curves in the part's frame, each with some of its frames.
 
     Args:
         reports: the curves, one or more.
         kind: one of FIGURE_KINDS.
+
+    Returns:
+        The figure as the content of a file.
 
     Raises:
         MissingDependencyError: matplotlib is not installed.

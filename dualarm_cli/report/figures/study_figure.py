@@ -29,7 +29,10 @@ class StudyStyle:
     most_ticks: int = 7
     """Most values of a parameter that are all written below an axis."""
     least_steps: int = 10
-    """How many steps of an objective an axis spans at least: no drama is made of what hardly differs."""
+    """Smallest span of an axis, in steps of its objective.
+
+    Small differences do not fill the figure.
+    """
     wide: float = 8.0
     """Width from which a title has one line [in]."""
     longest: int = 24

@@ -149,7 +149,7 @@ class SequenceProblem:
 
     @property
     def has_arm_angles(self) -> bool:
-        """Whether all arms have closed forms over an arm angle."""
+        """Flag of problems whose arms all have closed forms over an arm angle."""
         return all(work.kinematics.has_arm_angle for work in self.arms)
 
     @property
