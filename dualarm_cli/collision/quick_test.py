@@ -38,14 +38,14 @@ class QuickSettings:
     enough: float = 0.01
     """Margin of bounding balls above which a pair is not examined further [m]."""
     overlaps: float = 1e-3
-    """Boxes that no axis shows to overlap by less are looked at by coal [m]."""
+    """Overlap of boxes up to which coal computes the true margin [m]."""
     rounded: float = 1e-9
     """Rounding allowance that is subtracted from margins [m]."""
     apart: float = 0.003
     """Margin at a line's outer end from which a tool keeps its clearance [m]. It is the tool's margin from its
     own part. With less, the tool may touch the part while it is off the lines."""
     sure: float = 5e-4
-    """Margins of boxes that are greater are as good as true ones [m]."""
+    """Margin of boxes from which it counts as the true one [m]."""
     doubted: float = 0.004
     """Margin of solids in wider hulls below which it is refined [m]. Boxes refine it first, then coal, and only in
     postures where all else is collision-free."""

@@ -31,7 +31,7 @@ class RegionSettings:
     some: float = 0.3
     """Share of the best score above which only easy heights count. If no easy height exceeds it, all heights count."""
     nearly: float = 0.9
-    """Heights at which this share of the best is reached are as good."""
+    """Share of the best score from which a height counts as equivalent."""
 
 
 REGION = RegionSettings()

@@ -66,7 +66,7 @@ class DrivenSettings:
     farthest: float = 10.0
     """Mean speed, as a share of its limit, beyond which clearance is unproven."""
     shortest: float = 1e-7
-    """Pieces that are shorter are left out where the clearance is proven [s]."""
+    """Length of the shortest piece of which the clearance is proven [s]."""
 
 
 DRIVEN = DrivenSettings()

@@ -32,7 +32,7 @@ class StartSettings:
     most: int = 120
     """Maximum number of posture paths that are tested for collisions, the cheapest first."""
     alike: float = 1e-3
-    """Starts that differ by less are one [rad]."""
+    """Largest joint difference at which two starts count as the same [rad]."""
     ease: float = 0.2
     """Weight of a posture path's cost against the time to its start [s/s²]."""
 

@@ -135,9 +135,9 @@ class StageSearchSettings:
     cold: float = 0.0015
     """Last temperature of annealing, as a share of a stage's mean length."""
     nearest_tasks: int = 24
-    """Tasks that are near another one."""
+    """Maximum number of near tasks of a task."""
     refreshed: int = 20
-    """After so many rounds all platform angles are chosen anew."""
+    """Number of annealing rounds after which all platform angles are chosen again."""
 
 
 SEARCH = StageSearchSettings()

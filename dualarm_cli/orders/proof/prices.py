@@ -32,7 +32,7 @@ class PriceSettings:
     few_nodes: int = 3000
     """Number of nodes above which prices are first found for a subset. It is the size of the subset, too."""
     shortest: float = 2e-3
-    """Steps shorter than this share of the first one are not worth it."""
+    """Step length below which the search for prices ends, relative to the first one."""
 
 
 PRICES = PriceSettings()
