@@ -174,8 +174,7 @@ def _hull(solid: Solid, tree: JointTree) -> tuple[FloatArray, FloatArray, float]
 
     The ends are in the tree's frame of the solid's joint. A cylinder lies within the capsule about its own axis, a box
     within that about its longest side's middle line with half the diagonal of the others as its radius. A half-space
-    has
-    no capsule: all values are zero.
+    has no capsule: all values are zero.
     """
     form = solid.geometry
     if isinstance(form, coal.Halfspace):

@@ -1,8 +1,7 @@
-"""A schedule's files, written as one set.
+"""Written files: a schedule's set, a calibrated base, and a curve as CSV.
 
-The transform of a calibration as a file that a cell file can name as `base`.
-
-CSV of a curve's points and frames.
+A schedule's files are written as one set. The base is the transform of a calibration that a
+cell file can name as `base`; the CSV has a curve's points and frames.
 """
 
 from __future__ import annotations
@@ -126,8 +125,7 @@ def curve_csv(s: FloatArray, points: Points) -> bytes:
 
     Lengths and positions are in m, poses in the part's frame. A task's `curve: {kind: poses, file: …}` takes the file.
     Numbers are written so that reading them gives the same double; neighbouring quaternions are on the same side, so
-    that
-    a reader may interpolate between them.
+    that a reader may interpolate between them.
 
     Args:
         s: lengths along the curve [m], shape (k,).

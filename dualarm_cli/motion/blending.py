@@ -1,6 +1,6 @@
-"""Where arms need not stop: lines whose outer ends are passed in motion, chosen transfer by transfer.
+"""Blending of lines with transfers: outer ends of lines are passed in motion.
 
-How the ends of a retract and of the approach after it are passed is chosen with the transfer between them
+The launches at the ends of a retract and of the approach after it are chosen with the transfer between them
 (`timing/line_ends`). What comes before a retract and after an approach does not change: the arm rests at its targets.
 So every transfer of every arm is a problem of its own. Our own.
 """
@@ -176,8 +176,7 @@ def _ways(
     """Yield the blends of a transfer with its lines, with increasing room.
 
     Each is a pair: the launch at the end of the retract and that at the begin of the approach. The iteration ends as
-    soon
-    as no pair is faster than stopping at both.
+    soon as no pair is faster than stopping at both.
     """
     arm = drive.model.arms[name]
     index, limits = arm.columns, drive.own_limits[name]

@@ -1,6 +1,6 @@
-"""The throughput report of a schedule: one document from which every table is printed.
+"""Throughput report of a schedule: one document from which every table is printed.
 
-What the arms of a schedule wait for, and for how long.
+It includes all waits of the arms with their reasons and lengths.
 """
 
 from __future__ import annotations

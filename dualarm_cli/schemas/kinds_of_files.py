@@ -1,6 +1,6 @@
-"""JSON Schema of the files that a plan writes, from the tables of their members.
+"""JSON Schemas of input files and of the files that a plan writes.
 
-JSON Schema of input files, from the models that read them.
+Those of input files come from the models that read them, the others from the tables of their members.
 """
 
 from __future__ import annotations

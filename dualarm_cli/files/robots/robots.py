@@ -1,6 +1,6 @@
-"""Robot files to robots.
+"""Robots from robot files, with a URDF or with Denavit-Hartenberg tables.
 
-Denavit-Hartenberg tables to the text of a URDF.
+Tables are turned into the text of a URDF.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Field types of the file schemas: quantities with units, names, poses.
+"""Field types of the file schemas: quantities with units, names and poses.
 
-JSON Schema of quantities: a number, or text with a unit.
+The JSON Schema of a quantity is a number, or text with a unit.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""The figure of one move: the arms before and after, and what the platform angle does to the elbows.
+"""Figures of one platform move, and of the reach of both arms.
 
-The figure of what arms reach of a table: seen from above, and over the platform's position.
+The figure of a move has the arms before and after, and the platform angle's effect on the elbows. That of the reach has
+a table seen from above, and its areas over the platform's position.
 """
 
 from __future__ import annotations
