@@ -145,7 +145,7 @@ class _Row:
     moved: tuple[str, ...] = ()
     """Arms that come to its end by the path or seam."""
     at_rest: bool = False
-    """Flag of stages that end at rest, at an end of path or seam."""
+    """Flag of stages whose end is an end of a path or seam."""
 
 
 def _other_work(job: Job, section: Section) -> list[_Row]:
