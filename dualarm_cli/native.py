@@ -16,8 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.errors import DualArmError
-
 LIBRARY = Path(__file__).parent / "compiled" / "built" / "libdualarm.so"
 """Path of the library that the build makes of `compiled/src`."""
 
@@ -44,6 +42,9 @@ def library() -> ctypes.CDLL:
     try:
         return ctypes.CDLL(str(LIBRARY))
     except OSError as error:
+        # All arrays stand on this module: it loads the errors and their sentences only to raise one.
+        from dualarm_cli.errors import DualArmError
+
         raise DualArmError(
             f"the compiled functions cannot be loaded ({error}); install dualarm again with pip, which builds them"
         ) from error

@@ -20,9 +20,9 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.planned_job import PlannedJob
+from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.plans.problem import Decisions
-from dualarm_cli.stages.stage_by_stage import StagePlan
 
 
 def decided_plan(

@@ -8,10 +8,10 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.blending import STOPPING, Blending
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures.holding import Holding
+from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.clearance import Barred
 from dualarm_cli.stages.plans.problem import Decisions
-from dualarm_cli.stages.stage_by_stage import StagePlan
 
 
 @dataclass(frozen=True)
