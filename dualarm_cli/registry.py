@@ -1,4 +1,4 @@
-"""What makes a solver pluggable: a name, a pure function, a reference and a reason why not."""
+"""Registry of a family of solvers: names, pure functions, references, reasons why not."""
 
 from __future__ import annotations
 

@@ -47,3 +47,10 @@ def test_no_private_word_is_in_the_package():
 def test_no_private_word_is_in_the_documentation():
     """README and every page."""
     assert found_in([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]) == []
+
+
+def test_modules_say_what_is_in_them():
+    """By the name of a thing, which one may search for: no clause as "What a solver is asked"."""
+    clause = re.compile(r'"""(?:What|How|Where|Which|Who|Whether|Everything|So many)\b')
+    modules = PACKAGE.rglob("*.py")
+    assert [path for path in modules if clause.match(path.read_text(encoding="utf-8"))] == []

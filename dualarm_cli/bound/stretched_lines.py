@@ -1,4 +1,4 @@
-"""What lines take at least by the geometry of shoulder, wrist and elbow, whatever the arm angle.
+"""Least times of lines from the geometry of shoulder, wrist and elbow, for all arm angles.
 
 The bound of `pose_cells` is better in most cells, but says nothing where the arm may be stretched; this one does.
 """

@@ -1,4 +1,4 @@
-"""How good a calibration is: what it leaves at every point, how the points lie, and what to do about it."""
+"""Quality of a calibration: residuals at every point, spread of the points, and advice."""
 
 from __future__ import annotations
 

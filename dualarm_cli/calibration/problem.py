@@ -1,4 +1,4 @@
-"""What a calibration is asked, and what it answers."""
+"""Problem and solution of a calibration."""
 
 from __future__ import annotations
 

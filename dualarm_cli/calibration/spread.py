@@ -1,4 +1,4 @@
-"""How well data determine a pose: the spread of points, the rank of a Jacobian, 95 % intervals and regions."""
+"""Precision of a fitted pose: spread of points, rank of the Jacobian, 95 % regions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stages that collide when they are timed: waits, curves, and postures on the way."""
+"""Repairs of stages that collide: a delay, a curved transfer, or a via point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where every error becomes an exit code.
+"""Entry of all commands: every error becomes an exit code here.
 
 0 good; 1 ran and found a violation or a regression; 2 bad input or usage; 3 no feasible plan;
 4 internal error; 130 and 143 on signals.

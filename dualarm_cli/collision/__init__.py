@@ -1,1 +1,1 @@
-"""What there is to collide with."""
+"""Collision model: solids, pairs to check, and a quick test of many postures."""

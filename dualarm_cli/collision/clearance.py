@@ -1,4 +1,4 @@
-"""What is collision-free in a cell, asked by arm, by what each arm holds, and on or off its lines."""
+"""Clearance test of a cell by arm, by held parts, and on or off lines."""
 
 from __future__ import annotations
 

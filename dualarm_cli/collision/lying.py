@@ -1,4 +1,4 @@
-"""What parts touch whatever the arms do: where they lie, and the tools that hand them over."""
+"""Contacts of parts that no motion avoids: with obstacles, each other, and tools that transfer them."""
 
 from __future__ import annotations
 

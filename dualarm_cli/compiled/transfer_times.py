@@ -1,4 +1,4 @@
-"""What the compiled functions of `src/transfer_times.c` take, as they take it."""
+"""Interface of the compiled functions in `src/transfer_times.c`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What decides an evaluation, as one hash: files, settings, replaced values, and the programs that plan."""
+"""Hash of everything that decides an evaluation: files, settings, replaced values, programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is asked of an export."""
+"""Request of an export: schedule, rate, interpolation, groups of joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a kind of work adds to the planner, and what a section of a job that is done alone is planned with."""
+"""Interface of kinds of work to the planner, and of sections that are planned alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a kind of work adds to reports and comparisons."""
+"""Interface of kinds of work to reports and comparisons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a path task asks for: paths that one tool or both follow together, and how."""
+"""Work of a path task: paths that one tool or both follow together, and how."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where something is written, for messages."""
+"""Place in a file, for messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From decided stages to motion: every transfer, line, dwell and wait of every joint group."""
+"""Motion of decided stages: every transfer, line, dwell and wait of every joint group."""
 
 from __future__ import annotations
 

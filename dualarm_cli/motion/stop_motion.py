@@ -1,4 +1,4 @@
-"""What arms do at their stops, piece by piece: lines, dwells, hand-overs, and what is recorded of them."""
+"""Motion of arms at their stops: lines, dwells, hand-overs, with their segments and events."""
 
 from __future__ import annotations
 

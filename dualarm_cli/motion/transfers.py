@@ -1,4 +1,4 @@
-"""Transfers of one stage: platform and arms leave together, each as fast as what it waits for."""
+"""Transfers of one stage: platform and arms leave together and arrive when needed."""
 
 from __future__ import annotations
 

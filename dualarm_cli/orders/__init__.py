@@ -1,1 +1,1 @@
-"""Who does what in which order."""
+"""Searches for arms, order and pairing of tasks."""

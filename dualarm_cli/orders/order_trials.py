@@ -1,4 +1,4 @@
-"""Which of many orders that are nearly as good is worth planning: postures off the search's grid, and clearance."""
+"""Choice of the orders to plan, by polishing many a little and few longer."""
 
 from __future__ import annotations
 

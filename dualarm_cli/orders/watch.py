@@ -1,4 +1,4 @@
-"""Who watches a long search: sees how it goes, keeps the best plan, and says when it is enough."""
+"""Watch on a long search: receives progress, keeps the best plan, ends it early."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Everything that the page shows, as one JSON document.
+"""Data of the page, as one JSON document.
 
 The least distances over time, with the two bodies that are nearest to what is required of them.
 """

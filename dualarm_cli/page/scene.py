@@ -1,4 +1,4 @@
-"""What there is to see in a cell: bodies that move with joints, and the solids on them."""
+"""Scene of a cell: bodies that move with joints, and the solids on them."""
 
 from __future__ import annotations
 

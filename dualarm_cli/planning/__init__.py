@@ -1,1 +1,1 @@
-"""From a job to a verified schedule: sections, candidate orders and methods."""
+"""Planning of a job up to its unverified schedule: sections, candidate orders and methods."""

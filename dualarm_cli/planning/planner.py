@@ -1,4 +1,4 @@
-"""The main job: a job and settings in, an unverified schedule out."""
+"""Planning of a job: its route, less effort, the file's order, and the lower bound."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
 def plan_without_bound(
     job: Job, settings: PlanSettings, watch: Watch | None = None, *, clear: bool = True
 ) -> Schedule:
-    """Plan a job: who does what in which order, postures by closed forms, exact motion.
+    """Plan a job without a lower bound: order, platform angles and postures, collision-free motion.
 
     Args:
         job: cell and tasks.
@@ -109,7 +109,7 @@ def plan_without_bound(
 def _planned(work: PlannedJob, watch: Watch) -> Schedule:
     """Plan a resolved job; where the user has seen enough, return the plan that is kept."""
     watch.kept = None
-    schedule = _until_seen_enough(watch, lambda: _not_slower_than_filed(work, watch))
+    schedule = _until_seen_enough(watch, lambda: _by_route(work, watch))
     watch.end()
     schedule = schedule or watch.kept
     assert schedule is not None  # nothing else is dropped
@@ -126,8 +126,8 @@ def _planned(work: PlannedJob, watch: Watch) -> Schedule:
     return schedule
 
 
-def _not_slower_than_filed(work: PlannedJob, watch: Watch) -> Schedule:
-    """Plan a job, and keep the file's order if no quicker plan is found.
+def _by_route(work: PlannedJob, watch: Watch) -> Schedule:
+    """Plan a job by its route, and keep the file's order if no quicker plan is found.
 
     The file's order is not planned if the times of the search show that it is far slower.
     """

@@ -1,4 +1,4 @@
-"""What `--redundancy NAME` means: a solver of stops, a follower of paths, both, or a seam solver."""
+"""Meaning of `--redundancy NAME`: a solver of stops, a follower of paths, or a seam solver."""
 
 from __future__ import annotations
 

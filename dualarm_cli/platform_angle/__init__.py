@@ -1,4 +1,4 @@
-"""The platform family: how far the platform turns in a move."""
+"""Solvers of the platform angle of one move."""
 
 from __future__ import annotations
 

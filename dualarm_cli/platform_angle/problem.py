@@ -1,4 +1,4 @@
-"""What a platform solver is asked and what it answers, for many moves at once."""
+"""Problem of a platform solver, for many moves at once."""
 
 from __future__ import annotations
 

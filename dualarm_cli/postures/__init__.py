@@ -1,4 +1,4 @@
-"""The redundancy family: which posture, of the many that reach a target, an arm takes."""
+"""Solvers of redundancy: the posture that an arm takes at a stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the postures of one stage are collision-free, in the terms of those who choose them one by one."""
+"""Collision test of one stage's postures, for solvers that choose them one by one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each arm holds, stage by stage: its part from pick to place, and the tool that is on."""
+"""Held parts and tools of each arm, stage by stage."""
 
 from __future__ import annotations
 

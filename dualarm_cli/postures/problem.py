@@ -1,4 +1,4 @@
-"""What a redundancy solver is asked and what it answers: how one arm makes one stop."""
+"""Problem and solution of a redundancy solver: one arm at one stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where an arm can make a stop at all: over all platform positions, exactly over the arm angle where there is one."""
+"""Reach of an arm to a stop, over all platform positions and arm angles."""
 
 from __future__ import annotations
 

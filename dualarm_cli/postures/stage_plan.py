@@ -1,4 +1,4 @@
-"""What is decided about a stage."""
+"""Stage plan: decided start, arrival and end of one stage, with waits and detours."""
 
 from __future__ import annotations
 

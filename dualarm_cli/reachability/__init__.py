@@ -1,1 +1,1 @@
-"""Which part of a table each arm reaches, clear of everything that stands, from which platform angles."""
+"""Part of a table that each arm reaches without collision, and from which platform angles."""

@@ -1,4 +1,4 @@
-"""Where on a table each arm reaches, with a posture that is clear of everything but the other arm."""
+"""Reach map of a table: collision-free postures by point, arm and platform angle."""
 
 from __future__ import annotations
 

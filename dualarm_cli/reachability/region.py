@@ -1,4 +1,4 @@
-"""Which grid suits a cell: how wide, how fine, and how high above the ground."""
+"""Grid of a reach map: width, spacing, and height above the ground."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What people read of a schedule: measures, tables and the report file."""
+"""Reports of a schedule for people: measures, tables and the report file."""

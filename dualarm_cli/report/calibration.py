@@ -1,4 +1,4 @@
-"""What a calibration found, as a JSON-ready document; SI units and rad."""
+"""Report of a calibration as a JSON-ready document; SI units and rad."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What becomes of a curve in a controller: its points by two methods, judged."""
+"""Report of a curve in a controller: its points by two methods, judged."""
 
 from __future__ import annotations
 

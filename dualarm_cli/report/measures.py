@@ -1,4 +1,4 @@
-"""What is measured of a schedule so that methods can be compared: who decides its length, elbows, platform."""
+"""Measures that compare methods: bottlenecks, travel of elbows and platform."""
 
 from __future__ import annotations
 

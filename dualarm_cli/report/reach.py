@@ -1,4 +1,4 @@
-"""What a cell's arms reach of a table: as a document, a table and sentences."""
+"""Report of the reach over a table: as a document, a table and sentences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the cycle time would be with assumed limits lower or higher, the plan's postures kept."""
+"""Sensitivity of the cycle time to assumed limits, with the plan's postures kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which links overlap by construction, found by sampling postures, as MoveIt's assistant does."""
+"""Links that overlap by construction, found by sampling postures, as MoveIt's assistant does."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Which posture each arm takes at every stop of given stages: stage by stage, or the whole sequence at once."""
+"""Methods that choose each arm's posture at every stop of given stages."""

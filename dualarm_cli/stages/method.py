@@ -1,4 +1,4 @@
-"""What a whole method is asked and what it answers."""
+"""Problem and solution of a whole method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One move out of a job, as the platform solvers see it."""
+"""Move into one stage, as the platform solvers take it."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.platform_angle import PlatformProblem
+from dualarm_cli.postures.stage_problems import stop_problems
 from dualarm_cli.stages.serving import why_no_closed_form
-from dualarm_cli.stages.stage_by_stage import choose_stages, stop_problems
+from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.stages.stage_choice import in_axis_frame, stage_problem
 
 

@@ -12,7 +12,8 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures import StopPosture
-from dualarm_cli.postures.stage_plan import StagePlan, same_postures
+from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, same_postures
+from dualarm_cli.postures.stage_problems import stop_problems
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
@@ -35,12 +36,7 @@ from dualarm_cli.stages.search.search import (
 )
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.serving import FIXED
-from dualarm_cli.stages.stage_by_stage import (
-    ArmStop,
-    choose_stages,
-    choose_stages_with,
-    stop_problems,
-)
+from dualarm_cli.stages.stage_by_stage import choose_stages, choose_stages_with
 
 
 def decisions_of(problem: SequenceProblem, model: CellModel, stages: list[StagePlan]) -> Decisions:

@@ -1,4 +1,4 @@
-"""Which methods serve a robot, and which ones are taken where nobody named any."""
+"""Methods and solvers that support a robot, and the defaults among them."""
 
 from __future__ import annotations
 

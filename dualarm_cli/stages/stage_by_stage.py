@@ -12,19 +12,11 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures.clear_postures import KeepClear
 from dualarm_cli.postures.holding import Holding
-from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
-from dualarm_cli.postures.stage_problems import Clock, stop_problems
+from dualarm_cli.postures.stage_plan import StagePlan, giver_and_taker
+from dualarm_cli.postures.stage_problems import Clock
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME, choose_quickest
 from dualarm_cli.stages.stage_choice import OpenStage, choose_stage
 from dualarm_cli.timing.stage_length import stage_length
-
-__all__ = [
-    "ArmStop",
-    "StagePlan",
-    "choose_stages",
-    "choose_stages_with",
-    "stop_problems",
-]
 
 
 def choose_stages(

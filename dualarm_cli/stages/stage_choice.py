@@ -1,4 +1,4 @@
-"""One stage: postures at platform positions of one's choice, and the first position that will do."""
+"""Choice of one stage: postures at given platform positions, and the first feasible position."""
 
 from __future__ import annotations
 

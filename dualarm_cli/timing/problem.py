@@ -1,4 +1,4 @@
-"""What a timing solver is asked: transfers from state to state, and lines along a given path."""
+"""Problems of a timing solver: transfers from state to state, and lines along a path."""
 
 from __future__ import annotations
 

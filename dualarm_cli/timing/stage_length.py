@@ -1,4 +1,4 @@
-"""How long a stage takes: the one law by which transfers, lines and dwells of both arms make its length."""
+"""Length of a stage from the times of transfers, lines and dwells of both arms."""
 
 from __future__ import annotations
 

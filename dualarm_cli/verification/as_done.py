@@ -1,4 +1,4 @@
-"""What a schedule made of a job that leaves arms, order or pairing open."""
+"""Job as a schedule did it: arms, order and pairing read off the schedule."""
 
 from __future__ import annotations
 

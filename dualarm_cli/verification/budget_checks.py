@@ -1,4 +1,4 @@
-"""Whether a plan keeps its job's budget; a verified plan that does not is still a plan."""
+"""Budget of a job against its plan; a plan beyond it is still a plan."""
 
 from __future__ import annotations
 

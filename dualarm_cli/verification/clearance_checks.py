@@ -1,4 +1,4 @@
-"""Whether everything that may not touch keeps its clearance, proven over the whole motion."""
+"""Clearance of all pairs that may not touch, proven over the whole motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a kind of work adds to the verifier."""
+"""Interface of kinds of work to the verifier."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What counts as kept: every tolerance of the verifier in one table."""
+"""Tolerances of the verifier, all in one table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the tools are, by pinocchio on the schedule's own URDF."""
+"""Tool poses over time, by pinocchio on the schedule's own URDF."""
 
 from __future__ import annotations
 

@@ -21,10 +21,10 @@ from dualarm_cli.postures.arm_angle import (
     refinements,
 )
 from dualarm_cli.postures.candidates import line_path
+from dualarm_cli.postures.stage_problems import stop_problems
 from dualarm_cli.postures.stop_batch import StopBatch, batches
 from dualarm_cli.postures.target_grid import target_postures
 from dualarm_cli.postures.ways import StopWays
-from dualarm_cli.stages.stage_by_stage import stop_problems
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,10 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.motion.motion import realise
+from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.report.measures import bottlenecks
 from dualarm_cli.report.sensitivity import SHARE, sensitivity
-from dualarm_cli.stages.stage_by_stage import StagePlan, choose_stages
+from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
 
 

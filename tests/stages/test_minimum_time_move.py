@@ -13,10 +13,11 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import JointTarget, PoseTarget
 from dualarm_cli.motion.motion import realise
+from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.postures.stage_problems import Clock, stage_problems
 from dualarm_cli.stages import minimum_time_move as move
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME, choose_quickest
-from dualarm_cli.stages.stage_by_stage import StagePlan, choose_stages, choose_stages_with
+from dualarm_cli.stages.stage_by_stage import choose_stages, choose_stages_with
 from dualarm_cli.stages.stage_choice import OpenStage, choose_stage
 from dualarm_cli.timing import TIMING_SOLVERS
 

@@ -13,8 +13,8 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.postures import reach
-from dualarm_cli.postures.stage_problems import Clock
-from dualarm_cli.stages.stage_by_stage import choose_stages, choose_stages_with, stop_problems
+from dualarm_cli.postures.stage_problems import Clock, stop_problems
+from dualarm_cli.stages.stage_by_stage import choose_stages, choose_stages_with
 from dualarm_cli.stages.stage_choice import OpenStage, try_places
 
 SOLVERS = ["fixed", "linearised", "exact"]

@@ -1,1 +1,1 @@
-"""What commands share: options, output, result files, interrupts, progress."""
+"""Shared parts of commands: options, output, result files, interrupts, progress."""

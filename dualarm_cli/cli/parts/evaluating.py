@@ -1,4 +1,4 @@
-"""Where plans of many jobs come from: processes or a cluster, and the store of answers."""
+"""Sources of many jobs' plans: processes or a cluster, and the store of answers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What commands print: results on stdout, sentences and progress on stderr."""
+"""Output of commands: results on stdout, messages and progress on stderr."""
 
 from __future__ import annotations
 

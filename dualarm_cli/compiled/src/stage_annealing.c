@@ -1,4 +1,4 @@
-/* Simulated annealing of an order of two arms' stages: `orders/paired/annealing.py` explains it. */
+/* Simulated annealing of an order of two arms' stages: `orders/paired/orders.py` explains it. */
 
 #include <math.h>
 #include <stdint.h>

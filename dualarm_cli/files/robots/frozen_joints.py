@@ -1,4 +1,4 @@
-"""Where joints stand that neither platform nor arms name."""
+"""Positions of joints that belong neither to the platform nor to an arm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where meshes of a URDF lie: beside it, or in a ROS package."""
+"""Meshes of a URDF, found beside it or in a ROS package."""
 
 from __future__ import annotations
 

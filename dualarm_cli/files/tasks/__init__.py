@@ -1,1 +1,1 @@
-"""Task files to jobs."""
+"""Readers of task files: schema, rules across tasks, and the tasks themselves."""

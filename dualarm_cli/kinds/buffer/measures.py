@@ -1,4 +1,4 @@
-"""How full buffers are over a schedule."""
+"""Fill levels of buffers over a schedule."""
 
 from __future__ import annotations
 

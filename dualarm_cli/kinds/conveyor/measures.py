@@ -1,4 +1,4 @@
-"""Where along its conveyor every part was met, and for how long the arm waited for it."""
+"""Meetings of arms and parts on conveyors: travel of the part, and waits for it."""
 
 from __future__ import annotations
 

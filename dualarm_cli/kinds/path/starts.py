@@ -1,4 +1,4 @@
-"""Where a path may begin: configurations whose tools are at its start, the quickest to get to first."""
+"""Start configurations of a path, quickest to reach first."""
 
 from __future__ import annotations
 

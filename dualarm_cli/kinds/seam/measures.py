@@ -1,4 +1,4 @@
-"""What is measured of seams as they are worked, and how reports show it."""
+"""Measures of seams in a schedule, and their rows in reports."""
 
 from __future__ import annotations
 

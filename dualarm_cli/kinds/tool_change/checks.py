@@ -1,4 +1,4 @@
-"""Whether every task is done with its tool on: what events say of tools that are taken and left, from the start on."""
+"""Check that every task is done with its tool, from events that take and leave tools."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How often arms change tools, and how long that takes."""
+"""Number and duration of tool changes."""
 
 from __future__ import annotations
 

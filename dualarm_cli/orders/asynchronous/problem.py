@@ -1,4 +1,4 @@
-"""Who does what in which order, as numbers: tasks that every arm may do in several ways, and times between them."""
+"""Orders of asynchronous arms as numbers: tasks with several postures, and times between them."""
 
 from __future__ import annotations
 

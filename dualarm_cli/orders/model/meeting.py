@@ -1,4 +1,4 @@
-"""Which stops of two arms cannot be made in one stage, because the arms would touch."""
+"""Stops of two arms that collide in every posture, and so cannot share a stage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which stops of arms fall into one stage where the order of each is given: any way at all, and the best."""
+"""Pairing of stops into stages where each arm's order is given: feasible, and best."""
 
 from __future__ import annotations
 

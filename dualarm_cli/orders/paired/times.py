@@ -1,4 +1,4 @@
-"""How long stages take at the best platform angles: one dynamic programme for many orders at once."""
+"""Stage lengths at the best platform angles: dynamic programming for many orders at once."""
 
 from __future__ import annotations
 

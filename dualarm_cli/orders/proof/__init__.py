@@ -1,1 +1,1 @@
-"""How good an order can be: bounds on all orders, and orders that are nearly as good."""
+"""Bounds on all orders, and orders that are nearly as good."""

@@ -1,4 +1,4 @@
-"""How good an order of stages is: a bound on all orders, and a better order where the way there meets one."""
+"""Bound on all orders of stages, and a better order where the search meets one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What changing tools costs one arm between its tasks: over the stands of both tools, in the ways that suit best."""
+"""Cost of changing tools between an arm's tasks, by the best postures at both stands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How two asynchronous arms go their ways without touching: waits where they stand anyway."""
+"""Waits by which two asynchronous arms pass each other without collision."""
 
 from __future__ import annotations
 

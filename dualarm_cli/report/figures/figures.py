@@ -1,4 +1,4 @@
-"""What all figures share: drawn without a screen, the same bytes for the same input."""
+"""Shared parts of figures: drawn without a screen, the same bytes for the same input."""
 
 from __future__ import annotations
 

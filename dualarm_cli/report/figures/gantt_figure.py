@@ -1,4 +1,4 @@
-"""Who does what when, drawn: a lane of bars for each arm and one for the platform, over time."""
+"""Gantt chart: a lane of bars for each arm and one for the platform."""
 
 from __future__ import annotations
 

@@ -22,9 +22,7 @@ from dualarm_cli.platform_angle.problem import (
     elbow_cosine,
 )
 from dualarm_cli.platform_angle.table import MethodRow
-from dualarm_cli.report.figures.figures import FIGURE_KINDS, new_figure, rendered
-
-__all__ = ["FIGURE_KINDS", "draw_move"]
+from dualarm_cli.report.figures.figures import new_figure, rendered
 
 COLOURS = ("#1f5fbf", "#c23b22")
 """Arm 1 and arm 2."""

@@ -1,4 +1,4 @@
-"""Which postures and moves of a sequence are clear of everything, by the quick test."""
+"""Collision test of a sequence's postures and moves, by the quick test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where an arm's postures come from: closed forms over the arm angle, or inverse kinematics of any arm."""
+"""Candidates of one arm: from closed forms over the arm angle, or numeric inverse kinematics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long the stages of a decided sequence take: in closed form where tools stop at the ends of lines."""
+"""Stage lengths of a decided sequence: in closed form if tools stop at line ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A good plan on the nodes: both arms together, stage by stage, guided by what is left to do at least."""
+"""Beam search on the nodes: both arms together, stage by stage, guided by the potentials."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which stages of a plan are collision-free: at their stops, on their moves, and on the return."""
+"""Collision-free stages of a plan: at stops, on moves, and on the return."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is left to do at least, from every node of either arm: dynamic programming with the other arm relaxed."""
+"""Lower bounds on the time left from every node of either arm, by dynamic programming."""
 
 from __future__ import annotations
 

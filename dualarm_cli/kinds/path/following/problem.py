@@ -1,4 +1,4 @@
-"""What a path follower is asked and what it answers: all joints while the tools follow given motions."""
+"""Problem and solution of a path follower: all joints while the tools follow given motions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a seam solver is asked and what it answers: the joints along a seam, in no time yet."""
+"""Problem and solution of a seam solver: joints along a seam, without time."""
 
 from __future__ import annotations
 

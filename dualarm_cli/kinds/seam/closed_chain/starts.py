@@ -1,4 +1,4 @@
-"""Where seams may be worked: closed chains drawn at random, then followed along the seam to both sides."""
+"""Starts of seams: closed chains drawn at random, followed along the seam to both sides."""
 
 from __future__ import annotations
 

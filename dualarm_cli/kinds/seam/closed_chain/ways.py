@@ -1,4 +1,4 @@
-"""What ways along a seam are worth: their time, and how near they come to limits and singular postures."""
+"""Costs of joint paths along a seam: time, and distance from limits and singular postures."""
 
 from __future__ import annotations
 
