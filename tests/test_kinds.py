@@ -12,8 +12,9 @@ import pytest
 import yaml
 
 from dualarm_cli import kinds
+from dualarm_cli.cli.plan import figures_of
 from dualarm_cli.cli.run import run
-from dualarm_cli.errors import InfeasibleError, InputError
+from dualarm_cli.errors import InputError
 from dualarm_cli.files.tasks.schema_tasks import (
     DefaultsSection,
     TargetSection,
@@ -26,7 +27,6 @@ from dualarm_cli.kinds import KINDS, of_kinds
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
-from dualarm_cli.refusals import Refusal
 from dualarm_cli.report.console import summary_lines
 from dualarm_cli.report.report import build_report
 from dualarm_cli.verification import verify
@@ -95,12 +95,13 @@ MEASURES = '''
 
 from dualarm_cli.kinds.reporting import KindMeasures
 from dualarm_cli.kinds.screw import ScrewStop
+from dualarm_cli.verification.as_done import job_as_done
 
 
 def rows(schedule, job):
     """Returns the screws."""
-    stops = job.stops_by_key()
-    found = [(e, stops[e.arm, e.task, e.action]) for e in schedule.events]
+    stops = job_as_done(schedule, job).stops_by_key()
+    found = [(e, stops.get((e.arm, e.task, e.action))) for e in schedule.events]
     return [{"task": e.task, "turns": s.turns, "time": e.dwell} for e, s in found if isinstance(s, ScrewStop)]
 
 
@@ -114,11 +115,25 @@ MEASURES = KindMeasures("work", {"screws": rows}, lines)
 PLANNING = '''
 """Screws in the planner: stops like others."""
 
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinds.planning import KindPlanning
 from dualarm_cli.kinds.screw import ScrewStop
+from dualarm_cli.refusals import Refusal
+
+
+def tight(job):
+    """Returns a job whose screws all have turns."""
+    for task in job.tasks:
+        for stop in task.stops:
+            if isinstance(stop, ScrewStop) and stop.turns <= 0.0:
+                loose = Refusal("screw_loose", stop.place, task.id, measured=stop.turns, remedy=("more_turns",))
+                raise InfeasibleError(loose)
+    return job
+
 
 PLANNING = KindPlanning(
     works=lambda task: any(isinstance(stop, ScrewStop) for stop in task.stops),
+    decided=tight,
     notes=lambda job, settings, motion: ["screws: torque is not looked at"],
 )
 '''
@@ -133,6 +148,20 @@ REFUSALS = KindRefusals(
     {"screw_loose": "task '{task}': a screw of {measured:g} turns is loose"},
     {"more_turns": "turn it more often"},
 )
+'''
+FIGURES = '''
+"""Screws drawn."""
+
+from dualarm_cli.kinds.drawing import KindFigures, new_figure, rendered
+from dualarm_cli.kinds.screw import ScrewStop
+
+
+def draw(schedule, job, kind):
+    """Returns an empty figure."""
+    return rendered(new_figure(1.0, 1.0), kind)
+
+
+FIGURES = KindFigures("screws", lambda job: any(isinstance(s, ScrewStop) for t in job.tasks for s in t.stops), draw)
 '''
 DATA = '''
 """Screws."""
@@ -166,7 +195,7 @@ def screw(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     folder = tmp_path / "more_kinds" / "screw"
     folder.mkdir(parents=True)
     parts = {"__init__": DATA, "reading": READING, "planning": PLANNING}
-    parts |= {"checks": CHECKS, "measures": MEASURES, "refusals": REFUSALS}
+    parts |= {"checks": CHECKS, "measures": MEASURES, "refusals": REFUSALS, "figures": FIGURES}
     for name, text in parts.items():
         (folder / f"{name}.py").write_text(text)
     monkeypatch.setattr(kinds, "__path__", [*kinds.__path__, str(folder.parent)])
@@ -206,6 +235,7 @@ def test_a_new_kind_is_a_folder_and_a_line(job_file: Path) -> None:
     report = build_report(schedule, job)
     assert report["screws"] == [{"task": "bolt", "turns": 4.0, "time": pytest.approx(0.8)}]
     assert "screw bolt: 4 turns in 0.80 s" in summary_lines(report)
+    assert [file.name for file in figures_of(Path("a.svg"), job)] == ["a.svg", "a_screws.svg"]
     hasty = [dataclasses.replace(e, dwell=0.6) if e.task == "bolt" else e for e in schedule.events]
     found = verify(dataclasses.replace(schedule, events=tuple(hasty)), job)
     [turns] = [check for check in found.failures if check.name == "screw_turns"]
@@ -213,15 +243,15 @@ def test_a_new_kind_is_a_folder_and_a_line(job_file: Path) -> None:
 
 
 @pytest.mark.usefixtures("screw")
-def test_a_new_kind_brings_its_refusals_and_their_code(capsys: pytest.CaptureFixture[str]) -> None:
-    """Sentence, remedy, code and explanation are in its folder alone."""
-    error = InfeasibleError(
-        Refusal("screw_loose", None, "bolt", measured=0.0, remedy=("more_turns",))
-    )
-    assert (error.code, str(error)) == (
-        "E690",
-        "task 'bolt': a screw of 0 turns is loose; turn it more often",
-    )
+def test_a_new_kind_brings_its_refusals_and_their_code(
+    job_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Sentence, remedy, code and explanation are in its folder alone, and `check` proves it before any search."""
+    job_file.write_text(job_file.read_text().replace("turns: 4", "turns: 0"))
+    line = len(job_file.read_text().splitlines())
+    assert run(["check", str(job_file)]) == 3
+    message = f":{line}:12: E690 task 'bolt': a screw of 0 turns is loose; turn it more often"
+    assert message in "".join(capsys.readouterr())
     assert run(["explain", "E690"]) == 0
     assert "Give it some." in capsys.readouterr().out
 

@@ -172,6 +172,6 @@ def _write(reports: list[CurveReport], out: Path | None, plot: Path | None, forc
         s = step_lengths(report.curve.length, report.step)
         write_out(out, [curve_csv(s, report.points["arc_length"])], force)
     if plot is not None:
-        from dualarm_cli.report.figures.path_figure import draw_curves
+        from dualarm_cli.report.curve_report import draw_curves
 
         write_file(plot, draw_curves(reports, plot.suffix.lower().lstrip(".")), force)

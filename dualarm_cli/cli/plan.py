@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -48,12 +47,10 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dualarm_cli.interface import Plan
+    from dualarm_cli.kinds.drawing import Draw
     from dualarm_cli.model.job import Job
-    from dualarm_cli.model.schedule import Schedule
     from dualarm_cli.model.settings import PlanSettings
 
-Draw = Callable[["Schedule", "Job", str], bytes]
-"""Draws a figure of one of FIGURE_KINDS."""
 MAX_ROWS = 1_000_000
 """Most rows of the CSV file: about a gigabyte for fifteen joints."""
 PRELOADED = ("dualarm_cli.interface", "dualarm_cli.page.page", "ruckig", "highspy")
@@ -209,16 +206,14 @@ def plan_command(
 
 
 def figures_of(plot: Path, job: Job) -> dict[Path, Draw]:
-    """Returns the figures of a job by their files: the Gantt chart, and those of its paths and seams beside it."""
+    """List the figures of a job by their files: the Gantt chart, and those of its kinds of work."""
+    from dualarm_cli.kinds import of_kinds
     from dualarm_cli.report.figures.gantt_figure import draw_gantt
-    from dualarm_cli.report.figures.path_figure import draw_paths
-    from dualarm_cli.report.figures.seam_figure import draw_seams
 
     figures: dict[Path, Draw] = {plot: draw_gantt}
-    if job.has_paths:
-        figures[plot.with_stem(f"{plot.stem}_paths")] = draw_paths
-    if job.has_seams:
-        figures[plot.with_stem(f"{plot.stem}_seams")] = draw_seams
+    for kind in of_kinds("figures"):
+        if kind.shows(job):
+            figures[plot.with_stem(f"{plot.stem}_{kind.name}")] = kind.draw
     return figures
 
 

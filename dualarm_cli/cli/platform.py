@@ -93,7 +93,7 @@ def _write_figure(
     plot: Path, problem: PlatformProblem, rows: list[MethodRow], before: FloatArray
 ) -> None:
     from dualarm_cli.exporting.whole_files import write_file
-    from dualarm_cli.report.figures.figures import FIGURE_KINDS
+    from dualarm_cli.kinds.drawing import FIGURE_KINDS
     from dualarm_cli.report.figures.platform_figure import draw_move
 
     kind = plot.suffix.lower().lstrip(".")

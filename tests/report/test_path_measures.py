@@ -10,12 +10,12 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinds.path import figures
+from dualarm_cli.kinds.path.figures import draw_paths
 from dualarm_cli.kinds.path.measures import path_curves, path_lines, path_measures, path_samples
 from dualarm_cli.model.joint_motion import JointMotion
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
-from dualarm_cli.report.figures import path_figure
-from dualarm_cli.report.figures.path_figure import draw_paths
 from dualarm_cli.verification import verify
 
 CELL = """\
@@ -313,7 +313,7 @@ def test_curves_of_the_comparison_are_those_of_the_samples(planned):
 def test_the_figure_names_every_curve_beside_the_panels(planned, monkeypatch):
     """All joints, tools, elbows, critical points and least forces are in legends, and no panel has one in it."""
     seen = []
-    monkeypatch.setattr(path_figure, "rendered", lambda figure, kind: seen.append(figure) or b"")
+    monkeypatch.setattr(figures, "rendered", lambda figure, kind: seen.append(figure) or b"")
     draw_paths(planned.schedule, planned.job, "png")
     (whole,) = seen
     parts = [sub for part in whole.subfigs for sub in part.subfigs]

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from dualarm_cli.kinds.drawing import new_figure
 from dualarm_cli.model.study import OBJECTIVES
 from dualarm_cli.report.comparison.study_table import (
     MOST_ROWS,
@@ -20,7 +21,6 @@ from dualarm_cli.report.comparison.study_table import (
     sentences,
     study_csv,
 )
-from dualarm_cli.report.figures.figures import new_figure
 from dualarm_cli.report.figures.study_figure import _widen, draw_pareto, draw_sensitivity
 
 

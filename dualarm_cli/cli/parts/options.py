@@ -132,7 +132,7 @@ def refuse_plot(plot: Path, force: bool, option: str = "--plot") -> None:
         UsageError: the name or the folder is wrong, or the file already exists.
         MissingDependencyError: matplotlib is not installed.
     """
-    from dualarm_cli.report.figures.figures import FIGURE_KINDS, require_matplotlib
+    from dualarm_cli.kinds.drawing import FIGURE_KINDS, require_matplotlib
 
     if plot.suffix.lower().lstrip(".") not in FIGURE_KINDS:
         raise UsageError(f"{option} {plot}: must end in .{', .'.join(FIGURE_KINDS)}")

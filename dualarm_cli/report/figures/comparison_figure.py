@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import PurePath
 from typing import Any
 
+from dualarm_cli.kinds.drawing import new_figure, rendered
 from dualarm_cli.report.comparison.comparison import (
     SHOWN,
     group_name,
@@ -12,7 +13,6 @@ from dualarm_cli.report.comparison.comparison import (
     section_title,
     share_text,
 )
-from dualarm_cli.report.figures.figures import new_figure, rendered
 from dualarm_cli.report.measures import DWELLS, LINES, NO_TRANSFERS, OTHER
 from dualarm_cli.report.stage_parts import PLATFORM
 

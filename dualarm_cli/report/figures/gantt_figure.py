@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.kinds.drawing import new_figure, rendered
 from dualarm_cli.model.job import AT_STANDS, Job
 from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.motion.waiting import MOVES
 from dualarm_cli.records import dataclass
-from dualarm_cli.report.figures.figures import new_figure, rendered
 from dualarm_cli.report.report import plan_title, relative_gap
 
 SIZES = (8.0, 7.0, 6.0)

@@ -14,6 +14,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import TURN
+from dualarm_cli.kinds.drawing import new_figure, rendered
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.platform_angle.problem import (
     Kind,
@@ -22,7 +23,6 @@ from dualarm_cli.platform_angle.problem import (
     elbow_cosine,
 )
 from dualarm_cli.platform_angle.table import MethodRow
-from dualarm_cli.report.figures.figures import new_figure, rendered
 
 COLOURS = ("#1f5fbf", "#c23b22")
 """Arm 1 and arm 2."""

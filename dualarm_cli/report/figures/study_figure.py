@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from dualarm_cli.kinds.drawing import new_figure, rendered
 from dualarm_cli.model.study import OBJECTIVES, Objective
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.comparison.study_table import parameter_label, value_text
-from dualarm_cli.report.figures.figures import new_figure, rendered
 
 PARETO, OTHER, REFERENCE = "#c23b22", "#9a9a9a", "black"
 COLOURS = ("#1f5fbf", "#2a7f3f", "#c23b22", "#8a5fb0")

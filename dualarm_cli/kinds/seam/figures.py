@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import product
+from dualarm_cli.kinds.drawing import KindFigures, new_figure, rendered
 from dualarm_cli.kinds.seam.measures import SeamSamples, seam_samples
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.records import dataclass
-from dualarm_cli.report.figures.figures import new_figure, rendered
 from dualarm_cli.verification.tool_model import ToolModel
 
 
@@ -97,8 +98,8 @@ def _draw_in_part(axes: Any, schedule: Schedule, job: Job, seam: SeamSamples) ->
     chosen = np.unique(np.searchsorted(on.length, np.linspace(0.0, work.length, STYLE.frames)))
     chosen = chosen[chosen < len(on.time)]
     to_part = np.swapaxes(on.R_part[chosen], -1, -2)
-    place = (to_part @ (tip[chosen] - on.p_part[chosen])[..., None])[..., 0]
-    turned = to_part @ R[chosen]
+    place = product(to_part, (tip[chosen] - on.p_part[chosen])[..., None])[..., 0]
+    turned = product(to_part, R[chosen])
     size = STYLE.axis * float(np.ptp(p, axis=0).max())
     for axis, colour in enumerate(COLOURS):
         ends = place + size * turned[:, :, axis] * (-1.0 if axis == 2 else 1.0)
@@ -111,7 +112,7 @@ def _draw_in_world(axes: Any, seam: SeamSamples) -> None:
     """Draws the ways of the part's frame and of the tool's working point in the world."""
     on, work = seam.on, seam.work
     _, p = work.curve.at(on.length)
-    tip = on.p_part + (on.R_part @ p[..., None])[..., 0]
+    tip = on.p_part + product(on.R_part, p[..., None])[..., 0]
     axes.plot(*(1e3 * tip.T), color="tab:red", linewidth=1.0, label="tool")
     axes.plot(*(1e3 * on.p_part.T), color="tab:blue", linewidth=1.0, label="part")
     axes.plot(*(1e3 * on.p_part[:1].T), "o", color="tab:blue", markersize=4)
@@ -159,3 +160,6 @@ def _draw_chain(axes: Any, seam: SeamSamples) -> None:
     axes.set_xlabel("time [s]")
     axes.set_title("residual of the closed chain", fontsize=9)
     axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+
+
+FIGURES = KindFigures("seams", lambda job: job.has_seams, draw_seams)

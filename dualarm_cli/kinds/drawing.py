@@ -1,14 +1,32 @@
-"""Shared parts of figures: drawn without a screen, the same bytes for the same input."""
+"""Figures: drawn without a screen, the same bytes for the same input; those that kinds of work bring."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from io import BytesIO
 from typing import Any
 
 from dualarm_cli.errors import MissingDependencyError
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.records import dataclass
 
 FIGURE_KINDS = ("png", "svg", "pdf")
 """Formats, as the ends of file names."""
+Draw = Callable[[Schedule, Job, str], bytes]
+"""Draws the figure of a plan as the content of a file of one of FIGURE_KINDS."""
+
+
+@dataclass(frozen=True)
+class KindFigures:
+    """Figure that a kind of work adds to the Gantt chart, in `kinds/<kind>/figures.py` as FIGURES."""
+
+    name: str
+    """Ending of its file's name, such as paths."""
+    shows: Callable[[Job], bool]
+    """Test of jobs that have any of its work."""
+    draw: Draw
+    """Drawing function."""
 
 
 def require_matplotlib() -> None:
