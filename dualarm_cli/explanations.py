@@ -38,6 +38,8 @@ class KindRefusals:
     """Sentences by what is wrong, to be filled in."""
     remedies: Mapping[str, str] = field(default_factory=dict)
     """Advice by name."""
+    helps: Mapping[str, str] = field(default_factory=dict)
+    """What helps, said once after all refusals of one error, by what is wrong."""
 
 
 def kind_refusals() -> list[KindRefusals]:
@@ -212,17 +214,6 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         ),
         "error[E600]: no order keeps these rules together, whatever else is done: …",
         "how-to/orders.md",
-    ),
-    "E605": Explanation(
-        "A buffer is full or empty when an arm needs it",
-        ("In the given order, a part is taken from an empty buffer or put into a full one.",),
-        (
-            "Let the planner order the tasks: `order: optimise`.",
-            "Let arms wait for each other: `mode: free`.",
-            "Change `capacity` or `initial`.",
-        ),
-        "error[E605]: buffer 'tray' holds 0 of at most 2 parts before stage 1, …",
-        "how-to/buffers.md",
     ),
     "E610": Explanation(
         "No posture reaches a target",

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import field
-from string import Formatter
 from textwrap import indent
-from typing import Any, Protocol
+from typing import Protocol
 
 from dualarm_cli.explanations import kind_refusals
+from dualarm_cli.notes import filled
 from dualarm_cli.records import dataclass
 
 
@@ -74,11 +74,8 @@ class Refusal:
     @property
     def advised(self) -> str:
         """The sentence without its place, with what helps."""
-        return (
-            f"{self.sentence}; {self.filled(HELPS[self.what])}"
-            if self.what in HELPS
-            else self.sentence
-        )
+        help_text = helps().get(self.what)
+        return self.sentence if help_text is None else f"{self.sentence}; {self.filled(help_text)}"
 
     @property
     def about(self) -> dict[str, object]:
@@ -99,7 +96,7 @@ class Refusal:
             "measured": self.measured,
             "allowed": self.allowed,
         }
-        return _FORMATTER.vformat(template, (), {**data, **self.more})
+        return filled(template, {**data, **self.more})
 
 
 def sentences() -> dict[str, str]:
@@ -110,6 +107,11 @@ def sentences() -> dict[str, str]:
 def remedies() -> dict[str, str]:
     """Collect all remedies by name."""
     return {**REMEDIES, **{k: v for kind in kind_refusals() for k, v in kind.remedies.items()}}
+
+
+def helps() -> dict[str, str]:
+    """Collect what helps, said once after all refusals of one error, by what is wrong."""
+    return {**HELPS, **{k: v for kind in kind_refusals() for k, v in kind.helps.items()}}
 
 
 def codes() -> dict[str, str]:
@@ -135,33 +137,8 @@ def _told_together(what: str, rows: list[Refusal], placed: Refusal | None) -> st
     text = "\n".join(one.sentence if one is placed else str(one) for one in rows)
     if what in HEADS:
         text = f"{rows[0].filled(HEADS[what])}:\n" + indent(text, "  ")
-    return f"{text}\n{rows[0].filled(HELPS[what])}" if what in HELPS else text
-
-
-def millimetres(length: float) -> str:
-    """Returns a length [m] in millimetres with one decimal; what would be 0.0 is less than 0.1."""
-    shown = f"{abs(length) * 1e3:.1f}"
-    return "less than 0.1 mm" if shown == "0.0" else f"{shown} mm"
-
-
-class _SentenceFormatter(Formatter):
-    """`str.format` with five specs more: mm, and, `*` before what joins, `one|many`, and `#` in it for how many."""
-
-    def format_field(self, value: Any, format_spec: str) -> str:
-        """Returns a value as a sentence tells it."""
-        if format_spec == "mm":
-            return millimetres(value)
-        if format_spec == "and":
-            return " and ".join(f"'{one}'" for one in value)
-        if format_spec.startswith("*"):
-            return format_spec[1:].join(map(str, value))
-        if "|" in format_spec:
-            one, many = format_spec.split("|")
-            return (one if len(value) == 1 else many).replace("#", str(len(value)))
-        return str(super().format_field(value, format_spec))
-
-
-_FORMATTER = _SentenceFormatter()
+    help_text = helps().get(what)
+    return text if help_text is None else f"{text}\n{rows[0].filled(help_text)}"
 
 
 _MEETING_HELPS = "what helps: another place to meet, or another `grip`"
@@ -204,22 +181,6 @@ _ORDERS = {
     "there may be one): {rules:*; }",
     "late": "task '{task}' is done at {measured:.3f} s, {late:.3f} s after its window closes (not_after: "
     "{allowed:g} s)",
-}
-_BUFFERS = {
-    "buffer_in_stage": "buffer '{buffer}' holds {measured} of at most {allowed} parts before stage {stage}, in "
-    "which {causes:* while }{either:*}",
-    "puts": "{names:and} {names:puts|put} {names:#|#} in",
-    "takes": "{names:and} {names:takes|take} {names:#|#} out",
-    "either_first": ", and either arm may be the first there",
-    "arms_wait_forever": "in the given order the arms wait forever, whichever goes first: "
-    "{causes:* and }",
-    "waits_for_tasks": "'{task}' waits for tasks that come later ({action})",
-    "waits_for_arm": "'{task}' waits for the other arm ({action})",
-    "waits_for_room": "'{task}' waits for room in buffer '{buffer}' ({measured} of at most {allowed}) ({action})",
-    "waits_for_part": "'{task}' waits for a part in buffer '{buffer}' ({measured} of at most {allowed}) ({action})",
-    "buffer_at_border": "buffer '{buffer}' holds {measured} parts after '{task}', where it has to hold 0 to "
-    "{allowed}: tasks before a path or coordinate task end before it begins; change the order of the tasks, or "
-    "capacity and initial",
 }
 _POSTURES = {
     "point_not_turned": "no posture within limits was found with the orientation of {point} ({where})",
@@ -347,7 +308,6 @@ _STARTING = {
 }
 _GROUPS: Mapping[str, Mapping[str, str]] = {
     "E600": _ORDERS,
-    "E605": _BUFFERS,
     "E610": _POSTURES,
     "E620": _CLEARANCE,
     "E630": _MOTION,
@@ -385,10 +345,6 @@ HELPS: Mapping[str, str] = {
     "arms_cannot_meet": _MEETING_HELPS,
     "arm_cannot_give": _MEETING_HELPS,
     "late": "what helps: later windows, another arm or order (arm: any, order: optimise), or less before it",
-    "buffer_in_stage": "what helps: order: optimise, mode: free (there arms wait for parts and room), a larger "
-    "capacity, another number of parts at the start (initial), or another order in the file",
-    "arms_wait_forever": "what helps: order: optimise, a larger capacity, more or fewer parts at the start "
-    "(initial), or another order in the file",
     "part_reaches_into": _MISFIT_HELPS,
     "tool_reaches_into": _MISFIT_HELPS,
     "same_room": _SAME_ROOM_HELPS,
@@ -399,7 +355,7 @@ HELPS: Mapping[str, str] = {
     "stage_lacks_skew": "what helps: a smaller skew, mode: free, or targets and an order that keep the arms apart",
     "return_touches": _CLEAR_HELPS,
 }
-"""Message once after them."""
+"""Message once after them, without the kinds of work."""
 
 REMEDIES: Mapping[str, str] = {
     "move_target": "move the target",

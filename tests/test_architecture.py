@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from dualarm_cli import kinds
-from dualarm_cli.refusals import HEADS, HELPS, remedies, sentences
+from dualarm_cli.refusals import HEADS, helps, remedies, sentences
 
 PACKAGE = Path(__file__).parent.parent / "dualarm_cli"
 MOST_MODULES = 20
@@ -174,7 +174,8 @@ CUTS = {"startswith", "endswith", "removeprefix", "removesuffix", "partition", "
 def test_no_sentence_of_our_own_is_cut_or_searched():
     """Notes have topics, errors have fields: what is said is data until it is printed."""
     sentences = re.compile(
-        r"(^|\.)(note|message|reason|sentence|detail)$|^str\((error|failure|line|found|note|check|refusal)\)$"
+        r"(^|\.)(note|message|reason|sentence|detail|assumption|doing)s?$|^str\((error|failure|line|found|note|check|refusal)\)$",
+        re.IGNORECASE,
     )
     found = set()
     for name, path in modules().items():
@@ -192,9 +193,45 @@ def test_no_sentence_of_our_own_is_cut_or_searched():
         ("dualarm_cli.robot_import.importing", "quote(name) in found.message"),
         ("dualarm_cli.scoring.baseline", "str(error).partition(' for integer')"),
     }
-    assert found == foreign, (
-        "texts of libraries and of Python alone, and the joint that a reader's message names"
+    whole = {
+        ("dualarm_cli.files.cells.cells", "f'{robot.name}: {note}' not in self.notes"),
+        ("dualarm_cli.planning.room_rules", "note in ruled.notes"),
+        ("dualarm_cli.robot_import.importing_pair", "reason not in reasons"),
+    }
+    assert found == foreign | whole, (
+        "texts of libraries and of Python alone, the joint that a reader's message names, and notes that are kept once"
     )
+
+
+def _written(node: ast.AST) -> bool:
+    """State whether an expression is text, or lists of text, that is written where it stands."""
+    if isinstance(node, ast.List | ast.Tuple):
+        return any(map(_written, node.elts))
+    return isinstance(node, ast.JoinedStr) or (
+        isinstance(node, ast.Constant) and isinstance(node.value, str)
+    )
+
+
+def test_notes_of_plans_are_data() -> None:
+    """Rooms that plan fill in sentences of a table (`Note.of`); none writes a note or an assumption as text."""
+    rooms = {"bound", "clearing", "kinds", "orders", "planning", "stages"}
+    found = []
+    for name, path in modules().items():
+        if not {*name.split(".")[1:2]} & rooms:
+            continue
+        for node in nodes(path):
+            added: list[ast.AST] = []
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                if node.func.attr in ("append", "insert") and "notes" in ast.unparse(node.func):
+                    added = list(node.args)
+            elif isinstance(node, ast.AugAssign) and ast.unparse(node.target).endswith("notes"):
+                added = [node.value]
+            elif isinstance(node, ast.FunctionDef) and node.name.endswith("notes"):
+                added = [n.value for n in ast.walk(node) if isinstance(n, ast.Return) and n.value]
+            elif isinstance(node, ast.keyword) and node.arg in ("notes", "unbounded", "together"):
+                added = [node.value]
+            found += [(name, ast.unparse(one)) for one in added if _written(one)]
+    assert found == []
 
 
 def test_every_refusal_has_a_sentence_that_is_used():
@@ -210,7 +247,7 @@ def test_every_refusal_has_a_sentence_that_is_used():
                 key = node.args[0]
                 assert not isinstance(key, ast.Constant) or key.value in sentences(), (name, key)
     assert texts >= {*sentences(), *remedies()}
-    assert {*HEADS, *HELPS} <= set(sentences())
+    assert {*HEADS, *helps()} <= set(sentences())
 
 
 def test_modules_that_docs_name_are_there():

@@ -22,7 +22,9 @@ bound pairs of cells instead of nodes stems from interval methods.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import field, replace
+from functools import partial
 
 import numpy as np
 
@@ -31,17 +33,40 @@ from dualarm_cli.effort import EFFORTS, Resolution
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.model.rest_to_rest import at_rest
+from dualarm_cli.notes import Note
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.times import TransferChain
 from dualarm_cli.stages.search.potentials import platform_columns, transfer_table
 from dualarm_cli.timing.transfer_table import Pairs, PostureBoxes, Times, TransferTable
 
-ASSUMPTIONS = (
-    "lower bound: holds for every plan that keeps the order and pairing of the stages, is at rest at the ends of all "
-    "transfers and lines, keeps the platform still during lines and dwells, and follows the lines exactly, whatever "
-    "platform angles, postures, yaws and timing it takes",
-)
+SENTENCES: Mapping[str, str] = {
+    "order": "lower bound: holds for every plan that keeps the order and pairing of the stages, is at rest at the "
+    "ends of all transfers and lines, keeps the platform still during lines and dwells, and follows the lines "
+    "exactly, whatever platform angles, postures, yaws and timing it takes",
+    "all_orders": "lower bound: holds for every plan of these tasks, whichever arm does what in whatever order: "
+    "each task takes at least its shortest time alone, with its best platform angle, postures and yaws, and the "
+    "slower arm does at least its share; transfers between tasks count as zero, tool changes as the fewest visits "
+    "to stands",
+    "own_clocks": "lower bound: holds for every plan in this order in which the arms run asynchronously: the time "
+    "of the slower arm's stops, as if the platform moved for this arm only",
+    "dwells_only": "lower bound: tasks after the first {tasks} count with their dwells only",
+    "paths": "lower bound: paths and seams count at full speed; they begin and end at rest, exactly where the file "
+    "has them; an arm that takes no part stands still; transfers to and from them count where the file gives the "
+    "tool's pose, or how long they take",
+    "open_paths": "lower bound: paths and seams count at full speed; transfers to and from them count only as long "
+    "as the file says they take, as their order is not given",
+    "paths_alone": "lower bound: paths and seams count at full speed; stages beside them count as zero on this "
+    "robot, and transfers to and from them only as long as the file says they take",
+    "no_closed_forms": "lower bound: none for arms without closed forms",
+    "rail": "lower bound: none for a platform that slides; frozen at a position (`frozen`) there is one",
+    "turning_wrists": "lower bound: none for arms of six axes on a platform that turns",
+    "passed_targets": "lower bound: none with `blend` at targets of moves, as tools need not come to these",
+    "interrupted": "lower bound: none, as its computation was interrupted",
+}
+"""Assumptions of bounds, and why there is none, by key."""
+bound_note = partial(Note.of, SENTENCES, "lower bound")
+"""Make a note of a bound, from its key and data."""
 ROUNDED_DOWN = 1.0 - 1e-5
 """What a bound in single precision is multiplied by."""
 
@@ -53,8 +78,13 @@ class LowerBound:
     value: float | None
     """Least cycle time [s]; infinite where the cells prove that a stop cannot be reached, or that the arms of a stage
     share no platform angle, None where none is known."""
-    assumptions: tuple[str, ...]
-    """What a plan must be like for the bound to hold, in sentences."""
+    assumptions: tuple[Note, ...]
+    """What a plan must be like for the bound to hold, or why there is none."""
+
+
+def no_bound(why: str) -> LowerBound:
+    """Return what is known where there is no bound, from the key of the reason."""
+    return LowerBound(None, (bound_note(why),))
 
 
 @dataclass(frozen=True)
@@ -131,7 +161,7 @@ def lower_bound(
     value = 0.0
     if problem.stages:
         value = _backward(problem, EFFORTS[effort].bound, works or OtherWork.none(problem))
-    return LowerBound(max(0.0, value * ROUNDED_DOWN), ASSUMPTIONS)
+    return LowerBound(max(0.0, value * ROUNDED_DOWN), (bound_note("order"),))
 
 
 def platform_edges(problem: SequenceProblem, step: float) -> FloatArray:

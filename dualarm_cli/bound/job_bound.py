@@ -10,7 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.bound.bound import ASSUMPTIONS, ROUNDED_DOWN, LowerBound, OtherWork, lower_bound
+from dualarm_cli.bound.bound import (
+    ROUNDED_DOWN,
+    LowerBound,
+    OtherWork,
+    bound_note,
+    lower_bound,
+    no_bound,
+)
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.programs import least_cost
 from dualarm_cli.kinds.planning import KindPlanning, Section, kind_of, kinds_of
@@ -18,24 +25,12 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.blending import BLENDINGS, STOPPING, Blending
 from dualarm_cli.model.job import Dwell, Job, Stop, Task
 from dualarm_cli.model.place import NOWHERE
+from dualarm_cli.notes import Note
 from dualarm_cli.orders.model.tool_changes import stand_tasks, with_changes
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.sequence_problem import sequence_problem, stops_problem
 
-SHARED = (
-    "lower bound: holds for every plan of these tasks, whichever arm does what in whatever order: each task takes at "
-    "least its shortest time alone, with its best platform angle, postures and yaws, and the slower arm does at least "
-    "its share; transfers between tasks count as zero, tool changes as the fewest visits to stands"
-)
-"""Assumption of the bound over all orders and assignments."""
-OWN_CLOCKS = (
-    "lower bound: holds for every plan in this order in which the arms run asynchronously: the time of the slower "
-    "arm's stops, as if the platform moved for this arm only"
-)
-"""Assumption of the bound of asynchronous arms in a given order."""
-DWELLS_ONLY = "lower bound: tasks after the first {most} count with their dwells only"
-"""Message where there are too many tasks to bound each."""
 MOST_TASKS = 60
 """Maximum number of tasks that are bounded individually; further ones count with their dwells."""
 
@@ -91,35 +86,6 @@ def _least_makespan(times: FloatArray, besides: FloatArray) -> float:
     most = np.append(can.ravel().astype(np.float64), np.inf)
     found = least_cost(cost, matrix, np.append(-besides, -np.ones(n)), np.zeros(arms * n + 1), most)
     return 0.0 if found is None else float(found[-1])
-
-
-PATH_BOUND = (
-    "lower bound: paths and seams count at full speed; they begin and end at rest, exactly where the file has them; an "
-    "arm that takes no part stands still; transfers to and from them count where the file gives the tool's pose, or "
-    "how long they take"
-)
-"""Assumption of the bound of paths and seams in a given order."""
-OPEN_PATH_BOUND = (
-    "lower bound: paths and seams count at full speed; transfers to and from them count only as long as the file says "
-    "they take, as their order is not given"
-)
-"""Assumption of the bound of paths and seams in any order."""
-STAGES_AS_ZERO = (
-    "lower bound: paths and seams count at full speed; stages beside them count as zero on this robot, and transfers "
-    "to and from them only as long as the file says they take"
-)
-"""Assumption of the bound of paths and seams on robots without stage bounds."""
-NO_BOUND = "lower bound: none for arms without closed forms"
-"""Message where there is no bound."""
-NO_BOUND_ON_RAILS = (
-    "lower bound: none for a platform that slides; frozen at a position (`frozen`) there is one"
-)
-NO_TURNING_BOUND = "lower bound: none for arms of six axes on a platform that turns"
-"""Messages where there is none for the platform's sake."""
-NO_CORNER_BOUND = (
-    "lower bound: none with `blend` at targets of moves, as tools need not come to these"
-)
-"""Message where tools pass beside targets."""
 
 
 def _kind(section: Section) -> KindPlanning:
@@ -199,17 +165,17 @@ class JobBound:
         """Compute the bound, or say why there is none."""
         stops = [stop for task in self.job.tasks for stop in task.stops]
         if any(stop.blend > 0.0 and self.blending.passes(stop) for stop in stops):
-            return LowerBound(None, (NO_CORNER_BOUND,))
-        if why := next((kind.unbounded for kind in self.kinds if kind.unbounded), ""):
+            return no_bound("passed_targets")
+        if why := next((kind.unbounded for kind in self.kinds if kind.unbounded), None):
             return LowerBound(None, (why,))
         bound = self._of_job(self.blending.straight(self.job))
         assumption = self.blending.assumption
         # A bound of paths and seams alone counts no stops.
         has_stops = any(not task.alone for task in self.job.tasks)
-        has_stops = has_stops and STAGES_AS_ZERO not in bound.assumptions
+        has_stops = has_stops and all(note.key != "paths_alone" for note in bound.assumptions)
         if assumption is None or bound.value is None or not has_stops:
             return bound
-        kept = (text for text in bound.assumptions if text not in ASSUMPTIONS)
+        kept = (note for note in bound.assumptions if note.key != "order")
         return replace(bound, assumptions=(*kept, assumption))
 
     def _of_job(self, job: Job) -> LowerBound:
@@ -217,7 +183,7 @@ class JobBound:
         unbounded = self._why_unbounded()
         job = with_changes(job)
         if unbounded and not job.in_sections:
-            return LowerBound(None, (unbounded,))
+            return no_bound(unbounded)
         if not job.is_decided and not job.in_sections:
             return self.over_all_orders(job)
         if job.mode == "free":
@@ -233,17 +199,17 @@ class JobBound:
         return lower_bound(sequence_problem(self.model, job).under(self.blending.law), self.effort)
 
     def _why_unbounded(self) -> str:
-        """Say why the stages have no bound; empty where they have one."""
+        """Return the key of why the stages have no bound; empty where they have one."""
         job, robot = self.job, self.job.cell.robot
         if any(arm.kinematics.solves_by_search for arm in self.model.arms.values()):
-            return NO_BOUND
+            return "no_closed_forms"
         # The cells of the bound are of platform angles; several joints stand where the start has them, but along paths
         # and seams they move, and stages after these are made from elsewhere.
         if len(robot.platform) == 1:
             if robot.sliding.issuperset(robot.platform):
-                return NO_BOUND_ON_RAILS
-            return "" if self.model.has_arm_angles else NO_TURNING_BOUND
-        return STAGES_AS_ZERO if robot.platform and job.in_sections else ""
+                return "rail"
+            return "" if self.model.has_arm_angles else "turning_wrists"
+        return "paths_alone" if robot.platform and job.in_sections else ""
 
     def over_all_orders(self, job: Job) -> LowerBound:
         """Bound a job over all orders and assignments.
@@ -261,13 +227,15 @@ class JobBound:
                     alone = replace(job, tasks=(own,), start="free", returns=False, pairing=None)
                     found = self._of_order(alone).value
                     times[a, t] = max(times[a, t], found or 0.0)
-        more = (DWELLS_ONLY.format(most=MOST_TASKS),) if len(job.tasks) > MOST_TASKS else ()
+        assumptions = [bound_note("all_orders")]
+        if len(job.tasks) > MOST_TASKS:
+            assumptions.append(bound_note("dwells_only", tasks=MOST_TASKS))
         visits = np.zeros(len(self.model.arms))
         for a, name in enumerate(self.model.arms):
             for stand in least_visits(job, name):
                 alone = replace(job, tasks=(stand,), start="free", returns=False, pairing=None)
                 visits[a] += self._of_order(alone).value or 0.0
-        return LowerBound(_least_makespan(times, visits), (SHARED, *more))
+        return LowerBound(_least_makespan(times, visits), tuple(assumptions))
 
     def _by_own_clocks(self, job: Job) -> LowerBound:
         """Bound a job whose arms are asynchronous."""
@@ -278,7 +246,7 @@ class JobBound:
                 alone = replace(job, tasks=tasks, pairing=None)
                 found = self._of_order(alone).value
                 value = max(value, found or 0.0)
-        return LowerBound(value, (OWN_CLOCKS,))
+        return LowerBound(value, (bound_note("own_clocks"),))
 
     def _sum_of_sections(self, job: Job, *, stages_count: bool) -> LowerBound:
         """Sum the bounds of paths and seams and of all other tasks.
@@ -290,7 +258,7 @@ class JobBound:
             job: what is to be done.
             stages_count: whether this robot has bounds of stages.
         """
-        value, assumptions = 0.0, [OPEN_PATH_BOUND if stages_count else STAGES_AS_ZERO]
+        value, assumptions = 0.0, [bound_note("open_paths" if stages_count else "paths_alone")]
         others = tuple(task for task in job.tasks if not task.alone)
         if others and stages_count:
             alone = replace(job, tasks=others, start="free", returns=False)
@@ -311,13 +279,13 @@ class JobBound:
 
     def _with_other_work(self, job: Job) -> LowerBound:
         """Bound a job with paths and seams in a given order."""
-        assumptions = dict[str, None]()
+        assumptions = dict[Note, None]()
         rows: list[_Row] = []
         for section in job.sections():
             if section[0].alone:
                 rows += _other_work(job, section)
             elif (own := replace(job, tasks=section)).is_decided:
-                assumptions |= dict.fromkeys(ASSUMPTIONS)
+                assumptions |= {bound_note("order"): None}
                 rows += [
                     _Row({a: stop for a, (_, stop) in stage.items()}) for stage in own.stages()
                 ]
@@ -330,7 +298,7 @@ class JobBound:
             # Within its tolerance a path may end where no posture is at its pose.
             rows = [replace(row, stops={}) if row.at_rest else row for row in rows]
             value = self._of_rows(job, rows)
-        return LowerBound(value, (*assumptions, PATH_BOUND))
+        return LowerBound(value, (*assumptions, bound_note("paths")))
 
     def _of_rows(self, job: Job, rows: list[_Row]) -> float:
         """Bound stages [s], under a job's limits and with its start and return."""

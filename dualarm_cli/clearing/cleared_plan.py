@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field
+from functools import partial
 
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.motion.transfers import Known
+from dualarm_cli.notes import Note
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.method import Decided, MethodProblem
@@ -16,6 +18,27 @@ DEAR = 0.25
 """Share of the cycle time; where avoiding collisions costs more, a note says so."""
 SHOWN = 5e-4
 """Costs that are shown as more than nothing [s]."""
+SENTENCES: Mapping[str, str] = {
+    "done": "clearance: {done:*, }; with stops at all lines' ends, compared with the plan without collision "
+    "checking ({unchecked:.3f} s), {effect}",
+    "replanned": "other postures or platform angles were chosen",
+    "slower": "a slower, collision-free plan was chosen",
+    "waits": "{arm} waits {seconds:.2f} s in stage {stage}",
+    "detour": "{arm} makes a detour in stage {stages:*}",
+    "detours": "{arm} makes {stages:#|#} detours (stages {stages:*, })",
+    "longer": "this costs {seconds:.3f} s",
+    "shorter": "it is {seconds:.3f} s shorter: the method does not always find the fastest plan",
+    "dear": "clearance costs {share:.0%} of the cycle time: other methods (`dualarm compare solvers`) or another "
+    "cell layout may be faster",
+}
+"""Notes on clearance, by key."""
+_note = partial(Note.of, SENTENCES, "clearance")
+DETOURS_STRAIGHT = Note(
+    "sensitivity: transfers that wait or are curved to avoid collisions count as straight ones, and their extra time "
+    "as constant",
+    "sensitivity",
+)
+"""Note on assumed limits."""
 
 
 @dataclass(frozen=True)
@@ -60,50 +83,33 @@ class ClearedPlan:
         return bool(self.cleared.blocked) or (self.cost or 0.0) > fraction * self.unchecked
 
 
-def _detours(arm: str, stages: list[int]) -> str:
-    """Returns how a note tells of an arm's detours, by their stages."""
-    if len(stages) == 1:
-        return f"{arm} makes a detour in stage {stages[0]}"
-    return f"{arm} makes {len(stages)} detours (stages {', '.join(map(str, stages))})"
-
-
-def clearance_notes(parts: Sequence[tuple[ClearedPlan, int]]) -> list[str]:
-    """Returns what was done for clearance, and what it cost against the plan where nothing could touch.
+def clearance_notes(parts: Sequence[tuple[ClearedPlan, int]]) -> list[Note]:
+    """List notes on what was done for clearance, and its cost against the plan where nothing could touch.
 
     Args:
         parts: the plans of a job's sections that had to be collision-free, each with the number of its first stage.
     """
-    done, detours = [], dict[str, list[int]]()
+    changed, detours = list[Note](), dict[str, list[int]]()
     for found, first in parts:
         for k, stage in enumerate(found.cleared.plans, first):
-            done += [f"{arm} waits {wait:.2f} s in stage {k}" for arm, wait in stage.waits.items()]
+            for arm, wait in stage.waits.items():
+                changed.append(_note("waits", arm=arm, seconds=wait, stage=k))
             for arm in stage.detours:
                 detours.setdefault(arm, []).append(k)
-    changed = bool(done or detours)
-    done += [_detours(arm, stages) for arm, stages in detours.items()]
-    if any(found.replanned for found, _ in parts):
-        done.insert(0, "other postures or platform angles were chosen")
+    for arm, stages in detours.items():
+        key = "detour" if len(stages) == 1 else "detours"
+        changed.append(_note(key, arm=arm, stages=stages))
+    replanned = any(found.replanned for found, _ in parts)
+    done = [_note("replanned"), *changed] if replanned else changed
     costs = [found.cost for found, _ in parts if found.cost is not None]
     cost, unchecked = sum(costs), sum(found.unchecked for found, _ in parts)
     if not costs or (not done and abs(cost) < SHOWN):
         return []
-    if not done:
-        done.append("a slower, collision-free plan was chosen")
-    what = f"this costs {cost:.3f} s"
-    if cost < 0.0:
-        what = f"it is {-cost:.3f} s shorter: the method does not always find the fastest plan"
-    notes = [
-        f"clearance: {', '.join(done)}; with stops at all lines' ends, compared with the plan without collision "
-        f"checking ({unchecked:.3f} s), {what}"
-    ]
+    effect = _note("shorter" if cost < 0.0 else "longer", seconds=abs(cost))
+    more = {"done": done or [_note("slower")], "unchecked": unchecked}
+    notes = [_note("done", **more, effect=effect)]
     if cost > DEAR * unchecked:
-        notes.append(
-            f"clearance costs {cost / unchecked:.0%} of the cycle time: other methods (`dualarm compare "
-            "solvers`) or another cell layout may be faster"
-        )
+        notes.append(_note("dear", share=cost / unchecked))
     if changed:
-        notes.append(
-            "sensitivity: transfers that wait or are curved to avoid collisions count as straight ones, and their "
-            "extra time as constant"
-        )
+        notes.append(DETOURS_STRAIGHT)
     return notes

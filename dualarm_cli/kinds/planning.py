@@ -17,6 +17,7 @@ from dualarm_cli.model.schedule import DURATION
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion, MotionBuilder
+from dualarm_cli.notes import Note
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.records import dataclass
 from dualarm_cli.registry import Registry
@@ -102,8 +103,8 @@ class KindPlanning:
 
     Raises InfeasibleError where it cannot be.
     """
-    together: str = ""
-    """Message of `mode: free` where both arms go from stage to stage together all the same; empty otherwise."""
+    together: Note | None = None
+    """Note of `mode: free` where both arms go from stage to stage together all the same."""
     quickest: Callable[..., ClearedPlan] | None = None
     """Decides stages and makes them clear, where `quickest_clear` does not; with the same parameters."""
     solvers: Registry[Any] | None = None
@@ -116,8 +117,8 @@ class KindPlanning:
     """What tasks ask for that there is not."""
     notes: Callable[[Job, PlanSettings, Trajectory], list[str]] = lambda job, settings, motion: []
     """What a reader should know of a plan with its work."""
-    unbounded: str = ""
-    """Why there is no lower bound with its work; empty where there is one."""
+    unbounded: Note | None = None
+    """Reason why there is no lower bound with its work; None where there is one."""
     add: (
         Callable[[SectionTools, SectionBuilder, Section, FloatArray | None, Section], None] | None
     ) = None

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from dualarm_cli.model.job import Job, Stop
 from dualarm_cli.model.rest_to_rest import PassingLaw, RestToRest
+from dualarm_cli.notes import Note
 from dualarm_cli.records import dataclass
 from dualarm_cli.registry import Registry
 
@@ -29,7 +30,7 @@ class Blending:
     """Test of stops whose target or outer line ends tools may pass in motion."""
     law: Callable[[RestToRest], RestToRest]
     """Least times of transfers and lines under joint limits, given the law from rest to rest."""
-    assumption: str | None = None
+    assumption: Note | None = None
     """Assumption of the lower bound under that law; None for that of plans at rest."""
 
 
@@ -40,9 +41,13 @@ LINES = Blending(
     straight=Job.blended,
     passes=lambda stop: bool(stop.approach or stop.retract or stop.blend),
     law=PassingLaw.of,
-    assumption="lower bound: holds for every plan that keeps the order, if one is given, and stops at its targets "
-    "only: transfers take at least each joint's way at full speed, the straight parts of lines what joints need from "
-    "rest to any speed; these are followed exactly, and the platform stands during them and dwells",
+    assumption=Note(
+        "lower bound: holds for every plan that keeps the order, if one is given, and stops at its targets only: "
+        "transfers take at least each joint's way at full speed, the straight parts of lines what joints need from "
+        "rest to any speed; these are followed exactly, and the platform stands during them and dwells",
+        "lower bound",
+        "lines",
+    ),
 )
 STOPPING = Blending(
     name="none",

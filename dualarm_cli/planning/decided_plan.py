@@ -19,6 +19,7 @@ from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.orders.watch import Watch
+from dualarm_cli.planning.notes import planning_note
 from dualarm_cli.planning.planned_job import PlannedJob
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.refusals import Refusal
@@ -127,25 +128,17 @@ def job_notes(job: Job) -> list[str]:
     ]
     if not idle:
         return []
-    some = ", ".join(idle[:3]) + (", …" if len(idle) > 3 else "")
-    verb = "pick or place takes" if len(idle) == 1 else "picks and places take"
-    return [f"dwell: {len(idle)} {verb} no time ({some}); check `dwell` in the task file"]
+    shown = [*idle[:3], "…"] if len(idle) > 3 else idle
+    return [planning_note("dwell", "none", stops=idle, shown=shown)]
 
 
 def platform_notes(model: CellModel, stages: list[StagePlan]) -> list[str]:
     """List notes on a platform that did not do what its solver says."""
-    notes = []
+    notes: list[str] = []
     if model.platform.joints and not model.platform.is_chosen:
-        notes.append(
-            "platform: held where it starts; a platform of one joint is moved between stages: freeze the others"
-        )
-    reached = [str(k) for k, stage in enumerate(stages, start=1) if stage.solver == "reach"]
+        notes.append(planning_note("platform", "held"))
+    reached = [k for k, stage in enumerate(stages, start=1) if stage.solver == "reach"]
     if reached:
-        angles, turns, angle = "angles", "turns", "angle"
-        if model.platform.is_rail:
-            angles, turns, angle = "positions", "moves", "position"
-        notes.append(
-            f"platform: in stages {', '.join(reached)} the solver's {angles} do not let every arm reach; "
-            f"the platform {turns} to the nearest {angle} that does (platform solver: reach)"
-        )
+        more = {"stages": reached, "rail": model.platform.is_rail}
+        notes.append(planning_note("platform", "reach", **more))
     return notes

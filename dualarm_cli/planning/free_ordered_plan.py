@@ -24,7 +24,7 @@ from dualarm_cli.planning.asynchronous.free_epochs import (
 )
 from dualarm_cli.planning.asynchronous.free_plan import FreePlanner
 from dualarm_cli.planning.decided_plan import in_time, job_notes, schedule_of
-from dualarm_cli.planning.notes import ESTIMATE, planning_note
+from dualarm_cli.planning.notes import planning_note
 from dualarm_cli.planning.ordered_plan import plan_in_best_order
 from dualarm_cli.planning.planned_job import PlannedJob
 
@@ -134,16 +134,8 @@ def _turns(model: CellModel) -> bool:
 def _why_together(own: Schedule | None, *, turns: bool) -> str:
     """Returns why both arms go from stage to stage together although each could go by its own clock."""
     if own is None:
-        stands = " (the platform stands while tools work there)" if turns else ""
-        return (
-            f"mode: free: no plan was found in which the arms run asynchronously{stands}; "
-            "both start each stage together"
-        )
-    stands = ", for which the platform has to stand" if turns else ""
-    return (
-        "mode: free: both arms start each stage together, as that is faster than asynchronous arms"
-        f"{stands} ({own.duration:.3f} s)"
-    )
+        return planning_note("mode", "no_own_clocks", turns=turns)
+    return planning_note("mode", "together", turns=turns, duration=own.duration)
 
 
 def _may_be_quicker(model: CellModel, found: Schedule) -> bool:
@@ -177,23 +169,24 @@ def _worth_planning(orders: FreeOrders) -> list[FreeOrder]:
 
 def epoch_notes(found: FreeEpochs, together: Schedule | None, *, rail: bool) -> list[str]:
     """Returns what a reader should know of a plan in which the platform stands at several angles or places."""
-    counts = [sum(not task.is_change for task in tasks) for _, tasks in found.epochs]
-    stands = ", then ".join(
-        f"at {1e3 * place[0] if rail else np.degrees(place[0]):.0f} {'mm' if rail else 'deg'} "
-        f"for {count} {'task' if count == 1 else 'tasks'}"
-        for (place, _), count in zip(found.epochs, counts, strict=True)
-    )
-    notes = [
-        f"mode: free: the platform stands {stands}; meanwhile the arms run asynchronously; {found.total:.2f} s by "
-        f"{ESTIMATE}"
+    epochs = [
+        planning_note(
+            "mode",
+            "at",
+            place=1e3 * place[0] if rail else np.degrees(place[0]),
+            unit="mm" if rail else "deg",
+            tasks=sum(not task.is_change for task in tasks),
+        )
+        for place, tasks in found.epochs
     ]
-    return notes + _together_notes(together)
+    stands = planning_note("mode", "stands", epochs=epochs, total=found.total)
+    return [stands, *_together_notes(together)]
 
 
 def _together_notes(together: Schedule | None) -> list[str]:
     if together is None:
         return []
-    return [f"mode: free: synchronous stages would take {together.duration:.3f} s"]
+    return [planning_note("mode", "synchronous", duration=together.duration)]
 
 
 def free_notes(
@@ -207,9 +200,8 @@ def free_notes(
         together: a plan in which both arms go from stage to stage together, if there is one.
         turns: whether there is a platform.
     """
-    stands = "the platform stands while tools work, and " if turns else ""
-    notes = [f"mode: free: {stands}the arms run asynchronously; {total:.2f} s by {ESTIMATE}"]
-    notes += _together_notes(together)
+    own = planning_note("mode", "own_clocks", turns=turns, total=total)
+    notes = [own, *_together_notes(together)]
     if orders.exact and total <= orders.found[0].total:
         notes.append(planning_note("order", "best"))
     elif orders.bound is not None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from dualarm_cli.beside import Beside
-from dualarm_cli.bound.bound import LowerBound
+from dualarm_cli.bound.bound import no_bound
 from dualarm_cli.bound.job_bound import JobBound
 from dualarm_cli.effort import less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
@@ -23,10 +23,6 @@ from dualarm_cli.planning.decided_plan import decided_plan
 from dualarm_cli.planning.notes import planning_note
 from dualarm_cli.planning.planned_job import PlannedJob, Route, resolve
 
-NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
-"""Message where the user had seen enough once there was a plan."""
-NOT_EASIER = "effort: less effort might give a shorter plan; its search was interrupted"
-"""Message where the user had seen enough before the plan of less effort was there."""
 SHORT_STOPS = 24
 """Maximum number of stops of a job that is also planned with less effort.
 
@@ -34,11 +30,7 @@ That plan is made in another process.
 """
 FAR_SLOWER = 0.08
 """By more than this share the file's order is slower by far, as the search times it."""
-OF_THE_FILE = planning_note("order", "of_file")
-"""Message where a search does no better than the file."""
 T = TypeVar("T")
-UNLIMITED = planning_note("order", "fixed")
-"""Message of a time limit where nothing was searched."""
 
 
 def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedule:
@@ -71,16 +63,16 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
             watch.keep(schedule)
             is_found = False
         watch.tell("computing the lower bound")
-        least = _until_seen_enough(watch, bounding.result) or LowerBound(None, (NOT_BOUNDED,))
+        least = _until_seen_enough(watch, bounding.result) or no_bound("interrupted")
         if is_found and _less_efforts(work):
             watch.tell("planning with less effort")
             easier = None if watch.enough() else _until_seen_enough(watch, beside.result)
             if easier is None and watch.enough():
-                notes.append(NOT_EASIER)
+                notes.append(planning_note("effort", "interrupted"))
             elif easier is not None and easier.duration < schedule.duration - SAME_TIME:
                 schedule = _as_asked(easier, settings, schedule.duration)
     if job.is_decided and settings.time_limit is not None:
-        notes.append(UNLIMITED)
+        notes.append(planning_note("order", "fixed"))
     notes = [*schedule.notes, *notes, *least.assumptions]
     return replace(schedule, lower_bound=least.value, notes=tuple(notes))
 
@@ -148,8 +140,9 @@ def _by_route(work: PlannedJob, watch: Watch) -> Schedule:
             given = ROUTES[work.route](work.with_job(filed), watch)
             if best is None or given.duration < best.duration:
                 # What is proven of arms in a given order is not proven of all orders.
-                notes = [note for note in given.notes if not is_about(note, "order")]
-                best = replace(given, order_grid_gap=None, notes=(*notes, OF_THE_FILE))
+                kept = [note for note in given.notes if not is_about(note, "order")]
+                notes = (*kept, planning_note("order", "of_file"))
+                best = replace(given, order_grid_gap=None, notes=notes)
     if best is None:
         assert failure is not None  # nothing else leaves none
         raise failure
@@ -231,12 +224,13 @@ def _as_asked(easier: Schedule, settings: PlanSettings, duration: float | None =
         settings: as they were asked for.
         duration: of the plan with the effort asked for [s]; None where it has none.
     """
-    made = easier.provenance.settings
-    why = f"{settings.effort} found none"
-    if duration is not None:
-        why = f"it is {duration - easier.duration:.2g} s shorter than that of {settings.effort}"
-    note = f"effort: the plan of {made['effort']} effort was taken, as {why}"
-    provenance = replace(easier.provenance, settings={**made, "effort": settings.effort})
+    settings_then = easier.provenance.settings
+    more = {"made": settings_then["effort"], "effort": settings.effort}
+    if duration is None:
+        note = planning_note("effort", "only", **more)
+    else:
+        note = planning_note("effort", "shorter", **more, gain=duration - easier.duration)
+    provenance = replace(easier.provenance, settings={**settings_then, "effort": settings.effort})
     return replace(easier, provenance=provenance, notes=(*easier.notes, note))
 
 

@@ -176,8 +176,7 @@ def _pinned(job: Job, rules: Rules) -> tuple[Job, Rules, list[str]]:
     if not names:
         return job, rules, []
     job = replace(job, tasks=tasks)
-    note = "parts: near others these keep the yaw of the file, although it is free"
-    return job, _rules(job), [f"{note}: {', '.join(names)}"]
+    return job, _rules(job), [planning_note("parts", "yaw", stops=names)]
 
 
 def _rule(job: Job, crowded: Crowded) -> tuple[str, str] | None:

@@ -255,6 +255,6 @@ def _with_order(schedule: Schedule, chosen: Job, given: Job, tried: int) -> Sche
     whose = "the file's order of sections" if chosen == given else "sections in another order"
     if chosen.order == "given":
         whose = "the file's order of all tasks"
-    more = {"tried": tried, "whose": whose, "rows": ", ".join(rows)}
+    more = {"tried": tried, "whose": whose, "rows": rows}
     note = planning_note("order", "sections", **more)
     return replace(schedule, notes=(*schedule.notes, note))

@@ -12,6 +12,7 @@ from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import ANY, JointTarget
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.notes import Note
 from dualarm_cli.stages.method import MethodProblem
 
 CLOSED_FORMS, NUMERIC = "arm_angle", "numeric"
@@ -20,6 +21,14 @@ SEQUENCE, FIXED = "sequence", "fixed"
 """Methods that serve any arms."""
 TOGETHER: Mapping[str, tuple[str, ...]] = dict.fromkeys((SEQUENCE, FIXED), (CLOSED_FORMS, NUMERIC))
 """Redundancy solvers that go together with a method; with all others it is CLOSED_FORMS."""
+
+_GENERAL = "solvers: {which} not spherical-revolute-spherical; planned with --redundancy {solver}"
+SENTENCES: Mapping[str, str] = {
+    "general": _GENERAL,
+    "mixed": _GENERAL + ", which has closed forms for kind {kinds}",
+    "closed": "solvers: planned with --redundancy {solver}, in closed form for kind {kinds}",
+}
+"""Notes on solvers, by key."""
 
 
 def goes_together(method: str, redundancy: str) -> bool:
@@ -58,12 +67,9 @@ def served_settings(settings: PlanSettings, robot: Robot) -> tuple[PlanSettings,
         return settings, []
     kinds = [arm.kind for arm in robot.arms if arm.kind != "srs"]
     closed = " and ".join(dict.fromkeys(kind for kind in kinds if kind != "general"))
-    if "general" in kinds:
-        note = f"{_which(robot)} not spherical-revolute-spherical; planned with --redundancy {own}"
-        note += f", which has closed forms for kind {closed}" if closed else ""
-    else:
-        note = f"planned with --redundancy {own}, in closed form for kind {closed}"
-    return replace(settings, redundancy=own), [f"solvers: {note}"]
+    key = "closed" if "general" not in kinds else "mixed" if closed else "general"
+    note = Note.of(SENTENCES, "solvers", key, which=_which(robot), solver=own, kinds=closed)
+    return replace(settings, redundancy=own), [note]
 
 
 def why_no_closed_form(robot: Robot) -> str | None:

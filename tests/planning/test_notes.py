@@ -36,3 +36,10 @@ def test_a_sentence_without_its_data_is_refused() -> None:
         planning_note("order", "sections", tried=3)
     with pytest.raises(KeyError):
         Note.of({}, "order", "best")
+
+
+def test_a_sentence_counts_lists_and_asks_flags() -> None:
+    """One or many by a list's length or a number; a flag is one or none."""
+    table = {"x": "{rows:# task|# tasks} at {n:# angle|# angles}{turns:, turning|}"}
+    assert Note.of(table, "mode", "x", rows=["a"], n=2, turns=True) == "1 task at 2 angles, turning"
+    assert Note.of(table, "mode", "x", rows=[], n=1, turns=False) == "0 tasks at 1 angle"

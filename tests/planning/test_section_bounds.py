@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.bound.job_bound import OPEN_PATH_BOUND, PATH_BOUND, job_bound
+from dualarm_cli.bound.bound import bound_note
+from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import kind_of
@@ -108,7 +109,7 @@ def test_transfers_of_six_axis_arms_are_the_fastest_of_all_postures(
         bound = job_bound(job, "quick", "lines" if blended else "none")
         # Tables of times have steps of distance, and round down.
         assert 0.99 * expected <= bound.value - at_full_speed(job) <= expected
-        assert PATH_BOUND in bound.assumptions
+        assert bound_note("paths") in bound.assumptions
 
 
 def _postures(model: CellModel, arm: str, pose: pin.SE3) -> FloatArray:
@@ -296,7 +297,7 @@ def test_an_open_order_leaves_transfers_to_paths_out(tmp_path: Path) -> None:
     job = job_of(tmp_path, PATHS.format(x=0.5, z=0.9), head="order: optimise\nreturn: true\n")
     bound = job_bound(job, "quick")
     assert bound.value == pytest.approx(at_full_speed(job), rel=2e-5)
-    assert OPEN_PATH_BOUND in bound.assumptions
+    assert bound_note("open_paths") in bound.assumptions
 
 
 def test_an_open_order_of_seams_may_use_the_time_before_they_open(tmp_path: Path) -> None:

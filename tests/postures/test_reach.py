@@ -7,8 +7,8 @@ import pytest
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.notes import millimetres
 from dualarm_cli.planning.planner import plan
-from dualarm_cli.refusals import millimetres
 
 HEAD = "dualarm: tasks/1\ncell: cell.yaml\nmode: paired\norder: given\nreturn: true\ntasks:\n"
 GRIPPERS = "{left: {tcp: {xyz: [0, 0, 120 mm]}}, right: {tcp: {xyz: [0, 0, 120 mm]}}}"

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dualarm_cli.bound.job_bound import STAGES_AS_ZERO, job_bound
+from dualarm_cli.bound.bound import bound_note
+from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.cli.run import run
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
@@ -60,12 +61,12 @@ def test_stages_beside_paths_on_several_joints_are_not_bounded(tmp_path, sliding
     schedule = plan(job, PlanSettings(effort="quick"))
     assert verify(schedule, job, clearance=True).passed
     bound = job_bound(job, "quick")
-    assert STAGES_AS_ZERO in bound.assumptions
+    assert bound_note("paths_alone") in bound.assumptions
     assert bound.value is not None
     assert 2.0 * (1.0 - 2e-5) <= bound.value <= schedule.duration
     # The path alone: 200 mm at 100 mm/s.
     alone = load_job(path_job(tmp_path, sliding_robots, {"waist": None}))
-    assert STAGES_AS_ZERO not in job_bound(alone, "quick").assumptions
+    assert bound_note("paths_alone") not in job_bound(alone, "quick").assumptions
 
 
 @pytest.mark.parametrize("own", [False, True])

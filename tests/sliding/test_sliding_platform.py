@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.bound.job_bound import NO_BOUND_ON_RAILS
+from dualarm_cli.bound.bound import bound_note
 from dualarm_cli.cli.run import run
 from dualarm_cli.errors import InputError, UnsupportedError
 from dualarm_cli.files.cells.cells import load_cell
@@ -186,7 +186,7 @@ def test_methods_that_serve_a_lift_make_verified_plans(job, sliding_robots, meth
     units = {check.name: check.unit for check in verification.checks}
     assert units["platform_still"] == "m, m/s"
     assert schedule.lower_bound is None
-    assert NO_BOUND_ON_RAILS in schedule.notes
+    assert bound_note("rail") in schedule.notes
     held = plan(made, PlanSettings(platform="fixed"))
     if method == "sequence":
         assert schedule.duration < held.duration

@@ -287,7 +287,7 @@ def _mesh_note(meshes: dict[str, tuple[Shape, ...]]) -> list[str]:
     """Returns a note on links whose meshes are taken as convex hulls."""
     if not meshes:
         return []
-    return [Note.of({HULL_NOTE: {"links": "{links}"}}, HULL_NOTE, "links", links=listed([*meshes]))]
+    return [Note(f"{HULL_NOTE}: {listed([*meshes])}", HULL_NOTE)]
 
 
 ROOT_LINK = "base_link"

@@ -17,9 +17,12 @@ from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.model.cell import Buffer
 from dualarm_cli.model.job import Job, Stop
 from dualarm_cli.model.place import Place
+from dualarm_cli.notes import Note
 
 MOST_PARTS = 1_000_000
 """Most parts of a buffer."""
+UNUSED = "buffer {quoted}: no task uses it; a pick or place does with buffer: {buffer}"
+"""Sentence of buffers without tasks."""
 
 
 class BufferSection(Section):
@@ -144,9 +147,8 @@ def with_buffers(document: Document, model: TasksFile, job: Job) -> Job:
         where = Place(document.source.name, line, column)
         found[name] = Buffer(section.capacity, section.initial, where)
         if _counted(model, name) == (0, 0):
-            notes.append(
-                f"buffer {quote(name)}: no task uses it; a pick or place does with buffer: {name}"
-            )
+            more = {"quoted": quote(name), "buffer": name}
+            notes.append(Note.of({"unused": UNUSED}, "buffers", "unused", **more))
     return replace(job, buffers=found, notes=(*job.notes, *notes))
 
 

@@ -22,6 +22,7 @@ from dualarm_cli.kinds.conveyor.meeting import ConveyorMeeting, MissedError, Tim
 from dualarm_cli.kinds.planning import KindPlanning
 from dualarm_cli.model.job import Job, Stop, Task
 from dualarm_cli.model.joint_motion import SAME_TIME
+from dualarm_cli.notes import Note
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
@@ -53,29 +54,25 @@ class BeltSettings:
 
 BELT = BeltSettings()
 
-NO_SENSITIVITY = (
-    "sensitivity: none for tasks with conveyors: faster arms would meet parts elsewhere"
+NO_SENSITIVITY = Note(
+    "sensitivity: none for tasks with conveyors: faster arms would meet parts elsewhere",
+    "sensitivity",
 )
-"""Message of assumed limits."""
-NO_CONVEYOR_BOUND = "lower bound: none for tasks with conveyors"
-"""The same where parts move: the bound is of parts that stand, and those may be nearer when they are met."""
-FREE = "mode: free: with conveyors, both arms start each stage together in this version"
-"""Message of asynchronous arms."""
+"""Note on assumed limits."""
+NO_CONVEYOR_BOUND = Note("lower bound: none for tasks with conveyors", "lower bound")
+"""Note where parts move: a bound is of parts that stand, and those may be nearer when they are met."""
+FREE = Note(
+    "mode: free: with conveyors, both arms start each stage together in this version", "mode"
+)
+"""Note on asynchronous arms."""
+PERIOD = "conveyors: the cycle repeats every {seconds:.3f} s, so each part must arrive with the same period"
+"""Sentence of cycles."""
 
 
 def conveyor_notes(job: Job, duration: float) -> list[str]:
-    """Returns what a reader should know of a plan with conveyors.
-
-    Args:
-        job: what is done.
-        duration: of the plan [s].
-    """
-    notes = [NO_SENSITIVITY]
-    if job.returns:
-        notes.append(
-            f"conveyors: the cycle repeats every {duration:.3f} s, so each part must arrive with the same period"
-        )
-    return notes
+    """List notes on a plan with conveyors that takes a duration [s]."""
+    period = Note.of({"period": PERIOD}, "conveyors", "period", seconds=duration)
+    return [NO_SENSITIVITY, period] if job.returns else [NO_SENSITIVITY]
 
 
 def guessed(job: Job, share: float = 0.5) -> Job:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +15,7 @@ from dualarm_cli.model.job import Job, Task
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.notes import Note
 from dualarm_cli.refusals import Refusal
 
 AT_LIMIT = 2e-3
@@ -30,57 +32,54 @@ REMEDIES: Mapping[Remedy, tuple[str, ...]] = {
 """What a reader may do about a refusal."""
 
 
+NOTES: Mapping[str, str] = {
+    "platform_turns": "--platform fixed holds the platform between paths; where they begin, and on paths of "
+    "methods for the whole body, it turns (--redundancy arm_angle: only to where they begin)",
+    "in_turn": "paths {first} and {then} are followed one after the other; write both tools' curves into one path "
+    "(left:, right:) to follow them together",
+    "capped": "{task}: followed at {cap:g} m/s, the limit of the tools' speed, instead of {speed:g} m/s",
+    "slowed": "{task}: takes {duration:.3f} s instead of {asked:.3f} s, because of the joints' limits",
+    "corners": "{task}: the tool stops at {corners:one corner|# corners}; give a (larger) `blend`, or arcs or "
+    "splines, to keep it moving",
+    "critical_points": "{task}: critical points of {arms:* and } are assumed: below the shoulder by the length of "
+    "the upper arm",
+}
+"""Notes on plans with paths, by key."""
+
+
 def path_job_notes(job: Job, method: str, trajectory: Trajectory) -> list[str]:
-    """Returns what a reader must know of a job with paths as a whole.
+    """List notes on a job with paths as a whole.
 
     Args:
         job: with paths.
         method: of its stops.
         trajectory: its motion.
     """
-    notes = []
+    notes: list[str] = []
     columns = job.cell.robot.columns(job.cell.robot.platform)
     if method == "fixed" and np.ptp(trajectory.position[:, columns], axis=0).max(initial=0.0) > 0.0:
-        notes.append(
-            "--platform fixed holds the platform between paths; where they begin, and on paths of methods for the "
-            "whole body, it turns (--redundancy arm_angle: only to where they begin)"
-        )
+        notes.append(Note.of(NOTES, "paths", "platform_turns"))
     sections = [section for section in job.sections() if section[0].path is not None]
     for one, other in pairwise(sections):
-        arms = [{task.arm for task in section} for section in (one, other)]
-        if not arms[0] & arms[1]:
-            notes.append(
-                f"paths {one[0].id} and {other[0].id} are followed one after the other; write both tools' curves into "
-                "one path (left:, right:) to follow them together"
-            )
+        if not {task.arm for task in one} & {task.arm for task in other}:
+            notes.append(Note.of(NOTES, "paths", "in_turn", first=one[0].id, then=other[0].id))
     return notes
 
 
 def path_notes(context: PathContext, task: str, found: FollowedPath, name: str) -> list[str]:
-    """Returns what a reader must know of how a path is followed."""
-    notes, work = [], found.work
+    """List notes on how a task's path is followed by the method of a name."""
+    note, work = partial(Note.of, NOTES, "paths", task=task), found.work
+    notes: list[str] = []
     cap, speed = context.job.tool_speed, work.speed * context.job.speed
     if cap is not None and cap < speed:
-        notes.append(
-            f"{task}: followed at {cap:g} m/s, the limit of the tools' speed, instead of {speed:g} m/s"
-        )
+        notes.append(note("capped", cap=cap, speed=speed))
     if found.trajectory.duration > found.asked * SLOWED:
-        notes.append(
-            f"{task}: takes {found.trajectory.duration:.3f} s instead of {found.asked:.3f} s, "
-            "because of the joints' limits"
-        )
-    if corners := len(work.corners()):
-        stops = "stops at one corner" if corners == 1 else f"stops at {corners} corners"
-        notes.append(
-            f"{task}: the tool {stops}; give a (larger) `blend`, or arcs or splines, to keep it moving"
-        )
-    if name.startswith("virtual_spring"):
-        missing = [arm for arm in work.paths if arm not in work.critical_points]
-        if missing:
-            notes.append(
-                f"{task}: critical points of {' and '.join(missing)} are assumed: below the shoulder by the length of "
-                "the upper arm"
-            )
+        notes.append(note("slowed", duration=found.trajectory.duration, asked=found.asked))
+    if corners := work.corners():
+        notes.append(note("corners", corners=corners))
+    missing = [arm for arm in work.paths if arm not in work.critical_points]
+    if missing and name.startswith("virtual_spring"):
+        notes.append(note("critical_points", arms=missing))
     return notes
 
 

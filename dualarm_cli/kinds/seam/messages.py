@@ -1,16 +1,57 @@
-"""Message of seams: methods that there are not, times that are too long, bounds, and where they fail."""
+"""Messages about seams: notes, methods that there are not, times that are too long, bounds, and where they fail."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
+
 from dualarm_cli.errors import Diagnostic, did_you_mean
 from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS, NoSeam
+from dualarm_cli.kinds.seam.motion import TimedSeam
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.notes import Note
 from dualarm_cli.refusals import Refusal
 
 LONGEST = 1800.0
 """Longest time of a seam that is planned [s]."""
+
+NOTES: Mapping[str, str] = {
+    "slow": "{task}: worked at {mm:.4g} mm/s, because of {capped:the limit of the tools' speed|limits}, instead of "
+    "{asked:.4g} mm/s",
+    "long": "{task}: takes {duration:.3f} s, because of {capped:the limit of the tools' speed|limits}, instead of "
+    "{asked:.3f} s",
+    "pace": "{task}: at {pace:.0%} of full speed seams are slower as well: {asked:.4g} mm/s for {mm:.4g}",
+    "no_shapes": "{task}: {bodies:* and } without shapes: they are not checked for collisions",
+    "touches": "{task}: {tool} may touch {bodies:*, } while it works, but must not penetrate it",
+}
+"""Notes on plans with seams, by key."""
+SLOWED = 1.001
+"""Factor by which a seam has to be slower than the file asks for a note."""
+
+
+def seam_notes(job: Job, task: str, work: SeamWork, seam: TimedSeam) -> list[str]:
+    """List notes on how a task's seam is worked."""
+    note, notes = partial(Note.of, NOTES, "seams", task=task), list[str]()
+    # What decides is not looked for: the file's own acceleration is one of the limits.
+    speed, duration = seam.speed(work.length), seam.trajectory.duration
+    if work.speed is not None and speed * SLOWED < work.speed * job.speed:
+        asked = work.speed * job.speed * 1e3
+        notes.append(note("slow", mm=speed * 1e3, asked=asked, capped=seam.capped))
+    if work.duration is not None and duration > SLOWED * work.duration / job.speed:
+        asked = work.duration / job.speed
+        notes.append(note("long", duration=duration, asked=asked, capped=seam.capped))
+    if work.speed is not None and job.speed < 1.0:
+        asked = work.speed * job.speed * 1e3
+        notes.append(note("pace", pace=job.speed, asked=asked, mm=work.speed * 1e3))
+    bodies = [f"{arm}_tool" for arm in work.arms if not job.cell.tools[arm].shapes]
+    if bodies:
+        notes.append(note("no_shapes", bodies=bodies))
+    tool = f"{work.slave}_tool"
+    if work.touches and tool not in bodies:
+        notes.append(note("touches", tool=tool, bodies=work.touches))
+    return notes
 
 
 def seam_faults(job: Job) -> list[Diagnostic]:

@@ -19,18 +19,21 @@ from dualarm_cli.kinds.planning import (
     drawn_out_transfer,
 )
 from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS
-from dualarm_cli.kinds.seam.messages import seam_bound, seam_faults
+from dualarm_cli.kinds.seam.messages import seam_bound, seam_faults, seam_notes
 from dualarm_cli.kinds.seam.plan import SeamPlanner
-from dualarm_cli.kinds.seam.record import PlannedSeam, add_seam, seam_notes
+from dualarm_cli.kinds.seam.record import PlannedSeam, add_seam
 from dualarm_cli.model.job import Job, PoseTarget
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.motion.builder import Motion
+from dualarm_cli.notes import Note
 from dualarm_cli.refusals import Refusal
 
 SAME = 1e-9
 """Difference of two configurations that count as one [rad]."""
-SEAMS_KEPT = "sensitivity: seams count as constant, and so do waits for not_before"
+SEAMS_KEPT = Note(
+    "sensitivity: seams count as constant, and so do waits for not_before", "sensitivity"
+)
 """What sensitivities of jobs with seams assume."""
 
 
@@ -86,7 +89,7 @@ def add_seam_section(
     else:
         _check_entry(work, job.speed, found.coming, name)
     add_seam(record, tools.problem.model, section, found, begin, job.speed)
-    record.notes += seam_notes(job, section[0].id, work, found)
+    record.notes += seam_notes(job, section[0].id, work, found.seam)
 
 
 def _check_entry(work: SeamWork, pace: float, taken: float, task: str) -> None:

@@ -8,10 +8,9 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
 from dualarm_cli.kinds.seam.motion import TimedSeam
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.job import Dwell, Job, Task
+from dualarm_cli.model.job import Dwell, Task
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
-from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import MotionBuilder
 from dualarm_cli.records import dataclass
@@ -57,10 +56,6 @@ def quicker(one: PlannedSeam | Refusal, other: PlannedSeam | Refusal) -> Planned
     if isinstance(one, Refusal):
         return other
     return min(one, other, key=lambda plan: plan.seam.trajectory.duration)
-
-
-SLOWED = 1.001
-"""Speeds lower by this factor are worth a word."""
 
 
 def add_seam(
@@ -152,39 +147,3 @@ class _Writer:
         task = next(iter(self._tasks.values())).id
         angle = self._model.platform_angle(position)
         self._record.add_work(task, solver, begin, angle, transfer)
-
-
-def seam_notes(job: Job, task: str, work: SeamWork, found: PlannedSeam) -> list[str]:
-    """Returns what a reader must know of how a seam is worked."""
-    notes = []
-    # What decides is not looked for: the file's own acceleration is one of the limits.
-    why = "because of the limit of the tools' speed" if found.seam.capped else "because of limits"
-    speed = found.seam.speed(work.length)
-    if work.speed is not None and speed * SLOWED < work.speed * job.speed:
-        notes.append(
-            f"{task}: worked at {speed * 1e3:.4g} mm/s, {why}, instead of "
-            f"{work.speed * job.speed * 1e3:.4g} mm/s"
-        )
-    if (
-        work.duration is not None
-        and found.seam.trajectory.duration > SLOWED * work.duration / job.speed
-    ):
-        notes.append(
-            f"{task}: takes {found.seam.trajectory.duration:.3f} s, {why}, instead "
-            f"of {work.duration / job.speed:.3f} s"
-        )
-    if job.speed < 1.0 and work.speed is not None:
-        notes.append(
-            f"{task}: at {job.speed:.0%} of full speed seams are slower as well: "
-            f"{work.speed * job.speed * 1e3:.4g} mm/s for {work.speed * 1e3:.4g}"
-        )
-    bodies = [f"{arm}_tool" for arm in work.arms if not job.cell.tools[arm].shapes]
-    if bodies:
-        notes.append(
-            f"{task}: {' and '.join(bodies)} without shapes: they are not checked for collisions"
-        )
-    if work.touches and f"{work.slave}_tool" not in bodies:
-        notes.append(
-            f"{task}: {work.slave}_tool may touch {', '.join(work.touches)} while it works, but must not penetrate it"
-        )
-    return notes
