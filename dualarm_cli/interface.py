@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -340,8 +340,12 @@ def compare_solvers(
         # Where a stop cannot be reached at all, every row says so; a bound of nothing bounds nothing.
         least = bound.value if bound.value and math.isfinite(bound.value) else None
         matrix = job_cases(job) if cases is None else cases[name]
-        judge = partial(judged, clearance=True)
-        outcomes = run_cases(job, settings, matrix, least, judge, perf_counter, say)
+
+        def judge(schedule: Schedule, job: Job, least: float | None = least) -> Schedule:
+            bounded = replace(schedule, lower_bound=least)
+            return replace(bounded, verification=judged(bounded, job, clearance=True))
+
+        outcomes = run_cases(job, settings, matrix, judge, perf_counter, say)
         if kept is not None:
             outcomes = kept(name, job, outcomes)
         section, timed = job_comparison(name, job, outcomes, least, bound.assumptions)

@@ -432,14 +432,14 @@ def within_reach(
 
 def pose_cells(
     arm: SrsArm,
-    R: FloatArray,
-    p: FloatArray,
+    flange: tuple[FloatArray, FloatArray],
     intervals: AngleCells,
     resolution: Resolution,
     free_last: bool,
     line: LineToTarget | None,
 ) -> Cells:
     """Returns cells that cover every posture of one flange pose, as `bound/cells.py` has it."""
+    R, p = flange
     finer, parts = resolution.finer, resolution.arm_angles * resolution.finer
     if not len(intervals.index):
         return free_cells(arm, np.zeros(1))

@@ -68,8 +68,7 @@ class LineToTarget:
 
 def pose_cells(
     arm: SrsArm,
-    R: FloatArray,
-    p: FloatArray,
+    flange: tuple[FloatArray, FloatArray],
     intervals: AngleCells,
     resolution: Resolution,
     free_last: bool,
@@ -105,8 +104,7 @@ def pose_cells(
 
     Args:
         arm: kinematics in the carried frame.
-        R: flange rotation in the carried frame at platform angle zero, shape (3, 3).
-        p: flange position there [m], shape (3,).
+        flange: its rotation, shape (3, 3), and position [m], shape (3,), in the carried frame at platform angle zero.
         intervals: the platform angles, within the parts of its cells (`finer_edges`).
         resolution: how finely.
         free_last: whether joint 7 is free.
@@ -118,7 +116,7 @@ def pose_cells(
     known = np.zeros(len(intervals.index)) if line is None else line.floor(intervals)
     found = compiled.posture_cells(
         arm.numbers,
-        (R, p),
+        flange,
         None if line is None else (line.target, *line.law.time_table),
         (intervals.index // finer, intervals.low, intervals.high, known),
         (resolution.arm_angles, finer),

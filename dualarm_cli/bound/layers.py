@@ -243,7 +243,9 @@ def _pose_cells(
         outer = p - length * z
         ends = arm.wrist_center(R, outer), arm.wrist_center(R, p)
         line = LineToTarget(p, work.law, lambda some: line_bounds(work, R, *ends, some))
-        return pose_cells(arm, R, outer, intervals, resolution, free_last, line if length else None)
+        return pose_cells(
+            arm, (R, outer), intervals, resolution, free_last, line if length else None
+        )
 
     approach = cells(stop.approach, within[0])
     return [approach, approach if stop.approach == stop.retract else cells(stop.retract, within[1])]

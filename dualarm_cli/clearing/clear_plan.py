@@ -82,7 +82,6 @@ def quickest_clear(
     *,
     clear: bool = True,
     alone: str | None = None,
-    for_stops: bool = False,
 ) -> ClearedPlan:
     """Plan a job without collisions, blended where the problem allows it.
 
@@ -96,7 +95,6 @@ def quickest_clear(
         progress: receives what is being done.
         clear: whether anything has to be collision-free.
         alone: the only arm that has to be clear, and not of the other one; None for all arms.
-        for_stops: whether postures are chosen as if tools stopped at all lines' ends; it ends as that plan does.
 
     Raises:
         InfeasibleError: no posture reaches a target, or nothing that was found is collision-free.
@@ -116,9 +114,6 @@ def quickest_clear(
         progress("blending lines and transfers")
         return plan
 
-    if for_stops:
-        # Its rivals may end elsewhere.
-        return blended_plan(problem, chosen_for_stops(), timing)
     stopping = replace(loop, solve=with_room(problem, solve)).run()
     progress("blending lines and transfers")
     blended = shortest_blended(problem, stopping, timing)
@@ -128,6 +123,26 @@ def quickest_clear(
     # Where blending gains little, postures chosen for stops may be quicker.
     rival = shortest_blended(problem, chosen_for_stops(), timing)
     return min(blended, rival, key=attrgetter("cleared.duration"))
+
+
+def quickest_for_stops(
+    problem: MethodProblem,
+    solve: Callable[[MethodProblem], Decided],
+    timing: TimingSolver,
+    progress: Callable[[str], None],
+    *,
+    clear: bool = True,
+) -> ClearedPlan:
+    """Plan a job as if tools stopped at all lines' ends, then blend it where the problem allows it.
+
+    The parameters are those of `quickest_clear`; the blended plan ends as the other one does.
+    """
+    stopping = replace(problem, blending=STOPPING)
+    plan = quickest_clear(stopping, solve, timing, progress, clear=clear)
+    if not problem.blends:
+        return plan
+    progress("blending lines and transfers")
+    return blended_plan(problem, plan, timing)
 
 
 @dataclass

@@ -57,7 +57,6 @@ def judged_log(
     between: Interpolation,
     allowed: TrackingLimits,
     *,
-    clearance: bool,
     as_planned: bool,
 ) -> DrivenJudgement:
     """Judge a logged motion against its plan.
@@ -67,8 +66,7 @@ def judged_log(
         schedule: the plan.
         tasks: task file of the plan.
         between: the interpolation.
-        allowed: what the motion may be off.
-        clearance: whether it is proven.
+        allowed: what the motion may be off, and whether clearance is proven.
         as_planned: whether joints that were not logged count as driven as planned.
 
     Raises:
@@ -86,9 +84,7 @@ def judged_log(
         raise UsageError(f"--plan: is no plan to compare with: {wrong.detail}")
     logged = read_logged_motion(path, schedule.trajectory.joints)
     try:
-        return judge_driven(
-            schedule, job, logged, between, allowed, clearance=clearance, as_planned=as_planned
-        )
+        return judge_driven(schedule, job, logged, between, allowed, as_planned=as_planned)
     except ValueError as error:
         raise UsageError(
             f"{path}: {error}, which the file does not have; name --interpolation linear"
@@ -279,15 +275,9 @@ def verify_command(
         allowed = tracking_limits(tracking_error, tool_error, delay)
         planned = read_schedule(plan)
         file = tasks or tasks_of(planned, plan if plan.is_dir() else plan.parent)
-        proven = clearance is not False
+        allowed = replace(allowed, clearance=clearance is not False)
         tracking = judged_log(
-            schedule,
-            planned,
-            file,
-            interpolation.value,
-            allowed,
-            clearance=proven,
-            as_planned=as_planned,
+            schedule, planned, file, interpolation.value, allowed, as_planned=as_planned
         )
         _show_driven(tracking, json_output, quiet)
         return

@@ -70,6 +70,21 @@ def spare_directions(arm: SerialChain, q: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
+class JointPlanes:
+    """Planes W q = level through the joint space, which fix the self-motion of b postures."""
+
+    W: FloatArray
+    """Directions of self-motion, shape (b, s, n)."""
+    level: FloatArray
+    """Values of W q on the planes, shape (b, s)."""
+
+    @classmethod
+    def through(cls, W: FloatArray, q: FloatArray) -> JointPlanes:
+        """Put a plane through each posture, shape (b, n)."""
+        return cls(W, np.einsum("bsn,bn->bs", W, q))
+
+
+@dataclass(frozen=True)
 class Course:
     """Joints of b postures along something."""
 
@@ -295,10 +310,10 @@ class LineFollowing:
         self, guess: FloatArray, share: FloatArray, row: IntArray, through: Crossing | None = None
     ) -> tuple[FloatArray, BoolArray, FloatArray]:
         """Solve for joints of lines (rows) at shares, with flags and determinants."""
-        W = self.W[row]
-        wanted = share[:, None] * self.ahead[row] + np.einsum("bsn,bn->bs", W, self.start[row])
+        planes = JointPlanes.through(self.W[row], self.start[row])
+        planes.level[...] += share[:, None] * self.ahead[row]
         p = self.lines.p[row] + share[:, None] * self.lines.shift[row]
-        q, met, det = newton(self.arm, guess, self.lines.R[row], p, W, wanted, through)
+        q, met, det = newton(self.arm, guess, self.lines.R[row], p, planes, through)
         return q, met & self.arm.within_limits(q), det
 
 
@@ -324,10 +339,10 @@ def moved_along(
         along: how far [rad], shape (b,).
     """
     W = spare_directions(arm, start)
-    wanted = np.einsum("bsn,bn->bs", W, start)
-    wanted[:, :1] += along[:, None]
+    planes = JointPlanes.through(W, start)
+    planes.level[:, :1] += along[:, None]
     guess = start + (W[:, 0] * along[:, None] if arm.spare else 0.0)
-    q, met, det = newton(arm, guess, R, p, W, wanted)
+    q, met, det = newton(arm, guess, R, p, planes)
     near = np.abs(q - start).max(axis=1) <= LARGEST_STEP
     return q, met & near & arm.within_limits(q) & (np.abs(det) > CONTINUATION.least_pivot)
 
@@ -337,20 +352,19 @@ def newton(
     guess: FloatArray,
     R: FloatArray,
     p: FloatArray,
-    W: FloatArray,
-    wanted: FloatArray,
+    planes: JointPlanes,
     through: Crossing | None = None,
 ) -> tuple[FloatArray, BoolArray, FloatArray]:
-    """Solve for postures at poses and on planes W q = wanted.
+    """Solve for postures at poses and on planes of the joint space.
 
     Where lines may go through singularities, steps are damped and a miss is allowed.
     """
-    q, det = guess, np.zeros(len(guess))
+    q, W, det = guess, planes.W, np.zeros(len(guess))
     met = np.zeros(len(guess), dtype=np.bool_)
     for k in range(CONTINUATION.newton_steps):
         R_now, p_now, J = arm.linearised(q)
         e = pose_error(R_now, p_now, R, p)
-        off = wanted - np.einsum("bsn,bn->bs", W, q)
+        off = planes.level - np.einsum("bsn,bn->bs", W, q)
         met = (np.abs(e).max(axis=1) <= 0.1 * RESIDUAL) & (np.abs(off) <= 1e-9).all(axis=1)
         A, left = np.concatenate([J, W], axis=1), np.concatenate([e, off], axis=1)
         if met.all() or k == CONTINUATION.newton_steps - 1:
@@ -407,8 +421,8 @@ class PointFollowing:
             target: position of the flange [m], shape (3,).
         """
         W = spare_directions(arm, guess)
-        wanted = np.einsum("bsn,bn->bs", W, guess)
-        q, met, det = newton(arm, guess, R[None], target[None], W, wanted)
+        planes = JointPlanes.through(W, guess)
+        q, met, det = newton(arm, guess, R[None], target[None], planes)
         return cls(arm, R, W[0], q[0], float(np.sign(det[0]))), bool(met.all())
 
     def outward(self, points: FloatArray, drift: FloatArray) -> tuple[FloatArray, bool]:
@@ -448,9 +462,9 @@ class PointFollowing:
         """
         ahead = np.zeros((len(points), self.arm.spare))
         ahead[:, :1] = drift[:, None]
-        planes = np.broadcast_to(self.W, (len(points), *self.W.shape))
+        W = np.broadcast_to(self.W, (len(points), *self.W.shape))
+        planes = JointPlanes(W, ahead + product(self.W, self.start))
         turned = np.broadcast_to(self.R, (len(points), 3, 3))
-        wanted = ahead + product(self.W, self.start)
-        q, met, det = newton(self.arm, guess, turned, points, planes, wanted)
+        q, met, det = newton(self.arm, guess, turned, points, planes)
         same = (np.sign(det) == self.sign) & (np.abs(det) > CONTINUATION.least_pivot)
         return q, bool((met & same & self.arm.within_limits(q)).all())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.kinematics.continuation import newton, spare_directions
+from dualarm_cli.kinematics.continuation import JointPlanes, newton, spare_directions
 from dualarm_cli.kinematics.serial_chain import SerialChain
 
 CURVE_STEP = 0.25
@@ -39,8 +39,8 @@ def self_motions(arm: SerialChain, q: FloatArray, R: FloatArray, p: FloatArray) 
     for k in range(1, CURVE_SAMPLES + 1):
         W, old = both[going], here[going]
         guess = old + CURVE_STEP * W[:, 0]
-        wanted = np.einsum("bsn,bn->bs", W, guess)
-        new, met, _ = newton(arm, guess, R2[going], p2[going], W, wanted)
+        planes = JointPlanes.through(W, guess)
+        new, met, _ = newton(arm, guess, R2[going], p2[going], planes)
         met &= arm.within_limits(new) & (np.abs(new - guess).max(axis=1) <= CURVE_STEP)
         going, new = going[met], new[met]
         if not len(going):

@@ -13,7 +13,6 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.model.verification import Verification
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.planning.redundancy_choice import with_redundancy
 from dualarm_cli.postures import REDUNDANCY_SOLVERS
@@ -24,7 +23,8 @@ from dualarm_cli.stages.serving import cell_model, own_redundancy, served_settin
 from dualarm_cli.timing import TIMING_SOLVERS
 
 Status = Literal["verified", "failed", "infeasible", "not served"]
-Judge = Callable[[Schedule, Job], Verification]
+Judge = Callable[[Schedule, Job], Schedule]
+"""Adds the verification, and the lower bound that it is compared with, to a schedule."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,6 @@ def run_cases(
     job: Job,
     settings: PlanSettings,
     matrix: Sequence[Case],
-    bound: float | None,
     judge: Judge,
     clock: Callable[[], float],
     progress: Callable[[str], None] = lambda _: None,
@@ -178,7 +177,6 @@ def run_cases(
         job: the same work for all.
         settings: effort and seed for all.
         matrix: how to plan.
-        bound: lower bound that every plan is compared with [s], or None.
         judge: the verifier.
         clock: wall clock [s].
         progress: receives what is being done.
@@ -213,7 +211,7 @@ def run_cases(
             continue
         taken = clock() - begin
         progress(f"{name}: verifying")
-        yield _judged(case, replace(schedule, lower_bound=bound), job, judge, taken)
+        yield _judged(case, judge(schedule, job), taken)
 
 
 def _why_unserved(job: Job, settings: PlanSettings, case: Case) -> str | None:
@@ -231,10 +229,10 @@ def _why_unserved(job: Job, settings: PlanSettings, case: Case) -> str | None:
     ].why_unsupported(job.cell.robot.limits)
 
 
-def _judged(case: Case, schedule: Schedule, job: Job, judge: Judge, taken: float) -> Outcome:
-    """Returns the outcome of a plan: it counts only if the verifier passes it."""
-    verification = judge(schedule, job)
-    schedule = replace(schedule, verification=verification)
+def _judged(case: Case, schedule: Schedule, taken: float) -> Outcome:
+    """Build the outcome of a judged plan: it counts only if the verifier passes it."""
+    verification = schedule.verification
+    assert verification is not None  # it has been judged
     if verification.passed:
         return Outcome(case, "verified", "", schedule, taken)
     faults = "; ".join(f"{check.name}: {check.detail}" for check in verification.failures)

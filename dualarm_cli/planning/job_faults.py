@@ -28,7 +28,7 @@ from dualarm_cli.orders.model.tool_changes import with_changes
 from dualarm_cli.planning.room_rules import RoomRules
 from dualarm_cli.postures.holding import Holding, too_near_obstacle
 from dualarm_cli.postures.out_of_reach import out_of_reach
-from dualarm_cli.postures.stage_problems import Clock, stage_problems
+from dualarm_cli.postures.stage_problems import Clock, StageStops
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
@@ -207,13 +207,12 @@ class _Faults:
                 [stop.met(time) for time in times.tolist()],
                 slack + 0.5 * FAULTS.belt_step,
             )
-        here = self._start[self.model.platform_columns]
         first: Refusal | None = None
         for place in places:
-            [seen] = stage_problems(
-                self.model, self._clock, self._start, here[None], {arm: (task, place)}, refine=False
+            stops = StageStops(self.model, self._clock, {arm: (task, place)}, False, None)
+            cause = out_of_reach(
+                self.model, self._start, stops.at_start(self._start)[arm], slack, turn
             )
-            cause = out_of_reach(self.model, self._start, seen[arm], slack, turn)
             if cause is None:
                 return None
             first = first or cause

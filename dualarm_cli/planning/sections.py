@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.clearing.clear_plan import quickest_clear
+from dualarm_cli.clearing.clear_plan import quickest_clear, quickest_for_stops
 from dualarm_cli.clearing.cleared_plan import clearance_notes
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
@@ -100,14 +100,8 @@ class SectionPlanner(SectionTools):
         problem = self.part(section, here)
         problem = self._ordered(replace(problem, job=begun(problem.job, self.done)))
         self.progress("deciding platform angles and postures")
-        found = quickest_clear(
-            problem,
-            self.method,
-            self.timing,
-            self.progress,
-            clear=self.clear,
-            for_stops=self.for_stops,
-        )
+        quickest = quickest_for_stops if self.for_stops else quickest_clear
+        found = quickest(problem, self.method, self.timing, self.progress, clear=self.clear)
         record.append(found.cleared.motion)
         record.count(found)
         record.stage_plans += found.cleared.plans

@@ -63,6 +63,67 @@ class Clock:
         return self.platform.duration(moved)
 
 
+@dataclass(frozen=True)
+class StageStops:
+    """Stops of both arms in one stage, from wherever they come."""
+
+    model: CellModel
+    """The job's cell."""
+    clock: Clock
+    """The job's times."""
+    work: Mapping[str, tuple[Task, Stop]]
+    """The stage's targets by arm."""
+    refine: bool
+    """Flag of postures that are to be refined."""
+    keep: KeepClear | None
+    """Bodies that must not collide; None where anything may."""
+
+    def from_position(
+        self, position: FloatArray, angles: FloatArray
+    ) -> list[dict[str, StopProblem]]:
+        """Set up the arms' stops with the platform at each of many positions, coming from one.
+
+        Args:
+            position: all joints before the stage [rad], shape (n,).
+            angles: platform positions, shape (m, k).
+        """
+        model, keep = self.model, self.keep
+        waiting = self.clock.platform_times(angles - position[model.platform_columns])
+        R_world, p_world = model.platform.pose(angles)
+        R_carried = np.swapaxes(R_world, -1, -2)
+        found: list[dict[str, StopProblem]] = [{} for _ in angles]
+        for name, (_, stop) in self.work.items():
+            arm, times = model.arms[name], self.clock.arms[name]
+            R, p, configurations = _targets(arm, stop, R_carried, p_world)
+            start = position[arm.columns]
+            yaw = stop_yaws(stop) if keep is None else keep.yaws(name)
+            for k, problems in enumerate(found):
+                test = None if keep is None else keep.test(name, position, angles[k], self.work)
+                problems[name] = StopProblem(
+                    arm=arm.kinematics,
+                    R_base_tool=R[k],
+                    p_base_tool=p[k],
+                    R_tool_flange=times.R_tool_flange,
+                    p_tool_flange=times.p_tool_flange,
+                    configurations=configurations,
+                    yaw=yaw,
+                    free_yaw=isinstance(stop.target, PoseTarget) and stop.target.free_yaw,
+                    approach=stop.approach,
+                    retract=stop.retract,
+                    start=start,
+                    waiting=float(waiting[k]),
+                    joint_times=times.law.per_joint,
+                    line_time=times.line_time,
+                    refine=self.refine,
+                    clear=test,
+                )
+        return found
+
+    def at_start(self, position: FloatArray) -> dict[str, StopProblem]:
+        """Set up the arms' stops with the platform where it is, from all joints (n,) [rad]."""
+        return self.from_position(position, position[self.model.platform_columns][None])[0]
+
+
 def stop_problems(
     model: CellModel, job: Job, position: FloatArray, work: Mapping[str, tuple[Task, Stop]]
 ) -> dict[str, StopProblem]:
@@ -74,60 +135,8 @@ def stop_problems(
         position: all joints before the stage [rad], shape (n,).
         work: the stage's targets by arm.
     """
-    here = position[model.platform_columns]
-    return stage_problems(model, Clock.of(model, job), position, here[None], work, refine=True)[0]
-
-
-def stage_problems(
-    model: CellModel,
-    clock: Clock,
-    position: FloatArray,
-    angles: FloatArray,
-    work: Mapping[str, tuple[Task, Stop]],
-    *,
-    refine: bool,
-    keep: KeepClear | None = None,
-) -> list[dict[str, StopProblem]]:
-    """Returns the arms' stops with the platform at each of many positions, coming from one.
-
-    Args:
-        model: the job's cell.
-        clock: the job's times.
-        position: all joints before the stage [rad], shape (n,).
-        angles: platform positions, shape (m, k).
-        work: the stage's targets by arm.
-        refine: whether postures are to be refined.
-        keep: what has to be collision-free; None where nothing has to.
-    """
-    waiting = clock.platform_times(angles - position[model.platform_columns])
-    R_world, p_world = model.platform.pose(angles)
-    R_carried = np.swapaxes(R_world, -1, -2)
-    found: list[dict[str, StopProblem]] = [{} for _ in angles]
-    for name, (_, stop) in work.items():
-        arm, times = model.arms[name], clock.arms[name]
-        R, p, configurations = _targets(arm, stop, R_carried, p_world)
-        start = position[arm.columns]
-        yaw = stop_yaws(stop) if keep is None else keep.yaws(name)
-        for k, problems in enumerate(found):
-            problems[name] = StopProblem(
-                arm=arm.kinematics,
-                R_base_tool=R[k],
-                p_base_tool=p[k],
-                R_tool_flange=times.R_tool_flange,
-                p_tool_flange=times.p_tool_flange,
-                configurations=configurations,
-                yaw=yaw,
-                free_yaw=isinstance(stop.target, PoseTarget) and stop.target.free_yaw,
-                approach=stop.approach,
-                retract=stop.retract,
-                start=start,
-                waiting=float(waiting[k]),
-                joint_times=times.law.per_joint,
-                line_time=times.line_time,
-                refine=refine,
-                clear=None if keep is None else keep.test(name, position, angles[k], work),
-            )
-    return found
+    stops = StageStops(model, Clock.of(model, job), work, refine=True, keep=None)
+    return stops.at_start(position)
 
 
 def _targets(

@@ -38,10 +38,7 @@ def _served(
 
 def _greedy(platform: str) -> Callable[[MethodProblem], Decided]:
     def solve(problem: MethodProblem) -> Decided:
-        stages = choose_stages(
-            problem.model, problem.job, platform, problem.redundancy, holding=problem.holding
-        )
-        return Decided(stages)
+        return Decided(choose_stages(problem, platform))
 
     return solve
 

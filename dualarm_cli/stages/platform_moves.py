@@ -12,6 +12,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.platform_angle import PlatformProblem
 from dualarm_cli.postures.stage_problems import stop_problems
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.serving import why_no_closed_form
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.stages.stage_choice import in_axis_frame, stage_problem
@@ -68,7 +69,7 @@ def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:
     # One stage more than lies before it where there is none: a free start is known only then.
     before_it = replace(job, returns=False)
     count = stage - 1 or (1 if job.start == "free" else 0)
-    plans = choose_stages(model, before_it, "exact", "arm_angle", count=count)
+    plans = choose_stages(MethodProblem(model, before_it, "arm_angle"), "exact", count=count)
     position = job.start_joints
     if plans:
         position = plans[-1].end if stage > 1 else plans[0].start

@@ -17,7 +17,7 @@ from dualarm_cli.postures.stage_problems import stop_problems
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
-from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import (
     Evaluated,
@@ -172,7 +172,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     """
     model, job = problem.model, problem.job
     numbers = _numbers(problem)
-    spares, roomy = EFFORTS[problem.effort].spares, tuple[ArmWork, ...]()
+    spares = EFFORTS[problem.effort].spares
     long = numbers.stages >= FEWEST_IN_PARTS and not numbers.returns
     # Greedy plans of arms without an arm angle take as long as the search: only where that finds none.
     general = not problem.model.has_arm_angles
@@ -182,10 +182,10 @@ def solve_sequence(problem: MethodProblem) -> Decided:
         # Plans with narrower limits are candidates of the search with the robot's own ones.
         model, job, roomy = problem.own.model, problem.own.job, numbers.arms
         problem = replace(problem, model=model, job=job, own=None)
-        numbers = _numbers(problem)
+        numbers = replace(_numbers(problem), roomy=roomy)
     # Long orders were chosen by a plan that simpler methods, which take long themselves, do not come near.
     given = problem.start is not None and len(job.stages()) > LONG and spares
-    nearby = _near_unchecked(problem, numbers, roomy)
+    nearby = _near_unchecked(problem, numbers)
     if problem.unchecked and spares:
         # Simpler methods, which take long with clearance, are then asked only where that turns out to be dear.
         if nearby:
@@ -206,15 +206,13 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     decided = [] if problem.start is None else [problem.start]
     found = None
     if in_parts and problem.holding is None:
-        found = search_in_parts(numbers, roomy, decided, problem.effort, problem.seed)
+        found = search_in_parts(numbers, decided, problem.effort, problem.seed)
     if found is None:
-        found = search(numbers, decided, problem.effort, problem.seed, simpler_starts, roomy)
+        found = search(numbers, decided, problem.effort, problem.seed, simpler_starts)
     if found is None and nearby:
         return Decided(nearby[0])
     if found is None and general:
-        return Decided(
-            choose_stages(model, job, FIXED, problem.redundancy, holding=problem.holding)
-        )
+        return Decided(choose_stages(problem, FIXED))
     if found is None:
         raise failure or InfeasibleError(Refusal("no_plan_on_grid"))
     stages = stage_plans(model, job, numbers, found.best.decisions, "sequence")
@@ -231,9 +229,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     return Decided(stages, gap, (*nearby, *alternatives), simpler=simpler)
 
 
-def _near_unchecked(
-    problem: MethodProblem, numbers: SequenceProblem, roomy: tuple[ArmWork, ...]
-) -> list[list[StagePlan]]:
+def _near_unchecked(problem: MethodProblem, numbers: SequenceProblem) -> list[list[StagePlan]]:
     """Search near the unchecked plan, if there is one; return the stages of the plan found, or nothing."""
     if not problem.unchecked:
         return []
@@ -245,7 +241,6 @@ def _near_unchecked(
         problem.seed,
         # The search knows no cap on the tools' speed: under one, what is good is left as it is.
         local=problem.job.tool_speed is not None,
-        roomy=roomy,
     )
     if near is None:
         return []
@@ -274,11 +269,8 @@ def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:
     """Returns the simpler methods' plans."""
     few = len(problem.job.stages()) <= FEW_STAGES
     names = [*problem.simpler, *([MINIMUM_TIME] if few and problem.model.has_arm_angles else [])]
-    plans = choose_stages_with(
-        problem.model, problem.job, names, problem.redundancy, holding=problem.holding
-    )
     found: list[list[StagePlan]] = []
-    for plan in plans.values():
+    for plan in choose_stages_with(problem, names).values():
         if isinstance(plan, InfeasibleError) or any(same_postures(plan, one) for one in found):
             continue
         found.append(plan)
@@ -293,14 +285,7 @@ def _starts(
     failure: InfeasibleError | None = None
     long = len(problem.job.stages()) > SCALING.long
     names = [name for name in problem.simpler if not (long and name == NEARLY_EXACT)]
-    rough = choose_stages_with(
-        problem.model,
-        problem.job,
-        [*names, MINIMUM_TIME],
-        problem.redundancy,
-        refine=False,
-        holding=problem.holding,
-    )
+    rough = choose_stages_with(problem, [*names, MINIMUM_TIME], refine=False)
     for name, plan in rough.items():
         if isinstance(plan, InfeasibleError):
             failure = failure or plan
@@ -334,9 +319,7 @@ def _rivals(
     if MINIMUM_TIME in worth:
         worth[MINIMUM_TIME] = np.inf if few or capped else REFINED_MOVES * even
     near = [name for name, rough in starts.items() if _length(rough) <= (1.0 + worth[name]) * total]
-    refined = choose_stages_with(
-        problem.model, problem.job, near, problem.redundancy, holding=problem.holding
-    )
+    refined = choose_stages_with(problem, near)
     plans = [plan for plan in refined.values() if not isinstance(plan, InfeasibleError)]
     # What a cap on the tools' speed costs is not known before a plan is timed exactly.
     return tuple(plan for plan in plans if capped or _length(plan) <= (1.0 + ALIKE * even) * total)

@@ -9,79 +9,60 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.job import Job
 from dualarm_cli.postures.clear_postures import KeepClear
-from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan, giver_and_taker
 from dualarm_cli.postures.stage_problems import Clock
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME, choose_quickest
 from dualarm_cli.stages.stage_choice import OpenStage, choose_stage
 from dualarm_cli.timing.stage_length import stage_length
 
 
 def choose_stages(
-    model: CellModel,
-    job: Job,
-    platform: str,
-    redundancy: str,
-    *,
-    refine: bool = True,
-    count: int | None = None,
-    holding: Holding | None = None,
+    problem: MethodProblem, platform: str, *, refine: bool = True, count: int | None = None
 ) -> list[StagePlan]:
-    """Returns the stages of a job, decided greedily in their order.
+    """Decide the stages of a job greedily in their order.
 
     Args:
-        model: the job's cell.
-        job: what is to be done.
+        problem: the job, its redundancy solver, and what has to be collision-free.
         platform: name of the platform solver, or `minimum_time`.
-        redundancy: name of the redundancy solver.
         refine: whether postures are refined; without it stages are decided faster, to compare.
         count: how many stages are decided; all of them by default.
-        holding: what has to be collision-free; None where nothing has to.
 
     Raises:
         InfeasibleError: a target that no posture reaches, with its place and by how much it misses.
     """
-    plans = choose_stages_with(
-        model, job, [platform], redundancy, refine=refine, count=count, holding=holding
-    )
-    found = plans[platform]
+    found = choose_stages_with(problem, [platform], refine=refine, count=count)[platform]
     if isinstance(found, InfeasibleError):
         raise found
     return found
 
 
 def choose_stages_with(
-    model: CellModel,
-    job: Job,
+    problem: MethodProblem,
     platforms: Sequence[str],
-    redundancy: str,
     *,
     refine: bool = True,
     count: int | None = None,
-    holding: Holding | None = None,
 ) -> dict[str, list[StagePlan] | InfeasibleError]:
-    """Returns the stages of a job as several platform solvers decide them, each for itself, or why one cannot.
+    """Decide the stages of a job by several platform solvers, each for itself, or say why one cannot.
 
     Stage by stage all of them together, so that postures from every solver's positions are computed at once.
 
     Args:
-        model: the job's cell.
-        job: what is to be done.
+        problem: the job, its redundancy solver, and what has to be collision-free.
         platforms: names of the platform solvers; `minimum_time` may be among them.
-        redundancy: name of the redundancy solver.
         refine: whether postures are refined.
         count: how many stages are decided; all of them by default.
-        holding: what has to be collision-free; None where nothing has to.
     """
+    model, job = problem.model, problem.job
     clock = Clock.of(model, job)
     home = np.array(job.start_joints)
     plans: dict[str, list[StagePlan]] = {name: [] for name in platforms}
     failures: dict[str, InfeasibleError] = {}
     for k, work in enumerate(job.stages()[:count]):
-        keep = None if holding is None else KeepClear(model, holding, k)
-        stage = OpenStage(model, clock, work, redundancy, refine, keep)
+        keep = None if problem.holding is None else KeepClear(model, problem.holding, k)
+        stage = OpenStage(model, clock, work, refine, keep, problem.redundancy)
         positions = {
             name: np.array(found[-1].end) if found else home
             for name, found in plans.items()

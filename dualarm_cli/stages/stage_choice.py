@@ -13,13 +13,12 @@ from dualarm_cli.geometry.elementary import TURN, arctan2, cos, sin
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.srs_arm import closed_form
-from dualarm_cli.model.job import Stop, Task
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS, PlatformProblem
 from dualarm_cli.postures import NoPosture, StopPosture, StopProblem, solve_stops
 from dualarm_cli.postures.clear_postures import KeepClear, angles_looked_at, explain_touching
 from dualarm_cli.postures.reach import explain_reach, reachable_positions
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
-from dualarm_cli.postures.stage_problems import Clock, stage_problems
+from dualarm_cli.postures.stage_problems import StageStops
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.stage_length import stage_length
@@ -113,27 +112,11 @@ REACH = "reach"
 
 
 @dataclass(frozen=True)
-class OpenStage:
-    """One stage to be decided, for whatever comes before it."""
+class OpenStage(StageStops):
+    """Stage to be decided, for whatever comes before it."""
 
-    model: CellModel
-    clock: Clock
-    work: Mapping[str, tuple[Task, Stop]]
     redundancy: str
-    refine: bool
-    keep: KeepClear | None = None
-
-    def from_position(
-        self, position: FloatArray, angles: FloatArray
-    ) -> list[dict[str, StopProblem]]:
-        """Returns the arms' stops with the platform at positions (m, k)."""
-        return stage_problems(
-            self.model, self.clock, position, angles, self.work, refine=self.refine, keep=self.keep
-        )
-
-    def at_start(self, position: FloatArray) -> dict[str, StopProblem]:
-        """Returns the arms' stops with the platform where it is."""
-        return self.from_position(position, position[self.model.platform_columns][None])[0]
+    """Name of the redundancy solver."""
 
 
 def choose_stage(

@@ -77,14 +77,16 @@ NOT_LOGGED = "joints that it depends on are not in the file"
 
 @dataclass(frozen=True)
 class TrackingLimits:
-    """What a driven motion may be off."""
+    """Requirements on a driven motion."""
 
     error: float
-    """Of joints that turn, without their delay [rad]."""
+    """Largest error of joints that turn, without their delay [rad]."""
     distance: float
-    """Of joints that slide, and of tools at events [m]."""
+    """Largest error of joints that slide, and of tools at events [m]."""
     delay: float
-    """Of joints [s]."""
+    """Largest delay of joints [s]."""
+    clearance: bool = True
+    """Flag of a clearance of all bodies that has to be proven."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +144,6 @@ def judge_driven(
     kind: Interpolation,
     allowed: TrackingLimits,
     *,
-    clearance: bool = True,
     as_planned: bool = False,
 ) -> DrivenJudgement:
     """Returns the judgement of what was driven.
@@ -152,8 +153,7 @@ def judge_driven(
         job: cell and tasks of the plan.
         logged: what was driven.
         kind: how the robot moved between the samples.
-        allowed: what it may be off.
-        clearance: whether the clearance of all bodies is proven.
+        allowed: what it may be off, and whether clearance is proven.
         as_planned: whether joints that were not logged count as driven as planned; otherwise tools and clearance that
             depend on them are not checked, and the motion fails.
 
@@ -180,7 +180,7 @@ def judge_driven(
         *_check_limits(schedule, motion, logged.joints, allowed),
         _check_events(events, allowed, unknown),
     ]
-    if unknown or not clearance:
+    if unknown or not allowed.clearance:
         why = NOT_LOGGED if unknown else "not requested; leave out --no-clearance"
         checks.append(not_checked(COLLISIONS, why))
         return DrivenJudgement(Verification(tuple(checks)), common, joints, events)

@@ -362,7 +362,9 @@ def test_where_keeping_clear_is_dear_simpler_plans_are_looked_at(tasks_folder):
 
     def found(simpler):
         def solve(asked):
-            plans = choose_stages(model, job, "exact", "arm_angle", holding=asked.holding)
+            plans = choose_stages(
+                MethodProblem(model, job, "arm_angle", holding=asked.holding), "exact"
+            )
             if asked.holding is None:
                 return Decided(plans)
             late = [dataclasses.replace(plan, waits={"left": 2.0}) for plan in plans]
@@ -388,7 +390,9 @@ def test_where_keeping_clear_is_dear_more_effort_is_no_slower_than_less(tasks_fo
         def solve(asked):
             if asked.effort == "quick" and lesser == "none":
                 raise InfeasibleError(Refusal("no_plan_on_grid"))
-            plans = choose_stages(model, job, "exact", "arm_angle", holding=asked.holding)
+            plans = choose_stages(
+                MethodProblem(model, job, "arm_angle", holding=asked.holding), "exact"
+            )
             wait = {"normal": 2.0, "quick": 0.0 if lesser == "quicker" else 4.0}[asked.effort]
             if asked.holding is not None:
                 plans = [dataclasses.replace(plan, waits={"left": wait}) for plan in plans]
@@ -411,7 +415,10 @@ def test_rounds_end_where_nothing_new_is_proposed_or_after_twelve(packing, propo
     """A ball about a target, and a method that knows no obstacles: one plan, or two of different postures by turns."""
     job = dataclasses.replace(packing, tasks=packing.tasks[:1])
     model, timing = CellModel.from_cell(job.cell), TIMING_SOLVERS["ruckig"]
-    plans = [choose_stages(model, job, name, "arm_angle") for name in ("fixed", "minimum_time")]
+    plans = [
+        choose_stages(MethodProblem(model, job, "arm_angle"), name)
+        for name in ("fixed", "minimum_time")
+    ]
     if proposals == "the same":
         plans = plans[:1]
     target = model.tool_position(job.tasks[0].arm, plans[0][0].arrival)
@@ -464,7 +471,7 @@ def test_a_stage_is_judged_anew_with_every_way_of_passing_its_lines(packing):
     """Four stages, then the same with lines that are passed in motion: whether those collide is not known yet."""
     job = dataclasses.replace(packing, tasks=packing.tasks[:2])
     model, timing = CellModel.from_cell(job.cell), TIMING_SOLVERS["ruckig"]
-    plans = choose_stages(model, job, "fixed", "arm_angle")
+    plans = choose_stages(MethodProblem(model, job, "arm_angle"), "fixed")
     drive = Drive.of(model, job, timing)
     clearing = Clearing(model, job, Holding.of(job), timing, 0, Known())
     ways = passing_ways(drive, plans)
@@ -482,7 +489,7 @@ def test_a_stage_is_judged_anew_with_every_way_of_passing_its_lines(packing):
 def test_transfers_in_motion_are_timed_once(packing, copied, monkeypatch):
     """Six stages: what chose their ways has timed all transfers, whichever process it was; the motion is the same."""
     model, timing = CellModel.from_cell(packing.cell), TIMING_SOLVERS["ruckig"]
-    plans = choose_stages(model, packing, "fixed", "arm_angle")
+    plans = choose_stages(MethodProblem(model, packing, "arm_angle"), "fixed")
     drive = Drive.of(model, packing, timing)
     with copies(copied):
         own = with_ways(plans, passing_ways(drive, plans))

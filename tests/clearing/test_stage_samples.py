@@ -22,6 +22,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import Known
 from dualarm_cli.postures.holding import Holding
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
 
@@ -36,7 +37,7 @@ def test_stages_that_touch_are_those_of_which_an_instant_touches(tasks_folder):
     for name in ("06_shared_bin", "08_narrow_bin"):
         job = load_job(tasks_folder / name / "tasks.yaml")
         model = CellModel.from_cell(job.cell)
-        plans = choose_stages(model, job, "fixed", "arm_angle", refine=False)
+        plans = choose_stages(MethodProblem(model, job, "arm_angle"), "fixed", refine=False)
         motion = realise(model, job, plans, timing)
         holding = Holding.of(job)
         stages = [stage_samples(motion, k, k, holding) for k in range(len(motion.stages))]
@@ -59,8 +60,8 @@ def test_lines_that_are_timed_already_are_the_same_lines(tasks_folder):
     job = load_job(tasks_folder / "01_first_pick" / "tasks.yaml")
     model, timing = CellModel.from_cell(job.cell), TIMING_SOLVERS["ruckig"]
     known = Known()
-    one = choose_stages(model, job, "fixed", "arm_angle", refine=False)
-    other = choose_stages(model, job, "exact", "arm_angle")
+    one = choose_stages(MethodProblem(model, job, "arm_angle"), "fixed", refine=False)
+    other = choose_stages(MethodProblem(model, job, "arm_angle"), "exact")
     for plans in (one, other, one):
         again = realise(model, job, plans, timing, known)
         anew = realise(model, job, plans, timing)
@@ -120,7 +121,7 @@ def test_with_a_skew_stages_touch_whose_arms_touch_when_one_is_late(tasks_folder
     cell = replace(job.cell, clearances=apart)
     job = replace(job, cell=cell, tasks=tasks)
     model = CellModel.from_cell(job.cell)
-    plans = choose_stages(model, job, "fixed", "arm_angle", refine=False)
+    plans = choose_stages(MethodProblem(model, job, "arm_angle"), "fixed", refine=False)
     motion = realise(model, job, plans, timing)
     holding = Holding.of(replace(job, skew=skew))
     plain = Clearing(model, job, Holding.of(job), timing, 0).touching(plans, motion)

@@ -13,6 +13,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.conveyor.tracking import Tracking
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.verification.motion_checks import check_agreement, check_limits, check_rest
 
@@ -21,7 +22,9 @@ DWELL = 0.2
 
 def _tracking(model, job, redundancy):
     """Returns what one arm's first stop asks for, on a belt that stands so far."""
-    [plan, *_] = choose_stages(model, job, "fixed", redundancy, count=1, refine=False)
+    [plan, *_] = choose_stages(
+        MethodProblem(model, job, redundancy), "fixed", count=1, refine=False
+    )
     name, stop = next(iter(plan.stops.items()))
     limits = job.cell.robot.limits.select(model.arms[name].arm.joints)
     # With a spare degree of freedom: the arm angle changes on both lines, by a little.

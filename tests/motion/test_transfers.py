@@ -20,6 +20,7 @@ from dualarm_cli.motion.transfers import (
     slowed,
     transfers_within_tool_speed,
 )
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
 
@@ -62,7 +63,7 @@ def test_the_fastest_tool_is_found_between_the_instants_that_are_looked_at_first
     capped = dataclasses.replace(job, speed=1.0, tool_speed=cap)
     drive = Drive.of(model, capped, TIMING_SOLVERS["ruckig"])
     slower = 0
-    for plan in choose_stages(model, job, "exact", "arm_angle", refine=False):
+    for plan in choose_stages(MethodProblem(model, job, "arm_angle"), "exact", refine=False):
         moved = transfers_within_tool_speed(drive, plan)
         length = max(t.duration for t in moved.motion.values())
         time = np.linspace(0.0, length, 20_001)

@@ -13,6 +13,7 @@ from dualarm_cli.model.schedule import Segment
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.waiting import transfer_ends, whole_transfers, with_ends
 from dualarm_cli.postures.stage_plan import Detour
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
 
@@ -105,7 +106,7 @@ def first_pick(tasks_folder):
     """The smallest job with lines, its cell and its stages with the platform held."""
     job = load_job(tasks_folder / "01_first_pick" / "tasks.yaml")
     model = CellModel.from_cell(job.cell)
-    return job, model, choose_stages(model, job, "fixed", "arm_angle")
+    return job, model, choose_stages(MethodProblem(model, job, "arm_angle"), "fixed")
 
 
 def _left(job, model, plans):
@@ -128,7 +129,7 @@ def test_a_detour_that_is_over_before_the_platform_is_there_waits_for_it(tasks_f
     """Left barely moves, the platform turns by 60 degrees: from the transfer's end until it stands left waits."""
     job = load_job(tasks_folder / "01_first_pick" / "tasks.yaml")
     model = CellModel.from_cell(job.cell)
-    plan = choose_stages(model, job, "fixed", "arm_angle")[0]
+    plan = choose_stages(MethodProblem(model, job, "arm_angle"), "fixed")[0]
     columns, arrival = model.arms["left"].columns, plan.arrival.copy()
     arrival[model.platform_columns] += np.radians(60.0)
     start = arrival.copy()

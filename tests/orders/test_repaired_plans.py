@@ -8,6 +8,7 @@ import pytest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.orders.order_trials import repaired
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.sequence import decisions_of
@@ -23,7 +24,7 @@ def start(tasks_folder):
     model = CellModel.from_cell(job.cell)
     problem = sequence_problem(model, job)
     tables = tuple(StopTable.of(work) for work in problem.arms)
-    plans = choose_stages(model, job, "exact", "arm_angle", refine=False)
+    plans = choose_stages(MethodProblem(model, job, "arm_angle"), "exact", refine=False)
     return problem, tables, evaluate(problem, tables, decisions_of(problem, model, plans))
 
 

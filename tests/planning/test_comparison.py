@@ -29,7 +29,12 @@ def first_pick(tasks_folder):
 def run(job, matrix, judge=verify, bound=None):
     """All outcomes, with a clock that ticks once per look."""
     ticks = itertools.count()
-    return list(run_cases(job, PlanSettings(), matrix, bound, judge, lambda: float(next(ticks))))
+
+    def judged(schedule, job):
+        bounded = dataclasses.replace(schedule, lower_bound=bound)
+        return dataclasses.replace(bounded, verification=judge(bounded, job))
+
+    return list(run_cases(job, PlanSettings(), matrix, judged, lambda: float(next(ticks))))
 
 
 def test_without_names_every_method_and_resolver_runs_with_the_default_timing():

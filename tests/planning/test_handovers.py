@@ -266,7 +266,7 @@ def test_an_arm_that_is_late_makes_both_late(flip, late):
     """A delay before the hand-over costs what its repair expects: the other arm's lines begin later too."""
     model, timing = CellModel.from_cell(flip.cell), TIMING_SOLVERS["ruckig"]
     holding = Holding.of(flip)
-    plan = choose_stages(model, flip, "exact", "arm_angle")[1]
+    plan = choose_stages(MethodProblem(model, flip, "arm_angle"), "exact")[1]
     clearing = Clearing(model, flip, holding, timing, 0)
     motion = clearing.alone(plan)
     samples = stage_samples(motion, 0, 1, holding)

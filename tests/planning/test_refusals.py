@@ -20,6 +20,7 @@ from dualarm_cli.planning.ordered_plan import SEARCHES, TAKEN_APART
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.refusals import Refusal
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages
 
 TOUCHES = Refusal("not_clear")
@@ -108,7 +109,8 @@ def test_an_idle_arm_that_stands_at_the_target_is_said_to_block_the_stage(made):
     job = made([move("first", "right", THERE), move("second", "left", THERE, after=["first"])])
     with pytest.raises(BlockedError, match="second") as caught:
         choose_stages(
-            CellModel.from_cell(job.cell), job, "fixed", "arm_angle", holding=Holding.of(job)
+            MethodProblem(CellModel.from_cell(job.cell), job, "arm_angle", holding=Holding.of(job)),
+            "fixed",
         )
     assert (caught.value.stages, caught.value.alone, caught.value.never) == ((1,), False, ())
 
@@ -118,7 +120,8 @@ def test_what_is_within_an_obstacle_no_posture_of_an_arm_does_in_any_order(made)
     job = made([move("first", "left", [0.5, 0.4, 0.85]), move("in", "left", THERE)], box=THERE)
     with pytest.raises(BlockedError, match="box") as caught:
         choose_stages(
-            CellModel.from_cell(job.cell), job, "fixed", "arm_angle", holding=Holding.of(job)
+            MethodProblem(CellModel.from_cell(job.cell), job, "arm_angle", holding=Holding.of(job)),
+            "fixed",
         )
     assert (caught.value.stages, caught.value.never) == ((1,), (("left", "in"),))
 

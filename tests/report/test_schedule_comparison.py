@@ -113,10 +113,11 @@ def test_a_weaker_joint_is_named_and_its_limits_are_the_cause(job, before):
     slow = dataclasses.replace(robot, limits=dataclasses.replace(limits, **changed))
     from dualarm_cli.kinematics.cell_model import CellModel
     from dualarm_cli.motion.motion import realise
+    from dualarm_cli.stages.method import MethodProblem
     from dualarm_cli.stages.stage_by_stage import choose_stages
     from dualarm_cli.timing import TIMING_SOLVERS
 
-    stages = choose_stages(CellModel.from_cell(job.cell), job, "fixed", "arm_angle")
+    stages = choose_stages(MethodProblem(CellModel.from_cell(job.cell), job, "arm_angle"), "fixed")
     weak = dataclasses.replace(job, cell=dataclasses.replace(job.cell, robot=slow))
     motion = realise(CellModel.from_cell(weak.cell), weak, stages, TIMING_SOLVERS["ruckig"])
     after = dataclasses.replace(

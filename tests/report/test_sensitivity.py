@@ -15,6 +15,7 @@ from dualarm_cli.motion.motion import realise
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.report.measures import bottlenecks
 from dualarm_cli.report.sensitivity import SHARE, sensitivity
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
 
@@ -45,7 +46,7 @@ class Planned:
     def __init__(self, job, platform="fixed"):
         """Decides the stages."""
         self.job, self.model = job, CellModel.from_cell(job.cell)
-        self.stages = choose_stages(self.model, job, platform, "arm_angle")
+        self.stages = choose_stages(MethodProblem(self.model, job, "arm_angle"), platform)
 
     def motion(self, job):
         """The motion of the stages under a job's limits."""

@@ -16,6 +16,7 @@ from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells, turned
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable, flange_poses
 from dualarm_cli.stages.plans.times import evaluate
@@ -66,7 +67,7 @@ def test_every_posture_lies_in_a_cell(arms, kind: str) -> None:
             q = _posture(arm, kind, random)
             R, p = arm.forward(q)
             cells = pose_cells(
-                arm, R, p, within_reach(arm, R, p, edges, COARSE), COARSE, False, None
+                arm, (R, p), within_reach(arm, R, p, edges, COARSE), COARSE, False, None
             )
             phi = random.uniform(-2.9, 2.9, 300)
             phi[0] = 0.0
@@ -93,7 +94,7 @@ def test_cells_of_finer_intervals_are_narrower(arms) -> None:
         for k, resolution in ((1, coarse), (4, fine)):
             edges = np.linspace(-0.2, 0.2, 2 * k + 1)
             within = within_reach(arm, R, p, edges, resolution)
-            cells = pose_cells(arm, R, p, within, resolution, False, None)
+            cells = pose_cells(arm, (R, p), within, resolution, False, None)
             widths.append(float((cells.high - cells.low)[:, :7].mean()))
         assert widths[1] < 0.6 * widths[0]
 
@@ -133,7 +134,7 @@ def test_no_line_is_shorter_than_to_the_nearest_posture(arms, kind: str) -> None
             length = 0.2 * (arm.geometry.upper + arm.geometry.fore) * (kind != "short") + 0.005
             end = p + length * (lambda v: v / np.linalg.norm(v))(random.normal(size=3))
             within = within_reach(arm, R, p, edges, COARSE)
-            cells = pose_cells(arm, R, p, within, COARSE, False, LineToTarget(end, law, no_floor))
+            cells = pose_cells(arm, (R, p), within, COARSE, False, LineToTarget(end, law, no_floor))
             phi = np.append(0.0, random.uniform(-2.9, 2.9, 40))
             turn = rotation_z(-phi)
             found = arm.solve(
@@ -174,7 +175,7 @@ def test_bounds_of_lines_are_near_what_lines_take(random_problem: Problems) -> N
             outer, m = p - 0.08 * z, 400
             fine, to = Resolution(0.1, 36, 2), LineToTarget(p, work.law, no_floor)
             within = within_reach(arm, R, outer, edges, fine)
-            cells = pose_cells(arm, R, outer, within, fine, False, to)
+            cells = pose_cells(arm, (R, outer), within, fine, False, to)
             phi = random.uniform(-1.5, 1.5, m)
             share = np.linspace(0.0, 1.0, 9)
             psi = random.uniform(-np.pi, np.pi, m)[:, None]
@@ -224,7 +225,9 @@ def test_no_plan_is_faster_than_the_bound(random_job: Callable[..., Job], name: 
     bounds = [lower_bound(problem, effort).value for effort in ("quick", "normal")]
     assert min(bounds) > 0.0
     tables = tuple(StopTable.of(work) for work in problem.arms)
-    start = decisions_of(problem, model, choose_stages(model, job, "fixed", "arm_angle"))
+    start = decisions_of(
+        problem, model, choose_stages(MethodProblem(model, job, "arm_angle"), "fixed")
+    )
     found = search(problem, [start], "quick", 0)
     assert found is not None
     totals = [found.best.total, evaluate(problem, tables, start).total]

@@ -392,7 +392,7 @@ def test_postures_at_the_edges_lie_in_cells(tmp_path, robot: str, kind: str) -> 
         R, p = arm.forward(q)
         resolution = Resolution(0.3, 9, 2)
         within = within_reach(arm, R, p, edges, resolution)
-        cells = pose_cells(arm, R, p, within, resolution, False, None)
+        cells = pose_cells(arm, (R, p), within, resolution, False, None)
         phi = np.append(0.0, random.normal(scale=near, size=60)).clip(-1.0, 1.0)
         psi = float(arm.arm_angle(q)) + np.append(0.0, random.normal(scale=near, size=60))
         turn = rotation_z(-phi)

@@ -271,7 +271,7 @@ def test_compiled_cells_are_those_of_numpy(arm, finer, free_last, line):
         to = LineToTarget(p + 0.1 * R[:, trial % 3], law, floor) if line else None
         within = in_numpy.within_reach(arm, R, p, edges, resolution)
         found, expected = (
-            make(arm, R, p, within, resolution, free_last, to)
+            make(arm, (R, p), within, resolution, free_last, to)
             for make in (pose_cells, in_numpy.pose_cells)
         )
         assert np.array_equal(found.index, expected.index)

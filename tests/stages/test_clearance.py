@@ -10,6 +10,7 @@ import pytest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.postures.holding import Holding
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.clearance import LIKE, Barred
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
@@ -26,7 +27,7 @@ def shelves(tasks_folder):
     """A crowded sequence of sixteen stages, with a greedy plan without collision checking that touches."""
     job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
     model = CellModel.from_cell(job.cell)
-    plans = choose_stages(model, job, "exact", "arm_angle", refine=False)
+    plans = choose_stages(MethodProblem(model, job, "arm_angle"), "exact", refine=False)
     problem = sequence_problem(model, job, Holding.of(job))
     tables = tuple(StopTable.of(work) for work in problem.arms)
     return problem, tables, plans, decisions_of(problem, model, plans)

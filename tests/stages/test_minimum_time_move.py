@@ -14,8 +14,9 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import JointTarget, PoseTarget
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.postures.stage_plan import StagePlan
-from dualarm_cli.postures.stage_problems import Clock, stage_problems
+from dualarm_cli.postures.stage_problems import Clock
 from dualarm_cli.stages import minimum_time_move as move
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME, choose_quickest
 from dualarm_cli.stages.stage_by_stage import choose_stages, choose_stages_with
 from dualarm_cli.stages.stage_choice import OpenStage, choose_stage
@@ -58,7 +59,7 @@ def random_job(
 
 def stage_of(model, job, number=0):
     """One stage of a job, and where it starts from."""
-    stage = OpenStage(model, Clock.of(model, job), job.stages()[number], "arm_angle", True)
+    stage = OpenStage(model, Clock.of(model, job), job.stages()[number], True, None, "arm_angle")
     return stage, np.array(job.cell.robot.postures["home"])
 
 
@@ -77,7 +78,9 @@ KINDS = {
 def test_no_simpler_solver_makes_a_quicker_stage_from_the_same_position(packing, model, kind, seed):
     """Stage by stage along its own plan; ever the same for the same start."""
     job = random_job(packing, seed, **KINDS[kind])
-    for number, plan in enumerate(choose_stages(model, job, MINIMUM_TIME, "arm_angle")):
+    for number, plan in enumerate(
+        choose_stages(MethodProblem(model, job, "arm_angle"), MINIMUM_TIME)
+    ):
         assert plan.solver == MINIMUM_TIME
         stage, _ = stage_of(model, job, number)
         others = choose_stage(stage, dict.fromkeys(SIMPLER, plan.start))
@@ -100,7 +103,7 @@ def test_brute_force_over_angles_and_arm_angles_is_hardly_quicker(packing, model
     angles = angles[(angles > limits.lower[column]) & (angles < limits.upper[column])]
     psi = np.radians(np.arange(0.0, 360.0, 3.0))
     least = np.zeros(len(angles))
-    problems = stage_problems(model, stage.clock, home, angles[:, None], stage.work, refine=False)
+    problems = dataclasses.replace(stage, refine=False).from_position(home, angles[:, None])
     for name in stage.work:
         own = np.full(len(angles), np.inf)
         for k, at in enumerate(problems):
@@ -121,7 +124,7 @@ def test_brute_force_over_angles_and_arm_angles_is_hardly_quicker(packing, model
 def test_its_stages_last_as_long_as_the_exact_motion(packing, model):
     """Without lines every stage is the closed form of what ruckig makes of it."""
     job = random_job(packing, 11, stages=3)
-    plans = choose_stages(model, job, MINIMUM_TIME, "arm_angle")
+    plans = choose_stages(MethodProblem(model, job, "arm_angle"), MINIMUM_TIME)
     made = realise(model, job, plans, TIMING_SOLVERS["ruckig"])
     for plan, stage in zip(plans, made.stages, strict=True):
         assert plan.duration == pytest.approx(stage.end - stage.start, rel=1e-9)
@@ -135,7 +138,8 @@ def test_joint_targets_leave_the_platform_where_it_is(packing, model):
         stop = dataclasses.replace(task.stops[0], target=JointTarget(np.array([q])))
         tasks.append(dataclasses.replace(task, stops=(stop,)))
     plans = choose_stages(
-        model, dataclasses.replace(job, tasks=tuple(tasks)), MINIMUM_TIME, "arm_angle"
+        MethodProblem(model, dataclasses.replace(job, tasks=tuple(tasks)), "arm_angle"),
+        MINIMUM_TIME,
     )
     assert plans[0].arrival[model.platform_columns] == pytest.approx([0.0], abs=1e-12)
 
@@ -144,7 +148,7 @@ def test_a_robot_without_a_platform_gets_what_the_fixed_one_gives(tasks_folder):
     """Two robots on bases of their own."""
     job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
     model = CellModel.from_cell(job.cell)
-    found = choose_stages_with(model, job, ["fixed", MINIMUM_TIME], "arm_angle")
+    found = choose_stages_with(MethodProblem(model, job, "arm_angle"), ["fixed", MINIMUM_TIME])
     for one, other in zip(found["fixed"], found[MINIMUM_TIME], strict=True):
         assert other.arrival == pytest.approx(one.arrival, abs=1e-9)
         assert other.solver == (MINIMUM_TIME if other.stops else "return")
@@ -153,7 +157,10 @@ def test_a_robot_without_a_platform_gets_what_the_fixed_one_gives(tasks_folder):
 def test_one_arm_at_work_may_turn_the_platform_too(packing, model):
     """A target beside the robot: turning towards it is quicker than reaching for it, and the platform does turn."""
     plans = [
-        choose_stages(model, random_job(packing, seed, stages=1, arms=("left",)), name, "arm_angle")
+        choose_stages(
+            MethodProblem(model, random_job(packing, seed, stages=1, arms=("left",)), "arm_angle"),
+            name,
+        )
         for seed in range(6)
         for name in ("fixed", MINIMUM_TIME)
     ]
@@ -172,14 +179,16 @@ def test_the_platform_keeps_its_limits(packing, model):
     narrow = CellModel.from_cell(cell)
     for seed in range(3):
         job = dataclasses.replace(random_job(packing, seed), cell=cell)
-        for plan in choose_stages(narrow, job, MINIMUM_TIME, "arm_angle"):
+        for plan in choose_stages(MethodProblem(narrow, job, "arm_angle"), MINIMUM_TIME):
             assert -0.1 <= plan.arrival[column] <= 0.07
 
 
 def test_a_free_start_takes_no_transfer(packing, model):
     """The first stage lasts its lines and its dwell only, whoever plans it."""
     job = dataclasses.replace(random_job(packing, 1, line=0.05), start="free")
-    for plans in choose_stages_with(model, job, ["fixed", MINIMUM_TIME], "arm_angle").values():
+    for plans in choose_stages_with(
+        MethodProblem(model, job, "arm_angle"), ["fixed", MINIMUM_TIME]
+    ).values():
         made = realise(model, job, plans, TIMING_SOLVERS["ruckig"])
         first = made.stages[0]
         assert plans[0].duration == pytest.approx(first.end - first.start, rel=0.08)
@@ -196,7 +205,7 @@ def test_an_unreachable_target_is_refused_with_its_place(packing, model):
     task = dataclasses.replace(job.tasks[0], stops=(stop,))
     far = dataclasses.replace(job, tasks=(task, *job.tasks[1:]))
     with pytest.raises(InfeasibleError, match=f"task '{task.id}'"):
-        choose_stages(model, far, MINIMUM_TIME, "arm_angle")
+        choose_stages(MethodProblem(model, far, "arm_angle"), MINIMUM_TIME)
 
 
 @pytest.mark.parametrize("seed", range(4))

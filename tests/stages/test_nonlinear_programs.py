@@ -14,6 +14,7 @@ from dualarm_cli.bound.bound import lower_bound
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.rest_to_rest import RestToRest
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable, flange_poses
 from dualarm_cli.stages.plans.times import evaluate
@@ -137,7 +138,7 @@ def test_ipopt_gains_and_never_goes_below_the_bound(
     model = CellModel.from_cell(job.cell)
     problem = sequence_problem(model, job)
     tables = tuple(StopTable.of(work) for work in problem.arms)
-    plans = choose_stages(model, job, "exact", "arm_angle", refine=False)
+    plans = choose_stages(MethodProblem(model, job, "arm_angle"), "exact", refine=False)
     plan = evaluate(problem, tables, decisions_of(problem, model, plans))
     found = nonlinear.ipopt.nonlinear_program(problem, tables, plan)
     assert lower_bound(problem, "quick").value <= found.total < plan.total

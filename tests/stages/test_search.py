@@ -241,7 +241,7 @@ def test_the_search_is_never_slower_than_its_starts(
     problem = sequence_problem(model, job)
     tables = tuple(StopTable.of(work) for work in problem.arms)
     starts = [
-        decisions_of(problem, model, choose_stages(model, job, method, "arm_angle"))
+        decisions_of(problem, model, choose_stages(MethodProblem(model, job, "arm_angle"), method))
         for method in ("fixed", "exact")
     ]
     found = search(problem, starts, "quick", 0)
@@ -398,7 +398,9 @@ def test_where_the_grids_have_no_plan_simpler_methods_plans_serve(
         "dualarm_cli.stages.search.search.plans_on_nodes", lambda *_, **__: NodePlans([], None)
     )
     found = sequence.solve_sequence(_method_problem(job))
-    single = choose_stages(CellModel.from_cell(job.cell), job, "minimum_time", "arm_angle")
+    single = choose_stages(
+        MethodProblem(CellModel.from_cell(job.cell), job, "arm_angle"), "minimum_time"
+    )
     assert sum(one.duration for one in found.stages) <= 1.1 * sum(one.duration for one in single)
     monkeypatch.setattr(sequence, "_starts", lambda _: pytest.fail("asked"))
     with pytest.raises(InfeasibleError):

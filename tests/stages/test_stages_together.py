@@ -14,6 +14,7 @@ from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.postures import reach
 from dualarm_cli.postures.stage_problems import Clock, stop_problems
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages, choose_stages_with
 from dualarm_cli.stages.stage_choice import OpenStage, try_places
 
@@ -49,10 +50,10 @@ def moved(job, index, translation):
 def test_together_is_as_each_for_itself(packing, model, start):
     """Same stages in the same order, joint for joint, from a posture and from a free start."""
     job = dataclasses.replace(packing, start=start)
-    together = choose_stages_with(model, job, SOLVERS, "arm_angle")
+    together = choose_stages_with(MethodProblem(model, job, "arm_angle"), SOLVERS)
     assert list(together) == SOLVERS
     for name in SOLVERS:
-        alone = choose_stages(model, job, name, "arm_angle")
+        alone = choose_stages(MethodProblem(model, job, "arm_angle"), name)
         assert len(together[name]) == len(alone) == len(job.stages()) + job.returns
         for one, other in zip(together[name], alone, strict=True):
             assert one.solver == other.solver
@@ -80,10 +81,10 @@ def test_one_that_fails_leaves_the_others_alone(packing, model, monkeypatch):
 
     monkeypatch.setattr(stages, "platform_candidates", none_for_exact)
     monkeypatch.setattr(stages, "reachable_positions", no_scan_where_stuck)
-    found = choose_stages_with(model, packing, SOLVERS, "arm_angle")
+    found = choose_stages_with(MethodProblem(model, packing, "arm_angle"), SOLVERS)
     assert isinstance(found["exact"], InfeasibleError)
     monkeypatch.undo()
-    alone = choose_stages(model, packing, "linearised", "arm_angle")
+    alone = choose_stages(MethodProblem(model, packing, "arm_angle"), "linearised")
     assert [plan.duration for plan in found["linearised"]] == pytest.approx(
         [plan.duration for plan in alone], rel=1e-9
     )
@@ -92,20 +93,20 @@ def test_one_that_fails_leaves_the_others_alone(packing, model, monkeypatch):
 def test_what_nobody_reaches_is_every_solvers_reason(packing, model):
     """Ten metres away: one error each, all with the place."""
     job = moved(packing, 2, [10.0, 0.0, 1.0])
-    found = choose_stages_with(model, job, SOLVERS, "arm_angle")
+    found = choose_stages_with(MethodProblem(model, job, "arm_angle"), SOLVERS)
     for failure in found.values():
         assert isinstance(failure, InfeasibleError)
         assert job.tasks[2].id in str(failure)
     with pytest.raises(InfeasibleError, match=job.tasks[2].id):
-        choose_stages(model, job, "exact", "arm_angle")
+        choose_stages(MethodProblem(model, job, "arm_angle"), "exact")
 
 
 def test_unknown_names_are_refused(packing, model):
     """Platform and redundancy solvers alike."""
     with pytest.raises(UnknownSolverError):
-        choose_stages_with(model, packing, ["exat"], "arm_angle")
+        choose_stages_with(MethodProblem(model, packing, "arm_angle"), ["exat"])
     with pytest.raises(UnknownSolverError):
-        choose_stages_with(model, packing, ["fixed"], "arm_engel")
+        choose_stages_with(MethodProblem(model, packing, "arm_engel"), ["fixed"])
 
 
 def test_stages_without_lines_last_their_closed_forms_alone(packing, model):
@@ -120,7 +121,7 @@ def test_stages_without_lines_last_their_closed_forms_alone(packing, model):
     job = dataclasses.replace(packing, tasks=tasks)
     robot = job.cell.robot
     law = RestToRest(robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk)
-    for plan in choose_stages(model, job, "exact", "arm_angle"):
+    for plan in choose_stages(MethodProblem(model, job, "arm_angle"), "exact"):
         alone = law.per_joint(plan.arrival - plan.start)
         platform = alone[model.platform_columns].max()
         dwells = {name: stop.stop.dwell.total for name, stop in plan.stops.items()}
@@ -154,7 +155,7 @@ def test_solvers_at_the_same_angle_from_different_positions_are_not_confused(pac
     home = np.array(packing.cell.robot.postures["home"])
     other = home.copy()
     other[model.arms["left"].columns] += 0.2
-    stage = OpenStage(model, Clock.of(model, packing), packing.stages()[0], "arm_angle", True)
+    stage = OpenStage(model, Clock.of(model, packing), packing.stages()[0], True, None, "arm_angle")
     places = {name: ("fixed", np.zeros(1)) for name in ("one", "two", "three")}
     positions = {"one": home, "two": other, "three": home}
     together = try_places(stage, positions, places)

@@ -120,8 +120,8 @@ def test_parts_keep_room_where_they_have_a_plan_with_it(random_job: Callable[...
     job = random_job(5, (48, 48), line=0.04)
     model = CellModel.from_cell(job.cell)
     problem, roomy = sequence_problem(model, job), _roomy(job, model)
-    plain = search_in_parts(problem, (), [], "quick", 0)
-    found = search_in_parts(problem, roomy, [], "quick", 0)
+    plain = search_in_parts(problem, [], "quick", 0)
+    found = search_in_parts(replace(problem, roomy=roomy), [], "quick", 0)
     assert plain is not None
     assert found is not None
     for work, postures in zip(roomy, found.best.arms, strict=True):
@@ -131,11 +131,11 @@ def test_parts_keep_room_where_they_have_a_plan_with_it(random_job: Callable[...
         for work, q in zip(roomy, plain.best.arms, strict=True)
     ]
     assert not np.concatenate(kept).all()
-    again = search_in_parts(problem, (), [found.best.decisions], "quick", 0)
+    again = search_in_parts(problem, [found.best.decisions], "quick", 0)
     assert again is not None
     assert again.best.total <= found.best.total
     with copies(True):
-        shared = search_in_parts(problem, roomy, [], "quick", 0)
+        shared = search_in_parts(replace(problem, roomy=roomy), [], "quick", 0)
     assert shared is not None
     np.testing.assert_array_equal(shared.best.stages, found.best.stages)
 
@@ -149,8 +149,8 @@ def test_parts_without_room_are_decided_without(random_job: Callable[..., Job]) 
         replace(work, kinematics=replace(work.kinematics, lower=work.start, upper=work.start))
         for work in roomy
     )
-    plain = search_in_parts(problem, (), [], "quick", 0)
-    found = search_in_parts(problem, fixed, [], "quick", 0)
+    plain = search_in_parts(problem, [], "quick", 0)
+    found = search_in_parts(replace(problem, roomy=fixed), [], "quick", 0)
     assert plain is not None
     assert found is not None
     np.testing.assert_array_equal(found.best.stages, plain.best.stages)
@@ -161,7 +161,7 @@ def test_stretches_are_as_clear_as_in_the_whole(tasks_folder: Path, seed: int) -
     """Stops, waits and bars, of a crowded job with idle arms, whose last stops are decided anew as well."""
     job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
     model = CellModel.from_cell(job.cell)
-    plans = choose_stages(model, job, "exact", "arm_angle", refine=False)
+    plans = choose_stages(MethodProblem(model, job, "arm_angle"), "exact", refine=False)
     problem = replace(sequence_problem(model, job, Holding.of(job)), returns=False)
     one = decisions_of(problem, model, plans)
     found = search(replace(problem, clearance=None), [], "quick", seed)

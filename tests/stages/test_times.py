@@ -8,6 +8,7 @@ import pytest
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.motion.motion import realise
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.sequence import decisions_of, stage_plans
@@ -33,7 +34,7 @@ def test_times_equal_those_of_the_exact_motion(random_job: Callable[..., Job], n
     job = random_job(5, **JOBS[name])
     model = CellModel.from_cell(job.cell)
     problem = sequence_problem(model, job)
-    plans = choose_stages(model, job, "exact", "arm_angle")
+    plans = choose_stages(MethodProblem(model, job, "arm_angle"), "exact")
     tables = tuple(StopTable.of(work) for work in problem.arms)
     found = evaluate(problem, tables, decisions_of(problem, model, plans))
     made = realise(model, job, plans, TIMING_SOLVERS["ruckig"])
@@ -51,7 +52,7 @@ def test_stages_as_numbers_and_back_are_the_same_stages(
     job = random_job(6, **JOBS[name], line=0.06)
     model = CellModel.from_cell(job.cell)
     problem = sequence_problem(model, job)
-    plans = choose_stages(model, job, "exact", "arm_angle")
+    plans = choose_stages(MethodProblem(model, job, "arm_angle"), "exact")
     again = stage_plans(model, job, problem, decisions_of(problem, model, plans), "exact")
     assert len(again) == len(plans)
     for one, other in zip(plans, again, strict=True):
@@ -65,7 +66,7 @@ def test_line_times_are_near_those_of_the_exact_lines(random_job: Callable[..., 
     job = random_job(7, (6, 6), line=0.08, dwell=0.2, returns=True)
     model = CellModel.from_cell(job.cell)
     problem = sequence_problem(model, job)
-    plans = choose_stages(model, job, "fixed", "arm_angle")
+    plans = choose_stages(MethodProblem(model, job, "arm_angle"), "fixed")
     tables = tuple(StopTable.of(work) for work in problem.arms)
     found = evaluate(problem, tables, decisions_of(problem, model, plans))
     made = realise(model, job, plans, TIMING_SOLVERS["ruckig"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from dualarm_cli.planning.planner import plan
 from dualarm_cli.verification.driven_motion import TrackingLimits, judge_driven
 
 ALLOWED = TrackingLimits(np.deg2rad(0.1), 1e-3, 2e-3)
+UNPROVEN = replace(ALLOWED, clearance=False)
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +86,7 @@ def test_half_a_degree_and_eight_milliseconds_are_found_by_joint(schedule, job, 
         dict.fromkeys(joints, 0.008),
         {"left_e": lambda t: np.deg2rad(0.5) * shape(t)},
     )
-    found = judge_driven(schedule, job, log, "linear", ALLOWED, clearance=False)
+    found = judge_driven(schedule, job, log, "linear", UNPROVEN)
     assert not found.verification.passed
     assert found.delay == pytest.approx(0.008, abs=2e-4)
     rows = {joint.joint: joint for joint in found.joints}
@@ -104,7 +107,7 @@ def test_half_a_degree_and_eight_milliseconds_are_found_by_joint(schedule, job, 
 def test_an_offset_alone_is_the_joints_mean_error(schedule, job):
     """With its sign, and no delay."""
     log = logged(schedule, error={"right_t": lambda t: np.full_like(t, -0.01)})
-    found = judge_driven(schedule, job, log, "linear", ALLOWED, clearance=False)
+    found = judge_driven(schedule, job, log, "linear", UNPROVEN)
     [row] = [joint for joint in found.joints if joint.joint == "right_t"]
     assert row.offset == pytest.approx(-0.01, abs=1e-5)
     assert row.error == pytest.approx(0.01, abs=1e-4)
@@ -116,7 +119,7 @@ def test_an_offset_alone_is_the_joints_mean_error(schedule, job):
 def test_delays_of_any_size_are_measured(schedule, job, late):
     """Early or late, up to most of a second."""
     log = logged(schedule, dict.fromkeys(schedule.trajectory.joints, late))
-    found = judge_driven(schedule, job, log, "linear", ALLOWED, clearance=False)
+    found = judge_driven(schedule, job, log, "linear", UNPROVEN)
     assert found.delay == pytest.approx(late, abs=1e-4)
 
 
@@ -157,7 +160,7 @@ def test_the_tools_of_a_turned_joint_are_off_as_far_as_the_lever_says(schedule, 
     import pinocchio as pin
 
     log = logged(schedule, error={"left_s": lambda t: np.full_like(t, 0.01)})
-    found = judge_driven(schedule, job, log, "linear", ALLOWED, clearance=False)
+    found = judge_driven(schedule, job, log, "linear", UNPROVEN)
     model = pin.buildModelFromXML(schedule.robot.urdf)
     data = model.createData()
     joint = model.getJointId("left_s")
@@ -214,7 +217,7 @@ def test_a_log_of_few_samples_is_not_excused_by_its_steps(schedule, job):
     log = logged(schedule)
     ends = [0, int(0.4 * len(log.time))]
     short = LoggedMotion(log.joints, log.time[ends], log.position[ends])
-    found = judge_driven(schedule, job, short, "linear", ALLOWED, clearance=False)
+    found = judge_driven(schedule, job, short, "linear", UNPROVEN)
     assert verdicts(found)["time_span"] == "failed"
 
 
@@ -224,7 +227,7 @@ def test_a_log_that_ends_early_fails(schedule, job):
     half = len(log.time) // 2
     rates = (log.position[:half], log.velocity[:half], log.acceleration[:half])
     short = LoggedMotion(log.joints, log.time[:half], *rates)
-    found = judge_driven(schedule, job, short, "cubic", ALLOWED, clearance=False)
+    found = judge_driven(schedule, job, short, "cubic", UNPROVEN)
     assert verdicts(found)["time_span"] == "failed"
 
 
@@ -234,9 +237,9 @@ def test_limits_are_those_of_the_interpolation(schedule, job):
     fast = LoggedMotion(
         log.joints, log.time / 2.0, log.position, log.velocity * 2.0, log.acceleration * 4.0
     )
-    found = judge_driven(schedule, job, fast, "cubic", ALLOWED, clearance=False)
+    found = judge_driven(schedule, job, fast, "cubic", UNPROVEN)
     checks = {check.name: check for check in found.verification.checks}
-    plain = judge_driven(schedule, job, log, "cubic", ALLOWED, clearance=False)
+    plain = judge_driven(schedule, job, log, "cubic", UNPROVEN)
     before = {check.name: check for check in plain.verification.checks}
     for name, factor in (("velocity", 2.0), ("acceleration", 4.0)):
         assert checks[name].measured == pytest.approx(factor * before[name].measured, rel=1e-9)

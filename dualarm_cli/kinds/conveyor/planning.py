@@ -175,7 +175,7 @@ def _better_guessed(problem: MethodProblem, timing: TimingSolver) -> Job:
         job, known = guessed(problem.job, share), False
         try:
             for _ in range(BELT.guesses):
-                plans = choose_stages(problem.model, job, method, problem.redundancy, refine=False)
+                plans = choose_stages(replace(problem, job=job, holding=None), method, refine=False)
                 try:
                     times = met_times(ConveyorMeeting(problem.model, job, timing).met(plans))
                 except MissedError as error:

@@ -12,7 +12,7 @@ from dualarm_cli.beside import halves
 from dualarm_cli.effort import EFFORTS, SCALING, Mesh, SearchEffort
 from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.records import dataclass
-from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
 from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.plans.ways import best_ways
@@ -63,7 +63,6 @@ def search(
     effort: str,
     seed: int,
     further: Callable[[bool], Sequence[Decisions]] = lambda _: (),
-    roomy: Sequence[ArmWork] = (),
 ) -> FoundSequence | None:
     """Returns the fastest plan found, None if there is none at all.
 
@@ -81,14 +80,12 @@ def search(
         effort: one of EFFORTS.
         seed: of the random steps of polishing.
         further: gives plans of simpler methods that take their time, told whether there is a plan on the grids.
-        roomy: the arms with limits of position that leave room to pass lines' ends in motion; none where that is not
-            asked for.
     """
     how = search_effort(problem, effort)
     others: list[Decisions] = []
-    if roomy and problem.stages <= SCALING.short:
+    if problem.roomy and problem.stages <= SCALING.short:
         one_grid = replace(how, meshes=how.meshes[:1], local_rounds=0, rivals=0)
-        narrow = _searched(next(_with_room(problem, roomy)), starts, one_grid, seed)
+        narrow = _searched(next(_with_room(problem)), starts, one_grid, seed)
         others = [] if narrow is None or narrow.hopeless else [narrow.best.decisions]
     found = _searched(problem, (*starts, *others), how, seed, further, others)
     return None if found is None else replace(found, roomy=tuple(others))
@@ -211,11 +208,7 @@ def polished_in_motion(
 
 
 def search_in_parts(
-    problem: SequenceProblem,
-    roomy: Sequence[ArmWork],
-    starts: Sequence[Decisions],
-    effort: str,
-    seed: int,
+    problem: SequenceProblem, starts: Sequence[Decisions], effort: str, seed: int
 ) -> FoundSequence | None:
     """Returns a fast plan of a long sequence, decided part by part; None if a part has none.
 
@@ -224,7 +217,6 @@ def search_in_parts(
 
     Args:
         problem: the sequence, at least FEWEST_IN_PARTS stages, without a return.
-        roomy: its arms with limits of position that leave room; none where that is not asked for.
         starts: plans of simpler methods.
         effort: one of EFFORTS.
         seed: of the random steps of polishing.
@@ -233,7 +225,7 @@ def search_in_parts(
 
     def decided(first: int, past: int) -> Decisions | None:
         own = [start.take(np.arange(first, past)) for start in starts]
-        for part in _with_room(stretch_of(problem, first, past), roomy):
+        for part in _with_room(stretch_of(problem, first, past)):
             found = search(part, own, effort, seed)
             if found is not None and not found.hopeless:
                 return found.best.decisions
@@ -249,7 +241,7 @@ def search_in_parts(
     def polished(stretches: Sequence[Stretch]) -> list[Decisions]:
         found = []
         for stretch in stretches:
-            for part in _with_room(stretch.problem, roomy):
+            for part in _with_room(stretch.problem):
                 own = tuple(StopTable.of(work) for work in part.arms)
                 polishing = Polishing(part, own, seed, stretch.loose)
                 best = evaluate(polishing.at_rest.problem, own, decisions.take(stretch.stages))
@@ -266,13 +258,13 @@ def search_in_parts(
     return FoundSequence(best, None, None) if np.isfinite(best.total) else None
 
 
-def _with_room(part: SequenceProblem, roomy: Sequence[ArmWork]) -> Iterator[SequenceProblem]:
-    """Yields a part of a sequence with its arms' limits of position narrowed, if that is asked for, and as it is."""
-    if roomy:
-        arms = zip(roomy, part.arms, strict=True)
+def _with_room(part: SequenceProblem) -> Iterator[SequenceProblem]:
+    """Yield a part of a sequence with its arms' limits of position narrowed, if that is asked for, and as it is."""
+    if part.roomy:
+        arms = zip(part.roomy, part.arms, strict=True)
         narrow = (replace(one, stops=own.stops, start=own.start) for one, own in arms)
-        yield replace(part, arms=tuple(narrow))
-    yield part
+        yield replace(part, arms=tuple(narrow), roomy=())
+    yield replace(part, roomy=())
 
 
 def search_near(
@@ -283,7 +275,6 @@ def search_near(
     seed: int,
     *,
     local: bool,
-    roomy: Sequence[ArmWork] = (),
 ) -> Evaluated | None:
     """Returns a fast plan about one that is fast but collides, None where no collision-free one is found.
 
@@ -302,8 +293,6 @@ def search_near(
         effort: one of EFFORTS.
         seed: of the random steps of polishing.
         local: whether all else stays as it is.
-        roomy: the arms with limits of position that leave room to pass lines' ends in motion, which are kept where
-            there is a plan with them; none where that is not asked for.
     """
     tables = tuple(StopTable.of(work) for work in problem.arms)
     how, plan = search_effort(problem, effort), evaluate(problem, tables, near)
@@ -316,7 +305,7 @@ def search_near(
         for stretch in some:
             tried = (
                 _near(replace(stretch, problem=part), plan, touching, (how, mesh), seed)
-                for part in _with_room(stretch.problem, roomy)
+                for part in _with_room(stretch.problem)
             )
             found.append(next((one for one in tried if one is not None), None))
         return found
@@ -343,7 +332,7 @@ def search_near(
     for stretch in loose_stretches(problem, plan, loose):
         if len(stretch.stages) == problem.stages:
             return None
-        parts_with = (search(part, [], effort, seed) for part in _with_room(stretch.problem, roomy))
+        parts_with = (search(part, [], effort, seed) for part in _with_room(stretch.problem))
         least = next((one for one in parts_with if one is not None), None)
         if least is None:
             return None
