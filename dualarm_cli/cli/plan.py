@@ -180,7 +180,7 @@ def plan_command(
         timing=timing, blend=blend.value, effort=effort.value, seed=seed, time_limit=limit
     )
     settings = with_redundancy(settings.naming(platform=platform), redundancy)
-    plan = _planned(job, settings, quiet)
+    plan = _plan_watched(job, settings, quiet)
     rate, notes = served_rate(plan.cycle_time, rate or RATE)
     schedule = replace(plan.schedule, notes=(*plan.schedule.notes, *notes))
     plan = replace(plan, schedule=schedule)
@@ -283,7 +283,8 @@ def _read(tasks: Path) -> Job:
     return found
 
 
-def _planned(job: Job, settings: PlanSettings, quiet: bool) -> Plan:
+def _plan_watched(job: Job, settings: PlanSettings, quiet: bool) -> Plan:
+    """Plan a job with progress on the terminal; Ctrl-C keeps the best plan so far."""
     from contextlib import nullcontext
 
     from dualarm_cli.beside import copies, usable_cores
