@@ -1,4 +1,4 @@
-"""Repairs of stages that collide: a delay, a curved transfer, or a via point."""
+"""Repairs of stages that collide: a delay or a curved transfer."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from dualarm_cli.clearing.stage_samples import (
     which_are_clear,
 )
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.motion.bent_transfers import CurveCost, curve, quick_curves
@@ -34,56 +33,6 @@ from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import Detour, StagePlan
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing import TimingSolver
-
-SPREADS = (0.2, 0.4, 0.7, 1.1)
-"""Standard deviations of random postures about the way [rad]."""
-DRAWN = 120
-"""Random postures of each spread."""
-LEG_SAMPLES = 13
-"""Points of each way to and from a posture that is stopped at."""
-STOPS = 24
-"""So many postures that are stopped at, nearest first, are timed."""
-
-
-def quickest_stop(
-    context: StageContext, name: str, clear: Callable[[StageSamples], bool], with_other: bool
-) -> StagePlan | None:
-    """Returns the stage in which an arm goes by the quickest posture found at which it stops, None for none."""
-    start, goal, posture = _drawn(context, name)
-    limits = context.job.cell.robot.limits.select(context.model.arms[name].arm.joints)
-    posture = posture[((posture >= limits.lower) & (posture <= limits.upper)).all(axis=1)]
-    share = np.linspace(0.0, 1.0, LEG_SAMPLES)[:, None]
-    out = start + share * (posture[:, None] - start)
-    on = posture[:, None] + share * (goal - posture[:, None])
-    legs = np.concatenate([out, on[:, 1:]], axis=1)
-    way = context.ways[name]
-    straight = start + np.linspace(0.0, 1.0, legs.shape[1])[:, None] * (goal - start)
-    lack = missing_clearance(context, name, way, straight, with_other)(legs)
-    length = sum(
-        (np.abs(leg[:, -1] - leg[:, 0]) / limits.velocity).max(axis=1) for leg in (out, on)
-    )
-    best, least = None, np.inf
-    order = np.argsort(np.where(lack == 0.0, length, np.inf), kind="stable")
-    for k in order[: min(STOPS, int((lack == 0.0).sum()))]:
-        detour = Detour(posture[k : k + 1], stops=True)
-        ways = {**context.ways, name: context.way_by(name, detour)}
-        stage = combined(context.model, context.samples, ways, {})
-        if len(stage.position) < least and clear(stage):
-            least = len(stage.position)
-            best = replace(context.plan, detours={**context.plan.detours, name: detour})
-    return best
-
-
-def _drawn(context: StageContext, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns where an arm's transfer begins and ends, and random postures (k, n) about the way between."""
-    arm = context.model.arms[name]
-    start, goal = context.plan.start[arm.columns], context.plan.arrival[arm.columns]
-    random = np.random.default_rng(context.seed)
-    share = random.uniform(0.25, 0.75, (len(SPREADS) * DRAWN, 1))
-    spread = np.repeat(SPREADS, DRAWN)[:, None]
-    posture = start + share * (goal - start) + random.normal(size=(len(share), len(start))) * spread
-    return start, goal, posture
-
 
 TIMED = 3
 """So many curves, quickest first, are timed."""
@@ -97,7 +46,7 @@ def quickest_curve(
     """Returns the stage with the quickest of some curves of one arm that are collision-free, None for none.
 
     Curves are looked for beside what the platform and the other arm do meanwhile, as far as that is known before a
-    curve is timed; the best ones are timed, and looked at again. Where there is none, a posture to stop at is.
+    curve is timed; the best ones are timed, and looked at again.
 
     Args:
         context: the stage.
@@ -118,7 +67,7 @@ def quickest_curve(
         found = quick_curves(start, goal, cost, context.seed)
         timed = []
         for controls in found[:TIMED]:
-            detour = Detour(controls, stops=False)
+            detour = Detour(controls)
             try:
                 timed.append(context.way_by(name, detour))
             except InfeasibleError:
@@ -131,7 +80,7 @@ def quickest_curve(
             break
         # What the others do while the arm is where is known better now.
         way, points = timed[0], curve(start, found[0], goal, later)
-    return quickest_stop(context, name, clear, with_other)
+    return None
 
 
 DELAY_STEP = 0.02

@@ -14,7 +14,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.bent_transfers import Missing, ToolTimes, detour_pieces
+from dualarm_cli.motion.bent_transfers import Missing, ToolTimes, curved_transfer
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.transfers import Drive
 from dualarm_cli.motion.waiting import transfer_ends
@@ -338,13 +338,13 @@ class StageContext:
     """Of what is tried at random."""
 
     def way_by(self, name: str, detour: Detour) -> ArmWay:
-        """Returns an arm's way by a posture."""
+        """Returns an arm's way along a curve."""
         drive = Drive.of(self.model, self.job, self.timing)
         plan = replace(self.plan, detours={name: detour})
-        pieces = detour_pieces(drive, plan, name, self.platform)
+        piece = curved_transfer(drive, plan, name, self.platform)
         base = self.ways[name]
-        rows = [piece.at(np.arange(0.0, piece.duration, self.samples.step))[0] for piece in pieces]
-        out = np.concatenate([base.q[:1], *rows])
+        rows = piece.at(np.arange(0.0, piece.duration, self.samples.step))[0]
+        out = np.concatenate([base.q[:1], rows])
         # A line begins when the platform is there as well.
         wait = max(0, self._platform_arrival() - len(out))
         lines = base.arrival if base.meets is None else base.meets
