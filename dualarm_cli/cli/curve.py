@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dualarm_cli.cli.parts.completion import complete_job
+from dualarm_cli.cli.parts.options import read_positive, refuse_plot
 from dualarm_cli.cli.parts.output import (
     STDOUT,
     JsonOption,
@@ -21,7 +22,6 @@ from dualarm_cli.cli.parts.output import (
 from dualarm_cli.errors import UsageError, did_you_mean
 
 if TYPE_CHECKING:
-    from dualarm_cli.files.source.quantities import Dimension
     from dualarm_cli.model.seam import SeamWork
     from dualarm_cli.report.curve_report import CurveReport
 
@@ -72,8 +72,6 @@ def curve_command(
     from dualarm_cli.files.tasks.tasks import load_job
 
     if plot is not None:
-        from dualarm_cli.cli.parts.options import refuse_plot
-
         refuse_plot(plot, force)
     refuse_two_documents(out, json_output)
     interval, distance = _steps(step, spacing)
@@ -103,20 +101,8 @@ def _steps(step: str | None, spacing: str | None) -> tuple[float | None, float |
     if step is not None and spacing is not None:
         raise UsageError("--spacing does not go with --step; keep one")
     if spacing is not None:
-        return None, _positive("--spacing", spacing, LENGTH)
-    return _positive("--step", step if step is not None else INTERVAL, TIME), None
-
-
-def _positive(option: str, text: str, dimension: Dimension) -> float:
-    from dualarm_cli.files.source.quantities import parse_quantity
-
-    try:
-        value = parse_quantity(text, dimension)
-    except ValueError as error:
-        raise UsageError(f"{option} '{text}': {error}") from None
-    if value <= 0.0:
-        raise UsageError(f"{option} '{text}': must be positive")
-    return value
+        return None, read_positive("--spacing", spacing, LENGTH)
+    return read_positive("--step", step if step is not None else INTERVAL, TIME), None
 
 
 def _chosen(seams: dict[str, SeamWork], task: str | None, file: Path) -> dict[str, SeamWork]:

@@ -24,6 +24,7 @@ from dualarm_cli.cli.parts.output import (
 )
 from dualarm_cli.errors import UsageError
 from dualarm_cli.formats import FORMATS, export
+from dualarm_cli.report.printable import numbers
 
 if TYPE_CHECKING:
     from dualarm_cli.formats.sampling import JointLoss
@@ -186,11 +187,8 @@ def _table(rows: list[JointLoss], kind: str, sliding: frozenset[str]) -> Any:
     title = (
         f"largest deviation from the plan between samples, {kind} interpolation; shares of limits"
     )
-    table = Table(title=title, title_justify="left")
-    table.add_column("joint")
-    for name in ("deviation", "at s", "velocity", "acceleration", "jerk"):
-        table.add_column(name, justify="right")
-    table.add_column("limits")
+    figures = numbers("deviation", "at s", "velocity", "acceleration", "jerk")
+    table = Table("joint", *figures, "limits", title=title, title_justify="left")
     for row in rows:
         unit = "m" if row.joint in sliding else "rad"
         shares = (row.velocity, row.acceleration, row.jerk)

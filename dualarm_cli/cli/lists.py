@@ -31,9 +31,7 @@ def solvers_command(json_output: JsonOption = False) -> None:
         return
     from rich.table import Table
 
-    table = Table()
-    for column in ("family", "name", "what it does", "reference"):
-        table.add_column(column)
+    table = Table("family", "name", "what it does", "reference")
     for row in rows:
         table.add_row(*row.values())
     stdout_console().print(table)

@@ -25,7 +25,7 @@ from dualarm_cli.cli.parts.options import (
     SeedOption,
     TimeLimitOption,
     TimingOption,
-    read_time_limit,
+    read_duration,
     refuse_plot,
 )
 from dualarm_cli.cli.parts.output import (
@@ -119,7 +119,7 @@ def plan_command(
     if rate is not None:
         check_rate(rate, "--rate")
     chosen = columns_named(columns.split(","), "--columns")
-    limit = read_time_limit(time_limit)
+    limit = read_duration("--time-limit", time_limit)
     if out == "":
         raise UsageError("--out '': name a folder, or leave the option out")
     refuse_two_documents(out, json_output)

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dualarm_cli.cli.parts.options import read_quantity
 from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message, stdout_console
 from dualarm_cli.errors import UsageError
+from dualarm_cli.report.printable import numbers
 
 if TYPE_CHECKING:
     from dualarm_cli.geometry.arrays import FloatArray
@@ -138,13 +140,7 @@ def _numbers(option: str, text: str, quantity: Any, shape: tuple[int, ...]) -> F
     words = [word.strip() for word in text.replace(";", ",").split(",")]
     if len(words) != math.prod(shape):
         raise UsageError(f"{option} '{text}': needs {math.prod(shape)} values, got {len(words)}")
-    from dualarm_cli.files.source.quantities import parse_quantity
-
-    try:
-        values = [parse_quantity(word, quantity) for word in words]
-    except ValueError as error:
-        raise UsageError(f"{option} '{text}': {error}") from None
-    return np.array(values).reshape(shape)
+    return np.array([read_quantity(option, word, quantity) for word in words]).reshape(shape)
 
 
 def _stage(tasks: Path, stage: int) -> tuple[PlatformProblem, FloatArray]:
@@ -158,13 +154,8 @@ def _stage(tasks: Path, stage: int) -> tuple[PlatformProblem, FloatArray]:
 def _table(rows: list[MethodRow]) -> Any:
     from rich.table import Table
 
-    table = Table()
-    table.add_column("method")
-    table.add_column("N", justify="right")
-    table.add_column("candidate")
-    for name in ("φf − φ0 °", "φf °", "Δq4,1 °", "Δq4,2 °", "|Δ2| − |Δ1| °"):
-        table.add_column(name, justify="right")
-    table.add_column("")
+    figures = numbers("φf − φ0 °", "φf °", "Δq4,1 °", "Δq4,2 °", "|Δ2| − |Δ1| °")
+    table = Table("method", *numbers("N"), "candidate", *figures, "")
     number, method = 0, ""
     for row in rows:
         number = number + 1 if row.method == method else 1

@@ -23,6 +23,7 @@ from dualarm_cli.cli.parts.output import (
 )
 from dualarm_cli.cli.robot_reach import reach_command
 from dualarm_cli.errors import UsageError
+from dualarm_cli.report.printable import numbers
 
 if TYPE_CHECKING:
     from dualarm_cli.geometry.joint_axes import SrsGeometry
@@ -70,9 +71,7 @@ def list_command(json_output: JsonOption = False) -> None:
         return
     from rich.table import Table
 
-    table = Table()
-    for column in ("robot", "name", "platform joints", "arms"):
-        table.add_column(column)
+    table = Table("robot", "name", "platform joints", "arms")
     for row in rows:
         arms: Any = row["arms"]
         text = "; ".join(f"{arm}: {what}" for arm, what in arms.items())
@@ -411,12 +410,9 @@ def _limits_table(robot: Robot) -> Any:
     """Returns the table of joint limits in degrees, as a robot's data sheet has them; of joints that slide in mm."""
     from rich.table import Table
 
-    table = Table(title=robot.name, title_justify="left")
-    for column in ("joint", "group", "lower °", "upper °", "velocity °/s"):
-        table.add_column(column, justify="left" if column in ("joint", "group") else "right")
-    for column in ("acceleration °/s²", "jerk °/s³"):
-        table.add_column(column, justify="right")
-    table.add_column("source")
+    figures = ("lower °", "upper °", "velocity °/s", "acceleration °/s²", "jerk °/s³")
+    columns = ["joint", "group", *numbers(*figures), "source"]
+    table = Table(*columns, title=robot.name, title_justify="left")
     groups = dict.fromkeys(robot.platform, "platform")
     groups |= {joint: arm.name for arm in robot.arms for joint in arm.joints}
     limits = robot.limits

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dualarm_cli.cli.parts.completion import complete_robot
+from dualarm_cli.cli.parts.options import read_quantity, refuse_plot
 from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message, stdout_console
 from dualarm_cli.errors import UsageError
 
@@ -56,7 +57,6 @@ def reach_command(
 
     import numpy as np
 
-    from dualarm_cli.cli.parts.options import refuse_plot
     from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.files.source.quantities import ANGLE, LENGTH
     from dualarm_cli.reachability.reach_map import reach_map
@@ -65,11 +65,11 @@ def reach_command(
 
     if out is not None:
         refuse_plot(out, force, "--out")
-    leaning = _read("--tilt", tilt, ANGLE)
+    leaning = read_quantity("--tilt", tilt, ANGLE)
     if not abs(leaning) <= math.radians(MOST_TILT):
         raise UsageError(f"--tilt {tilt}: must be between -{MOST_TILT:g} and {MOST_TILT:g} deg")
-    spacing = None if step is None else _read("--step", step, LENGTH)
-    level = None if height is None else _read("--height", height, LENGTH)
+    spacing = None if step is None else read_quantity("--step", step, LENGTH)
+    level = None if height is None else read_quantity("--height", height, LENGTH)
     cell, notes = _cell(robot)
     here = region(cell)
     platform = platform_positions(cell)
@@ -105,16 +105,6 @@ def reach_command(
             console.print(line, markup=False, soft_wrap=True)
     if out is not None:
         print_message(f"written: {out}")
-
-
-def _read(option: str, text: str, quantity: Any) -> float:
-    """Returns the quantity that an option gives, in SI units."""
-    from dualarm_cli.files.source.quantities import QuantityError, parse_quantity
-
-    try:
-        return parse_quantity(text, quantity)
-    except QuantityError as error:
-        raise UsageError(f"{option} '{text}': {error}") from None
 
 
 def _cell(robot: str) -> tuple[Cell, list[str]]:

@@ -182,7 +182,7 @@ def _evaluate(
     requests: list[Request], run: Run, store: Store | None, quiet: bool
 ) -> dict[str, Evaluation]:
     """Returns what every case came to; `run` plans what the store does not know."""
-    from dualarm_cli.cli.parts.score_files import ScoreProgress
+    from dualarm_cli.cli.parts.score_files import score_progress
     from dualarm_cli.evaluation.answers import answers
 
     def checked(some: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
@@ -195,11 +195,11 @@ def _evaluate(
 
     found: dict[str, Evaluation] = {}
     known = 0
-    with ScoreProgress(len(requests), quiet) as progress:
+    with score_progress(len(requests), quiet) as tell:
         for answer in answers(requests, checked, store):
             found[requests[answer.index].case] = answer.evaluation
             known += answer.known
-            progress.tell(answer.evaluation, answer.known)
+            tell(answer.evaluation, answer.known)
     if store is not None and not quiet:
         print_message(f"unchanged and not planned again: {known} of {len(requests)}")
     say_unkept(store)

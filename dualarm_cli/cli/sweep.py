@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
-
-from dualarm_cli.cli.parts.output import stderr_console
-
-if TYPE_CHECKING:
-    from dualarm_cli.studies.search import Progress
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.parts.evaluating import evaluators, open_store, say_unkept
+from dualarm_cli.cli.parts.evaluating import evaluators, open_store, progress_bar, say_unkept
 from dualarm_cli.cli.parts.options import read_duration
 from dualarm_cli.cli.parts.output import (
     JsonOption,
@@ -41,34 +34,25 @@ from dualarm_cli.errors import OutputError, UsageError
 if TYPE_CHECKING:
     from dualarm_cli.model.study import Point, Study
     from dualarm_cli.studies.rows import StudyRow
-    from dualarm_cli.studies.search import Desk
+    from dualarm_cli.studies.search import Desk, Progress
 
 
 @contextmanager
-def progress_bar(total: int, quiet: bool) -> Iterator[Callable[[Progress], None]]:
-    """Yields what to call after every point.
+def _study_progress(total: int, quiet: bool) -> Iterator[Callable[[Progress], None]]:
+    """Yield what tells of every finished point.
 
     Args:
         total: how many points there are.
         quiet: whether to show nothing.
     """
-    console = stderr_console()
-    if quiet or not console.is_terminal:
-        yield lambda _: None
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    words = TextColumn("{task.description}")
-    with Bar(TextColumn("planning"), *columns, words, console=console, transient=True) as bar:
-        task = bar.add_task("", total=total)
+    with progress_bar("planning", total, quiet) as show:
 
         def tell(progress: Progress) -> None:
             known = [f"{progress.known} known already"] if progress.known else []
             time = None if progress.best is None else progress.best.figures["cycle_time"]
             best = [] if time is None else [f"best {time:.3f} s"]
-            bar.update(task, completed=progress.done, description=", ".join([*best, *known]))
+            if show is not None:
+                show(progress.done, ", ".join([*best, *known]))
 
         yield tell
 
@@ -309,7 +293,7 @@ def _carry_out(
 
     total = method["budget"] if points is None else len(points)
     try:
-        with progress_bar(total, quiet) as desk.tell:
+        with _study_progress(total, quiet) as desk.tell:
             reference = desk.reference(study)
             if points is None:
                 rows = search(study, total, method["seed"], lambda p, r: desk.rows(study, p, r))
@@ -345,7 +329,7 @@ def _write_pages(
     from dualarm_cli.page.index_page import page_names, page_title, study_index
 
     before = desk.planned
-    with progress_bar(len(rows) * len(study.tasks), quiet) as desk.tell:
+    with _study_progress(len(rows) * len(study.tasks), quiet) as desk.tell:
         data = desk.pages(study, rows)
     if desk.planned > before and not quiet:
         print_message(f"{desk.planned - before} planned once more for their pages")

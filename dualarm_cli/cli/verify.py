@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.parts.options import ReceiverInterpolation
+from dualarm_cli.cli.parts.options import ReceiverInterpolation, read_positive
 from dualarm_cli.cli.parts.output import JsonOption, QuietOption, print_json, stdout_console
 from dualarm_cli.errors import UsageError
-from dualarm_cli.report.printable import printable
+from dualarm_cli.report.printable import numbers, printable
 
 if TYPE_CHECKING:
-    from dualarm_cli.files.source.quantities import Dimension
     from dualarm_cli.geometry.interpolation import Interpolation
     from dualarm_cli.model.schedule import Schedule
     from dualarm_cli.model.verification import Verification
@@ -101,22 +100,10 @@ def tracking_limits(error: str, distance: str, delay: str) -> TrackingLimits:
     from dualarm_cli.verification.driven_motion import TrackingLimits
 
     return TrackingLimits(
-        _positive("--tracking-error", error, ANGLE),
-        _positive("--tool-error", distance, LENGTH),
-        _positive("--delay", delay, TIME),
+        read_positive("--tracking-error", error, ANGLE),
+        read_positive("--tool-error", distance, LENGTH),
+        read_positive("--delay", delay, TIME),
     )
-
-
-def _positive(option: str, text: str, dimension: Dimension) -> float:
-    from dualarm_cli.files.source.quantities import QuantityError, parse_quantity
-
-    try:
-        value = parse_quantity(text, dimension)
-    except QuantityError as error:
-        raise UsageError(f"{option}: {error}") from error
-    if value <= 0.0:
-        raise UsageError(f"{option} {text}: must be above 0 {dimension.unit}")
-    return value
 
 
 def tracking_document(tracking: DrivenJudgement) -> dict[str, Any]:
@@ -155,10 +142,9 @@ def tracking_tables(tracking: DrivenJudgement) -> list[Any]:
     from rich.markup import escape
     from rich.table import Table
 
-    joints = Table(title="joints, compared with the plan", title_justify="left")
-    joints.add_column("joint")
-    for name in ("delay ms", "error without delay", "at s", "mean", "error as logged", "unit"):
-        joints.add_column(name, justify="left" if name == "unit" else "right")
+    figures = numbers("delay ms", "error without delay", "at s", "mean", "error as logged")
+    title = "joints, compared with the plan"
+    joints = Table("joint", *figures, "unit", title=title, title_justify="left")
     for row in tracking.joints:
         error, mean, logged = (
             value * 1e3 if row.slides else degrees(value)
@@ -183,18 +169,13 @@ def _event_table(title: str, rows: tuple[EventTracking, ...]) -> Any:
     from rich.markup import escape
     from rich.table import Table
 
-    events = Table(title=title, title_justify="left")
-    for name in ("at s", "off mm", "turned deg", "off as logged mm"):
-        events.add_column(name, justify="right")
-    for name in ("arm", "task", "action"):
-        events.add_column(name)
+    figures = numbers("at s", "off mm", "turned deg", "off as logged mm")
+    events = Table(*figures, "arm", "task", "action", title=title, title_justify="left")
     for row in rows:
         event = row.event
-        numbers = (row.distance * 1e3, degrees(row.angle), row.as_logged * 1e3)
+        off = (row.distance * 1e3, degrees(row.angle), row.as_logged * 1e3)
         words = (event.arm, event.task, event.action)
-        events.add_row(
-            f"{event.time:.3f}", *(f"{x:.3f}" for x in numbers), *(escape(w) for w in words)
-        )
+        events.add_row(f"{event.time:.3f}", *(f"{x:.3f}" for x in off), *(escape(w) for w in words))
     return events
 
 
@@ -350,10 +331,9 @@ def _clearances(judged: Verification) -> Any:
     from rich.markup import escape
     from rich.table import Table
 
-    table = Table(title="least clearance of every stage, proven", title_justify="left")
-    for name in ("#", "clearance mm", "required mm", "at s"):
-        table.add_column(name, justify="right")
-    table.add_column("between")
+    title = "least clearance of every stage, proven"
+    figures = numbers("#", "clearance mm", "required mm", "at s")
+    table = Table(*figures, "between", title=title, title_justify="left")
     for stage in judged.clearances:
         colour = "bold red" if stage.margin < 0.0 else "green"
         table.add_row(
@@ -370,9 +350,8 @@ def _table(judged: Verification) -> Any:
     from rich.markup import escape
     from rich.table import Table
 
-    table = Table()
-    for name in ("check", "verdict", "measured", "allowed", "unit", "where or why"):
-        table.add_column(name, justify="right" if name in ("measured", "allowed") else "left")
+    figures = numbers("measured", "allowed")
+    table = Table("check", "verdict", *figures, "unit", "where or why")
     colour = {"passed": "green", "failed": "bold red", "not checked": "yellow"}
     for check in judged.checks:
         table.add_row(

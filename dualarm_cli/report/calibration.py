@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 from typing import Any
 
 from dualarm_cli.calibration.spread import LEVEL, Spread, half_widths, region_limit
+from dualarm_cli.report.printable import numbers
 
 
 def calibration_document(result: Calibration) -> dict[str, Any]:
@@ -115,15 +116,14 @@ def print_calibration(result: Calibration, console: Console) -> None:
     judgement, names = result.judgement, result.problem.names
     for line in _transform(result):
         console.print(line, markup=False, soft_wrap=True)
-    table = Table("point", title=f"residuals, RMS {_mm(judgement.rms)} mm", title_justify="left")
-    for column in ("mm", "x mm", "y mm", "z mm"):
-        table.add_column(column, justify="right")
+    columns = numbers("mm", "x mm", "y mm", "z mm")
+    title = f"residuals, RMS {_mm(judgement.rms)} mm"
+    table = Table("point", *columns, title=title, title_justify="left")
     for name, distance, vector in zip(names, judgement.distances, judgement.residuals, strict=True):
         table.add_row(name, _mm(distance), *(_mm(v) for v in vector))
     console.print(table)
-    table = Table("points", title="distances", title_justify="left")
-    for column in ("left mm", "right mm", "difference mm"):
-        table.add_column(column, justify="right")
+    columns = numbers("left mm", "right mm", "difference mm")
+    table = Table("points", *columns, title="distances", title_justify="left")
     pairs = sorted(judgement.pairs, key=lambda pair: -abs(pair.left - pair.right))
     for pair in pairs[:10]:
         name = f"{pair.first}, {pair.second}"

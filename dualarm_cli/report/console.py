@@ -13,6 +13,7 @@ from rich.table import Table
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.schedule import WORK_ENDS
 from dualarm_cli.model.verification import exceptions
+from dualarm_cli.report.printable import numbers
 
 NOTHING = "–"
 """What stands where there is nothing to say."""
@@ -42,22 +43,20 @@ def stage_table(report: dict[str, Any]) -> Table:
     places = [_place(stage["platform_angle"], slides) for stage in stages]
     if len(set(places)) == 1 and places[0] != NOTHING:
         title += f", platform at {places[0]} {'mm' if slides else '°'}"
-    table = Table(title=escape(title), title_justify="left")
-    table.add_column("#", justify="right")
-    table.add_column("work")
-    table.add_column("start s", justify="right")
-    table.add_column("length s", justify="right")
     moving = {"platform": [stage["platform_time"] for stage in stages]}
     moving |= {arm: [s["arm_times"].get(arm, 0.0) for s in stages] for arm in report["arms"]}
     moving = {name: times for name, times in moving.items() if max(times, default=0.0) >= SHOWN}
-    for name in moving:
-        table.add_column(f"{name} s", justify="right")
-    table.add_column("bottleneck")
-    if len(set(methods)) > 1:
-        table.add_column("method")
     turning = len(set(places)) > 1
-    if turning:
-        table.add_column("place mm" if slides else "angle °", justify="right")
+    table = Table(
+        *numbers("#"),
+        "work",
+        *numbers("start s", "length s", *(f"{name} s" for name in moving)),
+        "bottleneck",
+        *(["method"] if len(set(methods)) > 1 else []),
+        *(numbers("place mm" if slides else "angle °") if turning else []),
+        title=escape(title),
+        title_justify="left",
+    )
     for k, stage in enumerate(stages):
         table.add_row(
             str(k + 1),

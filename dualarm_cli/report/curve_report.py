@@ -16,6 +16,7 @@ from dualarm_cli.kinds.drawing import new_figure, rendered
 from dualarm_cli.model.curves.discretisation import Points, Quality, by_euler, by_length, judge
 from dualarm_cli.model.curves.feature_curve import MeasuredCurve, PoseCurve
 from dualarm_cli.records import dataclass
+from dualarm_cli.report.printable import numbers
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -83,9 +84,7 @@ def print_curves(reports: Sequence[CurveReport], console: Console) -> None:
 
     for report in reports:
         console.print(_title(report), markup=False, soft_wrap=True)
-        table = Table("")
-        for name in report.points:
-            table.add_column(TITLES[name], justify="right")
+        table = Table("", *numbers(*(TITLES[name] for name in report.points)))
         for label, cells in _rows(report):
             table.add_row(label, *cells)
         console.print(table)

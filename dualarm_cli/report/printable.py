@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.table import Column
 
 
 def printable(value: Any) -> Any:
@@ -19,6 +22,13 @@ def printable(value: Any) -> Any:
     if isinstance(value, dict):
         return {printable(key): printable(entry) for key, entry in value.items()}
     return [printable(entry) for entry in value] if isinstance(value, list) else value
+
+
+def numbers(*headings: str, no_wrap: bool = False) -> list[Column]:
+    """Make the columns of a table that hold numbers, flush right."""
+    from rich.table import Column
+
+    return [Column(heading, justify="right", no_wrap=no_wrap) for heading in headings]
 
 
 def one_line(text: str) -> str:

@@ -13,6 +13,7 @@ from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.reachability.reach_map import ReachMap, reach_map
+from dualarm_cli.report.printable import numbers
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -77,14 +78,12 @@ def area_table(document: Mapping[str, Any]) -> Table:
     """Returns the table of areas by platform position."""
     from rich.table import Table
 
-    table = Table()
     rail = document["platform_unit"] == "m"
-    table.add_column("platform mm" if rail else "platform °", justify="right")
-    for who in document["area"]:
-        table.add_column(f"{who} m²", justify="right")
+    areas = (f"{who} m²" for who in document["area"])
+    table = Table(*numbers("platform mm" if rail else "platform °", *areas))
     for k, place in enumerate(document["platform"]):
-        areas = [f"{area[k]:.3f}" for area in document["area"].values()]
-        table.add_row("–" if place is None else _shown(place, rail), *areas)
+        cells = (f"{area[k]:.3f}" for area in document["area"].values())
+        table.add_row("–" if place is None else _shown(place, rail), *cells)
     if len(document["platform"]) > 1:
         table.add_section()
         table.add_row("any", *(f"{area:.3f}" for area in document["area_at_any"].values()))
@@ -95,14 +94,11 @@ def frame_table(document: Mapping[str, Any]) -> Table:
     """Returns the table of frames: from which platform positions each arm reaches them."""
     from rich.table import Table
 
-    table = Table()
-    table.add_column("frame")
-    table.add_column("x, y, z m", justify="right")
     first = next(iter(document["frames"].values()))
     rail = document["platform_unit"] == "m"
-    unit = "mm" if rail else "°"
-    for who in first["reached"]:
-        table.add_column(f"{who}, platform {unit}" if document["platform"][0] is not None else who)
+    of = "" if document["platform"][0] is None else f", platform {'mm' if rail else '°'}"
+    arms = (f"{who}{of}" for who in first["reached"])
+    table = Table("frame", *numbers("x, y, z m"), *arms)
     for name, frame in document["frames"].items():
         ranges = [ranges_of(document["platform"], one, rail) for one in frame["reached"].values()]
         table.add_row(name, ", ".join(f"{v:.3g}" for v in frame["xyz"]), *ranges)

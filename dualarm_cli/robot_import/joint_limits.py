@@ -78,8 +78,7 @@ def read_joint_limits(path: Path, urdf: Urdf) -> JointLimitsFile:
             [Diagnostic(str(path), 0, 0, "E101", "is empty; `joint_limits:` is needed")]
         )
     document = parse_yaml(source)
-    findings = Findings()
-    findings.extend(document.diagnostics)
+    findings = Findings(document.diagnostics)
     findings.raise_if_any()
     joints = document.data.get("joint_limits") if isinstance(document.data, dict) else None
     if not isinstance(joints, dict):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
-from dualarm_cli.report.printable import one_line
+from dualarm_cli.report.printable import numbers, one_line
 from dualarm_cli.scoring.messages import figure_words, verdict_words
 from dualarm_cli.scoring.verdict import Verdict
 
@@ -20,11 +20,8 @@ def score_table(verdicts: Sequence[Verdict]) -> Table:
     Args:
         verdicts: by name.
     """
-    table = Table()
-    table.add_column("case", overflow="fold")
-    for name in ("cycle time s", "change", "gap", "clearance mm"):
-        table.add_column(name, justify="right")
-    table.add_column("verdict")
+    figures = numbers("cycle time s", "change", "gap", "clearance mm")
+    table = Table(Column("case", overflow="fold"), *figures, "verdict")
     for verdict in verdicts:
         colour = "yellow" if verdict.caveats else _COLOURS.get(verdict.state, "bold red")
         table.add_row(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dualarm_cli.cli.parts.output import print_message
+from dualarm_cli.cli.parts.output import print_message, stderr_console
 
 if TYPE_CHECKING:
     from dualarm_cli.evaluation.answers import Run
@@ -16,6 +16,25 @@ if TYPE_CHECKING:
     from dualarm_cli.evaluation.request import Request
     from dualarm_cli.evaluation.store import Store
     from dualarm_cli.model.evaluation import Evaluation
+
+
+@contextmanager
+def progress_bar(
+    title: str, total: int, quiet: bool
+) -> Iterator[Callable[[int, str], None] | None]:
+    """Show a bar on a terminal; yield what updates its count and words, or None without a bar."""
+    console = None if quiet else stderr_console()
+    if console is None or not console.is_terminal:
+        yield None
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    words = TextColumn("{task.description}", markup=False)
+    columns = (TextColumn(title), BarColumn(), MofNCompleteColumn(), Remaining(), words)
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=total)
+        yield lambda done, words: bar.update(task, completed=done, description=words)
 
 
 def open_store(cache: Path | None, no_cache: bool) -> Store | None:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dualarm_cli.cli.parts.completion import complete_solver
 from dualarm_cli.errors import UsageError
+
+if TYPE_CHECKING:
+    from dualarm_cli.files.source.quantities import Dimension
 
 
 class Effort(StrEnum):
@@ -96,28 +99,40 @@ COLUMNS = "position,velocity,acceleration"
 """All of them."""
 
 
-def read_time_limit(text: str | None) -> float | None:
-    """Returns a time limit [s], None where there is none; see `read_duration`."""
-    return read_duration("--time-limit", text)
-
-
 def read_duration(option: str, text: str | None) -> float | None:
-    """Returns the duration that an option gives [s], None where it is not given.
+    """Read the duration that an option gives, above 0 [s], or None where it is not given."""
+    from dualarm_cli.files.source.quantities import TIME
+
+    return None if text is None else read_positive(option, text, TIME, "30 or '2 min'")
+
+
+def read_positive(option: str, text: str, dimension: Dimension, example: str = "") -> float:
+    """Read an option's quantity above 0, as `read_quantity` does."""
+    value = read_quantity(option, text, dimension, example)
+    if value <= 0.0:
+        advice = f"; write one such as {example}" if example else ""
+        raise UsageError(f"{option} {text}: must be above 0 {dimension.unit}{advice}")
+    return value
+
+
+def read_quantity(option: str, text: str, dimension: Dimension, example: str = "") -> float:
+    """Read the quantity that an option gives, in SI units.
+
+    Args:
+        option: its name.
+        text: what the user wrote.
+        dimension: of the quantity.
+        example: of what could be written; by default one of the dimension.
 
     Raises:
-        UsageError: it is no duration above 0.
+        UsageError: it is no such quantity.
     """
-    from dualarm_cli.files.source.quantities import TIME, QuantityError, parse_quantity
+    from dualarm_cli.files.source.quantities import QuantityError, parse_quantity
 
-    if text is None:
-        return None
     try:
-        limit = parse_quantity(text, TIME, "30 or '2 min'")
+        return parse_quantity(text, dimension, example)
     except QuantityError as error:
-        raise UsageError(f"{option}: {error}") from error
-    if limit <= 0.0:
-        raise UsageError(f"{option} {text}: must be above 0 s; write one such as 30 or '2 min'")
-    return limit
+        raise UsageError(f"{option}: {error}") from None
 
 
 def refuse_plot(plot: Path, force: bool, option: str = "--plot") -> None:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from dualarm_cli.cli.parts.options import read_quantity
 from dualarm_cli.errors import UsageError
 
 DEFAULT_REGRESSION = 1e-3
@@ -108,14 +109,11 @@ def read_regression(text: str | None) -> float:
     Raises:
         UsageError: it is no share, or negative, or a number above 1 that may be meant as percent.
     """
-    from dualarm_cli.files.source.quantities import FRACTION, QuantityError, parse_quantity
+    from dualarm_cli.files.source.quantities import FRACTION
 
     if text is None:
         return DEFAULT_REGRESSION
-    try:
-        share = parse_quantity(text, FRACTION, "2% or 0.02")
-    except QuantityError as error:
-        raise UsageError(f"--max-regression: {error}") from error
+    share = read_quantity("--max-regression", text, FRACTION, "2% or 0.02")
     if share < 0.0:
         raise UsageError(f"--max-regression {text}: must be 0 or more; write one such as 2%")
     if share >= 1.0 and "%" not in text:

@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, WithJsonSchema, model_validator
 
-from dualarm_cli.errors import InputError
 from dualarm_cli.files.robots.robot_joints import POSITION_SLACK
 from dualarm_cli.files.robots.robot_pair import why_not_a_pair_member
 from dualarm_cli.files.robots.robots import build_robot, find_robot
@@ -29,7 +28,7 @@ from dualarm_cli.files.source.fields import (
     refuse,
     to_se3,
 )
-from dualarm_cli.files.source.projects import BadReferenceError, Project
+from dualarm_cli.files.source.projects import Project, noted
 from dualarm_cli.files.source.quantities import LENGTH, QuantityError, parse_quantity
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
@@ -145,12 +144,10 @@ def load_points(path: str | Path) -> LoadedTouches:
     """
     project = Project.of(Path(path))
     document = read_document(project, Path(path), str(path), "points/1")
-    findings = Findings()
-    findings.extend(document.diagnostics)
+    findings = Findings(document.diagnostics)
     model = validate(document, PointsFile, findings)
     if model is None:
-        findings.raise_if_any()
-        raise InputError(findings.diagnostics)
+        findings.fail()
     reader = _PointsReader(project, Path(path), document, findings)
     names = reader.names(model)
     origin = reader.origin(model, names)
@@ -215,20 +212,14 @@ class _PointsReader:
 
     def _robot(self, side: str, section: ToucherSection) -> Robot | None:
         loc: Loc = (side, "robot")
-        try:
+        with noted(self._findings, self._document, loc):
             place = find_robot(self._project, section.robot, self._path, self._document.source.name)
             robot, _ = build_robot(place)
-        except BadReferenceError as error:
-            self._findings.add(self._document, loc, str(error), "E500")
-            return None
-        except InputError as error:
-            self._findings.extend(error.diagnostics)
-            return None
-        problem = why_not_a_pair_member(robot)
-        if problem is not None:
+            problem = why_not_a_pair_member(robot)
+            if problem is None:
+                return robot
             self._findings.add(self._document, loc, problem)
-            return None
-        return robot
+        return None
 
     def _joints(self, loc: Loc, values: list[object], robot: Robot) -> FloatArray | None:
         """Returns joint readings within the limits [rad], or None after noting what is wrong."""
@@ -292,10 +283,8 @@ def read_base(project: Project, path: Path, name: str, role: str | None = None) 
         InputError: everything wrong with the file.
     """
     document = read_document(project, path, name, "base/1", role)
-    findings = Findings()
-    findings.extend(document.diagnostics)
+    findings = Findings(document.diagnostics)
     model = validate(document, BaseFile, findings)
-    findings.raise_if_any()
-    if model is None:
-        raise InputError(findings.diagnostics)
+    if model is None or findings.diagnostics:
+        findings.fail()
     return Base(to_se3(model.base), model.relative_to)

@@ -12,7 +12,6 @@ import numpy as np
 import pinocchio as pin
 from pydantic import create_model
 
-from dualarm_cli.errors import InputError
 from dualarm_cli.files.calibration.points import Base, read_base
 from dualarm_cli.files.cells.cell_frames import frame_pose, world_frames
 from dualarm_cli.files.cells.schema_cell import (
@@ -28,7 +27,7 @@ from dualarm_cli.files.source.bodies import checked_pairs, link_names
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.documents import read_document, validate
 from dualarm_cli.files.source.fields import Pose, to_se3
-from dualarm_cli.files.source.projects import BadReferenceError, Project, display_name
+from dualarm_cli.files.source.projects import Project, display_name, noted
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.kinds import of_kinds
@@ -85,14 +84,10 @@ def _base(
         message = f"must be a pose, such as {{xyz: [0, 0, 0]}}, or the path of a base file, not {quote(value)}"
         findings.add(document, loc, message, "E200")
         return None
-    try:
+    with noted(findings, document, loc):
         file = project.follow(value, path)
         name = display_name(value, document.source.name)
         return read_base(project, file, name, f"base.{loc[1]}")
-    except BadReferenceError as error:
-        findings.add(document, loc, str(error), "E500")
-    except InputError as error:
-        findings.extend(error.diagnostics)
     return None
 
 
@@ -161,23 +156,20 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str
         InputError: everything wrong with the file and those that it names.
     """
     document = read_document(project, path, name, "cell/1")
-    findings = Findings()
-    findings.extend(document.diagnostics)
+    findings = Findings(document.diagnostics)
     kinds = tuple(of_kinds("cell_reading"))
     model = validate(document, cell_schema(kinds), findings)
     reader = CellReader(project, path, name, document, findings)
     robot = reader.robot(document.data.get("robot"))
     if model is None:
-        findings.raise_if_any()
-        raise InputError(findings.diagnostics)
+        findings.fail()
     frames = world_frames(document, dict(model.frames), findings)
     obstacles = reader.obstacles(model, frames)
     tools = reader.tools(model, robot)
     parts = reader.parts(model)
     added = [kind.read(reader, model, tools, frames) for kind in kinds]
     if robot is None:
-        findings.raise_if_any()
-        raise InputError(findings.diagnostics)
+        findings.fail()
     bodies = reader.bodies(robot, model, [body for one in added for body in one.bodies])
     allowed: dict[Loc, Sequence[str]] = {
         ("allowed_contacts", k): pair for k, pair in enumerate(model.allowed_contacts)
@@ -240,20 +232,14 @@ class CellReader:
         return None
 
     def _one_robot(self, reference: str, loc: Loc) -> Robot | None:
-        try:
+        with noted(self.findings, self.document, loc):
             place = find_robot(self.project, reference, self.path, self.name)
             side = ".".join(str(step) for step in loc[:2]) if len(loc) > 1 else "robot"
             robot, notes = build_robot(replace(place, role=side))
-        except BadReferenceError as error:
-            self.findings.add(self.document, loc, str(error), "E500")
-            return None
-        except InputError as error:
-            self.findings.extend(error.diagnostics)
-            return None
-        self.notes += [
-            f"{robot.name}: {note}" for note in notes if f"{robot.name}: {note}" not in self.notes
-        ]
-        return robot
+            told = [f"{robot.name}: {note}" for note in notes]
+            self.notes += [note for note in told if note not in self.notes]
+            return robot
+        return None
 
     def _pair(self, pair: PairSection) -> Robot | None:
         left, right = self._member("left", pair.left), self._member("right", pair.right)
@@ -339,10 +325,8 @@ class CellReader:
             return Shape("capsule", (section.capsule.radius, section.capsule.length), pose)
         if section.mesh is None:
             return Shape("half_space", (), pose)
-        try:
+        with noted(self.findings, self.document, (*loc, "mesh")):
             path = self.project.follow(section.mesh.file, self.path)
             hull = read_hull(path, section.mesh.file, np.full(3, section.mesh.scale))
-        except BadReferenceError as error:
-            self.findings.add(self.document, (*loc, "mesh"), str(error), "E500")
-            return None
-        return Shape("mesh", (), pose, hull)
+            return Shape("mesh", (), pose, hull)
+        return None

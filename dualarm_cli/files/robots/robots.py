@@ -35,7 +35,12 @@ from dualarm_cli.files.source.bundled import ROBOT_FILE, bundled_robots, robots_
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.documents import read_document, validate
 from dualarm_cli.files.source.fields import to_se3
-from dualarm_cli.files.source.projects import BadReferenceError, Project, display_name
+from dualarm_cli.files.source.projects import (
+    BadReferenceError,
+    Project,
+    display_name,
+    noted,
+)
 from dualarm_cli.files.source.text_source import TextSource, quote, suggest
 from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.geometry.arrays import FloatArray
@@ -142,18 +147,15 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
         InputError: everything wrong with the file and its URDF.
     """
     document = read_document(place.project, place.path, place.name, "robot/1", place.role)
-    findings = Findings()
-    findings.extend(document.diagnostics)
+    findings = Findings(document.diagnostics)
     described = _check_description(document, findings)
     model = validate(document, RobotFile, findings)
     if model is None or not described:
-        findings.raise_if_any()
-        raise InputError(findings.diagnostics)
+        findings.fail()
     urdf, read = _load_urdf(place, document, model, findings)
     meshes = read.shapes
     if urdf is None or not check_names(document, model, urdf, findings):
-        findings.raise_if_any()
-        raise InputError(findings.diagnostics)
+        findings.fail()
     names = [*model.platform, *(joint for arm in file_arms(model).values() for joint in arm.joints)]
     joints, notes = _moving_joints(urdf, names, findings)
     check_chains(document, model, urdf, joints, findings)
@@ -175,7 +177,7 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
     )
     findings.raise_if_any()
     if found_limits is None:
-        raise InputError(findings.diagnostics)
+        findings.fail()
     limits, assumed = found_limits
     text = write_urdf(urdf, joints, frozen)
     robot = Robot(
@@ -207,8 +209,7 @@ def _moving_joints(
         return moving_joints(urdf, names)
     except InputError as error:
         findings.extend(error.diagnostics)
-        findings.raise_if_any()
-        raise
+        findings.fail()
 
 
 def _narrowed_notes(joints: Sequence[UrdfJoint]) -> list[str]:
@@ -250,18 +251,12 @@ def _load_urdf(
     """Returns the checked URDF and its meshes by link, or None after noting what is wrong."""
     if model.urdf is None:
         return read_tables(document, model, findings), LinkMeshes({}, {})
-    try:
+    with noted(findings, document, ("urdf",)):
         path = place.project.follow(model.urdf, place.path)
         source = place.project.read(path, display_name(model.urdf, place.name))
         urdf = read_urdf(source)
         folder = Project(Path(os.path.realpath(place.path.parent)))
-        meshes = link_meshes(urdf, MeshFinder(folder, path))
-    except BadReferenceError as error:
-        findings.add(document, ("urdf",), str(error), "E500")
-    except InputError as error:
-        findings.extend(error.diagnostics)
-    else:
-        return urdf, meshes
+        return urdf, link_meshes(urdf, MeshFinder(folder, path))
     return None, LinkMeshes({}, {})
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, NoReturn, get_args
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.source.text_source import quote, suggest
@@ -31,10 +31,11 @@ _KINDS = {
 class Findings:
     """Everything found wrong so far, in one or more files."""
 
-    def __init__(self) -> None:
-        """Starts with nothing found."""
+    def __init__(self, diagnostics: Iterable[Diagnostic] = ()) -> None:
+        """Starts with what reading a file has found."""
         self.diagnostics: list[Diagnostic] = []
         self._unread: set[tuple[str, int, int]] = set()
+        self.extend(diagnostics)
 
     def add(
         self,
@@ -61,10 +62,14 @@ class Findings:
             InputError: something was found.
         """
         if self.diagnostics:
-            files = {d.file: None for d in self.diagnostics}
-            order = {name: k for k, name in enumerate(files)}
-            unique = dict.fromkeys(self.diagnostics)
-            raise InputError(sorted(unique, key=lambda d: (order[d.file], d.line, d.column)))
+            self.fail()
+
+    def fail(self) -> NoReturn:
+        """Raise InputError with everything, by file and line, where nothing can go on."""
+        files = {d.file: None for d in self.diagnostics}
+        order = {name: k for k, name in enumerate(files)}
+        unique = dict.fromkeys(self.diagnostics)
+        raise InputError(sorted(unique, key=lambda d: (order[d.file], d.line, d.column)))
 
 
 def _place(diagnostic: Diagnostic) -> tuple[str, int, int]:

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.source.bundled import robots_folder
 from dualarm_cli.files.source.overrides import Overrides
 from dualarm_cli.files.source.text_source import TextSource, quote, read_text
 from dualarm_cli.records import dataclass
+
+if TYPE_CHECKING:
+    from dualarm_cli.files.source.diagnostics import Findings
+    from dualarm_cli.files.source.yaml_source import Document, Loc
 
 MARKERS = ("dualarm.toml", ".git")
 """Names of which one is in the top folder of a project."""
@@ -106,6 +113,23 @@ class Project:
             )
         _existing(path, reference)
         return path
+
+
+@contextmanager
+def noted(findings: Findings, document: Document, loc: Loc) -> Iterator[None]:
+    """Note faults of a file that is referred to, instead of raising them.
+
+    Args:
+        findings: takes them.
+        document: refers to the file.
+        loc: place of the reference.
+    """
+    try:
+        yield
+    except BadReferenceError as error:
+        findings.add(document, loc, str(error), "E500")
+    except InputError as error:
+        findings.extend(error.diagnostics)
 
 
 def _existing(path: Path, reference: str) -> None:

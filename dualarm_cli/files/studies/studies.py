@@ -11,7 +11,12 @@ from dualarm_cli.files.robots.robots import find_robot
 from dualarm_cli.files.source.amounts import in_unit, one_unit, read_amount, scaled, shifted
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.documents import read_document, validate
-from dualarm_cli.files.source.projects import BadReferenceError, Project, display_name
+from dualarm_cli.files.source.projects import (
+    BadReferenceError,
+    Project,
+    display_name,
+    noted,
+)
 from dualarm_cli.files.source.quantities import QuantityError
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.value_paths import PathError, find_value, to_pointer, value_at
@@ -374,12 +379,10 @@ def load_study(path: str | Path) -> Study:
     """
     project = Project.of(Path(path))
     document = read_document(project, Path(path), str(path), "study/1")
-    findings = Findings()
-    findings.extend(document.diagnostics)
+    findings = Findings(document.diagnostics)
     model = validate(document, StudyFile, findings)
     if model is None:
-        findings.raise_if_any()
-        raise InputError(findings.diagnostics)
+        findings.fail()
     tasks = _tasks(project, Path(path), document, model, findings)
     documents = [job_documents(project, job.path, job.name) for job in tasks]
     readable = not findings.diagnostics
@@ -425,7 +428,7 @@ def _tasks(
     listed = isinstance(document.data["tasks"], list)
     for k, reference in enumerate(model.tasks):
         loc: Loc = ("tasks", k) if listed else ("tasks",)
-        try:
+        with noted(findings, document, loc):
             tasks = project.follow(reference, path)
             name = display_name(reference, document.source.name)
             if tasks.resolve() in found:
@@ -434,10 +437,6 @@ def _tasks(
             job = load_job(tasks, name)
             project.inputs.update(job.inputs)
             found[tasks.resolve()] = StudyTasks(Path(name), name)
-        except BadReferenceError as error:
-            findings.add(document, loc, str(error), "E500")
-        except InputError as error:
-            findings.extend(error.diagnostics)
     return list(found.values())
 
 

@@ -12,7 +12,7 @@ from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.cells.cell_frames import frame_pose
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.fields import QUATERNION_TOLERANCE, FramedPose, to_se3
-from dualarm_cli.files.source.projects import BadReferenceError, Project, display_name
+from dualarm_cli.files.source.projects import Project, display_name, noted
 from dualarm_cli.files.source.text_source import TextSource, quote
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.schema_curves import (
@@ -264,14 +264,9 @@ class CurveReader:
 
     def _file(self, reference: str, loc: Loc) -> list[pin.SE3] | None:
         frame = self._frame(None, loc)
-        try:
+        with noted(self._findings, self._document, loc):
             path = self._project.follow(reference, self._path)
             name = display_name(reference, self._document.source.name)
             rows = read_poses(self._project.read(path, name))
-        except BadReferenceError as error:
-            self.note(loc, str(error), "E500")
-            return None
-        except InputError as error:
-            self._findings.extend(error.diagnostics)
-            return None
-        return None if frame is None else [frame * pose for pose in rows]
+            return None if frame is None else [frame * pose for pose in rows]
+        return None

@@ -8,13 +8,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from dualarm_cli.errors import InputError
 from dualarm_cli.files.cells.cells import build_cell
 from dualarm_cli.files.source.bundled import task_file
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.documents import read_document, validate
 from dualarm_cli.files.source.overrides import Overrides
-from dualarm_cli.files.source.projects import BadReferenceError, Project, display_name
+from dualarm_cli.files.source.projects import Project, display_name, noted
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.files.tasks.curves import CurveReader
@@ -88,8 +87,7 @@ def load_job(
     project, name = Project.of(path), name or called
     project.overrides = Overrides(overrides)
     document = read_document(project, path, name, "tasks/1")
-    findings = Findings()
-    findings.extend(document.diagnostics)
+    findings = Findings(document.diagnostics)
     kinds = of_kinds("reading")
     schemas = schemas_of(tuple(kinds))
     model = validate(document, schemas.file, findings)
@@ -112,9 +110,8 @@ def load_job(
         curves = CurveReader(project, path, document, cell, findings)
         tasks = TaskReader(document, cell, findings, defaults, curves).tasks(sections)
         findings.extend(project.overrides.unused())
-    findings.raise_if_any()
-    if model is None or loaded is None:
-        raise InputError(findings.diagnostics)
+    if model is None or loaded is None or findings.diagnostics:
+        findings.fail()
     caps = [c for c in (cell.tool_speed, model.limits.tool_speed) if c is not None]
     job = Job(
         cell,
@@ -162,11 +159,7 @@ def _load_cell(
     reference = document.data.get("cell")
     if not isinstance(reference, str):
         return None
-    try:
+    with noted(findings, document, ("cell",)):
         cell_path = project.follow(reference, path)
         return build_cell(project, cell_path, display_name(reference, document.source.name))
-    except BadReferenceError as error:
-        findings.add(document, ("cell",), str(error), "E500")
-    except InputError as error:
-        findings.extend(error.diagnostics)
     return None

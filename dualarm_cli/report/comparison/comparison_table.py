@@ -8,7 +8,7 @@ from io import StringIO
 from typing import Any
 
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from dualarm_cli.report.comparison.comparison import (
     SOLVERS,
@@ -16,6 +16,7 @@ from dualarm_cli.report.comparison.comparison import (
     section_title,
     varied_solvers,
 )
+from dualarm_cli.report.printable import numbers
 
 COLOURS = {"verified": "green", "failed": "bold red", "infeasible": "yellow", "not served": "dim"}
 OPEN = "yellow"
@@ -36,14 +37,16 @@ def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Ta
     title = section_title(section, section["tasks"])
     if section["lower_bound"] is not None:
         title += f", lower bound {section['lower_bound']:.3f} s"
-    table = Table(title=escape(title), title_justify="left")
-    for name in ("method", *varied):
-        table.add_column(name, no_wrap=True)
     slides = any(row["platform_slides"] for row in rows)
     platform = "platform mm" if slides else "platform °"
-    for name in ("cycle s", "parts/h", "gap", "planning s", "clear mm", "elbows °", platform):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("plan", no_wrap=True)
+    figures = ("cycle s", "parts/h", "gap", "planning s", "clear mm", "elbows °", platform)
+    table = Table(
+        *(Column(name, no_wrap=True) for name in ("method", *varied)),
+        *numbers(*figures, no_wrap=True),
+        Column("plan", no_wrap=True),
+        title=escape(title),
+        title_justify="left",
+    )
     for row, timed in zip(rows, clock, strict=True):
         colour = OPEN if row["status"] == "verified" and row["caveats"] else COLOURS[row["status"]]
         table.add_row(

@@ -6,10 +6,11 @@ import math
 from typing import Any
 
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from dualarm_cli.report.comparison.comparison_table import cell_text, csv_bytes
 from dualarm_cli.report.comparison.schedule_comparison import SAME
+from dualarm_cli.report.printable import numbers
 
 NAMED = 3
 """How many of those to blame the sentence names."""
@@ -27,14 +28,14 @@ def schedules_table(document: dict[str, Any]) -> Table:
     Args:
         document: of `dualarm compare schedules`.
     """
-    table = Table(title="stages of A and B", title_justify="left")
-    for name in ("A", "B"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("work")
-    for name in ("A s", "B s", "B − A s"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("cause", no_wrap=True)
-    table.add_column("A → B", no_wrap=True)
+    table = Table(
+        *numbers("A", "B", no_wrap=True),
+        "work",
+        *numbers("A s", "B s", "B − A s", no_wrap=True),
+        *(Column(name, no_wrap=True) for name in ("cause", "A → B")),
+        title="stages of A and B",
+        title_justify="left",
+    )
     for row in document["stages"]:
         change = row["difference"]
         colour = "red" if change > SAME else "green" if change < -SAME else "dim"

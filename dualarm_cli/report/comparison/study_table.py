@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from dualarm_cli.model.study import OBJECTIVES, Objective
 from dualarm_cli.model.verification import exceptions
 from dualarm_cli.report.comparison.comparison_table import cell_text, csv_bytes
+from dualarm_cli.report.printable import numbers
 
 MOST_ROWS = 25
 """Most rows that the table shows; files have all."""
@@ -187,11 +188,9 @@ def _against(objective: Objective, value: float, reference: dict[str, Any]) -> s
 
 def sensitivity_table(document: dict[str, Any]) -> Table:
     """Returns the table of how much each parameter matters for each objective."""
-    table = Table(title="what matters", title_justify="left")
-    table.add_column("objective", no_wrap=True)
-    table.add_column("parameter")
-    for head in ("main effect", "share", "slope", "rank corr."):
-        table.add_column(head, justify="right", no_wrap=True)
+    figures = numbers("main effect", "share", "slope", "rank corr.", no_wrap=True)
+    columns = [Column("objective", no_wrap=True), "parameter", *figures]
+    table = Table(*columns, title="what matters", title_justify="left")
     for section in document["sensitivity"]:
         objective = OBJECTIVES[section["objective"]]
         for k, one in enumerate(section["parameters"]):
