@@ -114,6 +114,7 @@ def plan_command(
 
     Exit code 1 if the verifier fails the plan, or if it misses the task file's budget; its files are written.
     """
+    options = locals().copy()
     from dualarm_cli.formats.request import check_rate, columns_named
 
     if rate is not None:
@@ -138,25 +139,7 @@ def plan_command(
                 raise UsageError(
                     f"--watch shows the page of each plan: it does not go with {option}"
                 )
-        again = partial(
-            plan_command,
-            tasks=tasks,
-            out=out,
-            platform=platform,
-            redundancy=redundancy,
-            timing=timing,
-            blend=blend,
-            effort=effort,
-            time_limit=time_limit,
-            rate=rate,
-            columns=columns,
-            seed=seed,
-            plot=plot,
-            page=True,
-            watch=False,
-            force=True,
-            quiet=quiet,
-        )
+        again = partial(plan_command, **options | {"watch": False, "force": True})
         from dualarm_cli.cli.parts.while_planning import keep_planning
 
         keep_planning(tasks, folder / PAGE, again)

@@ -410,9 +410,8 @@ def _limits_table(robot: Robot) -> Any:
     """Returns the table of joint limits in degrees, as a robot's data sheet has them; of joints that slide in mm."""
     from rich.table import Table
 
-    figures = ("lower °", "upper °", "velocity °/s", "acceleration °/s²", "jerk °/s³")
-    columns = ["joint", "group", *numbers(*figures), "source"]
-    table = Table(*columns, title=robot.name, title_justify="left")
+    figures = numbers("lower °", "upper °", "velocity °/s", "acceleration °/s²", "jerk °/s³")
+    table = Table("joint", "group", *figures, "source", title=robot.name, title_justify="left")
     groups = dict.fromkeys(robot.platform, "platform")
     groups |= {joint: arm.name for arm in robot.arms for joint in arm.joints}
     limits = robot.limits

@@ -202,10 +202,6 @@ def sweep_command(
     search = _search_options(optimise, budget, seed)
     limit = read_duration("--timeout", timeout)
     refuse_combinations(
-        baseline=None,
-        regression=None,
-        update=False,
-        subset=False,
         jobs=jobs,
         scheduler=scheduler,
         cache=cache,

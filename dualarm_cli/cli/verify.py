@@ -247,8 +247,6 @@ def verify_command(
     quiet: QuietOption = False,
 ) -> None:
     """Judge a schedule, also one edited by hand or made elsewhere; or compare what was driven with its plan."""
-    from dataclasses import replace
-
     if plan is not None:
         from dualarm_cli.cli.report import tasks_of
         from dualarm_cli.exporting.schedule_reader import read_schedule
@@ -260,13 +258,11 @@ def verify_command(
         tracking = judged_log(
             schedule, planned, file, interpolation.value, allowed, as_planned=as_planned
         )
-        _show_driven(tracking, json_output, quiet)
+        _show(tracking.verification, "driven motion", json_output, quiet, tracking)
         return
     refuse_logged(schedule)
-    from dualarm_cli.errors import UsageError
     from dualarm_cli.interface import load, verify
-    from dualarm_cli.model.verification import exceptions
-    from dualarm_cli.report.report import skew_sentence, verification_document
+    from dualarm_cli.report.report import skew_sentence
 
     if clearance and tasks is None:
         raise UsageError(
@@ -274,56 +270,50 @@ def verify_command(
         )
     job = load(tasks) if tasks else None
     judged = verify(schedule, job, clearance=clearance is not False)
-    judged = replace(
-        judged,
-        checks=tuple(replace(check, detail=printable(check.detail)) for check in judged.checks),
-    )
-    if json_output:
-        document = verification_document(judged) or {}
-        print_json({"format": "dualarm.verification/1", **document})
-    elif not quiet:
-        console = stdout_console()
-        console.print(_table(judged))
-        if judged.clearances:
-            console.print(_clearances(judged))
-        if job is not None and (skew := skew_sentence(judged, job)):
-            console.print(f"skew: {printable(skew)}", soft_wrap=True, markup=False)
-        result = f"passed{exceptions(judged.caveats)}" if judged.passed else "FAILED"
-        console.print(f"verification: {result}", soft_wrap=True)
-    if not judged.passed:
-        raise typer.Exit(1)
+    skew = None if job is None else skew_sentence(judged, job)
+    _show(judged, "verification", json_output, quiet, skew=skew)
 
 
-def _show_driven(tracking: DrivenJudgement, json_output: bool, quiet: bool) -> None:
-    """Prints the judgement of a driven motion, and ends with 1 where it failed."""
+def _show(
+    judged: Verification,
+    what: str,
+    json_output: bool,
+    quiet: bool,
+    tracking: DrivenJudgement | None = None,
+    skew: str | None = None,
+) -> None:
+    """Print a judgement, and end with 1 where it failed.
+
+    Args:
+        judged: all checks.
+        what: is judged: verification, or driven motion.
+        json_output: whether it is printed as JSON.
+        quiet: whether nothing is printed.
+        tracking: of a driven motion.
+        skew: sentence on tolerated delays.
+    """
     from dataclasses import replace
 
     from dualarm_cli.model.verification import exceptions
     from dualarm_cli.report.report import verification_document
 
-    checks = tracking.verification.checks
-    shown = replace(
-        tracking.verification,
-        checks=tuple(replace(check, detail=printable(check.detail)) for check in checks),
-    )
+    checks = tuple(replace(check, detail=printable(check.detail)) for check in judged.checks)
+    judged = replace(judged, checks=checks)
     if json_output:
-        document = verification_document(shown) or {}
-        print_json(
-            {
-                "format": "dualarm.verification/1",
-                **document,
-                "tracking": tracking_document(tracking),
-            }
-        )
+        document = {"format": "dualarm.verification/1", **(verification_document(judged) or {})}
+        own = {} if tracking is None else {"tracking": tracking_document(tracking)}
+        print_json(document | own)
     elif not quiet:
         console = stdout_console()
-        for table in (*tracking_tables(tracking), _table(shown)):
+        for table in (*([] if tracking is None else tracking_tables(tracking)), _table(judged)):
             console.print(table)
-        if shown.clearances:
-            console.print(_clearances(shown))
-        result = f"passed{exceptions(shown.caveats)}" if shown.passed else "FAILED"
-        console.print(f"driven motion: {result}", soft_wrap=True)
-    if not shown.passed:
+        if judged.clearances:
+            console.print(_clearances(judged))
+        if skew:
+            console.print(f"skew: {printable(skew)}", soft_wrap=True, markup=False)
+        result = f"passed{exceptions(judged.caveats)}" if judged.passed else "FAILED"
+        console.print(f"{what}: {result}", soft_wrap=True)
+    if not judged.passed:
         raise typer.Exit(1)
 
 

@@ -24,10 +24,10 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
         "acceleration": samples.acceleration,
         "event_time": np.array([event.time for event in events]),
         "event_dwell": np.array([event.dwell for event in events]),
-        "event_arm": np.array([event.arm for event in events], dtype=np.str_),
-        "event_task": np.array([event.task for event in events], dtype=np.str_),
-        "event_action": np.array([event.action for event in events], dtype=np.str_),
-        "event_signal": np.array([event.signal for event in events], dtype=np.str_),
+        **{
+            f"event_{name}": np.array([getattr(event, name) for event in events], dtype=np.str_)
+            for name in ("arm", "task", "action", "signal")
+        },
         "event_pose": np.array([event.pose.homogeneous for event in events]).reshape(-1, 4, 4),
     }
     buffer = io.BytesIO()

@@ -36,14 +36,11 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
             unit = unit.replace("rad", "m") if joint in schedule.robot.sliding else unit
             columns[f"{joint}_{name}"] = (number, values[:, k], unit)
     events = schedule.events
+    kinds = dict.fromkeys(("time", "dwell"), (number, "s"))
+    kinds |= dict.fromkeys(("arm", "task", "action", "frame", "signal"), (pa.string(), ""))
     rows: dict[str, tuple[Any, Any, str]] = {
-        "time": (number, [event.time for event in events], "s"),
-        "dwell": (number, [event.dwell for event in events], "s"),
-        "arm": (pa.string(), [event.arm for event in events], ""),
-        "task": (pa.string(), [event.task for event in events], ""),
-        "action": (pa.string(), [event.action for event in events], ""),
-        "frame": (pa.string(), [event.frame for event in events], ""),
-        "signal": (pa.string(), [event.signal for event in events], ""),
+        name: (kind, [getattr(event, name) for event in events], unit)
+        for name, (kind, unit) in kinds.items()
     }
     for k, axis in enumerate("xyz"):
         rows[axis] = (number, [float(event.pose.translation[k]) for event in events], "m")

@@ -20,11 +20,12 @@ Status = Literal[
     "fails_verification",
     "infeasible",
     "bad_input",
-    "internal_error",
     "timed_out",
     "crashed",
+    "internal_error",
 ]
-STATUSES: tuple[str, ...] = get_args(Status)
+STATUSES: tuple[Status, ...] = get_args(Status)
+"""All of them, best first."""
 REPEATABLE: tuple[str, ...] = ("planned", "fails_verification", "infeasible")
 """What the same input always comes to again, so that it may be kept; `bad_input` is as quick to find anew."""
 

@@ -460,16 +460,14 @@ def _rank_correlation(factor: Factor, values: FloatArray) -> float | None:
 
 
 def _ranks(values: FloatArray) -> FloatArray:
-    """Rank values from 0, with the mean rank for equal values.
+    """Rank values from 1, with the mean rank for equal values.
 
     Rounding does not make values differ.
     """
+    from scipy.stats import rankdata
+
     scale = float(np.abs(values).max()) or 1.0
-    _, inverse, counts = np.unique(
-        np.round(values / scale, 9), return_inverse=True, return_counts=True
-    )
-    before = np.cumsum(counts) - counts
-    return (before + (counts - 1) / 2.0)[inverse]
+    return np.asarray(rankdata(np.round(values / scale, 9)))
 
 
 def _notes(

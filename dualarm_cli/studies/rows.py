@@ -32,17 +32,6 @@ def pareto_set(costs: FloatArray) -> BoolArray:
     return kept
 
 
-_WORST_FIRST: tuple[Status, ...] = (
-    "internal_error",
-    "crashed",
-    "timed_out",
-    "bad_input",
-    "infeasible",
-    "fails_verification",
-    "planned",
-)
-if set(_WORST_FIRST) != set(STATUSES):  # pragma: no cover
-    raise AssertionError("a status without a rank")
 TOGETHER: Mapping[str, Callable[[Sequence[float]], float]] = {
     "cycle_time": sum,
     "gap": max,
@@ -67,7 +56,7 @@ class StudyRow:
     def status(self) -> Status:
         """The worst of all task files'."""
         found = {evaluation.status for evaluation in self.evaluations}
-        return next(status for status in _WORST_FIRST if status in found)
+        return max(found, key=STATUSES.index)
 
     @property
     def is_planned(self) -> bool:

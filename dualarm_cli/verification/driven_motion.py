@@ -45,16 +45,12 @@ class DrivenSettings:
     """Half-width of the fit's search about the best delay of the grid [s]."""
     fine_step: float = 0.002
     """Step of the fit's first search for a delay [s]."""
-    sections: int = 12
-    """Number of golden-section steps in the fit of a delay."""
     steps: int = 20
     """Maximum number of steps of generalised least squares."""
     enough: float = 1e-7
     """Change of the delay below which generalised least squares has converged [s]."""
     order: int = 8
     """Order of the autoregression: the number of previous samples that predict the next one."""
-    golden: float = (np.sqrt(5.0) - 1.0) / 2.0
-    """Shrink factor of a golden-section step."""
     most_samples: int = 20_000
     """Samples of a long log that the fit looks at."""
     least_motion: float = 0.02
@@ -208,10 +204,6 @@ def _groups(robot: ScheduleRobot, joints: Sequence[str]) -> dict[str, list[int]]
     return {group: columns for group, columns in found.items() if columns}
 
 
-def _named(logged: LoggedMotion, columns: Sequence[int]) -> list[str]:
-    return [logged.joints[k] for k in columns]
-
-
 def _delays(plan: Trajectory, motion: PiecewisePolynomial) -> list[float | None]:
     """Returns by how much each joint is late [s]; None of one that moves too little.
 
@@ -243,19 +235,16 @@ def _fitted(plan: Trajectory, times: FloatArray, driven: FloatArray, first: floa
         driven: positions then, shape (m,).
         first: a delay nearby.
     """
+    from scipy.optimize import minimize_scalar
+
     if np.abs(_rest(plan, times, driven, first)).max() < tol.SAME_JOINTS:
         return first
     nearby = first + np.arange(-DRIVEN.nearby, DRIVEN.nearby + DRIVEN.fine_step, DRIVEN.fine_step)
     least = [_untold(plan, times, driven, d) for d in nearby]
     middle = float(nearby[int(np.argmin(least))])
-    low, high = middle - DRIVEN.fine_step, middle + DRIVEN.fine_step
-    for _ in range(DRIVEN.sections):
-        inner = (high - DRIVEN.golden * (high - low), low + DRIVEN.golden * (high - low))
-        if _untold(plan, times, driven, inner[0]) < _untold(plan, times, driven, inner[1]):
-            high = inner[1]
-        else:
-            low = inner[0]
-    found = delay = 0.5 * (low + high)
+    near = (middle - DRIVEN.fine_step, middle + DRIVEN.fine_step)
+    best = minimize_scalar(lambda d: _untold(plan, times, driven, d), bounds=near)
+    found = delay = float(best.x)
     for _ in range(DRIVEN.steps):
         rest = _rest(plan, times, driven, delay)
         if np.abs(rest).max() < tol.SAME_JOINTS:

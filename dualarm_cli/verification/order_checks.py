@@ -44,51 +44,45 @@ def check_segments(schedule: Schedule) -> Check:
     """Checks that what each arm does follows on without gap or overlap, from start to end."""
     if not schedule.segments and not schedule.events:
         return not_checked("segments")
-    worst, where = 0.0, "one after the other"
+    worst = Worst(where="one after the other")
     for arm in schedule.robot.arms:
         clock = 0.0
         own = sorted((s for s in schedule.segments if s.arm == arm), key=lambda s: s.start)
         for segment in own:
             off = max(abs(clock - segment.start), segment.start - segment.end)
-            if off > worst:
-                worst = off
-                where = f"{arm} {segment.kind} of {segment.task} at {segment.start:.3f} s"
+            worst.add(off, f"{arm} {segment.kind} of {segment.task} at {segment.start:.3f} s")
             clock = max(clock, segment.end)
-        if clock - schedule.duration > worst:
-            worst, where = clock - schedule.duration, f"{arm} arm works beyond the end"
-        if own and schedule.duration - clock > worst:
-            worst = schedule.duration - clock
+        worst.add(clock - schedule.duration, f"{arm} arm works beyond the end")
+        if own:
             where = f"the {arm} arm has no segment from {clock:.3f} s to the end"
+            worst.add(schedule.duration - clock, where)
     for event in schedule.events:
         beyond = event.time + event.dwell - schedule.duration
-        if beyond > worst:
-            worst, where = beyond, f"dwell of {event.task} ({event.action}) goes beyond the end"
-    return judge("segments", worst, tol.SAME_TIME, where)
+        worst.add(beyond, f"dwell of {event.task} ({event.action}) goes beyond the end")
+    return worst.judge("segments", tol.SAME_TIME)
 
 
 def check_dwells(schedule: Schedule, job: Job) -> Check:
     """Checks that every tool stands still for as long as the job asks, and for what it asks."""
-    worst, where = 0.0, "as long as the job requires"
+    worst = Worst()
     asked = {key: stop.dwell for key, stop in job.stops_by_key().items()}
     events = {(e.arm, e.task, e.action): e for e in schedule.events}
     for key, event in events.items():
         short = asked.get(key, Dwell()).total - event.dwell
-        if short > worst:
-            worst, where = short, f"{event.task} ({event.action}) dwells {event.dwell:g} s"
+        worst.add(short, f"{event.task} ({event.action}) dwells {event.dwell:g} s")
     stands = [s for s in schedule.segments if s.kind == "dwell"]
     for segment in stands:
         key = (segment.arm, segment.task, segment.action)
         off, what = _dwell_error(segment, events.get(key), asked.get(key, Dwell()))
-        if off > worst:
-            worst, where = off, f"{segment.task} ({segment.action}) {what}"
+        worst.add(off, f"{segment.task} ({segment.action}) {what}")
     if schedule.segments:
         listed = {(s.arm, s.task, s.action) for s in stands}
         for key, event in events.items():
-            if event.dwell > worst and key not in listed:
-                worst, where = event.dwell, f"{event.task} ({event.action}) has no dwell listed"
+            if key not in listed:
+                worst.add(event.dwell, f"{event.task} ({event.action}) has no dwell listed")
     # Rounding has a largest value too, and nothing to say of it.
-    fault = where if worst > tol.SAME_TIME else "as long as the job requires"
-    return judge("dwells", worst, tol.SAME_TIME, fault)
+    fault = worst.where if worst.value > tol.SAME_TIME else "as long as the job requires"
+    return judge("dwells", worst.value, tol.SAME_TIME, fault)
 
 
 def _dwell_error(segment: Segment, event: Event | None, asked: Dwell) -> tuple[float, str]:

@@ -140,18 +140,14 @@ def check_stages(schedule: Schedule, job: Job | None = None) -> Check:
 
 
 def _one_after_the_other(schedule: Schedule) -> Check:
-    worst, where = 0.0, "one after the other"
-    clock = 0.0
+    worst, clock = Worst(where="one after the other"), 0.0
     for number, stage in enumerate(schedule.stages, start=1):
-        if abs(stage.start - clock) > worst:
-            worst = abs(stage.start - clock)
-            where = f"stage {number} does not start where the one before ends"
-        if stage.start - stage.end > worst:
-            worst, where = stage.start - stage.end, f"stage {number} ends before it starts"
+        late = abs(stage.start - clock)
+        worst.add(late, f"stage {number} does not start where the one before ends")
+        worst.add(stage.start - stage.end, f"stage {number} ends before it starts")
         clock = stage.end
-    if abs(clock - schedule.duration) > worst:
-        worst, where = abs(clock - schedule.duration), "the last stage does not end the motion"
-    return judge("stages", worst, tol.SAME_TIME, where)
+    worst.add(abs(clock - schedule.duration), "the last stage does not end the motion")
+    return worst.judge("stages", tol.SAME_TIME)
 
 
 def _by_own_clocks(schedule: Schedule) -> Check:
@@ -213,7 +209,7 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
         return not_checked("pairing")
     if wrong := _unpaired(schedule, job):
         return judge("pairing", np.inf, tol.SAME_TIME, wrong)
-    worst, where = 0.0, "both arms start every stage together"
+    worst = Worst(where="both arms start every stage together")
     times = {(e.arm, e.task, e.action): e.time for e in schedule.events}
     parts: dict[StopKey, list[Segment]] = {}
     for segment in schedule.segments:
@@ -227,8 +223,7 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
         for key in keys:
             time = times.get(key, np.inf)
             outside = max(stage.start - time, time - stage.end)
-            if outside > worst:
-                worst, where = outside, f"{key[1]} ({key[2]}) is outside stage {number}"
+            worst.add(outside, f"{key[1]} ({key[2]}) is outside stage {number}")
         # An arm may have waited for other tasks until the stage begins.
         due = stage.start + tol.SAME_TIME
         own = [
@@ -236,24 +231,21 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
         ]
         begun = [min(times) for times in own if times]
         apart = max(begun, default=0.0) - min(begun, default=0.0)
-        if apart > worst:
-            worst, where = apart, f"the arms do not start stage {number} together"
-    early, what = _early(schedule, asked, spans)
-    if early > worst:
-        worst, where = early, what
+        worst.add(apart, f"the arms do not start stage {number} together")
+    _add_early(worst, schedule, asked, spans)
     wrong = _wrong_tasks(schedule, [[task.id for task, _ in work.values()] for work in asked])
-    if wrong and worst <= tol.SAME_TIME:
+    if wrong and worst.value <= tol.SAME_TIME:
         return judge("pairing", np.inf, tol.SAME_TIME, wrong)
-    return judge("pairing", worst, tol.SAME_TIME, where)
+    return judge("pairing", worst.value, tol.SAME_TIME, worst.where)
 
 
-def _early(
+def _add_early(
+    worst: Worst,
     schedule: Schedule,
     asked: Sequence[Mapping[str, tuple[Task, Stop]]],
     spans: Sequence[LineSpan],
-) -> tuple[float, str]:
-    """Returns how long before a stage is over an arm leaves it at worst [s], measured on the motion, and where."""
-    worst = Worst(where="")
+) -> None:
+    """Add how long before a stage is over an arm leaves it [s], measured on the motion."""
     by_key = {(s.event.arm, s.event.task, s.event.action): s for s in spans}
     before, number = -np.inf, 0
     for work in asked:
@@ -270,7 +262,6 @@ def _early(
             if moved := first_move(schedule, arm, end, before):
                 where = f"the {arm} arm leaves stage {number} before the other one is done"
                 worst.add(before - moved, where)
-    return worst.value, worst.where
 
 
 def _at_rest(schedule: Schedule, span: LineSpan) -> float:

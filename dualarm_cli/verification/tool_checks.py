@@ -49,13 +49,12 @@ def check_tool_speed(schedule: Schedule, cap: float | None, model: ToolModel) ->
     # Where acceleration jumps, the fastest instant is a knot.
     uniform = np.arange(trajectory.time[0], trajectory.time[-1], STEP)
     times = np.union1d(uniform, trajectory.time)
-    worst, where = 0.0, "everywhere"
+    worst = Worst()
     for block in np.array_split(times, len(times) // BLOCK + 1):
         for arm, speed in _speeds(schedule, model, block).items():
             k = int(np.argmax(speed))
-            if not speed[k] <= worst:
-                worst, where = float(speed[k]), f"{arm} tool at {block[k]:.3f} s"
-    return judge("tool_speed", worst, allowed, where)
+            worst.add(float(speed[k]), f"{arm} tool at {block[k]:.3f} s")
+    return worst.judge("tool_speed", allowed)
 
 
 def _speeds(schedule: Schedule, model: ToolModel, times: FloatArray) -> dict[str, FloatArray]:

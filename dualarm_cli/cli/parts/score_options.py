@@ -126,10 +126,10 @@ def read_regression(text: str | None) -> float:
 
 def refuse_combinations(
     *,
-    baseline: Path | None,
-    regression: str | None,
-    update: bool,
-    subset: bool,
+    baseline: Path | None = None,
+    regression: str | None = None,
+    update: bool = False,
+    subset: bool = False,
     jobs: int | None,
     scheduler: str | None,
     cache: Path | None,

@@ -189,8 +189,8 @@ def _against(objective: Objective, value: float, reference: dict[str, Any]) -> s
 def sensitivity_table(document: dict[str, Any]) -> Table:
     """Returns the table of how much each parameter matters for each objective."""
     figures = numbers("main effect", "share", "slope", "rank corr.", no_wrap=True)
-    columns = [Column("objective", no_wrap=True), "parameter", *figures]
-    table = Table(*columns, title="what matters", title_justify="left")
+    first = Column("objective", no_wrap=True)
+    table = Table(first, "parameter", *figures, title="what matters", title_justify="left")
     for section in document["sensitivity"]:
         objective = OBJECTIVES[section["objective"]]
         for k, one in enumerate(section["parameters"]):
