@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Mapping
-from dataclasses import field
-from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
+from dataclasses import asdict, field, fields
+from typing import Any, Literal, get_args
 
 from dualarm_cli.model.budget import Kept
 from dualarm_cli.records import dataclass
-
-if TYPE_CHECKING:
-    from pydantic import ConfigDict, TypeAdapter
 
 Status = Literal[
     "planned",
@@ -52,12 +47,6 @@ class Finding:
 @dataclass(frozen=True)
 class Evaluation:
     """What one job came to: figures where there is a plan, findings where there is something to say."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = {
-        "strict": True,
-        "extra": "forbid",
-        "allow_inf_nan": False,
-    }
 
     case: str
     """The task file as the user names it, relative to the working directory, with forward slashes."""
@@ -100,13 +89,19 @@ class Evaluation:
         return self.status == "planned"
 
     def as_document(self) -> dict[str, Any]:
-        """Convert the evaluation to JSON-ready data; `of_document` gives the same value back."""
-        document: dict[str, Any] = _adapter().dump_python(self, mode="json")
+        """Returns it as JSON-ready data; `of_document` gives the same value back."""
+        document = asdict(self)
+        document["limiting"] = dict(self.limiting)
+        document["limits"] = {joint: dict(limits) for joint, limits in self.limits.items()}
+        document["inputs"] = dict(self.inputs)
+        document["sliding"], document["caveats"] = list(self.sliding), list(self.caveats)
+        for name in ("budgets", "findings"):
+            document[name] = [asdict(entry) for entry in getattr(self, name)]
         return document
 
     @classmethod
     def of_document(cls, document: Any) -> Evaluation:
-        """Restore the evaluation of a document.
+        """Returns the value that a document holds.
 
         Args:
             document: as `as_document` makes it, read from JSON.
@@ -114,20 +109,82 @@ class Evaluation:
         Raises:
             ValueError: it is anything else: a key too many or too few, a wrong type, a number that is not finite.
         """
-        found = _adapter().validate_json(json.dumps(document, default=str))
-        if found.as_document() != document:
-            raise ValueError("not an evaluation: a key is missing")
-        return found
+        known = {entry.name for entry in fields(cls)}
+        if not isinstance(document, dict) or set(document) != known:
+            raise ValueError("not an evaluation: its keys differ")
+        if not isinstance(document["page"], str):
+            raise ValueError("page must be text")
+        if document["status"] not in STATUSES or not isinstance(document["case"], str):
+            raise ValueError("not an evaluation: its case or status is invalid")
+        for name in _FIGURES:
+            _number(document[name], name)
+        if type(document["closes"]) is not bool:
+            raise ValueError("closes must be true or false")
+        values = dict(document)
+        values["limiting"] = _numbers(document["limiting"], "limiting")
+        limits = _mapping(document["limits"], "limits")
+        values["limits"] = {joint: _numbers(entry, joint) for joint, entry in limits.items()}
+        inputs = _mapping(document["inputs"], "inputs")
+        if not all(isinstance(digest, str) for digest in inputs.values()):
+            raise ValueError("inputs must be hashes")
+        values["inputs"] = inputs
+        values["sliding"] = tuple(_list(document["sliding"]))
+        values["caveats"] = tuple(_list(document["caveats"]))
+        if not all(isinstance(caveat, str) for caveat in values["caveats"]):
+            raise ValueError("caveats must be texts")
+        values["budgets"] = tuple(_entry(Kept, item) for item in _list(document["budgets"]))
+        values["findings"] = tuple(_entry(Finding, item) for item in _list(document["findings"]))
+        return cls(**values)
 
 
-@cache
-def _adapter() -> TypeAdapter[Evaluation]:
-    """Build the converter between evaluations and JSON."""
-    from pydantic import TypeAdapter
-
-    return TypeAdapter(Evaluation)
+_FIGURES = ("cycle_time", "lower_bound", "gap", "clearance", "required_clearance", "travel")
+_TYPES: dict[str, tuple[type, ...]] = {
+    "str": (str,),
+    "int": (int,),
+    "bool": (bool,),
+    "float": (float, int),
+    "float | None": (float, int, type(None)),
+}
 
 
 def is_number(value: Any) -> bool:
     """Check that a value of a JSON file is a finite number which a float can hold."""
     return type(value) in (int, float) and abs(value) <= sys.float_info.max
+
+
+def _number(value: Any, name: str) -> None:
+    if value is not None and not is_number(value):
+        raise ValueError(f"{name} must be a finite number")
+
+
+def _mapping(value: Any, name: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{name} must be a mapping")
+    return value
+
+
+def _numbers(value: Any, name: str) -> dict[str, float]:
+    for key, number in _mapping(value, name).items():
+        if number is None:
+            raise ValueError(f"{name} {key} must be a finite number")
+        _number(number, f"{name} {key}")
+    return dict(value)
+
+
+def _list(value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise ValueError("budgets, findings, caveats and sliding joints must be lists")
+    return value
+
+
+def _entry(kind: type[Any], value: Any) -> Any:
+    """Returns a Kept or a Finding; raises ValueError for anything else."""
+    types = {entry.name: _TYPES[str(entry.type)] for entry in fields(kind)}
+    if not isinstance(value, dict) or set(value) != set(types):
+        raise ValueError(f"not a {kind.__name__}: its keys are other ones")
+    for name, allowed in types.items():
+        if type(value[name]) not in allowed:
+            raise ValueError(f"{name} has a wrong type")
+        if float in allowed:
+            _number(value[name], name)
+    return kind(**value)
