@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -292,8 +293,6 @@ def _show(
         tracking: of a driven motion.
         skew: sentence on tolerated delays.
     """
-    from dataclasses import replace
-
     from dualarm_cli.model.verification import exceptions
     from dualarm_cli.report.report import verification_document
 
