@@ -194,7 +194,7 @@ def test_no_sentence_of_our_own_is_cut_or_searched():
         ("dualarm_cli.scoring.baseline", "str(error).partition(' for integer')"),
     }
     whole = {
-        ("dualarm_cli.files.cells.cells", "f'{robot.name}: {note}' not in self.notes"),
+        ("dualarm_cli.files.cells.cells", "note not in self.notes"),
         ("dualarm_cli.planning.room_rules", "note in ruled.notes"),
         ("dualarm_cli.robot_import.importing_pair", "reason not in reasons"),
     }

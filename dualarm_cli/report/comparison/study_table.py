@@ -45,7 +45,6 @@ def rows_table(document: dict[str, Any]) -> Table:
     named = [OBJECTIVES[entry["name"]] for entry in document["objectives"]]
     others = [objective for name, objective in OBJECTIVES.items() if objective not in named]
     rows = [row for row in document["rows"] if row["rank"] is not None]
-    shown = rows[:MOST_ROWS]
     title = f"{document['study']}: {len(rows)} of {document['counts']['points']} points have a plan"
     table = Table(title=escape(title), title_justify="left")
     table.add_column("#", justify="right", no_wrap=True)
@@ -62,7 +61,7 @@ def rows_table(document: dict[str, Any]) -> Table:
     for objective in others:
         table.add_column(objective_head(objective), justify="right", style="dim")
     table.add_column("most time", no_wrap=True)
-    for row in shown:
+    for row in rows[:MOST_ROWS]:
         table.add_row(
             str(row["rank"]),
             *(["*" if row["pareto"] else ""] if pareto else []),
@@ -245,14 +244,13 @@ def _signed(value: float | None) -> str:
 def study_csv(document: dict[str, Any]) -> bytes:
     """Returns all rows as CSV: best first, those without a plan last; SI units, parameters in theirs."""
     jobs = document["tasks"] if len(document["tasks"]) > 1 else []
-    names = [name for name in OBJECTIVES]
     table = [
         [
             "rank",
             "status",
             "pareto",
             *(cell_text(parameter_label(parameter)) for parameter in document["parameters"]),
-            *names,
+            *OBJECTIVES,
             *(cell_text(f"cycle_time {job}") for job in jobs),
             "most_time",
             "caveats",
@@ -262,7 +260,7 @@ def study_csv(document: dict[str, Any]) -> bytes:
     for row in document["rows"]:
         own = [row["values"][parameter["name"]] for parameter in document["parameters"]]
         cells = [row["rank"], row["status"], int(row["pareto"]), *own]
-        cells += [row[name] for name in names]
+        cells += [row[name] for name in OBJECTIVES]
         cells += [job["cycle_time"] for job in row["jobs"]] if jobs else []
         planned = row["rank"] is not None
         cells += [
