@@ -19,6 +19,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.registry import Registry, Solver
 from dualarm_cli.verification import verify
 
@@ -68,7 +69,7 @@ class Follower:
         duration = (problem.instants - 1) * problem.step
         self.asked.append(duration)
         if duration < self.least:
-            return NoPath("too fast", problem.instants // 2, np.inf)
+            return NoPath(Refusal("joints_stop", more={"also": []}), problem.instants // 2, np.inf)
         return follow_min_norm(problem)
 
 

@@ -10,7 +10,6 @@ import pytest
 
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
 from dualarm_cli.kinds.seam.closed_chain.starts import (
-    GOES_ON,
     ROUNDED,
     seam_starts,
     standing_joints,
@@ -127,7 +126,7 @@ def test_of_ways_that_cannot_be_worked_the_joint_the_collision_or_the_end_is_tol
     """A joint's limit put between its least and its greatest position on a way; bodies; what comes next."""
     problem = make.problem_on(cells["sda10f"], make.work_on(make.line()), samples=60)
     way = seam_starts(problem).position[0]
-    assert why_impossible(problem, [way]).reason == GOES_ON
+    assert why_impossible(problem, [way]).reason.what == "seam_goes_on"
     touching = replace(problem, clear=lambda q: np.zeros(len(q), dtype=bool))
     assert "collides or lacks clearance" in why_impossible(touching, [way]).reason
     joint = int(np.argmax(np.ptp(way, axis=0)))

@@ -14,6 +14,7 @@ from dualarm_cli.kinds.path.following.velocity import pose_error
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
 
 CAP_KEPT_FREE = 2e-4
@@ -31,8 +32,8 @@ class Joined:
     """By what factor it would have to be slower, at every knot, shape (k,)."""
     worst: float
     """The same for the whole of it."""
-    reason: str
-    """Which joint would need what, where it exceeds a limit."""
+    reason: Refusal
+    """Joint or tool that exceeds a limit, with its value."""
     when: float
     """When [s]."""
     slower_helps: bool
@@ -59,9 +60,11 @@ class Joined:
         kind, knot, joint = (int(i) for i in np.unravel_index(int(np.argmax(shares)), shares.shape))
         slides = bool(problem.body.slides[joint])
         unit, factor = (SLIDING_UNITS[kind], 1e3) if slides else (UNITS[kind], 1.0)
-        reason = (
-            f"joint {limits.joints[joint]} would need {factor * needed[kind, knot, joint]:.4g} {unit}, "
-            f"allowed {factor * allowed[kind, joint]:.4g}"
+        reason = Refusal(
+            "joint_exceeds",
+            measured=factor * needed[kind, knot, joint],
+            allowed=factor * allowed[kind, joint],
+            more={"joint": limits.joints[joint], "unit": unit},
         )
         # Between knots velocity may be larger: the spline's own extrema decide.
         exact = largest_rates(time, v, a)
@@ -79,7 +82,9 @@ class Joined:
         if beyond[knot] <= 0.0:
             return self
         when = float(self.time[knot])
-        return replace(self, worst=np.inf, reason=BEYOND, when=when, slower_helps=False)
+        return replace(
+            self, worst=np.inf, reason=Refusal("limit_between"), when=when, slower_helps=False
+        )
 
     def _with_cap(self, problem: PathProblem) -> Joined:
         """Returns the same, refused where a tool, also one that only the platform moves, exceeds its cap."""
@@ -92,7 +97,8 @@ class Joined:
         knot, arm = (int(i) for i in np.unravel_index(int(np.argmax(speed)), speed.shape))
         if speed[knot, arm] <= problem.tool_speed * (1.0 - CAP_KEPT_FREE):
             return self
-        reason = f"the {body.arms[arm]} tool would move at {speed[knot, arm]:.4g} m/s, allowed {problem.tool_speed:.4g}"
+        figures = float(speed[knot, arm]), problem.tool_speed
+        reason = Refusal("tool_exceeds", None, "", body.arms[arm], *figures)
         excess = speed.max(axis=1) / problem.tool_speed
         return replace(
             self,
@@ -118,9 +124,11 @@ class Joined:
         if share[knot, joint] <= 1.0:
             return self
         unit = "N" if problem.body.slides[joint] else "N m"
-        reason = (
-            f"joint {problem.limits.joints[joint]} would need {abs(torques[knot, joint]):.4g} {unit}, "
-            f"allowed {problem.torque[joint]:.4g}"
+        reason = Refusal(
+            "joint_exceeds",
+            measured=abs(float(torques[knot, joint])),
+            allowed=float(problem.torque[joint]),
+            more={"joint": problem.limits.joints[joint], "unit": unit},
         )
         holding = np.abs(problem.dynamics(motion.position[knot], np.zeros(len(problem.free)))[1])
         return replace(
@@ -161,7 +169,6 @@ def _farthest(problem: PathProblem, position: FloatArray, there: FloatArray | No
     return worst
 
 
-BEYOND = "a joint reaches its position limit between instants"
 UNITS = ("rad/s", "rad/s²", "rad/s³")
 SLIDING_UNITS = ("mm/s", "mm/s²", "mm/s³")
 

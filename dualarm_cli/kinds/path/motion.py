@@ -16,7 +16,7 @@ from dualarm_cli.kinds.path.context import PER_KNOT, PathClock, PathContext
 from dualarm_cli.kinds.path.context import SHARE as ROUNDED
 from dualarm_cli.kinds.path.following import NoPath, PathMotion, PathProblem
 from dualarm_cli.kinds.path.following.position_limits import ended_by_limit
-from dualarm_cli.kinds.path.following.problem import singular_words
+from dualarm_cli.kinds.path.following.problem import singular_there
 from dualarm_cli.kinds.path.following.velocity import corrected
 from dualarm_cli.kinds.path.joining import Joined, instants, leaves, strays
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH
@@ -406,8 +406,9 @@ class _Trials:
             np.interp(curve.when, instants(problem.instants, problem.step), problem.share)
         )
         instant = min(problem.instants - 1, round(curve.when / problem.step))
-        cause = curve.reason + _junction_words(self.work, along)
-        cause += singular_words(problem, found.position[instant])
+        also = _near_junction(self.work, along)
+        also += singular_there(problem, found.position[instant])
+        cause = Refusal("path_exceeds", more={"cause": curve.reason, "also": also})
         remedy = "slower" if curve.slower_helps else "other"
         refused = _refused(self.work, cause, curve.when, along, remedy)
         refused = replace(refused, excess=curve.worst)
@@ -423,19 +424,16 @@ def _in_vain(joined: list[Joined]) -> bool:
     return min(c.worst for c in after) > FOLLOW.gained * min(c.worst for c in before)
 
 
-def _junction_words(work: PathWork, share: float) -> str:
-    """Returns that the path's curvature jumps where a limit is exceeded, or nothing."""
+def _near_junction(work: PathWork, share: float) -> list[Refusal]:
+    """List the jump of a path's curvature where a limit is exceeded, or nothing."""
     for path in work.paths.values():
         for edge in path.junctions:
             if edge not in path.corners and abs(edge - share * path.length) < FOLLOW.near_junction:
-                return (
-                    f" near where two pieces meet with different curvature ({edge * 1e3:.1f} mm along; a larger "
-                    "tolerance rounds the path more)"
-                )
-    return ""
+                return [Refusal("near_junction", more={"mm": edge * 1e3})]
+    return []
 
 
-def _refused(work: PathWork, reason: str, time: float, share: float, remedy: Remedy) -> Refused:
+def _refused(work: PathWork, reason: Refusal, time: float, share: float, remedy: Remedy) -> Refused:
     """Returns a reason with time and place."""
     places = []
     for arm, path in work.paths.items():

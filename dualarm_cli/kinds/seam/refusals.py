@@ -25,6 +25,15 @@ REFUSALS = KindRefusals(
         "part_in": " on the part in {arm}",
         "seam_has_no_joints": "{cause}",
         "seam_fails_at": "fails {mm:.1f} mm along the seam of {length_mm:.1f} mm: {cause}",
+        "seam_jumps": "each place of it is reached, but no motion was found from one end to the other",
+        "seam_goes_on": "no motion along it was found that ends where the next seam can begin",
+        "seam_all_touch": "every motion found along it collides or lacks clearance{least:*}",
+        "seam_touches_least": "; of the one that does least {cause}, {mm:.1f} mm along the seam",
+        "seam_apart": "no configuration brings tool and part together there: the best one misses by {mm:.1f} mm (a "
+        "radian counted as {turn:g} m)",
+        "seam_not_reached": "the {arm} arm does not reach it{downhand:*}, or is stretched or singular there",
+        "seam_upwards": " with its surface within {degrees:g} deg of upwards",
+        "seam_joint_limit": "joint {joint} comes to its limit of {degrees:.1f} deg",
         "seam_touches": "{where}, after {time:.3f} s, {cause}; let the tool lean ('tilt') or increase the room around it",
         "seam_comes_apart": "the joint positions found for it do not keep tool and part together between knots; divide "
         "the curve into two tasks, or let the tool spin or lean ('free: spin', 'tilt')",

@@ -14,13 +14,14 @@ from dualarm_cli.kinds.path.following.problem import (
     NoPath,
     PathMotion,
     PathProblem,
-    singular_words,
+    singular_there,
     within_limits,
 )
 from dualarm_cli.kinds.path.following.velocity import LeastSquares, pose_error
 from dualarm_cli.kinematics.manipulability import manipulability_rates
 from dualarm_cli.kinematics.whole_body import tool_drift
 from dualarm_cli.records import dataclass
+from dualarm_cli.refusals import Refusal
 
 
 @dataclass(frozen=True)
@@ -163,14 +164,10 @@ def _follow(problem: PathProblem, wanted: Wanted) -> PathMotion | NoPath:
         try:
             found = step.solve(q, qd, acceleration, k - 1)
         except SingularMatrixError:
-            return NoPath(f"the tools cannot be followed{singular_words(problem, q)}", k)
+            return NoPath(Refusal("tools_stop", more={"also": singular_there(problem, q)}), k)
         if found is None:
-            return NoPath(
-                f"no accelerations within the joints' limits follow the path{_holding_words(problem, q)}"
-                f"{singular_words(problem, q)}",
-                k,
-                np.inf,
-            )
+            also = [*_not_held(problem, q), *singular_there(problem, q)]
+            return NoPath(Refusal("accelerations_stop", more={"also": also}), k, np.inf)
         acceleration, correction = found
         # The tools' errors are corrected by feedback as well; here what it leaves, for the answer alone.
         position[k - 1] += correction
@@ -182,19 +179,18 @@ def _follow(problem: PathProblem, wanted: Wanted) -> PathMotion | NoPath:
     return motion if isinstance(motion, NoPath) else replace(motion, keeps_rates=True)
 
 
-def _holding_words(problem: PathProblem, q: FloatArray) -> str:
-    """Returns which joint cannot even hold a posture (n,) [rad], or nothing."""
+def _not_held(problem: PathProblem, q: FloatArray) -> list[Refusal]:
+    """List the joint that cannot even hold a posture (n,) [rad], or nothing."""
     if problem.torque is None or problem.dynamics is None:
-        return ""
+        return []
     rest = np.abs(problem.dynamics(q, np.zeros_like(q))[1])
     share = np.where(problem.free, rest / (problem.torque * ACCELERATION.torque_share), 0.0)
     joint = int(np.argmax(share))
     if share[joint] <= 1.0:
-        return ""
-    return (
-        f"; to hold the posture alone joint {problem.limits.joints[joint]} needs {rest[joint]:.4g} N m, "
-        f"allowed {problem.torque[joint]:.4g}"
-    )
+        return []
+    measured, allowed = float(rest[joint]), float(problem.torque[joint])
+    more = {"joint": problem.limits.joints[joint]}
+    return [Refusal("posture_not_held", measured=measured, allowed=allowed, more=more)]
 
 
 class AccelerationStep:

@@ -12,6 +12,7 @@ from dualarm_cli.kinds.path.following.problem import NoPath, PathMotion, PathPro
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.records import dataclass
+from dualarm_cli.refusals import Refusal
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def follow_arm_angle(problem: PathProblem) -> PathMotion | NoPath:
     """
     model = problem.model
     if model is None:
-        return NoPath("its arms have no closed form", 0)
+        return NoPath(Refusal("no_closed_forms"), 0)
     from scipy.interpolate import CubicSpline
 
     position = np.tile(problem.start, (problem.instants, 1))
@@ -274,15 +275,11 @@ def _reason(
     miss = model.arms[name].closed_form.reach_miss(*flanges)
     if miss.max() > 0.0:
         k = int(np.argmax(miss > 0.0))
-        return NoPath(
-            f"the {name} arm cannot reach: its wrist misses by {miss.max() * 1e3:.1f} mm at most", k
-        )
+        more = {"mm": miss.max() * 1e3}
+        return NoPath(Refusal("wrist_misses", arm=name, more=more), k)
     moves = problem.free.copy()
     moves[model.platform_columns] = False
     if ended := ended_by_limit(problem, moves):
-        return NoPath(f"{ended.reason} while the platform stands", ended.instant)
-    return NoPath(
-        f"no branch and arm angles of the {name} arm follow the whole path within the joints' limits "
-        "while the platform stands",
-        0,
-    )
+        reason = Refusal("platform_stands", more={"cause": ended.reason})
+        return NoPath(reason, ended.instant)
+    return NoPath(Refusal("no_branch", arm=name), 0)

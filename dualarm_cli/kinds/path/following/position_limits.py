@@ -7,7 +7,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.linear_systems import singular_values, solve
 from dualarm_cli.geometry.products import product
-from dualarm_cli.kinds.path.following.problem import NoPath, PathProblem, limit_words
+from dualarm_cli.kinds.path.following.problem import NoPath, PathProblem, limit_reached
 from dualarm_cli.kinds.path.following.velocity import pose_error
 from dualarm_cli.records import dataclass
 
@@ -58,7 +58,7 @@ def ended_by_limit(problem: PathProblem, moves: BoolArray | None = None) -> NoPa
             worst, held = int(np.argmax(np.where(out, beyond, 0.0))), held | out
             q = np.where(out, np.clip(found, limits.lower, limits.upper), q)
         if found is None:
-            return None if worst < 0 else NoPath(limit_words(problem, worst, q[worst]), k)
+            return None if worst < 0 else NoPath(limit_reached(problem, worst, q[worst]), k)
         q = found
     return None
 

@@ -15,6 +15,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass
+from dualarm_cli.refusals import Refusal
 
 
 @dataclass(frozen=True)
@@ -134,8 +135,8 @@ class PathMotion:
 class NoPath:
     """Why the joints cannot follow, and from when on."""
 
-    reason: str
-    """In words."""
+    reason: Refusal
+    """Cause, without its place."""
     instant: int
     """Number of the instant."""
     excess: float = 0.0
@@ -163,29 +164,27 @@ def within_limits(problem: PathProblem, position: FloatArray) -> PathMotion | No
         return PathMotion(position)
     k = int(np.argmax((beyond > SLACK).any(axis=1)))
     joint = int(np.argmax(beyond[k]))
-    return NoPath(limit_words(problem, joint, float(position[k, joint])), k)
+    return NoPath(limit_reached(problem, joint, float(position[k, joint])), k)
 
 
-def limit_words(problem: PathProblem, joint: int, position: float) -> str:
-    """Describe the position limit that a joint reaches."""
+def limit_reached(problem: PathProblem, joint: int, position: float) -> Refusal:
+    """Return the position limit that a joint reaches as a cause."""
     limits = problem.limits
     lower, upper = float(limits.lower[joint]), float(limits.upper[joint])
     bound = upper if position > 0.5 * (lower + upper) else lower
-    shown = f"{bound * 1e3:g} mm" if problem.body.slides[joint] else f"{np.rad2deg(bound):g} deg"
-    return f"joint {limits.joints[joint]} reaches its limit of {shown}"
+    slides = problem.body.slides[joint]
+    more = {
+        "joint": limits.joints[joint],
+        "bound": bound * 1e3 if slides else np.rad2deg(bound),
+        "unit": "mm" if slides else "deg",
+    }
+    return Refusal("joint_limit", more=more)
 
 
-def singular_words(problem: PathProblem, q: FloatArray) -> str:
-    """Returns that a posture is nearly singular, or nothing.
-
-    Args:
-        problem: what was asked.
-        q: all joints [rad], shape (n,).
-    """
+def singular_there(problem: PathProblem, q: FloatArray) -> list[Refusal]:
+    """List that a posture (n,) [rad] is nearly singular, or nothing."""
     if not np.isfinite(q).all():
-        return ""
+        return []
     J = problem.body.at(q).J[problem.rows][:, problem.free]
     smallest = float(singular_values(J)[-1])
-    if smallest > SINGULAR:
-        return ""
-    return f"; the posture is nearly singular there (smallest singular value {smallest:.2g})"
+    return [Refusal("singular", measured=smallest)] if smallest <= SINGULAR else []

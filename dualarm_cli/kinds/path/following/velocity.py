@@ -18,11 +18,12 @@ from dualarm_cli.kinds.path.following.problem import (
     PathMotion,
     PathProblem,
     Spring,
-    singular_words,
+    singular_there,
     within_limits,
 )
 from dualarm_cli.kinematics.whole_body import BodyState, WholeBody
 from dualarm_cli.records import dataclass
+from dualarm_cli.refusals import Refusal
 
 
 @dataclass(frozen=True)
@@ -160,13 +161,13 @@ def _follow(problem: PathProblem, *, exact: bool, pulled: bool) -> PathMotion | 
         try:
             moved = step(q, k)
         except SingularMatrixError:
-            return NoPath(f"the joints cannot follow{singular_words(problem, q)}", k)
+            return NoPath(Refusal("joints_stop", more={"also": singular_there(problem, q)}), k)
         if not np.abs(moved - q).max() < VELOCITY.largest_step:
             found = _judged(problem, room, position[:k])
             if isinstance(found, NoPath):
                 return found
-            words = singular_words(problem, q) or "; is the path out of reach there?"
-            return NoPath(f"the joints cannot follow{words}", k)
+            also = singular_there(problem, q) or [Refusal("perhaps_beyond_reach")]
+            return NoPath(Refusal("joints_stop", more={"also": also}), k)
         position[k] = q = moved
     return _judged(problem, room, position)
 

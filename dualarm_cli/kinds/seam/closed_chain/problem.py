@@ -122,7 +122,7 @@ class SeamMotion:
 class NoSeam:
     """Why no joints were found."""
 
-    reason: str
-    """In words."""
+    reason: Refusal
+    """Cause, without its place."""
     share: float
     """How much of the seam can be worked."""

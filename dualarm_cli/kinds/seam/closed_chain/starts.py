@@ -13,12 +13,7 @@ from dualarm_cli.kinds.seam.closed_chain.problem import NoSeam, SeamProblem
 from dualarm_cli.kinds.seam.closed_chain.ways import turned_back, way_cost
 from dualarm_cli.model.curves.tool_path import Poses
 from dualarm_cli.records import dataclass
-
-JUMPS = "each place of it is reached, but no motion was found from one end to the other"
-"""Reason for seams that are followed in small steps but not between nodes."""
-GOES_ON = "no motion along it was found that ends where the next seam can begin"
-"""Reason where all else is as it should be."""
-TOUCHES = "every motion found along it collides or lacks clearance"
+from dualarm_cli.refusals import Refusal
 
 
 @dataclass(frozen=True)
@@ -122,7 +117,7 @@ def seam_starts(problem: SeamProblem, *, moving: bool = False) -> SeamStarts:
     if problem.clear is not None:
         clear = problem.clear(ways.reshape(-1, ways.shape[-1])).reshape(len(ways), -1).all(axis=1)
         if not clear.any():
-            return SeamStarts(ways[:0], NoSeam(TOUCHES + _touching(problem, ways), 1.0))
+            return SeamStarts(ways[:0], _all_touch(problem, ways))
         ways = ways[clear]
     if problem.begin is None:
         ways = turned_back(problem, ways)
@@ -131,15 +126,17 @@ def seam_starts(problem: SeamProblem, *, moving: bool = False) -> SeamStarts:
     return SeamStarts(ways[np.argsort(costs, kind="stable")], None)
 
 
-def _touching(problem: SeamProblem, ways: FloatArray) -> str:
-    """Returns what the way that touches least touches first."""
-    if problem.clear is None or problem.what_touches is None:
-        return ""
-    free = problem.clear(ways.reshape(-1, ways.shape[-1])).reshape(len(ways), -1)
-    best = int(free.sum(axis=1).argmax())
-    node = int(np.argmin(free[best]))
-    place = problem.shares[node] * problem.chain.work.length * 1e3
-    return f"; of the one that does least {problem.what_touches(ways[best, node])}, {place:.1f} mm along the seam"
+def _all_touch(problem: SeamProblem, ways: FloatArray) -> NoSeam:
+    """Return that all ways touch, with the first touch of the way that touches least."""
+    least = []
+    if problem.clear is not None and problem.what_touches is not None:
+        free = problem.clear(ways.reshape(-1, ways.shape[-1])).reshape(len(ways), -1)
+        best = int(free.sum(axis=1).argmax())
+        node = int(np.argmin(free[best]))
+        place = problem.shares[node] * problem.chain.work.length * 1e3
+        more = {"cause": problem.what_touches(ways[best, node]), "mm": place}
+        least = [Refusal("seam_touches_least", more=more)]
+    return NoSeam(Refusal("seam_all_touch", more={"least": least}), 1.0)
 
 
 def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
@@ -159,18 +156,16 @@ def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
         if not good.any():
             return NoSeam(_why(problem, found.position[near]), float(fine[k]))
         before, here = here[good], found.position[good]
-    return NoSeam(JUMPS, 1.0)
+    return NoSeam(Refusal("seam_jumps"), 1.0)
 
 
-def _apart(problem: SeamProblem) -> str:
+def _apart(problem: SeamProblem) -> Refusal:
     """Returns why nothing that was drawn has tool and part together where the seam begins."""
     found = _closed_draws(problem, 0)
     nearest = int(np.argmin(found.residual))
     if found.residual[nearest] > CLOSED:
-        apart = f"{found.residual[nearest] * 1e3:.1f} mm (a radian counted as {TURN:g} m)"
-        return (
-            f"no configuration brings tool and part together there: the best one misses by {apart}"
-        )
+        more = {"mm": found.residual[nearest] * 1e3, "turn": TURN}
+        return Refusal("seam_apart", more=more)
     held = found.position[found.residual < CLOSED]
     nearest = int(np.argmin(beyond_limits(problem, held)))
     return _why(problem, held[nearest : nearest + 1])
@@ -278,23 +273,22 @@ def why_impossible(problem: SeamProblem, ways: list[FloatArray]) -> NoSeam:
     if problem.clear is not None:
         free = problem.clear(within.reshape(-1, within.shape[-1])).reshape(len(within), -1)
         if not free.all(axis=1).any():
-            return NoSeam(TOUCHES + _touching(problem, within), 1.0)
-    return NoSeam(GOES_ON, 1.0)
+            return _all_touch(problem, within)
+    return NoSeam(Refusal("seam_goes_on"), 1.0)
 
 
-def _why(problem: SeamProblem, position: FloatArray) -> str:
+def _why(problem: SeamProblem, position: FloatArray) -> Refusal:
     """Returns what ended the last ways, of which these (k, n) [rad] got there: a joint's limit, or out of reach."""
     work, limits = problem.chain.work, problem.limits
     if not len(position):
-        also = (
-            ""
-            if work.downhand is None
-            else f" with its surface within {np.rad2deg(work.downhand):g} deg of upwards"
-        )
-        return f"the {work.slave} arm does not reach it{also}, or is stretched or singular there"
+        downhand = []
+        if work.downhand is not None:
+            downhand = [Refusal("seam_upwards", more={"degrees": np.rad2deg(work.downhand)})]
+        return Refusal("seam_not_reached", arm=work.slave, more={"downhand": downhand})
     low, high = problem.bounds
     beyond = np.maximum(low - position, position - high) * problem.chain.closes
     _, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
     value = position[int(np.argmax(beyond[:, joint])), joint]
     bound = limits.upper[joint] if value > high[joint] else limits.lower[joint]
-    return f"joint {limits.joints[joint]} comes to its limit of {np.rad2deg(bound):.1f} deg"
+    more = {"joint": limits.joints[joint], "degrees": np.rad2deg(bound)}
+    return Refusal("seam_joint_limit", more=more)
