@@ -23,6 +23,7 @@ from dualarm_cli.files.source.fields import (
     text_pattern,
 )
 from dualarm_cli.files.source.quantities import Dimension
+from dualarm_cli.model.robot import ArmKind
 
 JointSpeed = Annotated[float, Quantity(quantities.ANGULAR_VELOCITY, 1e-6)]
 Torque = Annotated[float, Quantity(quantities.TORQUE, 0.0)]
@@ -148,7 +149,7 @@ class ArmSection(Section):
         description="Link to which the tool is bolted; with dh: what it is called, by default `flange` "
         "of one arm, `left_flange` and `right_flange` of two."
     )
-    kind: Literal["srs", "spherical_wrist", "parallel_axes", "general"] | None = Field(
+    kind: ArmKind | None = Field(
         default=None,
         description="How its inverse kinematics is solved; measured on the URDF where it is not given.",
     )
