@@ -97,11 +97,7 @@ def find_contacts(
         known: pairs whose collisions the SRDF leaves out, with its reason.
         seed: of the postures.
     """
-    model = pin.buildModelFromXML(robot.urdf)
-    solids = link_solids(model, robot)
-    pairs = [
-        (p.first, p.second) for p in pairs_that_must_keep_apart(model, solids, bare_cell(robot))
-    ]
+    model, solids, pairs = _kept_apart(robot)
     if not pairs:
         return [], []
     named = [frozenset(solids[k].body for k in pair) in known for pair in pairs]
@@ -165,6 +161,14 @@ def contact_reasons(contacts: Sequence[Contact], often: Sequence[Contact]) -> li
     return reasons
 
 
+def _kept_apart(robot: Robot) -> tuple[pin.Model, list[Solid], list[tuple[int, int]]]:
+    """Build a robot's model, its solids, and the pairs of these that must keep apart."""
+    model = pin.buildModelFromXML(robot.urdf)
+    solids = link_solids(model, robot)
+    pairs = pairs_that_must_keep_apart(model, solids, bare_cell(robot))
+    return model, solids, [(pair.first, pair.second) for pair in pairs]
+
+
 def _touching(
     model: pin.Model,
     solids: Sequence[Solid],
@@ -200,15 +204,10 @@ def touches(robot: Robot, postures: FloatArray, arms: Sequence[str]) -> BoolArra
         postures: shape (n, joints) [rad or m].
         arms: arms that are looked at; what only other arms move does not count.
     """
-    model = pin.buildModelFromXML(robot.urdf)
-    solids = link_solids(model, robot)
+    model, solids, pairs = _kept_apart(robot)
     others = [joint for arm in robot.arms if arm.name not in arms for joint in arm.joints]
     moved = {model.getJointId(joint) for joint in others}
-    pairs = [
-        (pair.first, pair.second)
-        for pair in pairs_that_must_keep_apart(model, solids, bare_cell(robot))
-        if not {solids[pair.first].joint, solids[pair.second].joint} & moved
-    ]
+    pairs = [(i, j) for i, j in pairs if not {solids[i].joint, solids[j].joint} & moved]
     if not pairs:
         return np.zeros(len(postures), dtype=np.bool_)
     geometry, results = _prepared(solids, pairs)
@@ -228,11 +227,7 @@ def touching_links(robot: Robot, posture: FloatArray) -> list[tuple[str, str]]:
         robot: with its allowed contacts.
         posture: shape (joints,) [rad or m].
     """
-    model = pin.buildModelFromXML(robot.urdf)
-    solids = link_solids(model, robot)
-    pairs = [
-        (p.first, p.second) for p in pairs_that_must_keep_apart(model, solids, bare_cell(robot))
-    ]
+    model, solids, pairs = _kept_apart(robot)
     if not pairs:
         return []
     touching = _touching(model, solids, pairs, in_model_order(model, robot, posture[None]))[0]

@@ -29,6 +29,7 @@ from dualarm_cli.reachability.region import COARSER, Region, heights_reached, re
 from dualarm_cli.reachability.table_grid import TableGrid
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
+from dualarm_cli.robot_import.contacts import in_model_order
 
 PICKS = 6
 """Picks of all arms together."""
@@ -426,9 +427,7 @@ def room_for_table(
             if not cell.robot.platform:
                 break
             q[cell.robot.columns(cell.robot.platform)[0]] += turn
-        ordered = np.empty_like(q)
-        ordered[[model.idx_qs[model.getJointId(name)] for name in cell.robot.joints]] = q
-        pin.forwardKinematics(model, data, ordered)
+        pin.forwardKinematics(model, data, in_model_order(model, cell.robot, q[None])[0])
         for solid in solids:
             if solid.joint in moved and (k or not arms):
                 continue
