@@ -24,7 +24,6 @@ from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.search.variables import Variables
@@ -65,12 +64,12 @@ def perturbed(given: tuple[int, int, int]) -> tuple[int, float]:
     bound = lower_bound(problem, "normal").value or 0.0
     found = search(problem, [], "quick", seed)
     assert found is not None  # these sequences have plans
-    variables, tables = Variables.of(problem), tuple(StopTable.of(arm) for arm in problem.arms)
+    variables = Variables.of(problem)
     lengths = []
     for _ in range(count):
         step = 10.0 ** random.uniform(-3.0, 0.0) * random.normal(size=variables.count)
         step *= random.random(variables.count) < random.uniform(0.02, 1.0)
-        plan = evaluate(problem, tables, variables.moved(found.best.decisions, step))
+        plan = evaluate(problem, variables.moved(found.best.decisions, step))
         if np.isfinite(plan.total):
             lengths.append(plan.total)
     return len(lengths), bound / min(lengths)

@@ -29,7 +29,6 @@ from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.plans.candidates import Grid, Nodes
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.source import grid_nodes
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.search.node_plans import grid_angles
 from dualarm_cli.stages.search.own_stages import LOOKED_AT, ExactStages, free_nodes
 from dualarm_cli.stages.sequence_problem import sequence_problem
@@ -118,13 +117,12 @@ def impossible_stages(job: Job, stages: Iterable[int]) -> list[int]:
         stages: their numbers.
     """
     problem = sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job))
-    tables = tuple(StopTable.of(work) for work in problem.arms)
-    exact = ExactStages(problem, tables)
+    exact = ExactStages(problem)
     mesh = EFFORTS["quick"].search.meshes[0]
     grid = Grid(grid_angles(problem, mesh.angle_step), mesh.arm_angles, mesh.most_nodes)
     found = []
     for k in stages:
-        nodes = [grid_nodes(problem, a, table, k, grid) for a, table in enumerate(tables)]
+        nodes = [grid_nodes(problem, a, k, grid) for a in range(len(problem.arms))]
         if _share_angle(problem, k, grid.angles, nodes):
             continue
         angles, own = exact.nodes(k, LOOKED_AT, mesh.most_nodes)

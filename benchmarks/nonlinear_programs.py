@@ -20,7 +20,6 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.orders.order_trials import repaired
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.methods import METHODS
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
 
@@ -32,14 +31,13 @@ def compare(file: Path, effort: str) -> list[float]:
     job = load_job(file)
     model = CellModel.from_cell(job.cell)
     problem = sequence_problem(model, job)
-    tables = tuple(StopTable.of(work) for work in problem.arms)
     totals = []
     for name, improve in (("sequence", refine), ("fixed", nonlinear_program)):
         decided = METHODS[name].solve(MethodProblem(model, job, "arm_angle", effort))
-        plan = repaired(problem, tables, decisions_of(problem, model, decided.stages))
+        plan = repaired(problem, decisions_of(problem, model, decided.stages))
         if plan is None:
             raise SystemExit(f"{file}: the plan of {name} is too close to a joint limit")
-        totals += [plan.total, improve(problem, tables, plan).total]
+        totals += [plan.total, improve(problem, plan).total]
     return totals
 
 

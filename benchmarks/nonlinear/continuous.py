@@ -9,8 +9,8 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.records import dataclass
+from dualarm_cli.stages.plans.candidates import flange_poses, platform_positions
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.variables import FIELDS, Slopes, Variables, slopes
@@ -27,7 +27,7 @@ NEAR_CRITICAL = 0.6
 """Share of a line's time from which on a joint's own time is watched."""
 
 
-def refine(problem: SequenceProblem, tables: tuple[StopTable, ...], start: Evaluated) -> Evaluated:
+def refine(problem: SequenceProblem, start: Evaluated) -> Evaluated:
     """Returns a plan that is never slower than the given one.
 
     Variables are the platform angles, the arm angles at the targets and at the outer ends of the lines, free yaws, and
@@ -40,7 +40,6 @@ def refine(problem: SequenceProblem, tables: tuple[StopTable, ...], start: Evalu
 
     Args:
         problem: the sequence.
-        tables: the arms' stops.
         start: a possible plan.
     """
     variables = Variables.of(problem)
@@ -48,16 +47,16 @@ def refine(problem: SequenceProblem, tables: tuple[StopTable, ...], start: Evalu
         return start
     best = start
     for box in BOXES:
-        program = _AngleProgram.of(problem, tables, best, box)
+        program = _AngleProgram.of(problem, best, box)
         values = program.solve(ITERATIONS)
         if values is None:
             continue
         step = program.step_of_all(variables, values)
         moved = [variables.moved(best.decisions, share * step) for share in SHARES]
         # Whole steps too: a combination keeps the start of a cycle that closes where it is.
-        whole = [evaluate(problem, tables, plan) for plan in moved]
+        whole = [evaluate(problem, plan) for plan in moved]
         best = min([best, *whole], key=lambda plan: plan.total)
-        best = best_combination(problem, tables, best, moved)
+        best = best_combination(problem, best, moved)
     return best
 
 
@@ -73,17 +72,10 @@ class _AngleProgram(NonlinearProgram):
     """Of arm, stage and FIELDS."""
 
     @classmethod
-    def of(
-        cls, problem: SequenceProblem, tables: tuple[StopTable, ...], start: Evaluated, box: float
-    ) -> _AngleProgram:
+    def of(cls, problem: SequenceProblem, start: Evaluated, box: float) -> _AngleProgram:
         """Returns the program around a possible plan."""
-        rates = tuple(
-            slopes(problem, a, table, start.decisions, start.arms[a])
-            for a, table in enumerate(tables)
-        )
-        program = cls(
-            problem, tables, start, box, rates=rates, numbering=Variables.of(problem).arms
-        )
+        rates = tuple(slopes(problem, a, start.decisions, own) for a, own in enumerate(start.arms))
+        program = cls(problem, start, box, rates=rates, numbering=Variables.of(problem).arms)
         program.write()
         return program
 
@@ -107,14 +99,15 @@ class _AngleProgram(NonlinearProgram):
 
     def stop(self, a: int, k: int) -> tuple[Any, Any, Any]:
         """Returns the joints of one stop as functions of its decisions."""
-        work, table, found = self.problem.arms[a], self.tables[a], self.start.arms[a]
+        work, found = self.problem.arms[a], self.start.arms[a]
+        table = work.stop_table
         row = self.start.decisions.arms[a].take(np.array([k]))
         index = table.first[[k]] + row.target
         carried = bool(table.carried[index[0]])
         position = platform_positions(self.problem, self.start.decisions.angle[[k]])
         R, p, z = (
             value[0]
-            for value in flange_poses(self.problem.platform, work, table, index, row.yaw, position)
+            for value in flange_poses(self.problem.platform, work, index, row.yaw, position)
         )
         for column in np.flatnonzero(self.numbering[a][k] >= 0).tolist():
             bounds = np.array([-self.box]), np.array([self.box])
@@ -161,7 +154,8 @@ class _AngleProgram(NonlinearProgram):
         """Returns the time of both lines, each joint's linear in the stop's decisions [s]."""
         found, rates = self.start.arms[a], self.rates[a]
         row = self.start.decisions.arms[a].take(np.array([k]))
-        carried = bool(self.tables[a].carried[self.tables[a].first[k] + row.target[0]])
+        table = self.problem.arms[a].stop_table
+        carried = bool(table.carried[table.first[k] + row.target[0]])
         turn = self.turn(k) if self.problem.turns and not carried else 0.0
         steps = [turn, *(self.step(a, k, column) for column in range(len(FIELDS)))]
         total: Any = 0.0

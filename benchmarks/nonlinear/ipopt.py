@@ -10,8 +10,8 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.records import dataclass
+from dualarm_cli.stages.plans.candidates import flange_poses, platform_positions
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.corridor import best_combination
 from nonlinear.program import NonlinearProgram, reachable_distance
@@ -29,9 +29,7 @@ FACTORS = (0.8, 2.5)
 """Range of these factors."""
 
 
-def nonlinear_program(
-    problem: SequenceProblem, tables: tuple[StopTable, ...], start: Evaluated
-) -> Evaluated:
+def nonlinear_program(problem: SequenceProblem, start: Evaluated) -> Evaluated:
     """Returns IPOPT's local optimum; never slower than the start.
 
     Variables are the platform angles, free yaws, and the joints where lines and transfers end, all free within their
@@ -45,21 +43,20 @@ def nonlinear_program(
 
     Args:
         problem: the sequence.
-        tables: the arms' stops.
         start: a possible plan.
     """
     best = start
     for box in BOXES:
-        program = _JointProgram(problem, tables, best, box)
+        program = _JointProgram(problem, best, box)
         program.write()
         values = program.solve(ITERATIONS)
         if values is None:
             continue
         promised = float(values[: problem.stages + 1].sum())
         found = program.decisions(values)
-        best = min(best, evaluate(problem, tables, found), key=lambda plan: plan.total)
+        best = min(best, evaluate(problem, found), key=lambda plan: plan.total)
         # A single line that is impossible after all need not spoil the other stages.
-        best = best_combination(problem, tables, best, [found])
+        best = best_combination(problem, best, [found])
         if abs(best.total - promised) < LITTLE * best.total:
             # The lines are as the program has them: a smaller box has nothing to repair.
             break
@@ -77,14 +74,15 @@ class _JointProgram(NonlinearProgram):
 
     def stop(self, a: int, k: int) -> tuple[Any, Any, Any]:
         """Returns new joints of one stop, at their poses."""
-        work, table, found = self.problem.arms[a], self.tables[a], self.start.arms[a]
+        work, found = self.problem.arms[a], self.start.arms[a]
+        table = work.stop_table
         row = self.start.decisions.arms[a].take(np.array([k]))
         index = table.first[[k]] + row.target
         carried = bool(table.carried[index[0]])
         position = platform_positions(self.problem, self.start.decisions.angle[[k]])
         R, p, z = (
             value[0]
-            for value in flange_poses(self.problem.platform, work, table, index, row.yaw, position)
+            for value in flange_poses(self.problem.platform, work, index, row.yaw, position)
         )
         stop = work.stops[k]
         yaw: Any = 0.0

@@ -13,7 +13,6 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import Evaluated, TransferChain, start_angle, start_joints
 
 
@@ -72,7 +71,6 @@ class NonlinearProgram(ABC):
     """
 
     problem: SequenceProblem
-    tables: tuple[StopTable, ...]
     start: Evaluated
     """A possible plan: first guess, and middle of the box."""
     box: float
@@ -151,7 +149,7 @@ class NonlinearProgram(ABC):
         came, came_guess = begin, began
         for k in chain.active.tolist():
             q = self.joints[a, k]
-            work, transfer = self.lines(a, k) + self.tables[a].dwell[k], 0.0
+            work, transfer = self.lines(a, k) + arm.stop_table.dwell[k], 0.0
             if not (problem.free_start and k == 0):
                 guess = float(arm.law.duration(found.q_approach[k] - came_guess))
                 transfer = self.time(guess)

@@ -22,8 +22,8 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells
 from dualarm_cli.records import dataclass
+from dualarm_cli.stages.plans.candidates import flange_poses, platform_positions
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem, StopTarget
-from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.search.potentials import transfer_table
 from dualarm_cli.timing.transfer_table import Pairs, PostureBoxes, Times, TransferTable
 
@@ -127,11 +127,6 @@ class StopCells:
         return tuple(transfer_table(self.problem, work) for work in self.problem.arms)
 
     @cached_property
-    def stops(self) -> tuple[StopTable, ...]:
-        """Stops of each arm."""
-        return tuple(map(StopTable.of, self.problem.arms))
-
-    @cached_property
     def parts(self) -> FloatArray:
         """Borders of the parts of the platform's cells [rad], shape (f + 1,)."""
         return finer_edges(self.edges, self.resolution.finer)
@@ -158,10 +153,9 @@ class StopCells:
         if stop.configurations is not None or (stop.free_yaw and not free_last):
             return StopReach((), (), every, free_last)
         yaws = np.zeros(1) if free_last else stop.yaw
-        row, zero = self.stops[a].first[[stage]], platform_positions(problem, np.zeros(1))
+        row, zero = work.stop_table.first[[stage]], platform_positions(problem, np.zeros(1))
         poses = tuple(
-            flange_poses(problem.platform, work, self.stops[a], row, np.array([yaw]), zero)
-            for yaw in yaws
+            flange_poses(problem.platform, work, row, np.array([yaw]), zero) for yaw in yaws
         )
         if not work.kinematics.has_arm_angle:
             return StopReach(poses, (), every, free_last)

@@ -14,7 +14,6 @@ from dualarm_cli.orders.watch import Watch
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.node_plans import with_yaws
@@ -66,8 +65,7 @@ class _Trial:
 
     def polished(self, rounds: int) -> _Trial:
         """Returns the same with a better plan."""
-        tables = tuple(StopTable.of(work) for work in self.problem.arms)
-        polishing = Polishing(self.problem, tables)
+        polishing = Polishing(self.problem)
         return replace(self, plan=polishing.polished(self.plan, rounds, TRIALS.random_steps))
 
 
@@ -142,14 +140,11 @@ def _begun(search: PairedSearch, order: DecidedOrder) -> _Trial | None:
     clearance = search.order.clearance
     holding = None if clearance is None else Holding.of(order.job, cell=clearance)
     problem = sequence_problem(search.order.model, order.job, holding)
-    tables = tuple(StopTable.of(work) for work in problem.arms)
-    plan = repaired(problem, tables, with_yaws(problem, tables, order.plan))
+    plan = repaired(problem, with_yaws(problem, order.plan))
     return None if plan is None else _Trial(order, problem, plan)
 
 
-def repaired(
-    problem: SequenceProblem, tables: tuple[StopTable, ...], plan: Decisions
-) -> Evaluated | None:
+def repaired(problem: SequenceProblem, plan: Decisions) -> Evaluated | None:
     """Returns the plan if it is possible, or else the fastest near it; None if there is none.
 
     Methods that follow a line on other samples than `postures` may end a hair from a position limit; `postures` keeps a
@@ -157,18 +152,17 @@ def repaired(
 
     Args:
         problem: the sequence.
-        tables: the arms' stops.
         plan: a plan that may be impossible.
     """
-    start = evaluate(problem, tables, plan)
+    start = evaluate(problem, plan)
     broken: list[tuple[int, IntArray]] = []
-    for a, table in enumerate(tables):
-        bad = np.flatnonzero(~start.arms[a].possible & table.active)
+    for a, arm in enumerate(problem.arms):
+        bad = np.flatnonzero(~start.arms[a].possible & arm.stop_table.active)
         if not len(bad):
             continue
         broken.append((a, bad))
         near = _near(plan, a, bad)
-        work = np.array([evaluate(problem, tables, other).arms[a].work[bad] for other in near])
+        work = np.array([evaluate(problem, other).arms[a].work[bad] for other in near])
         # Any possible choice will do here; together they are weighed below.
         first = np.argmax(np.isfinite(work), axis=0)
         for k, m in zip(bad.tolist(), first.tolist(), strict=True):
@@ -176,10 +170,10 @@ def repaired(
             arms = list(plan.arms)
             arms[a] = arms[a].put(row, near[m].arms[a].take(row))
             plan = Decisions(plan.angle, tuple(arms))
-    start = evaluate(problem, tables, plan)
+    start = evaluate(problem, plan)
     for a, bad in broken:
         if np.isfinite(start.total):
-            start = best_combination(problem, tables, start, _near(start.decisions, a, bad))
+            start = best_combination(problem, start, _near(start.decisions, a, bad))
     return start if np.isfinite(start.total) else None
 
 

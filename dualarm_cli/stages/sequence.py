@@ -18,7 +18,6 @@ from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
 from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import (
     Evaluated,
     TransferChain,
@@ -86,9 +85,8 @@ def stage_plans(
         decisions: a possible plan.
         solver: name of the method that made it.
     """
-    tables = tuple(StopTable.of(work) for work in problem.arms)
     # In times with stops, which is what plans are compared by before they are blended.
-    found = evaluate(replace(problem, ways=None), tables, decisions)
+    found = evaluate(replace(problem, ways=None), decisions)
     position = _start(model, job, problem, found)
     first = position
     plans = []

@@ -24,7 +24,6 @@ from dualarm_cli.orders.proof.graph import ENDS, StageGraph
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.holding import Holding
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.plan_clearance import TURNS, plan_clearance
 from dualarm_cli.stages.sequence_problem import sequence_problem
@@ -70,8 +69,7 @@ def test_moves_cost_what_the_plan_of_the_same_postures_is_said_to_cost(search):
         order = with_angles(search.problem, first.slots)
         job = decided(search.order.job, search.order.model, order.slots)
         problem = sequence_problem(search.order.model, job, Holding.of(job))
-        tables = tuple(StopTable.of(arm) for arm in problem.arms)
-        plan = evaluate(problem, tables, search.stages.decisions(search.order, order))
+        plan = evaluate(problem, search.stages.decisions(search.order, order))
         said = plan_clearance(problem, plan).waits
         nodes = nodes_of(graph, order)
         way = np.stack([np.append(ENDS, nodes), np.append(nodes, ENDS)], axis=1)
@@ -99,8 +97,7 @@ def test_plans_that_are_tried_are_better_and_the_best_come_first(search):
     for one in kept:
         assert one.total == plain[one.job.pairing]
         problem = sequence_problem(search.order.model, one.job, Holding.of(one.job))
-        tables = tuple(StopTable.of(arm) for arm in problem.arms)
-        again = evaluate(problem, tables, one.plan)
+        again = evaluate(problem, one.plan)
         # What is off the grid and costs nothing for clearance is quicker than what is on it.
         assert again.total <= one.expected + 1e-9
         assert again.total < one.total

@@ -9,7 +9,6 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.orders.order_trials import repaired
 from dualarm_cli.stages.method import MethodProblem
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
@@ -23,22 +22,22 @@ def start(tasks_folder):
     job = dataclasses.replace(job, tasks=job.tasks[:3])
     model = CellModel.from_cell(job.cell)
     problem = sequence_problem(model, job)
-    tables = tuple(StopTable.of(work) for work in problem.arms)
     plans = choose_stages(MethodProblem(model, job, "arm_angle"), "exact", refine=False)
-    return problem, tables, evaluate(problem, tables, decisions_of(problem, model, plans))
+    return problem, evaluate(problem, decisions_of(problem, model, plans))
 
 
 def test_a_start_beyond_a_limit_is_repaired_where_it_is_impossible_only(start):
     """One arm's lines get a swing that no joint limit allows; the other stages stay as they were."""
-    problem, tables, plan = start
+    problem, plan = start
     left = plan.decisions.arms[0]
     spoiled = np.array(left.psi_approach)
-    k = int(np.flatnonzero(tables[0].active & (tables[0].approach > 0.0))[0])
+    table = problem.arms[0].stop_table
+    k = int(np.flatnonzero(table.active & (table.approach > 0.0))[0])
     spoiled[k] += 3.0
     arms = (dataclasses.replace(left, psi_approach=spoiled), *plan.decisions.arms[1:])
     decisions = dataclasses.replace(plan.decisions, arms=arms)
-    assert evaluate(problem, tables, decisions).total == np.inf
-    found = repaired(problem, tables, decisions)
+    assert evaluate(problem, decisions).total == np.inf
+    found = repaired(problem, decisions)
     assert found is not None
     assert np.isfinite(found.total)
     others = np.arange(problem.stages) != k
@@ -48,7 +47,7 @@ def test_a_start_beyond_a_limit_is_repaired_where_it_is_impossible_only(start):
 
 def test_a_possible_start_is_left_alone(start):
     """Bit for bit."""
-    problem, tables, plan = start
-    found = repaired(problem, tables, plan.decisions)
+    problem, plan = start
+    found = repaired(problem, plan.decisions)
     assert found is not None
     assert found.total == plan.total

@@ -27,7 +27,6 @@ from dualarm_cli.report.report import count_parts
 from dualarm_cli.report.sensitivity import sensitivity
 from dualarm_cli.report.stage_parts import corners
 from dualarm_cli.stages.method import MethodProblem
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.sequence import decisions_of, solve_sequence
 from dualarm_cli.stages.sequence_problem import sequence_problem
@@ -134,12 +133,11 @@ def test_the_search_knows_how_long_handovers_last(flip):
     model = CellModel.from_cell(flip.cell)
     problem = sequence_problem(model, flip)
     stages = solve_sequence(MethodProblem(model, flip, "arm_angle", "quick")).stages
-    tables = tuple(StopTable.of(arm) for arm in problem.arms)
-    plan = evaluate(problem, tables, decisions_of(problem, model, stages))
+    plan = evaluate(problem, decisions_of(problem, model, stages))
     motion = realise(model, flip, stages, TIMING_SOLVERS["ruckig"])
     timed = [stage.end - stage.start for stage in motion.stages]
     np.testing.assert_allclose(plan.stages, timed[:-1], rtol=0.04)
-    unchecked = evaluate(dataclasses.replace(problem, handing=()), tables, plan.decisions)
+    unchecked = evaluate(dataclasses.replace(problem, handing=()), plan.decisions)
     assert unchecked.stages[1] < 0.75 * timed[1]
     assert [one.duration for one in stages[:-1]] == pytest.approx(timed[:-1], rel=0.04)
 

@@ -17,8 +17,8 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.postures.platform_reach import AngleCells, reachable_cells, turned
 from dualarm_cli.stages.method import MethodProblem
+from dualarm_cli.stages.plans.candidates import flange_poses
 from dualarm_cli.stages.plans.problem import SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable, flange_poses
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.search.variables import Variables
@@ -164,12 +164,12 @@ def test_bounds_of_lines_are_near_what_lines_take(random_problem: Problems) -> N
     edges = np.linspace(-1.5, 1.5, 31)
     checked, shares = 0, []
     for work in problem.arms:
-        table, arm = StopTable.of(work), work.kinematics
+        arm = work.kinematics
         for k in range(6):
             R, p, z = (
                 x[0]
                 for x in flange_poses(
-                    problem.platform, work, table, np.array([k]), np.zeros(1), np.zeros((1, 1))
+                    problem.platform, work, np.array([k]), np.zeros(1), np.zeros((1, 1))
                 )
             )
             outer, m = p - 0.08 * z, 400
@@ -224,17 +224,16 @@ def test_no_plan_is_faster_than_the_bound(random_job: Callable[..., Job], name: 
     problem = sequence_problem(model, job)
     bounds = [lower_bound(problem, effort).value for effort in ("quick", "normal")]
     assert min(bounds) > 0.0
-    tables = tuple(StopTable.of(work) for work in problem.arms)
     start = decisions_of(
         problem, model, choose_stages(MethodProblem(model, job, "arm_angle"), "fixed")
     )
     found = search(problem, [start], "quick", 0)
     assert found is not None
-    totals = [found.best.total, evaluate(problem, tables, start).total]
+    totals = [found.best.total, evaluate(problem, start).total]
     variables = Variables.of(problem)
     for _ in range(100):
         step = random.normal(scale=random.choice([0.02, 0.2]), size=variables.count)
-        totals.append(evaluate(problem, tables, variables.moved(found.best.decisions, step)).total)
+        totals.append(evaluate(problem, variables.moved(found.best.decisions, step)).total)
     assert max(bounds) <= min(totals)
 
 

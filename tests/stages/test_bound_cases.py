@@ -20,7 +20,6 @@ from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.model.job import Dwell, Job, JointTarget, Place, PoseTarget, Stop, Task
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.potentials import transfer_table
 from dualarm_cli.stages.search.search import search
@@ -90,7 +89,7 @@ def test_a_platform_may_go_round_and_round(random_problem: Problems, turns: floa
     going = Decisions(
         plan.angle[0] + third * np.arange(8), tuple(arm.take(rows) for arm in plan.arms)
     )
-    total = evaluate(problem, tuple(StopTable.of(arm) for arm in problem.arms), going).total
+    total = evaluate(problem, going).total
     assert problem.platform_law is not None
     assert total == pytest.approx(
         found.best.total + 7 * problem.platform_law.duration(np.array([third]))

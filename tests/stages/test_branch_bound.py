@@ -15,8 +15,8 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan, plan_without_bound
+from dualarm_cli.stages.plans.candidates import flange_poses
 from dualarm_cli.stages.plans.problem import ArmWork
-from dualarm_cli.stages.plans.stops import StopTable, flange_poses
 from dualarm_cli.stages.search.potentials import transfer_table
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification import verify
@@ -48,9 +48,9 @@ def test_every_posture_and_turn_at_a_line_s_ends_is_in_a_cell(general_robots, tm
     job = load_job(general_robots.write_cell(tmp_path, name))
     problem = sequence_problem(CellModel.from_cell(job.cell), job)
     work = problem.arms[0]
-    arm, table, stop = work.kinematics, StopTable.of(work), work.stops[0]
+    arm, stop = work.kinematics, work.stops[0]
     rng, zero = np.random.default_rng(1), np.zeros(1)
-    R, p, z = flange_poses(problem.platform, work, table, zero.astype(int), zero, np.zeros((1, 0)))
+    R, p, z = flange_poses(problem.platform, work, zero.astype(int), zero, np.zeros((1, 0)))
     met = 0
     for _ in range(40):
         q = rng.uniform(arm.lower, arm.upper)
@@ -153,12 +153,12 @@ def test_without_lines_two_arms_are_bounded_by_their_best_pair_of_sequences(
 def _sequences(problem, a: int) -> np.ndarray:
     """Lengths [s] of two stages and the return for all pairs of an arm's postures, the start before, shape (k, 3)."""
     work = problem.arms[a]
-    table = StopTable.of(work)
+    table = work.stop_table
     ends = []
     for stage in (0, 1):
         row = table.first[[stage]]
         R, p, _ = flange_poses(
-            problem.platform, work, table, row, np.zeros(1), problem.platform_start[None]
+            problem.platform, work, row, np.zeros(1), problem.platform_start[None]
         )
         found = work.kinematics.solve(R[0], p[0])
         ends.append(_turned(work, found.q[found.reachable]))

@@ -12,7 +12,6 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.clearance import LIKE, Barred
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.beam import _varied
 from dualarm_cli.stages.search.plan_clearance import TURNS, plan_clearance, step_waits
@@ -29,14 +28,13 @@ def shelves(tasks_folder):
     model = CellModel.from_cell(job.cell)
     plans = choose_stages(MethodProblem(model, job, "arm_angle"), "exact", refine=False)
     problem = sequence_problem(model, job, Holding.of(job))
-    tables = tuple(StopTable.of(work) for work in problem.arms)
-    return problem, tables, plans, decisions_of(problem, model, plans)
+    return problem, plans, decisions_of(problem, model, plans)
 
 
 def test_steps_cost_what_the_plan_of_which_they_are_is_charged(shelves):
     """Stage by stage from the plan's own joints; on lines, which steps do not see, a plan may be charged turns more."""
-    problem, tables, plans, decisions = shelves
-    clear = plan_clearance(problem, evaluate(problem, tables, decisions))
+    problem, plans, decisions = shelves
+    clear = plan_clearance(problem, evaluate(problem, decisions))
     touched = 0
     for k, plan in enumerate(plans[: problem.stages]):
         target = np.array(plan.arrival)
@@ -89,8 +87,8 @@ def test_known_costs_count_for_moves_that_are_alike_and_for_no_others(shelves):
 
 def test_local_repair_touches_nothing_else_and_makes_better_what_it_touches(shelves):
     """All stages but those that collide and their neighbours stay to the last bit."""
-    problem, tables, _, decisions = shelves
-    before = plan_clearance(problem, evaluate(problem, tables, decisions))
+    problem, _, decisions = shelves
+    before = plan_clearance(problem, evaluate(problem, decisions))
     found = search_near(problem, decisions, [], "quick", 0, local=True)
     assert found is not None
     after = plan_clearance(problem, found)

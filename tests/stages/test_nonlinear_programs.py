@@ -15,8 +15,8 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.stages.method import MethodProblem
+from dualarm_cli.stages.plans.candidates import flange_poses
 from dualarm_cli.stages.plans.problem import SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable, flange_poses
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.sequence import decisions_of
@@ -82,9 +82,9 @@ def test_the_program_s_poses_are_those_of_a_stop(
     """After the platform and the tool have turned: against the poses that plans are evaluated with."""
     problem = random_problem(2, (2, 2))
     for work in problem.arms:
-        table, row = StopTable.of(work), np.array([0])
+        row = np.array([0])
         poses = [
-            flange_poses(problem.platform, work, table, row, yaw, angle[:, None])[:2]
+            flange_poses(problem.platform, work, row, yaw, angle[:, None])[:2]
             for yaw, angle in ((np.zeros(1), np.array([0.2])), (np.array([0.7]), np.array([-0.3])))
         ]
         moved = nonlinear.program_kinematics.turned_pose(
@@ -124,10 +124,9 @@ def test_refining_never_loses(
 ) -> None:
     """From a quick plan, for every shape of job."""
     problem = random_problem(3, **shape)
-    tables = tuple(StopTable.of(work) for work in problem.arms)
     found = search(problem, [], "quick", 0)
     assert found is not None
-    assert nonlinear.continuous.refine(problem, tables, found.best).total <= found.best.total
+    assert nonlinear.continuous.refine(problem, found.best).total <= found.best.total
 
 
 def test_ipopt_gains_and_never_goes_below_the_bound(
@@ -137,8 +136,7 @@ def test_ipopt_gains_and_never_goes_below_the_bound(
     job = dataclasses.replace(packing, tasks=packing.tasks[:3])
     model = CellModel.from_cell(job.cell)
     problem = sequence_problem(model, job)
-    tables = tuple(StopTable.of(work) for work in problem.arms)
     plans = choose_stages(MethodProblem(model, job, "arm_angle"), "exact", refine=False)
-    plan = evaluate(problem, tables, decisions_of(problem, model, plans))
-    found = nonlinear.ipopt.nonlinear_program(problem, tables, plan)
+    plan = evaluate(problem, decisions_of(problem, model, plans))
+    found = nonlinear.ipopt.nonlinear_program(problem, plan)
     assert lower_bound(problem, "quick").value <= found.total < plan.total

@@ -22,7 +22,6 @@ from dualarm_cli.stages import sequence
 from dualarm_cli.stages.plans.candidates import Grid
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.source import grid_nodes, postures
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.search import beam, own_stages
 from dualarm_cli.stages.search import search as search_module
 from dualarm_cli.stages.search.node_plans import grid_angles, plans_on_nodes
@@ -60,9 +59,8 @@ def stage_job(job: Job, stages: list[dict[str, pin.SE3]]) -> Job:
     return replace(job, tasks=tuple(tasks), start="home", returns=False)
 
 
-def problem_of(job: Job) -> tuple[SequenceProblem, tuple[StopTable, ...]]:
-    problem = sequence_problem(CellModel.from_cell(job.cell), job)
-    return problem, tuple(StopTable.of(work) for work in problem.arms)
+def problem_of(job: Job) -> SequenceProblem:
+    return sequence_problem(CellModel.from_cell(job.cell), job)
 
 
 def reached(problem: SequenceProblem, a: int, k: int, angle: float) -> bool:
@@ -92,7 +90,7 @@ def narrow(job: Job, width: float) -> tuple[Job, tuple[float, float]]:
     """
     left, right = pose(0.78, 0.05, 0.93, -0.92), pose(0.78, -0.06, 0.74, 1.50)
     easy = {"left": pose(0.6, 0.6, 0.9, 0.3), "right": pose(0.6, -0.6, 0.9, 0.3)}
-    problem, _ = problem_of(stage_job(job, [{"left": left, "right": right}]))
+    problem = problem_of(stage_job(job, [{"left": left, "right": right}]))
     angles = np.radians(np.arange(-180.0, 181.0, 3.0))
     ok = np.array([[reached(problem, a, 0, angle) for angle in angles] for a in (0, 1)])
     last = int(np.flatnonzero(ok[0]).max())
@@ -117,9 +115,8 @@ def test_shared_angles_are_those_of_plain_inverse_kinematics(
 ) -> None:
     """Every degree: what both arms reach lies in an interval; and both reach the middle of every interval."""
     problem = random_problem(seed, (2, 2))
-    tables = tuple(StopTable.of(work) for work in problem.arms)
     for k in range(2):
-        found = shared_intervals(problem, tables, k, WHOLE)
+        found = shared_intervals(problem, k, WHOLE)
         for angle in np.radians(np.arange(-180.0, 180.0, 3.0)):
             if all(reached(problem, a, k, angle) for a in (0, 1)):
                 assert any(low - 1e-9 <= angle <= high + 1e-9 for low, high in found)
@@ -132,8 +129,8 @@ def test_shared_angles_are_those_of_plain_inverse_kinematics(
 def test_an_overlap_that_is_narrower_than_any_grid_is_found(packing: Job, width_deg: float) -> None:
     """Half a degree and a fiftieth; the ends by halving on plain inverse kinematics."""
     job, (low, high) = narrow(packing, np.radians(width_deg))
-    problem, tables = problem_of(job)
-    [(found_low, found_high)] = shared_intervals(problem, tables, 1, WHOLE)
+    problem = problem_of(job)
+    [(found_low, found_high)] = shared_intervals(problem, 1, WHOLE)
     assert found_low == pytest.approx(low, abs=1e-4)
     assert found_high == pytest.approx(high, abs=1e-4)
 
@@ -142,7 +139,7 @@ def test_an_overlap_that_is_narrower_than_any_grid_is_found(packing: Job, width_
 def test_one_narrow_stage_does_not_refuse_the_sequence(packing: Job, width_deg: float) -> None:
     """No plan of a simpler method to begin with: the grid's angles are 15 degrees apart."""
     job, (low, high) = narrow(packing, np.radians(width_deg))
-    problem, _ = problem_of(job)
+    problem = problem_of(job)
     found = search(problem, [], "quick", 0)
     assert found is not None
     assert not found.hopeless
@@ -158,13 +155,12 @@ def test_exact_nodes_are_postures_as_plans_have_them(
     """Within limits along their lines, their times those of a plan, and at the target as forward kinematics says."""
     problem = random_problem(seed, (2, 2), line=line, free_yaw=seed == 1)
     for a, work in enumerate(problem.arms):
-        table = StopTable.of(work)
-        angles = spread(shared_intervals(problem, (table, table), 0, WHOLE), 5)
-        nodes = exact_nodes(problem, a, table, 0, angles, 500)
+        angles = spread(shared_intervals(problem, 0, WHOLE), 5)
+        nodes = exact_nodes(problem, a, 0, angles, 500)
         assert len(nodes.work)
         assert (np.diff(nodes.angle_index) >= 0).all()
         stages = np.zeros(len(nodes.work), dtype=np.int64)
-        made = postures(problem, a, table, stages, angles[nodes.angle_index], nodes.decisions)
+        made = postures(problem, a, stages, angles[nodes.angle_index], nodes.decisions)
         assert made.possible.all()
         assert np.array_equal(made.work, nodes.work)
         R, p = work.kinematics.forward(nodes.decisions.near)
@@ -200,10 +196,9 @@ def test_a_stage_with_less_than_the_margin_of_nodes_everywhere_keeps_collision_f
     assert problem.clearance is not None
     thin: Any = _Margins(problem.clearance.cell, margin)
     problem = replace(problem, clearance=replace(problem.clearance, cell=thin))
-    tables = tuple(StopTable.of(work) for work in problem.arms)
     angles = np.zeros((3, 4))
     arms = [arm_layers(problem, a, angles, [None] * 3) for a in (0, 1)]
-    found = ExactStages(problem, tables).layers(problem, arms, angles, [1], 500)
+    found = ExactStages(problem).layers(problem, arms, angles, [1], 500)
     assert (found is not None) == possible
     if found is not None:
         assert all(len(arm.layers[1].angle_index) for arm in found if arm.layers[1] is not None)
@@ -361,10 +356,10 @@ NO_LINES: list[dict[str, Target]] = [
 
 def test_where_all_lines_at_shared_angles_fail_a_stage_gets_angles_of_its_own(packing: Job) -> None:
     """The nodes know the ends of lines only."""
-    problem, tables = problem_of(tight_job(packing, NO_LINES))
+    problem = problem_of(tight_job(packing, NO_LINES))
     mesh = Mesh(np.radians(15.0), 12, 1500, 20)
     grid = Grid(grid_angles(problem, mesh.angle_step), mesh.arm_angles, mesh.most_nodes)
-    nodes = [grid_nodes(problem, a, tables[a], 0, grid) for a in (0, 1)]
+    nodes = [grid_nodes(problem, a, 0, grid) for a in (0, 1)]
     shared = np.intersect1d(*(own.angle_index for own in nodes))
     np.testing.assert_allclose(np.degrees(grid.angles[shared]), [45.0])
     holds = []
@@ -372,11 +367,11 @@ def test_where_all_lines_at_shared_angles_fail_a_stage_gets_angles_of_its_own(pa
         there = own.take(np.flatnonzero(own.angle_index == shared))
         n = len(there.work)
         angle = np.full(n, grid.angles[shared])
-        found = postures(problem, a, tables[a], np.zeros(n, dtype=np.int64), angle, there.decisions)
+        found = postures(problem, a, np.zeros(n, dtype=np.int64), angle, there.decisions)
         holds.append(bool(found.possible.any()))
     assert holds == [True, False]
     # One node less a round would leave most of the 40 that fail.
-    [(_, plan)] = plans_on_nodes(problem, ExactStages(problem, tables), mesh, 1).plans
+    [(_, plan)] = plans_on_nodes(problem, ExactStages(problem), mesh, 1).plans
     assert np.isfinite(plan.total)
     assert not np.isclose(plan.decisions.angle[0], grid.angles[shared[0]])
 
@@ -387,7 +382,7 @@ def test_a_plan_with_little_clearance_is_verified(packing: Job) -> None:
     assert verify(planned, job, clearance=True).passed
 
 
-def crowded(packing: Job, seed: int) -> tuple[SequenceProblem, tuple[StopTable, ...]]:
+def crowded(packing: Job, seed: int) -> SequenceProblem:
     """Return three stages in which both arms work near the front."""
     random = np.random.default_rng(seed)
     stages = [
@@ -403,8 +398,7 @@ def crowded(packing: Job, seed: int) -> tuple[SequenceProblem, tuple[StopTable, 
         for _ in range(3)
     ]
     job = stage_job(replace(packing, cell=replace(packing.cell, obstacles=())), stages)
-    problem = sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job))
-    return problem, tuple(StopTable.of(work) for work in problem.arms)
+    return sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job))
 
 
 @pytest.mark.parametrize("seed", CROWDED)
@@ -412,10 +406,10 @@ def test_a_beam_in_which_all_the_best_steps_touch_looks_at_the_others(
     packing: Job, monkeypatch: pytest.MonkeyPatch, seed: int
 ) -> None:
     """Both arms near the front, and only a few steps looked at: collision-free pairs of postures are found still."""
-    problem, tables = crowded(packing, seed)
+    problem = crowded(packing, seed)
     few = beam.BeamSettings(oversampling=1, clearance_oversampling=1)
     monkeypatch.setattr(beam, "SETTINGS", few)
-    exact = ExactStages(problem, tables)
+    exact = ExactStages(problem)
     [(path, plan)] = plans_on_nodes(problem, exact, Mesh(0.25, 12, 1500, 1), 1).plans
     assert path.is_possible
     assert plan_clearance(problem, plan).stops.all()
@@ -424,18 +418,14 @@ def test_a_beam_in_which_all_the_best_steps_touch_looks_at_the_others(
 def beam_of(problem: SequenceProblem, per_angle: int) -> beam._Beam:
     """Return a beam of four states on a grid of seven platform angles."""
     angles = np.tile(np.linspace(-0.6, 0.6, 7), (problem.stages, 1))
-    tables = [StopTable.of(work) for work in problem.arms]
     layers = [
         arm_layers(
             problem,
             a,
             angles,
-            [
-                grid_nodes(problem, a, table, k, Grid(angles[k], 24, 3000))
-                for k in range(problem.stages)
-            ],
+            [grid_nodes(problem, a, k, Grid(angles[k], 24, 3000)) for k in range(problem.stages)],
         )
-        for a, table in enumerate(tables)
+        for a in range(len(problem.arms))
     ]
     return beam._Beam(problem, with_potentials(problem, layers, 7), angles, 4, per_angle)
 
@@ -481,7 +471,7 @@ def test_exact_nodes_of_a_stage_are_worked_out_once(
 ) -> None:
     """Whatever grids ask for them: two of them, and the one about the best plan."""
     job = tight_job(packing, NO_PAIRS[1:])
-    problem, _ = problem_of(job)
+    problem = problem_of(job)
     asked: list[int] = []
 
     def counted(*args: Any) -> list[tuple[float, float]]:

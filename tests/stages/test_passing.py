@@ -16,7 +16,6 @@ from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.stages.plans import ways as plan_ways
 from dualarm_cli.stages.plans.passing import outwards, passed, timed_slopes, transfer_times
 from dualarm_cli.stages.plans.source import postures
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.plans.ways import best_ways, middling_ways
 from dualarm_cli.stages.search.corridor import Pool, stage_costs
@@ -36,9 +35,8 @@ def sequence(request, random_job):
     """A job with lines, its problem with the same way for all lines' ends, its stops, and a plan from rest to rest."""
     job = random_job(request.param, (5, 4), line=0.08, dwell=0.1)
     problem = sequence_problem(CellModel.from_cell(job.cell), job)
-    tables = tuple(StopTable.of(work) for work in problem.arms)
     plan = search(problem, [], "normal", 0).best
-    return job, replace(problem, ways=middling_ways(problem)), tables, plan
+    return job, replace(problem, ways=middling_ways(problem)), plan
 
 
 def test_estimated_lines_are_near_exact_ones(sequence):
@@ -46,12 +44,12 @@ def test_estimated_lines_are_near_exact_ones(sequence):
 
     Lines that bend so sharply that four samples do not show it are left out: at most four of sixteen.
     """
-    job, problem, tables, plan = sequence
+    job, problem, plan = sequence
     model = CellModel.from_cell(job.cell)
     stages = stage_plans(model, job, problem, plan.decisions, "sequence")
     wrong: list[float] = []
     for a, work in enumerate(problem.arms):
-        found = evaluate(problem, tables, plan.decisions).arms[a]
+        found = evaluate(problem, plan.decisions).arms[a]
         for k in range(problem.stages):
             for line, name in enumerate(("approach", "retract")):
                 number = int(problem.ways[a][k, line])
@@ -102,11 +100,11 @@ def test_a_way_is_estimated_as_in_its_family(sequence):
 
 def test_work_is_dwell_and_both_lines_as_they_are_passed(sequence):
     """By hand from what it is made of; from rest to rest without ways."""
-    _, problem, tables, plan = sequence
+    _, problem, plan = sequence
     for ways in (problem.ways, None):
         asked = replace(problem, ways=ways)
         for a, work in enumerate(problem.arms):
-            found = evaluate(asked, tables, plan.decisions).arms[a]
+            found = evaluate(asked, plan.decisions).arms[a]
             for k, stop in enumerate(work.stops):
                 if stop is None:
                     continue
@@ -132,8 +130,8 @@ def test_ends_beside_which_an_arm_does_not_move_on_are_at_rest(random_job):
 
 def test_transfers_take_what_ruckig_needs_between_their_states(sequence):
     """Every pair of postures on its own; from rest to rest the closed form."""
-    _, problem, tables, plan = sequence
-    moving = evaluate(problem, tables, plan.decisions)
+    _, problem, plan = sequence
+    moving = evaluate(problem, plan.decisions)
     work, found = problem.arms[0], moving.arms[0]
     q, rates = found.q_retract[:3, None], found.rates[:3, None, 1]
     goal, arriving = found.q_approach[1:4, None], found.rates[1:4, None, 0]
@@ -150,8 +148,8 @@ def test_transfers_take_what_ruckig_needs_between_their_states(sequence):
 
 def test_slopes_of_transfers_are_those_of_the_slowest_joint(sequence):
     """Finite differences of the whole transfer's time, where one joint alone decides it."""
-    _, problem, tables, plan = sequence
-    moving = evaluate(problem, tables, plan.decisions)
+    _, problem, plan = sequence
+    moving = evaluate(problem, plan.decisions)
     work, found = problem.arms[0], moving.arms[0]
     leaving = found.q_retract[:3], found.rates[:3, 1]
     goal, arriving = found.q_approach[1:4], found.rates[1:4, 0]
@@ -182,30 +180,29 @@ def test_slopes_of_transfers_are_those_of_the_slowest_joint(sequence):
 
 def test_stage_costs_of_a_plan_are_its_stages(sequence):
     """A pool's costs along each of its plans, with tools in motion, are what that plan is evaluated to."""
-    _, problem, tables, plan = sequence
-    best = evaluate(problem, tables, plan.decisions)
+    _, problem, plan = sequence
+    best = evaluate(problem, plan.decisions)
     variables = Variables.of(problem)
     random = np.random.default_rng(0)
     moved = [
         variables.moved(plan.decisions, random.normal(scale=0.01, size=variables.count))
         for _ in range(2)
     ]
-    pool = Pool.of(problem, tables, best, moved)
+    pool = Pool.of(problem, best, moved)
     cost = stage_costs(problem, best, pool.arms, pool.angle)
     for m, decisions in enumerate([plan.decisions, *moved]):
-        own = evaluate(problem, tables, decisions).stages
+        own = evaluate(problem, decisions).stages
         np.testing.assert_allclose(cost[1:, m, m], own[1:], rtol=1e-12)
 
 
 def test_stages_within_a_stretch_take_as_long_as_in_the_whole(sequence):
     """All but the first one, into which the stage before it is left in motion."""
-    _, problem, tables, plan = sequence
+    _, problem, plan = sequence
     moving = replace(problem, ways=best_ways(problem, plan))
-    whole = evaluate(moving, tables, plan.decisions)
+    whole = evaluate(moving, plan.decisions)
     for first in (0, 1, 2):
         part = stretch_of(moving, first, problem.stages, whole)
-        own = tuple(StopTable.of(work) for work in part.arms)
-        alone = evaluate(part, own, plan.decisions.take(np.arange(first, problem.stages)))
+        alone = evaluate(part, plan.decisions.take(np.arange(first, problem.stages)))
         if first == 0:
             assert alone.stages[0] == pytest.approx(whole.stages[0])
         np.testing.assert_allclose(alone.stages[1:], whole.stages[first + 1 :], rtol=1e-12)
@@ -225,18 +222,18 @@ def test_best_ways_are_the_same_with_a_second_process(sequence, monkeypatch):
 @pytest.mark.parametrize("jerk", ["limited", "unlimited"])
 def test_best_ways_are_no_slower_than_rest_at_any_transfer(sequence, jerk):
     """A retract, the transfer after it and the approach after that, for each arm alone."""
-    job, problem, tables, plan = sequence
+    job, problem, plan = sequence
     if jerk == "unlimited":
         robot = job.cell.robot
         limits = replace(robot.limits, jerk=np.full(len(robot.joints), np.inf))
         cell = replace(job.cell, robot=replace(robot, limits=limits))
         job = replace(job, cell=cell)
         problem = sequence_problem(CellModel.from_cell(cell), job)
-        plan = evaluate(problem, tables, plan.decisions)
+        plan = evaluate(problem, plan.decisions)
         [number] = {int(n) for ways in middling_ways(problem) for n in ways.ravel() if n}
         assert divmod(number - 1, len(CUTS)) == plan_ways.EVEN
     ways = best_ways(problem, plan)
-    moving = evaluate(replace(problem, ways=ways), tables, plan.decisions)
+    moving = evaluate(replace(problem, ways=ways), plan.decisions)
     gained = []
     for a, work in enumerate(problem.arms):
         own, rest = moving.arms[a], plan.arms[a]
@@ -286,11 +283,11 @@ def test_postures_chosen_for_motion_give_shorter_cycles(random_job, monkeypatch)
 
 def test_candidates_that_cannot_be_stay_impossible(sequence):
     """Whatever way their lines would be passed."""
-    _, problem, tables, plan = sequence
+    _, problem, plan = sequence
     rows = np.arange(problem.stages)
     far = plan.decisions.arms[0]
     far = replace(far, psi_target=far.psi_target + 2.0)
-    found = postures(problem, 0, tables[0], rows, plan.decisions.angle, far)
+    found = postures(problem, 0, rows, plan.decisions.angle, far)
     impossible = ~found.possible
     assert impossible.any()
     assert (found.shares[impossible] == 1.0).all()

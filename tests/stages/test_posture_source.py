@@ -15,9 +15,8 @@ from dualarm_cli.model.job import Dwell, JointTarget, Place, PoseTarget, Stop, T
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.stages.plans import general
-from dualarm_cli.stages.plans.candidates import Grid
+from dualarm_cli.stages.plans.candidates import Grid, flange_poses, platform_positions
 from dualarm_cli.stages.plans.source import grid_nodes, postures
-from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.node_plans import grid_angles, own_node
@@ -40,23 +39,18 @@ def numeric(random_job):
     return make
 
 
-def tables_of(problem):
-    """The arms' stops."""
-    return tuple(StopTable.of(work) for work in problem.arms)
-
-
 @pytest.mark.parametrize("free_yaw", [False, True])
 def test_nodes_reach_their_targets_and_the_ends_of_their_lines(numeric, free_yaw):
     """By forward kinematics: at every node the flange is where target, yaw and platform angle ask for it."""
     problem = numeric(3, (1, 1), line=0.05, free_yaw=free_yaw)
     angles = grid_angles(problem, np.radians(30.0))
-    for a, (work, table) in enumerate(zip(problem.arms, tables_of(problem), strict=True)):
-        nodes = grid_nodes(problem, a, table, 0, Grid(angles, 12, 400))
+    for a, work in enumerate(problem.arms):
+        nodes = grid_nodes(problem, a, 0, Grid(angles, 12, 400))
         assert len(nodes.work) > 20
         assert (np.diff(nodes.angle_index) >= 0).all()
-        rows = np.full(len(nodes.work), table.first[0])
+        rows = np.full(len(nodes.work), work.stop_table.first[0])
         at = platform_positions(problem, angles[nodes.angle_index])
-        R, p, z = flange_poses(problem.platform, work, table, rows, nodes.decisions.yaw, at)
+        R, p, z = flange_poses(problem.platform, work, rows, nodes.decisions.yaw, at)
         for q, away in (
             (nodes.q_target, 0.0),
             (nodes.q_approach, 0.05),
@@ -71,12 +65,11 @@ def test_nodes_reach_their_targets_and_the_ends_of_their_lines(numeric, free_yaw
 def test_what_was_evaluated_means_the_same_again(numeric):
     """Ways along the self-motion are counted from the posture found: evaluating that moves nothing."""
     problem = numeric(1, (3, 2), line=0.05)
-    tables = tables_of(problem)
     best = search(problem, [], "quick", 0).best
     variables = Variables.of(problem)
     step = np.random.default_rng(0).normal(scale=0.01, size=variables.count)
-    moved = evaluate(problem, tables, variables.moved(best.decisions, step))
-    again = evaluate(problem, tables, moved.decisions)
+    moved = evaluate(problem, variables.moved(best.decisions, step))
+    again = evaluate(problem, moved.decisions)
     assert np.isfinite(moved.stages[1:]).all()
     assert again.stages == pytest.approx(moved.stages, abs=1e-9)
     for one, other in zip(moved.arms, again.arms, strict=True):
@@ -88,12 +81,11 @@ def test_what_was_evaluated_means_the_same_again(numeric):
 def test_an_idle_arm_does_not_mix_up_the_places_of_a_stop(numeric):
     """Candidates of stages with and without work at once are what each of them is alone."""
     problem = numeric(2, (3, 1), line=0.05)
-    tables = tables_of(problem)
     best = search(problem, [], "quick", 0).best
     stages = np.arange(problem.stages)
     rows, angle = best.decisions.arms[1], best.decisions.angle
-    every = postures(problem, 1, tables[1], stages, angle, rows)
-    alone = postures(problem, 1, tables[1], stages[:1], angle[:1], rows.take(stages[:1]))
+    every = postures(problem, 1, stages, angle, rows)
+    alone = postures(problem, 1, stages[:1], angle[:1], rows.take(stages[:1]))
     assert problem.arms[1].stops[1] is None
     for name in ("q_approach", "q_target", "q_retract", "work"):
         assert np.allclose(getattr(every, name)[:1], getattr(alone, name), atol=1e-9)
@@ -107,7 +99,7 @@ def test_the_node_of_a_plan_is_where_the_plan_is(random_job):
     variables, angles = Variables.of(problem), grid_angles(problem, np.radians(30.0))
     best = search(problem, [], "quick", 0).best
     step = np.random.default_rng(0).normal(scale=0.02, size=variables.count)
-    plan = evaluate(problem, tables_of(problem), variables.moved(best.decisions, step))
+    plan = evaluate(problem, variables.moved(best.decisions, step))
     apart = 0.0
     for a, work in enumerate(problem.arms):
         for k in np.flatnonzero([stop is not None for stop in work.stops]):
@@ -121,7 +113,6 @@ def test_the_node_of_a_plan_is_where_the_plan_is(random_job):
 def test_a_combination_equals_brute_force(numeric, start):
     """Three stages, three plans: all 27 combinations one by one, in closed cycles."""
     problem = numeric(0, (3, 3), line=0.05, returns=True, start=start)
-    tables = tables_of(problem)
     best = search(problem, [], "quick", 0).best
     random, variables = np.random.default_rng(0), Variables.of(problem)
     others = [
@@ -134,24 +125,23 @@ def test_a_combination_equals_brute_force(numeric, start):
         one = plans[pick[0]]
         for k, m in enumerate(pick):
             one = one.put(np.array([k]), plans[m])
-        totals.append(evaluate(problem, tables, one).total)
-    result = best_combination(problem, tables, best, others)
+        totals.append(evaluate(problem, one).total)
+    result = best_combination(problem, best, others)
     assert result.total == pytest.approx(min(totals), abs=1e-9)
 
 
 def test_a_stage_whose_lines_do_not_hold_is_not_taken(numeric, monkeypatch):
     """A plan that is faster in two stages, of which one does not hold between its samples: the other one is taken."""
     problem = numeric(4, (3, 3), line=0.05)
-    tables = tables_of(problem)
     best = search(problem, [], "quick", 0).best
     random, variables = np.random.default_rng(1), Variables.of(problem)
     slow = best
     for _ in range(40):
         step = random.normal(scale=0.1, size=variables.count)
-        tried = evaluate(problem, tables, variables.moved(best.decisions, step))
+        tried = evaluate(problem, variables.moved(best.decisions, step))
         if np.isfinite(tried.total) and tried.total > slow.total:
             slow = tried
-    whole = best_combination(problem, tables, slow, [best.decisions])
+    whole = best_combination(problem, slow, [best.decisions])
     assert whole.total == pytest.approx(best.total)
 
     def lines_hold(problem, arm, table, angle, rows):
@@ -160,7 +150,7 @@ def test_a_stage_whose_lines_do_not_hold_is_not_taken(numeric, monkeypatch):
         return held
 
     monkeypatch.setattr(general, "lines_hold", lines_hold)
-    found = best_combination(problem, tables, slow, [best.decisions])
+    found = best_combination(problem, slow, [best.decisions])
     assert best.total < found.total < slow.total
     for a, rows in enumerate(found.decisions.arms):
         assert np.allclose(rows.near[1], slow.decisions.arms[a].near[1], atol=1e-6)
@@ -227,8 +217,8 @@ def test_too_many_turns_leave_every_posture_with_those_nearest_to_the_start(
     )
     job = load_job(file)
     problem = sequence_problem(CellModel.from_cell(job.cell), job)
-    work, table = problem.arms[0], StopTable.of(problem.arms[0])
-    every = grid_nodes(problem, 0, table, 0, Grid(np.zeros(1), 12, 100_000)).q_target
+    work = problem.arms[0]
+    every = grid_nodes(problem, 0, 0, Grid(np.zeros(1), 12, 100_000)).q_target
     turn = 2.0 * np.pi
 
     def by_posture(q):
@@ -239,7 +229,7 @@ def test_too_many_turns_leave_every_posture_with_those_nearest_to_the_start(
 
     everyone = by_posture(every)
     most = 5 * len(everyone) - 1
-    kept = by_posture(grid_nodes(problem, 0, table, 0, Grid(np.zeros(1), 12, most)).q_target)
+    kept = by_posture(grid_nodes(problem, 0, 0, Grid(np.zeros(1), 12, most)).q_target)
     assert len(every) > most
     assert kept.keys() == everyone.keys()
     for key, rows in kept.items():

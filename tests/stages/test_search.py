@@ -19,7 +19,6 @@ from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.candidates import Grid, Nodes
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.source import grid_nodes
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.beam import beam_search
 from dualarm_cli.stages.search.corridor import best_combination
@@ -47,11 +46,10 @@ def _few_nodes(problem: SequenceProblem, seed: int) -> tuple[list[list[Nodes]], 
     angles, start = ANGLES, 2
     random = np.random.default_rng(seed)
     nodes = []
-    for a, work in enumerate(problem.arms):
-        table = StopTable.of(work)
+    for a in range(len(problem.arms)):
         per_stage = []
         for k in range(problem.stages):
-            every = grid_nodes(problem, a, table, k, Grid(angles, 6, 10_000))
+            every = grid_nodes(problem, a, k, Grid(angles, 6, 10_000))
             some = random.choice(len(every.work), size=min(FEW, len(every.work)), replace=False)
             per_stage.append(every.take(np.sort(some)))
         nodes.append(per_stage)
@@ -60,8 +58,7 @@ def _few_nodes(problem: SequenceProblem, seed: int) -> tuple[list[list[Nodes]], 
 
 def _at(problem: SequenceProblem, arm: int, stage: int, angles: tuple[int, ...]) -> Nodes:
     """The first few nodes of a stop at each of some of the five platform angles."""
-    table = StopTable.of(problem.arms[arm])
-    every = grid_nodes(problem, arm, table, stage, Grid(ANGLES, 6, 10_000))
+    every = grid_nodes(problem, arm, stage, Grid(ANGLES, 6, 10_000))
     some = [np.flatnonzero(every.angle_index == angle)[:FEW] for angle in angles]
     assert all(len(rows) for rows in some)
     return every.take(np.concatenate(some))
@@ -131,7 +128,6 @@ def test_the_beam_with_all_states_equals_brute_force(
 def test_combination_equals_brute_force(random_problem: Problems, seed: int, start: str) -> None:
     """Four stages, three plans: all 81 combinations one by one, closed cycles too."""
     problem = random_problem(seed, (4, 4), line=0.05, returns=True, start=start)
-    tables = tuple(StopTable.of(work) for work in problem.arms)
     found = search(problem, [], "quick", 0)
     assert found is not None
     random = np.random.default_rng(0)
@@ -151,8 +147,8 @@ def test_combination_equals_brute_force(random_problem: Problems, seed: int, sta
             for k, m in enumerate(pick):
                 rows = rows.put(np.array([k]), plans[m].arms[a].take(np.array([k])))
             arms.append(rows)
-        totals.append(evaluate(problem, tables, type(best.decisions)(angle, tuple(arms))).total)
-    result = best_combination(problem, tables, best, others)
+        totals.append(evaluate(problem, type(best.decisions)(angle, tuple(arms))).total)
+    result = best_combination(problem, best, others)
     assert result.total == pytest.approx(min(totals), abs=1e-12)
 
 
@@ -179,8 +175,7 @@ def test_the_bound_of_an_arm_that_works_alone_is_the_best_plan(
     ]
     arms = with_potentials(problem, layers, len(ANGLES))
     [path] = beam_search(problem, arms, every, width=10_000, per_angle=FEW)
-    tables = tuple(StopTable.of(work) for work in problem.arms)
-    total = evaluate(problem, tables, path.decisions).total
+    total = evaluate(problem, path.decisions).total
     # Two steps of 2e-4 rad are rounded away in each of four transfers, at 10 s/rad.
     assert path.total == pytest.approx(total, abs=4 * 4e-3)
     if not (returns and start == "free"):  # the way back to a free start is not known from behind
@@ -239,7 +234,6 @@ def test_the_search_is_never_slower_than_its_starts(
     job = random_job(11, **SHAPES[name])
     model = CellModel.from_cell(job.cell)
     problem = sequence_problem(model, job)
-    tables = tuple(StopTable.of(work) for work in problem.arms)
     starts = [
         decisions_of(problem, model, choose_stages(MethodProblem(model, job, "arm_angle"), method))
         for method in ("fixed", "exact")
@@ -249,7 +243,7 @@ def test_the_search_is_never_slower_than_its_starts(
     assert found is not None
     assert again is not None
     for start in starts:
-        assert found.best.total <= evaluate(problem, tables, start).total + 1e-12
+        assert found.best.total <= evaluate(problem, start).total + 1e-12
     assert found.best.total == again.best.total
     for a, work in enumerate(problem.arms):
         active = [k for k, stop in enumerate(work.stops) if stop is not None]
@@ -278,10 +272,7 @@ def test_a_path_on_nodes_takes_what_its_decisions_take(
 ) -> None:
     """Without lines the beam's total is exact but for the table's steps, and no bound is above it."""
     problem = _with_one_law(random_problem(2, stages, start=start, returns=returns))
-    tables = tuple(StopTable.of(work) for work in problem.arms)
-    found = plans_on_nodes(
-        problem, ExactStages(problem, tables), Mesh(np.radians(12.0), 14, 1500, 40), 4
-    )
+    found = plans_on_nodes(problem, ExactStages(problem), Mesh(np.radians(12.0), 14, 1500, 40), 4)
     assert found.plans
     for path, plan in found.plans:
         assert path.total <= plan.total + 1e-5
@@ -294,7 +285,6 @@ def test_a_path_on_nodes_takes_what_its_decisions_take(
 def test_polishing_gains_and_never_loses(random_problem: Problems) -> None:
     """From a plan on coarse nodes some percent are gained; every round is at least as good as the one before."""
     problem = random_problem(4, (6, 6))
-    tables = tuple(StopTable.of(work) for work in problem.arms)
     angles = grid_angles(problem, np.radians(15.0))
     every = np.tile(angles, (6, 1))
     layers = [
@@ -302,13 +292,13 @@ def test_polishing_gains_and_never_loses(random_problem: Problems) -> None:
             problem,
             a,
             every,
-            [grid_nodes(problem, a, tables[a], k, Grid(angles, 12, 2000)) for k in range(6)],
+            [grid_nodes(problem, a, k, Grid(angles, 12, 2000)) for k in range(6)],
         )
         for a in (0, 1)
     ]
     [path] = beam_search(problem, with_potentials(problem, layers, len(angles)), every, 20, 4)
-    plan = evaluate(problem, tables, path.decisions)
-    polishing = Polishing(problem, tables)
+    plan = evaluate(problem, path.decisions)
+    polishing = Polishing(problem)
     totals = [polishing.polished(plan, rounds, 2).total for rounds in (0, 1, 3, 8)]
     assert totals[0] == plan.total
     assert totals == sorted(totals, reverse=True)
@@ -337,18 +327,17 @@ def test_windows_divide_the_stages_and_shift_by_half_a_window() -> None:
 def test_slopes_equal_central_differences(random_problem: Problems) -> None:
     """Derivatives of the joints at a stop by platform angle, arm angles and yaw, in another way."""
     problem = random_problem(8, (3, 3), line=0.07, free_yaw=True)
-    tables = tuple(StopTable.of(work) for work in problem.arms)
     found = search(problem, [], "quick", 0)
     assert found is not None
     variables, step = Variables.of(problem), 1e-5
     for a in (0, 1):
-        rates = slopes(problem, a, tables[a], found.best.decisions, found.best.arms[a])
+        rates = slopes(problem, a, found.best.decisions, found.best.arms[a])
         for v in range(1 + len(FIELDS)):
             column = variables.angle if v == 0 else variables.arms[a][:, v - 1]
             change = np.zeros(variables.count)
             change[column] = step
             ahead, behind = (
-                evaluate(problem, tables, variables.moved(found.best.decisions, sign * change))
+                evaluate(problem, variables.moved(found.best.decisions, sign * change))
                 for sign in (1.0, -1.0)
             )
             for name in ("q_approach", "q_target", "q_retract"):

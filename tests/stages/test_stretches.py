@@ -17,7 +17,6 @@ from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.clearance import Barred
 from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.search import search, search_in_parts
@@ -31,7 +30,7 @@ Problems = Callable[..., SequenceProblem]
 
 
 def _evaluated(problem: SequenceProblem, decisions: Decisions) -> Evaluated:
-    return evaluate(problem, tuple(StopTable.of(work) for work in problem.arms), decisions)
+    return evaluate(problem, decisions)
 
 
 def _uneven(problem: SequenceProblem, seed: int) -> SequenceProblem:

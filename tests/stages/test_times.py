@@ -9,7 +9,6 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.stages.method import MethodProblem
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.sequence import decisions_of, stage_plans
 from dualarm_cli.stages.sequence_problem import sequence_problem
@@ -35,8 +34,7 @@ def test_times_equal_those_of_the_exact_motion(random_job: Callable[..., Job], n
     model = CellModel.from_cell(job.cell)
     problem = sequence_problem(model, job)
     plans = choose_stages(MethodProblem(model, job, "arm_angle"), "exact")
-    tables = tuple(StopTable.of(work) for work in problem.arms)
-    found = evaluate(problem, tables, decisions_of(problem, model, plans))
+    found = evaluate(problem, decisions_of(problem, model, plans))
     made = realise(model, job, plans, TIMING_SOLVERS["ruckig"])
     assert found.total == pytest.approx(made.trajectory.duration, rel=1e-9)
     lengths = [stage.end - stage.start for stage in made.stages]
@@ -67,8 +65,7 @@ def test_line_times_are_near_those_of_the_exact_lines(random_job: Callable[..., 
     model = CellModel.from_cell(job.cell)
     problem = sequence_problem(model, job)
     plans = choose_stages(MethodProblem(model, job, "arm_angle"), "fixed")
-    tables = tuple(StopTable.of(work) for work in problem.arms)
-    found = evaluate(problem, tables, decisions_of(problem, model, plans))
+    found = evaluate(problem, decisions_of(problem, model, plans))
     made = realise(model, job, plans, TIMING_SOLVERS["ruckig"])
     assert found.total == pytest.approx(made.trajectory.duration, rel=0.05)
     assert np.isfinite(found.stages).all()

@@ -20,7 +20,6 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import Grid, Nodes
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.source import grid_nodes
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.sequence_problem import stops_problem
 
 
@@ -448,13 +447,10 @@ def stop_nodes(model: CellModel, job: Job, angles: FloatArray) -> dict[tuple[str
     turned = angles[:, 0] if problem.turns else np.zeros(1)
     found = {}
     for a, work in enumerate(problem.arms):
-        table = StopTable.of(work)
         has_arm_angle = work.kinematics.has_arm_angle
         most = NODES.most_nodes if has_arm_angle else NODES.few_nodes * len(turned)
         for k, (t, s, _) in enumerate(every):
             if work.stops[k] is None:
                 continue
-            found[work.name, t, s] = grid_nodes(
-                problem, a, table, k, Grid(turned, NODES.arm_angles, most)
-            )
+            found[work.name, t, s] = grid_nodes(problem, a, k, Grid(turned, NODES.arm_angles, most))
     return found

@@ -7,8 +7,10 @@ from dataclasses import fields
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.products import product
+from dualarm_cli.kinematics.platform_chain import PlatformChain, rotation_z
 from dualarm_cli.records import dataclass
-from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork
+from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem
 from dualarm_cli.timing.line_profile import joint_line_durations
 
 LINE_SAMPLES = 7
@@ -166,3 +168,46 @@ def bulges(steps: FloatArray) -> FloatArray:
     around = np.pad(second, ((0, 0), (2, 2), (0, 0)))
     widest: FloatArray = np.maximum(np.maximum(around[:, :-2], around[:, 1:-1]), around[:, 2:])
     return 0.14 * widest
+
+
+def flange_poses(
+    platform: PlatformChain,
+    arm: ArmWork,
+    row: IntArray,
+    yaw: FloatArray,
+    position: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Compute flange poses at targets in the carried frame, and tool directions there.
+
+    Args:
+        platform: the chain that carries the arm.
+        arm: which arm.
+        row: rows of its table of stops, shape (...).
+        yaw: turns about the tool's z axis [rad], shape (...).
+        position: platform joints, shape (..., k).
+
+    Returns:
+        Rotations (..., 3, 3), positions (..., 3) [m], the tool's z axes (..., 3).
+    """
+    R_world, p_world = platform.pose(position)
+    R_inverse = np.swapaxes(R_world, -1, -2)
+    table = arm.stop_table
+    carried = table.carried[row]
+    if carried.any():
+        R_inverse = np.where(carried[..., None, None], np.eye(3), R_inverse)
+        p_world = np.where(carried[..., None], 0.0, p_world)
+    R_tool = product(R_inverse, table.R[row], rotation_z(yaw))
+    p_tool = product(R_inverse, (table.p[row] - p_world)[..., None])[..., 0]
+    return (
+        product(R_tool, arm.R_tool_flange),
+        p_tool + product(R_tool, arm.p_tool_flange),
+        R_tool[..., :, 2],
+    )
+
+
+def platform_positions(problem: SequenceProblem, angle: FloatArray) -> FloatArray:
+    """Convert platform angles (...) [rad] to platform joints, shape (..., k)."""
+    if problem.turns:
+        return angle[..., None]
+    held = problem.platform_start
+    return np.broadcast_to(held, (*angle.shape, len(held)))

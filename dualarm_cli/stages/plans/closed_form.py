@@ -19,11 +19,18 @@ from dualarm_cli.stages.plans.candidates import (
     Grid,
     Nodes,
     bulges,
+    flange_poses,
+    platform_positions,
     thinned,
     timed_postures,
 )
-from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem, StopTarget
-from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
+from dualarm_cli.stages.plans.problem import (
+    ArmDecisions,
+    ArmWork,
+    SequenceProblem,
+    StopTable,
+    StopTarget,
+)
 
 LARGEST_STEP = np.pi / 2
 """A joint that turns more than this between two samples of a line has jumped [rad]."""
@@ -38,7 +45,6 @@ LARGEST_TURN = 0.5 * np.pi
 def postures(
     problem: SequenceProblem,
     arm: int,
-    table: StopTable,
     stage: IntArray,
     angle: FloatArray,
     candidates: ArmDecisions,
@@ -51,16 +57,15 @@ def postures(
     Args:
         problem: the sequence.
         arm: index of the arm.
-        table: its stops.
         stage: stage of each candidate, shape (n,).
         angle: platform angle of each candidate [rad], shape (n,).
         candidates: n of them.
     """
     n = len(stage)
     if n <= _BLOCK:
-        return _postures(problem, arm, table, stage, angle, candidates)
+        return _postures(problem, arm, stage, angle, candidates)
     blocks = [slice(k, k + _BLOCK) for k in range(0, n, _BLOCK)]
-    parts = [_postures(problem, arm, table, stage[b], angle[b], candidates.take(b)) for b in blocks]
+    parts = [_postures(problem, arm, stage[b], angle[b], candidates.take(b)) for b in blocks]
     return CandidatePostures(
         *(
             np.concatenate([getattr(part, field.name) for part in parts])
@@ -72,15 +77,15 @@ def postures(
 def _postures(
     problem: SequenceProblem,
     arm: int,
-    table: StopTable,
     stage: IntArray,
     angle: FloatArray,
     candidates: ArmDecisions,
 ) -> CandidatePostures:
+    table = problem.arms[arm].stop_table
     work, n = problem.arms[arm], len(stage)
     row = table.first[stage] + candidates.target
     position = platform_positions(problem, angle)
-    R, p, z = flange_poses(problem.platform, work, table, row, candidates.yaw, position)
+    R, p, z = flange_poses(problem.platform, work, row, candidates.yaw, position)
     length = np.stack([table.approach[stage], table.retract[stage]], axis=1)
     psi = np.stack([candidates.psi_target, candidates.psi_approach, candidates.psi_retract], axis=1)
     q, ok = compiled.joints_along_lines(
@@ -130,7 +135,7 @@ def anchored(candidates: ArmDecisions, found: CandidatePostures) -> ArmDecisions
 
 
 def lines_hold(
-    problem: SequenceProblem, arm: int, table: StopTable, angle: FloatArray, rows: ArmDecisions
+    problem: SequenceProblem, arm: int, angle: FloatArray, rows: ArmDecisions
 ) -> BoolArray:
     """Return that lines hold between their samples in all stages, shape (n,)."""
     return np.ones(problem.stages, dtype=np.bool_)
@@ -144,7 +149,6 @@ def given_postures(work: ArmWork, rows: ArmDecisions, q: FloatArray) -> ArmDecis
 def grid_nodes(
     problem: SequenceProblem,
     arm: int,
-    table: StopTable,
     stage: int,
     grid: Grid,
     near: ArmDecisions | None = None,
@@ -154,18 +158,19 @@ def grid_nodes(
     At every platform angle, target arm angle, branch and yaw, the approach and the retract swing the arm angle so
     that the joints move least; lines count LINE_FACTOR times the rest-to-rest time of what their joints move.
     """
+    table = problem.arms[arm].stop_table
     work = problem.arms[arm]
     stop = work.stops[stage]
     assert stop is not None  # callers ask for active stages only
     if stop.configurations is not None:
-        return _configuration_nodes(problem, arm, table, stage, stop, grid)
+        return _configuration_nodes(problem, arm, stage, stop, grid)
     free_last = stop.free_yaw and work.yaw_turns_last_joint
     yaws = _yaws(stop, free_last)
     f = np.repeat(np.arange(len(grid.angles)), len(yaws))
     y = np.tile(yaws, len(grid.angles))
     row = np.full(len(f), table.first[stage])
     R, p, z = flange_poses(
-        problem.platform, work, table, row, y, platform_positions(problem, grid.angles[f])
+        problem.platform, work, row, y, platform_positions(problem, grid.angles[f])
     )
     depths = np.array([0.0, stop.approach, stop.retract])
     points = p[:, None, :] - z[:, None, :] * depths[:, None]
@@ -210,7 +215,7 @@ def _yaws(stop: StopTarget, free_last: bool) -> FloatArray:
 
 
 def _configuration_nodes(
-    problem: SequenceProblem, arm: int, table: StopTable, stage: int, stop: StopTarget, grid: Grid
+    problem: SequenceProblem, arm: int, stage: int, stop: StopTarget, grid: Grid
 ) -> Nodes:
     """Returns given configurations at every platform angle, with the best of several swings."""
     work = problem.arms[arm]
@@ -234,7 +239,7 @@ def _configuration_nodes(
     )
     stages = np.full(len(q), stage)
     angle = np.zeros(len(q))
-    found = postures(problem, arm, table, stages, angle, every)
+    found = postures(problem, arm, stages, angle, every)
     best = []
     for k in range(m):
         rows = np.nonzero(alternative == k)[0]

@@ -21,11 +21,12 @@ from dualarm_cli.stages.plans.candidates import (
     Grid,
     Nodes,
     bulges,
+    flange_poses,
+    platform_positions,
     thinned,
     timed_postures,
 )
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem, StopTarget
-from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 
 FEW_ANGLES = 3
 """At no more platform angles all of the self-motion is looked at; arms that have none keep to a plan."""
@@ -46,7 +47,6 @@ HALF_RANGES = 12
 def postures(
     problem: SequenceProblem,
     arm: int,
-    table: StopTable,
     stage: IntArray,
     angle: FloatArray,
     candidates: ArmDecisions,
@@ -56,14 +56,15 @@ def postures(
     Newton's method from each candidate's own posture, then continuation along its lines; given configurations are
     taken as they are. In stages in which the arm is idle nothing is looked for.
     """
+    table = problem.arms[arm].stop_table
     work, idle = problem.arms[arm], ~table.active[stage]
     if not idle.any():
-        return _postures(problem, work, table, stage, angle, candidates)
+        return _postures(problem, work, stage, angle, candidates)
     q, k = candidates.near.astype(np.float64), np.flatnonzero(~idle)
     found = timed_postures(work, q[:, None], idle, np.zeros(1), np.zeros(len(stage)))
     if not len(k):
         return found
-    active = _postures(problem, work, table, stage[k], angle[k], candidates.take(k))
+    active = _postures(problem, work, stage[k], angle[k], candidates.take(k))
     parts = {name: np.array(values) for name, values in vars(found).items()}
     for name, values in parts.items():
         values[k] = getattr(active, name)
@@ -73,13 +74,13 @@ def postures(
 def _postures(
     problem: SequenceProblem,
     work: ArmWork,
-    table: StopTable,
     stage: IntArray,
     angle: FloatArray,
     candidates: ArmDecisions,
 ) -> CandidatePostures:
+    table = work.stop_table
     row = table.first[stage] + candidates.target
-    R, p, z = _poses(problem, work, table, stage, angle, candidates)
+    R, p, z = _poses(problem, work, stage, angle, candidates)
     carried = table.carried[row]
     # What is beyond a limit is followed as well, and judged with what may be between the samples.
     near = candidates.near.astype(np.float64)
@@ -109,21 +110,21 @@ def anchored(candidates: ArmDecisions, found: CandidatePostures) -> ArmDecisions
 
 
 def lines_hold(
-    problem: SequenceProblem, arm: int, table: StopTable, angle: FloatArray, rows: ArmDecisions
+    problem: SequenceProblem, arm: int, angle: FloatArray, rows: ArmDecisions
 ) -> BoolArray:
     """Returns in which stages lines from postures at the targets can be followed at DENSE_SAMPLES samples, shape (n,).
 
     Args:
         problem: the sequence.
         arm: index of the arm.
-        table: its stops.
         angle: platform angle of each stage [rad], shape (n,).
         rows: what the arm does in each stage, `anchored`.
     """
+    table = problem.arms[arm].stop_table
     work, holds = problem.arms[arm], np.ones(problem.stages, dtype=np.bool_)
     k = np.flatnonzero(table.active)
     rows = rows.take(k)
-    poses = _poses(problem, work, table, k, angle[k], rows)
+    poses = _poses(problem, work, k, angle[k], rows)
     length = np.stack([table.approach[k], table.retract[k]])
     general = numeric_form(work.kinematics)
     _, holds[k] = _followed(general, length, rows, poses, rows.near, DENSE_SAMPLES)
@@ -138,7 +139,6 @@ def given_postures(work: ArmWork, rows: ArmDecisions, q: FloatArray) -> ArmDecis
 def grid_nodes(
     problem: SequenceProblem,
     arm: int,
-    table: StopTable,
     stage: int,
     grid: Grid,
     near: ArmDecisions | None = None,
@@ -148,17 +148,16 @@ def grid_nodes(
     # A platform that does not turn leaves the poses as they are: around a plan they have been looked at before.
     thorough = few and spare if problem.turns else near is None
     if near is None:
-        return _grid_nodes(problem, arm, table, stage, grid, thorough)
-    around = _nodes_around(problem, arm, table, stage, grid.angles, near)
+        return _grid_nodes(problem, arm, stage, grid, thorough)
+    around = _nodes_around(problem, arm, stage, grid.angles, near)
     if few and not spare:
         return around
-    return _together(_grid_nodes(problem, arm, table, stage, grid, thorough), around)
+    return _together(_grid_nodes(problem, arm, stage, grid, thorough), around)
 
 
 def _grid_nodes(
     problem: SequenceProblem,
     arm: int,
-    table: StopTable,
     stage: int,
     grid: Grid,
     thorough: bool,
@@ -172,19 +171,19 @@ def _grid_nodes(
     Args:
         problem: the sequence.
         arm: index of the arm.
-        table: its stops.
         stage: number of the stage, in which the arm works.
         grid: how finely they are set.
         thorough: whether all branches are looked for, and sampled along all of their self-motion.
     """
+    table = problem.arms[arm].stop_table
     work = problem.arms[arm]
     stop = work.stops[stage]
     assert stop is not None  # callers ask for active stages only
     general = numeric_form(work.kinematics)
-    index, rows = _targets(problem, work, table, stage, grid, thorough)
+    index, rows = _targets(problem, work, stage, grid, thorough)
     count = len(index)
     stages, angle = np.full(count, stage), grid.angles[index]
-    R, p, z = _poses(problem, work, table, stages, angle, rows)
+    R, p, z = _poses(problem, work, stages, angle, rows)
     length = np.stack([table.approach[stages], table.retract[stages]])
     path, ok = _followed(general, length, rows, (R, p, z), rows.near, END_SAMPLES)
     ends = np.stack([rows.near, rows.near]) if path is None else path[-1]
@@ -200,7 +199,6 @@ def _grid_nodes(
 def _nodes_around(
     problem: SequenceProblem,
     arm: int,
-    table: StopTable,
     stage: int,
     angles: FloatArray,
     plan: ArmDecisions,
@@ -222,7 +220,7 @@ def _nodes_around(
         psi_approach=rows.psi_approach + along[s] + drifts[d, 0],
         psi_retract=rows.psi_retract + along[s] + drifts[d, 1],
     )
-    found = postures(problem, arm, table, np.full(len(f), stage), angles[f], rows)
+    found = postures(problem, arm, np.full(len(f), stage), angles[f], rows)
     nodes = Nodes(
         f,
         anchored(rows, found),
@@ -267,15 +265,15 @@ def _loose(work: ArmWork) -> GeneralArm:
 def _poses(
     problem: SequenceProblem,
     work: ArmWork,
-    table: StopTable,
     stage: IntArray,
     angle: FloatArray,
     rows: ArmDecisions,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns flange rotations, positions and tool directions of candidates at their targets."""
+    table = work.stop_table
     row = table.first[stage] + rows.target
     position = platform_positions(problem, angle)
-    return flange_poses(problem.platform, work, table, row, rows.yaw, position)
+    return flange_poses(problem.platform, work, row, rows.yaw, position)
 
 
 def _followed(
@@ -318,7 +316,6 @@ def _followed(
 def _targets(
     problem: SequenceProblem,
     work: ArmWork,
-    table: StopTable,
     stage: int,
     grid: Grid,
     thorough: bool,
@@ -335,7 +332,7 @@ def _targets(
     index, yaw = np.repeat(np.arange(f), len(yaws)), np.tile(yaws, f)
     start = np.tile(work.kinematics.middle, (len(yaw), 1))
     asked = _rows(work, np.zeros(len(yaw), dtype=np.int64), yaw, start)
-    R, p, _ = _poses(problem, work, table, np.full(len(yaw), stage), grid.angles[index], asked)
+    R, p, _ = _poses(problem, work, np.full(len(yaw), stage), grid.angles[index], asked)
     found = general.postures(R, p, thorough=thorough)
     pose, q = found.pose, found.q
     if work.spare == 1 and thorough:

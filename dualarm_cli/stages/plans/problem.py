@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -87,6 +88,11 @@ class ArmWork:
         """
         return closed_form(self.kinematics)
 
+    @cached_property
+    def stop_table(self) -> StopTable:
+        """The stops in arrays."""
+        return StopTable.of(self)
+
     @property
     def yaw_turns_last_joint(self) -> bool:
         """Whether the search takes the last joint as free where yaw is.
@@ -105,6 +111,80 @@ class ArmWork:
         # A point of the axis and the tool centre point, seen from the flange, on one line along the axis.
         tcp = product(-self.R_tool_flange.T, self.p_tool_flange)
         return bool(norm(np.cross(tcp - point, axis)) < 1e-9)
+
+
+@dataclass(frozen=True)
+class StopTable:
+    """The stops of one arm, a row per stage and per alternative configuration of it."""
+
+    first: IntArray
+    """Row of each stage's first alternative, shape (n,); idle stages have some row of no meaning."""
+    active: BoolArray
+    """Which stages the arm has something to do in, shape (n,)."""
+    R: FloatArray
+    """Tool rotations, in the world or (configurations) in the carried frame, shape (m, 3, 3)."""
+    p: FloatArray
+    """Tool positions likewise [m], shape (m, 3)."""
+    carried: BoolArray
+    """Which rows are configurations, and so move with the platform, shape (m,)."""
+    configuration: FloatArray
+    """Their joints [rad], shape (m, joints); zeros elsewhere."""
+    approach: FloatArray
+    """Length of each stage's approach [m], shape (n,)."""
+    retract: FloatArray
+    """Length of each stage's retract [m], shape (n,)."""
+    dwell: FloatArray
+    """How long the tool stands still in each stage [s], shape (n,)."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("R", "p", "configuration", "approach", "retract", "dwell"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @classmethod
+    def of(cls, arm: ArmWork) -> StopTable:
+        """Put an arm's stops in arrays."""
+        first: list[int] = []
+        R: list[FloatArray] = []
+        p: list[FloatArray] = []
+        carried: list[bool] = []
+        configuration: list[FloatArray] = []
+        for stop in arm.stops:
+            first.append(len(R))
+            if stop is None:
+                continue
+            if stop.configurations is None:
+                R.append(stop.R_world_tool)
+                p.append(stop.p_world_tool)
+                carried.append(False)
+                configuration.append(np.zeros(arm.joints))
+                continue
+            R_flange, p_flange = arm.kinematics.forward(stop.configurations)
+            R_tool = product(R_flange, arm.R_tool_flange.T)
+            R.extend(R_tool)
+            p.extend(p_flange - product(R_tool, arm.p_tool_flange))
+            carried.extend([True] * len(stop.configurations))
+            configuration.extend(stop.configurations)
+        if not R:
+            # An arm without any stop: one row of no meaning, so that idle stages have some.
+            R, p, carried, configuration = (
+                [np.eye(3)],
+                [np.zeros(3)],
+                [False],
+                [np.zeros(arm.joints)],
+            )
+        return cls(
+            np.minimum(np.array(first, dtype=np.int64), len(R) - 1),
+            np.array([stop is not None for stop in arm.stops]),
+            np.array(R).reshape(-1, 3, 3),
+            np.array(p).reshape(-1, 3),
+            np.array(carried, dtype=np.bool_),
+            np.array(configuration).reshape(-1, arm.joints),
+            *(
+                np.array([0.0 if stop is None else getattr(stop, name) for stop in arm.stops])
+                for name in ("approach", "retract", "dwell")
+            ),
+        )
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from dualarm_cli.stages.plans import closed_form, general
 from dualarm_cli.stages.plans.candidates import CandidatePostures, Grid, Nodes
 from dualarm_cli.stages.plans.passing import passed
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable
 
 
 def _source(work: ArmWork) -> ModuleType:
@@ -20,7 +19,6 @@ def _source(work: ArmWork) -> ModuleType:
 def postures(
     problem: SequenceProblem,
     arm: int,
-    table: StopTable,
     stage: IntArray,
     angle: FloatArray,
     candidates: ArmDecisions,
@@ -30,20 +28,18 @@ def postures(
     Args:
         problem: the sequence.
         arm: index of the arm.
-        table: its stops.
         stage: stage of each candidate, shape (n,).
         angle: platform angle of each candidate [rad], shape (n,).
         candidates: n of them.
     """
     work = problem.arms[arm]
-    found = _source(work).postures(problem, arm, table, stage, angle, candidates)
+    found = _source(work).postures(problem, arm, stage, angle, candidates)
     return found if problem.ways is None else passed(work, problem.ways[arm][stage], found)
 
 
 def grid_nodes(
     problem: SequenceProblem,
     arm: int,
-    table: StopTable,
     stage: int,
     grid: Grid,
     near: ArmDecisions | None = None,
@@ -53,12 +49,11 @@ def grid_nodes(
     Args:
         problem: the sequence.
         arm: index of the arm.
-        table: its stops.
         stage: number of the stage, in which the arm works.
         grid: how finely they are set.
         near: what the arm does in a plan: an arm without closed forms gets nodes around that as well.
     """
-    return _source(problem.arms[arm]).grid_nodes(problem, arm, table, stage, grid, near)
+    return _source(problem.arms[arm]).grid_nodes(problem, arm, stage, grid, near)
 
 
 def anchored(work: ArmWork, candidates: ArmDecisions, found: CandidatePostures) -> ArmDecisions:
@@ -67,18 +62,17 @@ def anchored(work: ArmWork, candidates: ArmDecisions, found: CandidatePostures) 
 
 
 def lines_hold(
-    problem: SequenceProblem, arm: int, table: StopTable, angle: FloatArray, rows: ArmDecisions
+    problem: SequenceProblem, arm: int, angle: FloatArray, rows: ArmDecisions
 ) -> BoolArray:
     """Returns in which stages lines are known to hold between their samples as well, shape (n,).
 
     Args:
         problem: the sequence.
         arm: index of the arm.
-        table: its stops.
         angle: platform angle of each stage [rad], shape (n,).
         rows: what the arm does in each stage, `anchored`.
     """
-    return _source(problem.arms[arm]).lines_hold(problem, arm, table, angle, rows)
+    return _source(problem.arms[arm]).lines_hold(problem, arm, angle, rows)
 
 
 def given_postures(work: ArmWork, rows: ArmDecisions, q: FloatArray) -> ArmDecisions:

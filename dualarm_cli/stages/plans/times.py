@@ -12,7 +12,6 @@ from dualarm_cli.stages.plans.candidates import CandidatePostures
 from dualarm_cli.stages.plans.passing import transfer_times
 from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.source import anchored, lines_hold, postures
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.timing.stage_length import stage_length
 
 
@@ -52,14 +51,12 @@ class Evaluated:
         return float(self.stages.sum()) + self.closing
 
 
-def evaluate(
-    problem: SequenceProblem, tables: tuple[StopTable, ...], decisions: Decisions
-) -> Evaluated:
+def evaluate(problem: SequenceProblem, decisions: Decisions) -> Evaluated:
     """Returns a plan's postures and times."""
     n = problem.stages
     rows = np.arange(n)
     arms = tuple(
-        postures(problem, a, tables[a], rows, decisions.angle, decisions.arms[a])
+        postures(problem, a, rows, decisions.angle, decisions.arms[a])
         for a in range(len(problem.arms))
     )
     return in_seconds(problem, decisions, arms)
@@ -81,13 +78,10 @@ def in_seconds(
     return Evaluated(same, arms, stages, closing)
 
 
-def held(problem: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated) -> Evaluated:
+def held(problem: SequenceProblem, plan: Evaluated) -> Evaluated:
     """Returns a plan in which stages whose lines do not hold between their samples are impossible."""
     angle = plan.decisions.angle
-    holds = [
-        lines_hold(problem, a, table, angle, rows)
-        for a, (table, rows) in enumerate(zip(tables, plan.decisions.arms, strict=True))
-    ]
+    holds = [lines_hold(problem, a, angle, rows) for a, rows in enumerate(plan.decisions.arms)]
     if all(own.all() for own in holds):
         return plan
     arms = tuple(

@@ -13,7 +13,6 @@ from dualarm_cli.stages.plans.candidates import CandidatePostures
 from dualarm_cli.stages.plans.passing import transfer_times
 from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.source import postures
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import (
     Evaluated,
     TransferChain,
@@ -36,8 +35,6 @@ class Pool:
     """Several plans in joints and seconds, stage by stage."""
 
     problem: SequenceProblem
-    tables: tuple[StopTable, ...]
-    """The arms' stops."""
     plans: list[Decisions]
     """What they decide, m of them."""
     angle: FloatArray
@@ -49,15 +46,14 @@ class Pool:
     def of(
         cls,
         problem: SequenceProblem,
-        tables: tuple[StopTable, ...],
         best: Evaluated,
         others: list[Decisions],
     ) -> Pool:
         """Returns a plan, the first, and others."""
         plans = [best.decisions, *others]
         angle = np.stack([plan.angle for plan in plans], axis=1)
-        arms = [candidates_of(problem, tables, plans, angle, a) for a in range(len(tables))]
-        return cls(problem, tables, plans, angle, arms)
+        arms = [candidates_of(problem, plans, angle, a) for a in range(len(problem.arms))]
+        return cls(problem, plans, angle, arms)
 
     def plan(self, picked: IntArray) -> Evaluated:
         """Returns the plan that takes each stage from the plan of a number, shape (n,)."""
@@ -66,7 +62,7 @@ class Pool:
             decisions = decisions.put(np.nonzero(picked == m)[0], self.plans[m])
         if self.problem.has_arm_angles:
             # That is quick, and the last bits do not depend on how many plans there are.
-            return evaluate(self.problem, self.tables, decisions)
+            return evaluate(self.problem, decisions)
         stage = np.arange(len(picked))
         arms = tuple(
             CandidatePostures(*(getattr(arm, f.name)[stage, picked] for f in fields(arm)))
@@ -77,7 +73,6 @@ class Pool:
 
 def best_combination(
     problem: SequenceProblem,
-    tables: tuple[StopTable, ...],
     best: Evaluated,
     others: list[Decisions],
 ) -> Evaluated:
@@ -89,14 +84,13 @@ def best_combination(
 
     Args:
         problem: the sequence.
-        tables: the arms' stops.
         best: a possible plan.
         others: plans to combine it with.
     """
     if not others:
         return best
-    pool = Pool.of(problem, tables, best, others)
-    return combined(problem, pool, best, lambda plan: held(problem, tables, plan))
+    pool = Pool.of(problem, best, others)
+    return combined(problem, pool, best, lambda plan: held(problem, plan))
 
 
 def combined(
@@ -187,7 +181,6 @@ def _bar(
 
 def candidates_of(
     problem: SequenceProblem,
-    tables: tuple[StopTable, ...],
     plans: list[Decisions],
     angle: FloatArray,
     a: int,
@@ -203,7 +196,7 @@ def candidates_of(
             for field in fields(ArmDecisions)
         )
     )
-    found = postures(problem, a, tables[a], stage, angle.ravel(), candidates)
+    found = postures(problem, a, stage, angle.ravel(), candidates)
     parts = {field.name: getattr(found, field.name) for field in fields(CandidatePostures)}
     return CandidatePostures(**{name: x.reshape(n, m, *x.shape[1:]) for name, x in parts.items()})
 

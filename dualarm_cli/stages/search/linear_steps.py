@@ -13,7 +13,6 @@ from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans import passing
 from dualarm_cli.stages.plans.problem import SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import (
     Evaluated,
     TransferChain,
@@ -114,8 +113,6 @@ class _LinearisedPlan:
 
     problem: SequenceProblem
     """The sequence."""
-    tables: tuple[StopTable, ...]
-    """The arms' stops."""
     variables: Variables
     """Numbering of the variables."""
     best: Evaluated
@@ -159,13 +156,13 @@ class _LinearisedPlan:
             values = np.column_stack([here[:, joint], there[:, joint]])
             moves.append((columns, values, time[:, joint]))
         longest = np.max([move[2] for move in moves], axis=0)
-        lines, dwell = self._line_columns(a, k), self.tables[a].dwell[k]
+        lines, dwell = self._line_columns(a, k), self.problem.arms[a].stop_table.dwell[k]
         if len(problem.together):
             # In a hand-over the other arm's lines and dwell count as well.
             other, met = 1 - a, np.isin(k, problem.together)
             theirs = np.where(met[:, None], self._line_columns(other, k), -1)
             lines = np.column_stack([lines, theirs])
-            dwell = dwell + np.where(met, self.tables[other].dwell[k], 0.0)
+            dwell = dwell + np.where(met, self.problem.arms[other].stop_table.dwell[k], 0.0)
         for columns, values, time in moves:
             columns = np.column_stack([columns, lines])
             values = np.column_stack([values, np.ones(lines.shape)])
@@ -304,7 +301,6 @@ WINDOW = 24
 
 def linear_step(
     problem: SequenceProblem,
-    tables: tuple[StopTable, ...],
     variables: Variables,
     best: Evaluated,
     radius: FloatArray,
@@ -318,15 +314,14 @@ def linear_step(
 
     Args:
         problem: the sequence.
-        tables: the arms' stops.
         variables: numbering of its variables.
         best: a possible plan.
         radius: how far the variables of each stage may move [rad], shape (n + 1,).
         round_number: every other round the windows lie half a window further on.
     """
     windows = _windows(problem.stages, round_number)
-    rates = [slopes(problem, a, t, best.decisions, best.arms[a]) for a, t in enumerate(tables)]
-    program = _LinearisedPlan(problem, tables, variables, best, rates).program(radius)
+    rates = [slopes(problem, a, best.decisions, own) for a, own in enumerate(best.arms)]
+    program = _LinearisedPlan(problem, variables, best, rates).program(radius)
     return _solve(problem, variables, best, program, windows, radius)
 
 

@@ -14,9 +14,13 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import Grid, Nodes
-from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.plans.problem import (
+    ArmDecisions,
+    ArmWork,
+    Decisions,
+    SequenceProblem,
+)
 from dualarm_cli.stages.plans.source import grid_nodes, postures
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import Evaluated, TransferChain, evaluate, held
 from dualarm_cli.stages.search.beam import NodePath, beam_search
 from dualarm_cli.stages.search.own_stages import (
@@ -33,9 +37,7 @@ MARGIN = 0.02
 """What is kept free of the last joint's limits for what it does along the lines [rad]."""
 
 
-def with_yaws(
-    problem: SequenceProblem, tables: tuple[StopTable, ...], decisions: Decisions
-) -> Decisions:
+def with_yaws(problem: SequenceProblem, decisions: Decisions) -> Decisions:
     """Returns decisions whose free yaws share the last joint's turns out evenly over the transfers.
 
     Between two stops of fixed yaw every transfer then turns the last joint equally far. A stop that would leave its
@@ -48,8 +50,8 @@ def with_yaws(
         )
         rows = decisions.arms[a]
         if free.any() and work.yaw_turns_last_joint:
-            rows = _shared_out(problem, a, tables[a], decisions.angle, rows, free)
-            rows = _repaired(problem, a, tables[a], decisions.angle, rows, free)
+            rows = _shared_out(problem, a, decisions.angle, rows, free)
+            rows = _repaired(problem, a, decisions.angle, rows, free)
         arms.append(rows)
     return Decisions(decisions.angle, tuple(arms))
 
@@ -64,14 +66,13 @@ def _sense(work: ArmWork) -> float:
 def _shared_out(
     problem: SequenceProblem,
     a: int,
-    table: StopTable,
     angle: FloatArray,
     rows: ArmDecisions,
     free: BoolArray,
 ) -> ArmDecisions:
     work = problem.arms[a]
     stages = TransferChain.of(work).active
-    found = postures(problem, a, table, stages, angle[stages], rows.take(stages))
+    found = postures(problem, a, stages, angle[stages], rows.take(stages))
     q = np.column_stack([found.q_approach, found.q_target, found.q_retract]).reshape(
         -1, 3, work.joints
     )
@@ -107,20 +108,19 @@ def _share(k: int, last: FloatArray, loose: BoolArray, begin: float) -> float:
 def _repaired(
     problem: SequenceProblem,
     a: int,
-    table: StopTable,
     angle: FloatArray,
     rows: ArmDecisions,
     free: BoolArray,
 ) -> ArmDecisions:
     stages = np.nonzero(free)[0]
-    found = postures(problem, a, table, stages, angle[stages], rows.take(stages))
+    found = postures(problem, a, stages, angle[stages], rows.take(stages))
     for k in stages[~found.possible]:
         same = np.full(TRIED, k)
         turns = np.linspace(-np.pi, np.pi, TRIED, endpoint=False)
         turns = turns[np.argsort(np.abs(turns), kind="stable")]
         tried = rows.take(same)
         tried = replace(tried, yaw=tried.yaw + turns)
-        reached = postures(problem, a, table, same, angle[same], tried).possible
+        reached = postures(problem, a, same, angle[same], tried).possible
         possible = np.nonzero(reached)[0]
         if len(possible):
             rows = rows.put(np.array([k]), tried.take(possible[:1]))
@@ -151,8 +151,6 @@ class _StageNodes:
 
     problem: SequenceProblem
     """The sequence."""
-    tables: tuple[StopTable, ...]
-    """The arms' stops."""
     mesh: Mesh
     """Resolution of the grid."""
     angles: FloatArray
@@ -188,7 +186,7 @@ class _StageNodes:
             return own_node(problem, a, k, angles, near)
         grid = Grid(angles, self.mesh.arm_angles, self.mesh.most_nodes)
         own = None if near is None else near.decisions.arms[a]
-        found = grid_nodes(problem, a, self.tables[a], k, grid, own)
+        found = grid_nodes(problem, a, k, grid, own)
         return free_nodes(problem, a, k, angles, found)
 
 
@@ -211,14 +209,13 @@ def plans_on_nodes(
         loose: the stages that are looked at, shape (n,); in all others that plan's own postures are the only nodes. All
             by default.
     """
-    tables = exact.tables
     if mesh.around and near is not None:
         angles = angles_near(problem, near.decisions, mesh)
     else:
         angles = np.tile(grid_angles(problem, mesh.angle_step), (problem.stages, 1))
     if near is not None and loose is not None:
         angles[~loose] = near.decisions.angle[~loose, None]
-    made = _StageNodes(problem, tables, mesh, angles, near, loose)
+    made = _StageNodes(problem, mesh, angles, near, loose)
     # Few stages' nodes are made faster than a process is copied.
     least = 2 if problem.stages >= SHARED else len(problem.arms) + 1
     arms = tuple(halves(made.layers, range(len(problem.arms)), least))
@@ -240,16 +237,12 @@ def plans_on_nodes(
         paths = beam_search(problem, arms, angles, mesh.width, mesh.per_angle, plans)
         found = []
         for path in paths:
-            spread = replace(path, decisions=with_yaws(problem, tables, path.decisions))
-            found.append(
-                (spread, held(problem, tables, evaluate(problem, tables, spread.decisions)))
-            )
+            spread = replace(path, decisions=with_yaws(problem, path.decisions))
+            found.append((spread, held(problem, evaluate(problem, spread.decisions))))
         possible = [(path, plan) for path, plan in found if np.isfinite(plan.total)]
         if possible or not found:
             return NodePlans(possible, bound)
-        arms = tuple(
-            _without(problem, tables[a], angles, arm, a, found[0]) for a, arm in enumerate(arms)
-        )
+        arms = tuple(_without(problem, angles, arm, a, found[0]) for a, arm in enumerate(arms))
     return NodePlans([], bound)
 
 
@@ -297,7 +290,6 @@ def angles_near(problem: SequenceProblem, plan: Decisions, mesh: Mesh) -> FloatA
 
 def _without(
     problem: SequenceProblem,
-    table: StopTable,
     angles: FloatArray,
     arm: ArmLayers,
     a: int,
@@ -317,7 +309,7 @@ def _without(
         # What a free yaw will be is not known yet, and following lines of other arms takes long.
         if problem.arms[a].kinematics.has_arm_angle and not layer.free_last:
             stage, angle = np.full(len(times), k), angles[k, layer.angle_index]
-            lines = postures(problem, a, table, stage, angle, layer.decisions)
+            lines = postures(problem, a, stage, angle, layer.decisions)
             times[~lines.possible] = np.inf
         layers[k] = replace(layer, work=times)
     return replace(arm, layers=layers)

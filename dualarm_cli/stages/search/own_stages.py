@@ -13,10 +13,15 @@ from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.kinematics.srs.arm_angle_intervals import ArmAngleIntervals
 from dualarm_cli.postures.platform_reach import reachable_cells, reachable_spans
 from dualarm_cli.records import dataclass
-from dualarm_cli.stages.plans.candidates import Grid, Nodes, thinned
+from dualarm_cli.stages.plans.candidates import (
+    Grid,
+    Nodes,
+    flange_poses,
+    platform_positions,
+    thinned,
+)
 from dualarm_cli.stages.plans.problem import ArmDecisions, SequenceProblem
 from dualarm_cli.stages.plans.source import grid_nodes, postures
-from dualarm_cli.stages.plans.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.search.potentials import ArmLayers, layer_of
 
 SCAN_STEP = np.radians(1.0)
@@ -43,9 +48,7 @@ EVERY_NODE = 12_000
 Interval = tuple[float, float]
 
 
-def shared_intervals(
-    problem: SequenceProblem, tables: Sequence[StopTable], stage: int, around: Interval
-) -> list[Interval]:
+def shared_intervals(problem: SequenceProblem, stage: int, around: Interval) -> list[Interval]:
     """Returns the platform angles from which all arms reach their stops of a stage with all joints within limits.
 
     Exact over the arm angle, and over the reach; where limits decide, every interval that is wider than SCAN_STEP is
@@ -53,7 +56,6 @@ def shared_intervals(
 
     Args:
         problem: the sequence; its platform turns.
-        tables: the arms' stops.
         stage: its number.
         around: lowest and highest platform angle [rad].
 
@@ -64,7 +66,7 @@ def shared_intervals(
     for a, work in enumerate(problem.arms):
         if work.stops[stage] is None:
             continue
-        own = _intervals(problem, a, tables[a], stage, around)
+        own = _intervals(problem, a, stage, around)
         both = [(max(p[0], q[0]), min(p[1], q[1])) for p in shared for q in own]
         shared = sorted((low, high) for low, high in both if low <= high)
     return shared
@@ -90,14 +92,13 @@ def spread(intervals: Sequence[Interval], count: int) -> FloatArray:
 
 
 def exact_nodes(
-    problem: SequenceProblem, a: int, table: StopTable, stage: int, angles: FloatArray, most: int
+    problem: SequenceProblem, a: int, stage: int, angles: FloatArray, most: int
 ) -> Nodes:
     """Returns nodes of one arm at one stop, with arm angles in the intervals within limits and lines timed as plans'.
 
     Args:
         problem: the sequence.
         a: index of the arm.
-        table: its stops.
         stage: its number.
         angles: platform angles [rad], shape (f,).
         most: most nodes.
@@ -106,11 +107,11 @@ def exact_nodes(
     stop = work.stops[stage]
     assert stop is not None  # callers ask for active stages only
     if stop.configurations is not None or not work.kinematics.has_arm_angle:
-        return grid_nodes(problem, a, table, stage, Grid(angles, ARM_ANGLES, most))
+        return grid_nodes(problem, a, stage, Grid(angles, ARM_ANGLES, most))
     yaws = _yaws(problem, a, stage)
     f = np.repeat(np.arange(len(angles)), len(yaws))
     yaw = np.tile(yaws, len(angles))
-    found = _intervals_of_arm_angles(problem, a, table, stage, angles[f], yaw)
+    found = _intervals_of_arm_angles(problem, a, stage, angles[f], yaw)
     first, last = found.start[:, 0], found.end[:, 0]
     m, branch, k = (np.repeat(x, len(SHARES)) for x in np.nonzero(np.isfinite(first)))
     share = np.tile(SHARES, len(m) // len(SHARES))
@@ -131,7 +132,7 @@ def exact_nodes(
         np.tile(work.kinematics.middle, (n, 1)),
     )
     index = f[m[rows]]
-    made = postures(problem, a, table, np.full(n, stage), angles[index], candidates)
+    made = postures(problem, a, np.full(n, stage), angles[index], candidates)
     possible = np.flatnonzero(made.possible)
     nodes = Nodes(
         index[possible],
@@ -155,17 +156,15 @@ def _yaws(problem: SequenceProblem, a: int, stage: int) -> FloatArray:
 def _poses(
     problem: SequenceProblem,
     a: int,
-    table: StopTable,
     stage: int,
     angles: FloatArray,
     yaw: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Returns flange poses at target, approach and retract, (m, 1, 3, 3) and (m, 3, 3), of rows (m,)."""
+    table = problem.arms[a].stop_table
     work = problem.arms[a]
     row = np.full(len(angles), table.first[stage])
-    R, p, z = flange_poses(
-        problem.platform, work, table, row, yaw, platform_positions(problem, angles)
-    )
+    R, p, z = flange_poses(problem.platform, work, row, yaw, platform_positions(problem, angles))
     depths = np.array([0.0, table.approach[stage], table.retract[stage]])
     return R[:, None], p[:, None, :] - z[:, None, :] * depths[:, None]
 
@@ -173,19 +172,16 @@ def _poses(
 def _intervals_of_arm_angles(
     problem: SequenceProblem,
     a: int,
-    table: StopTable,
     stage: int,
     angles: FloatArray,
     yaw: FloatArray,
 ) -> ArmAngleIntervals:
     """Returns arm angles within limits at target, approach and retract, arrays (m, 3, 8, k), of rows (m,)."""
-    R, points = _poses(problem, a, table, stage, angles, yaw)
+    R, points = _poses(problem, a, stage, angles, yaw)
     return problem.arms[a].closed_form.feasible_arm_angles(R, points)
 
 
-def _intervals(
-    problem: SequenceProblem, a: int, table: StopTable, stage: int, around: Interval
-) -> list[Interval]:
+def _intervals(problem: SequenceProblem, a: int, stage: int, around: Interval) -> list[Interval]:
     """Returns the platform angles from which one arm reaches its stop [rad]."""
     stop = problem.arms[a].stops[stage]
     if stop is None or stop.configurations is not None:
@@ -193,7 +189,7 @@ def _intervals(
         return [around]
 
     def has_nodes(angles: FloatArray) -> BoolArray:
-        nodes = grid_nodes(problem, a, table, stage, Grid(angles, ARM_ANGLES, EVERY_NODE))
+        nodes = grid_nodes(problem, a, stage, Grid(angles, ARM_ANGLES, EVERY_NODE))
         return np.bincount(nodes.angle_index, minlength=len(angles)) > 0
 
     if not problem.arms[a].kinematics.has_arm_angle:
@@ -205,13 +201,13 @@ def _intervals(
     def feasible(angles: FloatArray) -> BoolArray:
         yaw = np.tile(yaws, len(angles))
         at = np.repeat(angles, len(yaws))
-        found = _intervals_of_arm_angles(problem, a, table, stage, at, yaw)
+        found = _intervals_of_arm_angles(problem, a, stage, at, yaw)
         # On one branch all along the lines, at any yaw.
         branches = np.all(found.count > 0, axis=1)
         return np.asarray(branches.reshape(len(angles), -1).any(axis=1))
 
     angles = np.arange(*around, problem.platform.spacing(SCAN_STEP, *around))
-    arcs = _arcs(problem, a, table, stage, yaws, around)
+    arcs = _arcs(problem, a, stage, yaws, around)
     angles = distinct(np.concatenate([angles, [around[1]], *arcs]))
     return _runs(angles, feasible)
 
@@ -219,13 +215,12 @@ def _intervals(
 def _arcs(
     problem: SequenceProblem,
     a: int,
-    table: StopTable,
     stage: int,
     yaws: FloatArray,
     around: Interval,
 ) -> list[FloatArray]:
     """Returns platform angles along the arcs from which all points of a stop are within an arm's reach [rad]."""
-    R, points = _poses(problem, a, table, stage, np.zeros(len(yaws)), yaws)
+    R, points = _poses(problem, a, stage, np.zeros(len(yaws)), yaws)
     arm = problem.arms[a].closed_form
     found = []
     for wrists in arm.wrist_center(R, points):
@@ -313,8 +308,6 @@ class ExactStages:
 
     problem: SequenceProblem
     """The sequence; what has to be collision-free in it does not matter."""
-    tables: tuple[StopTable, ...]
-    """The arms' stops."""
     _shared: dict[int, list[Interval]] = field(default_factory=dict)
     _known: dict[tuple[int, int, int], tuple[FloatArray, list[Nodes | None]]] = field(
         default_factory=dict
@@ -337,14 +330,14 @@ class ExactStages:
         if k not in self._shared:
             start = float(self.problem.platform_start[0])
             around = self.problem.platform.around(start, *self.problem.platform_range)
-            self._shared[k] = shared_intervals(self.problem, self.tables, k, around)
+            self._shared[k] = shared_intervals(self.problem, k, around)
         return self._shared[k]
 
     def _nodes(self, k: int, count: int, most: int) -> tuple[FloatArray, list[Nodes | None]]:
-        problem, tables = self.problem, self.tables
+        problem = self.problem
         angles = spread(self.shared(k), count) if problem.turns else np.zeros(1)
         return angles, [
-            None if work.stops[k] is None else exact_nodes(problem, a, tables[a], k, angles, most)
+            None if work.stops[k] is None else exact_nodes(problem, a, k, angles, most)
             for a, work in enumerate(problem.arms)
         ]
 

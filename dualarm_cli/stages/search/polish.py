@@ -9,7 +9,6 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import Evaluated, held
 from dualarm_cli.stages.search.corridor import Pool, best_combination, combined
 from dualarm_cli.stages.search.linear_steps import linear_step
@@ -34,8 +33,6 @@ class Polishing:
 
     problem: SequenceProblem
     """The sequence."""
-    tables: tuple[StopTable, ...]
-    """The arms' stops."""
     seed: int = 0
     """Seed of the random steps."""
     loose: BoolArray | None = None
@@ -57,7 +54,7 @@ class Polishing:
             rounds: maximum number of rounds.
             random_steps: number of random steps that are offered besides.
         """
-        problem, tables = self.problem, self.tables
+        problem = self.problem
         variables = Variables.of(problem, self.loose)
         if not variables.count:
             return start
@@ -66,12 +63,12 @@ class Polishing:
         best, radius = start, FIRST_RADIUS
         for k in range(rounds):
             radii = np.full(problem.stages + 1, radius)
-            step = linear_step(problem, tables, variables, best, radii, k)
+            step = linear_step(problem, variables, best, radii, k)
             steps = np.vstack(
                 [SCALES[:, None] * step, _random_steps(random, variables, radius, random_steps)]
             )
             moved = [_within(problem, variables.moved(best.decisions, one)) for one in steps]
-            pool = Pool.of(problem, tables, best, moved)
+            pool = Pool.of(problem, best, moved)
             found = combined(problem, pool, best)
             if problem.returns:
                 # The return of an arm that is idle at the end is no matter of neighbours: whole steps see it.
@@ -82,10 +79,10 @@ class Polishing:
             best = found
             if radius < SMALLEST_RADIUS:
                 break
-        sure = held(problem, tables, best)
+        sure = held(problem, best)
         if np.isfinite(sure.total):
             return sure
-        return best_combination(problem, tables, start, [best.decisions])
+        return best_combination(problem, start, [best.decisions])
 
 
 def _best(problem: SequenceProblem, plans: list[Evaluated]) -> Evaluated:

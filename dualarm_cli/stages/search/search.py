@@ -13,7 +13,6 @@ from dualarm_cli.effort import EFFORTS, SCALING, Mesh, SearchEffort
 from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.plans.ways import best_ways
 from dualarm_cli.stages.search.beam import kind_of
@@ -101,8 +100,7 @@ def _searched(
 ) -> FoundSequence | None:
     """Search with one set of limits of position, see `search`; `others` are plans that were polished in motion."""
     asked, problem = problem, replace(problem, ways=None)
-    tables = tuple(StopTable.of(work) for work in problem.arms)
-    exact, polishing = ExactStages(problem, tables), Polishing(problem, tables, seed)
+    exact, polishing = ExactStages(problem), Polishing(problem, seed)
     made = halves(
         lambda meshes: [plans_on_nodes(problem, exact, mesh, how.plans) for mesh in meshes],
         how.meshes,
@@ -111,7 +109,7 @@ def _searched(
     total = made[0].plans[0][0].total if made[0].plans else None
     on_nodes = [one for found in made for one in found.plans]
     possible = any(path.is_possible for path, _ in on_nodes)
-    pool = [evaluate(problem, tables, start) for start in (*further(possible), *starts)]
+    pool = [evaluate(problem, start) for start in (*further(possible), *starts)]
     if not pool and on_nodes and not possible:
         return FoundSequence(min(on_nodes, key=lambda one: one[0].total)[1], bound, total, True)
     pool += [plan for _, plan in on_nodes]
@@ -128,7 +126,7 @@ def _searched(
         if best.total > (1.0 - LITTLE) * before:
             break
     rivals = _apart(problem, best, tried)[: how.rivals] if asked.ways is not None else []
-    given = [evaluate(problem, tables, decisions) for decisions in others]
+    given = [evaluate(problem, decisions) for decisions in others]
     best = polished_thoroughly(replace(polishing, problem=asked), best, how, (rivals, given))
     return FoundSequence(best, bound, total)
 
@@ -164,7 +162,7 @@ def polished_thoroughly(
         rivals: plans that may be as short when lines' ends are passed, those to be polished for that and those that
             were; what is best of all of them is taken.
     """
-    problem, tables, at_rest = polishing.problem, polishing.tables, polishing.at_rest
+    problem, at_rest = polishing.problem, polishing.at_rest
     best = at_rest.polished(best, how.rounds, how.random_steps)
     if problem.ways is None:
         return best
@@ -173,37 +171,35 @@ def polished_thoroughly(
     found = [*halves(partial(polished, range(how.cycles)), [best, *unpolished]), *others]
     if len(found) == 1:
         return found[0]
-    moving = [with_best_ways(problem, tables, plan) for plan in found]
+    moving = [with_best_ways(problem, plan) for plan in found]
     k = min(range(len(moving)), key=lambda k: _worth(*moving[k]))
     beside = [plan.decisions for plan in found[:k] + found[k + 1 :]]
-    best = best_combination(moving[k][0], tables, moving[k][1], beside)
+    best = best_combination(moving[k][0], moving[k][1], beside)
     # The ways that go best with it are known.
-    return polished(range(1, how.cycles), [evaluate(at_rest.problem, tables, best.decisions)])[0]
+    return polished(range(1, how.cycles), [evaluate(at_rest.problem, best.decisions)])[0]
 
 
-def with_best_ways(
-    problem: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated
-) -> tuple[SequenceProblem, Evaluated]:
+def with_best_ways(problem: SequenceProblem, plan: Evaluated) -> tuple[SequenceProblem, Evaluated]:
     """Returns a sequence with the ways of passing lines' ends that are best for a plan, and the plan with them."""
     moving = replace(problem, ways=best_ways(problem, plan))
-    return moving, evaluate(moving, tables, plan.decisions)
+    return moving, evaluate(moving, plan.decisions)
 
 
 def polished_in_motion(
     polishing: Polishing, how: SearchEffort, cycles: range, plans: Sequence[Evaluated]
 ) -> list[Evaluated]:
     """Polish plans as their lines' ends are passed; return them in times from rest to rest."""
-    problem, tables, found = polishing.problem, polishing.tables, []
+    problem, found = polishing.problem, list[Evaluated]()
     for plan in plans:
         best = plan
         for cycle in cycles:
             if cycle:
-                moving, start = with_best_ways(problem, tables, best)
+                moving, start = with_best_ways(problem, best)
             else:
-                moving, start = problem, evaluate(problem, tables, best.decisions)
+                moving, start = problem, evaluate(problem, best.decisions)
             moved = replace(polishing, problem=moving, seed=polishing.seed + cycle)
             best = moved.polished(start, how.passing_rounds, how.random_steps)
-        found.append(evaluate(polishing.at_rest.problem, tables, best.decisions))
+        found.append(evaluate(polishing.at_rest.problem, best.decisions))
     return found
 
 
@@ -234,7 +230,6 @@ def search_in_parts(
     joined = in_parts(problem, decided, starts)
     if joined is None:
         return None
-    tables = tuple(StopTable.of(work) for work in problem.arms)
     plan, near = joined
     how, decisions = search_effort(problem, effort), plan.decisions
 
@@ -242,9 +237,8 @@ def search_in_parts(
         found = []
         for stretch in stretches:
             for part in _with_room(stretch.problem):
-                own = tuple(StopTable.of(work) for work in part.arms)
-                polishing = Polishing(part, own, seed, stretch.loose)
-                best = evaluate(polishing.at_rest.problem, own, decisions.take(stretch.stages))
+                polishing = Polishing(part, seed, stretch.loose)
+                best = evaluate(polishing.at_rest.problem, decisions.take(stretch.stages))
                 if np.isfinite(best.total):
                     best = polished_thoroughly(polishing, best, replace(how, random_steps=0))
                     break
@@ -254,7 +248,7 @@ def search_in_parts(
     stretches = loose_stretches(problem, plan, near)
     for stretch, part in zip(stretches, halves(polished, stretches), strict=True):
         decisions = stretch.put(decisions, part)
-    best = evaluate(at_rest, tables, decisions)
+    best = evaluate(at_rest, decisions)
     return FoundSequence(best, None, None) if np.isfinite(best.total) else None
 
 
@@ -294,8 +288,7 @@ def search_near(
         seed: of the random steps of polishing.
         local: whether all else stays as it is.
     """
-    tables = tuple(StopTable.of(work) for work in problem.arms)
-    how, plan = search_effort(problem, effort), evaluate(problem, tables, near)
+    how, plan = search_effort(problem, effort), evaluate(problem, near)
     loose = _loose(problem, plan, touching)
     if problem.stages <= SCALING.long and not local:
         loose[:] = True
@@ -320,7 +313,7 @@ def search_near(
             if part is not None:
                 decisions = stretch.put(decisions, part)
                 loose[stretch.stages] = False
-        plan = evaluate(problem, tables, decisions)
+        plan = evaluate(problem, decisions)
         if not loose.any() or loose.all():
             break
     if not loose.any():
@@ -337,7 +330,7 @@ def search_near(
         if least is None:
             return None
         decisions = stretch.put(decisions, least.best.decisions)
-    return evaluate(problem, tables, decisions)
+    return evaluate(problem, decisions)
 
 
 def _near(
@@ -359,16 +352,15 @@ def _near(
     asked, loose = stretch.problem, np.array(stretch.loose)
     problem = replace(asked, ways=None)
     how, mesh = effort
-    tables = tuple(StopTable.of(work) for work in problem.arms)
     near = given.take(stretch.stages)
-    start = evaluate(problem, tables, near)
+    start = evaluate(problem, near)
     known = set(np.flatnonzero(np.isin(stretch.stages, list(touching))).tolist())
-    exact = ExactStages(problem, tables)
+    exact = ExactStages(problem)
     while True:
         found = plans_on_nodes(problem, exact, mesh, how.plans, start, loose)
         # Nodes are in single precision; what is not looked at stays as it was to the last bit.
         around = [
-            evaluate(problem, tables, plan.decisions.put(np.flatnonzero(~loose), near))
+            evaluate(problem, plan.decisions.put(np.flatnonzero(~loose), near))
             for path, plan in found.plans
             if path.is_possible
         ]
@@ -380,7 +372,7 @@ def _near(
         problem = _settled(problem, lacking)
     if not around:
         return None
-    polishing = Polishing(problem, tables, seed, loose)
+    polishing = Polishing(problem, seed, loose)
     best, _ = combination(polishing, [*around, start], how)
     moving = replace(problem, ways=asked.ways)
     best = polished_thoroughly(replace(polishing, problem=moving), best, how)
@@ -457,7 +449,7 @@ def combination(
     )
     tried.sort(key=lambda plan: _worth(problem, plan))
     others = [plan.decisions for plan in (*tried[1:], *pool)]
-    return best_combination(problem, polishing.tables, tried[0], others), tried
+    return best_combination(problem, tried[0], others), tried
 
 
 def _worth(problem: SequenceProblem, plan: Evaluated) -> float:

@@ -12,7 +12,6 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.clearance import SequenceClearance
 from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
-from dualarm_cli.stages.plans.stops import StopTable
 from dualarm_cli.stages.plans.times import Evaluated, TransferChain, evaluate, start_joints
 from dualarm_cli.stages.search.corridor import best_combination
 
@@ -177,7 +176,6 @@ def in_parts(
         inner &= (stages < span[1] - 2 * COMMON) | (number == count - 1)
         rows = inner | ~own
         other = other.put_all(stages[rows], part.take(np.flatnonzero(rows)))
-    tables = tuple(StopTable.of(work) for work in problem.arms)
-    best = best_combination(problem, tables, evaluate(problem, tables, one), [other, *starts])
+    best = best_combination(problem, evaluate(problem, one), [other, *starts])
     near = np.abs(np.arange(n)[:, None] - edges[1:-1] + 0.5).min(axis=1) < COMMON
     return best, near

@@ -11,7 +11,6 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import CandidatePostures
 from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.source import postures
-from dualarm_cli.stages.plans.stops import StopTable
 
 DIFFERENCE = 1e-6
 """Step of the finite differences [rad]: joints are smooth, and closed forms exact to 1e-14."""
@@ -97,7 +96,6 @@ class Slopes:
 def slopes(
     problem: SequenceProblem,
     arm: int,
-    table: StopTable,
     decisions: Decisions,
     base: CandidatePostures,
 ) -> Slopes:
@@ -112,7 +110,7 @@ def slopes(
     candidates = shifted(decisions.arms[arm].take(stage), step[:, 1:])
     # From rest to rest: lines that are passed in motion are taken to change alike.
     at_rest = replace(problem, ways=None)
-    found = postures(at_rest, arm, table, stage, decisions.angle[stage] + step[:, 0], candidates)
+    found = postures(at_rest, arm, stage, decisions.angle[stage] + step[:, 0], candidates)
 
     def rate(ahead: FloatArray, here: FloatArray) -> FloatArray:
         rates = np.zeros((n, here.shape[1], v))
