@@ -434,7 +434,7 @@ def test_steps_from_the_best_state_alone_lead_back_to_it(
     packing: Job, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of four states, worst first, the last one is the best: where all rated pairs collide, it is the only parent."""
-    search = beam_of(crowded(packing, CROWDED[0])[0], 3)
+    search = beam_of(crowded(packing, CROWDED[0]), 3)
     answers = iter([0.0, np.inf, 0.0])
     monkeypatch.setattr(beam, "step_waits", lambda _, k, at, *__: np.full(len(at), next(answers)))
     extended = beam._extend(search, beam._first(search.problem, search.arms), 0, 100)
