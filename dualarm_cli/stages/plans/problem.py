@@ -326,6 +326,12 @@ class Decisions:
     arms: tuple[ArmDecisions, ...]
     """By arm, in the problem's order."""
 
+    @property
+    def kind(self) -> bytes:
+        """Branches, targets and yaws: polishing may turn plans of one kind into each other."""
+        rows = [np.stack([arm.branch, arm.target, np.round(arm.yaw, 6)]) for arm in self.arms]
+        return np.concatenate(rows).tobytes()
+
     def take(self, rows: IntArray) -> Decisions:
         """Returns those of some stages."""
         return Decisions(self.angle[rows], tuple(arm.take(rows) for arm in self.arms))

@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.clearance import SequenceClearance
-from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
-from dualarm_cli.stages.plans.source import given_postures
+from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
 from dualarm_cli.stages.search.plan_clearance import step_waits
 from dualarm_cli.stages.search.potentials import (
     ArmLayers,
-    Layer,
     free_columns,
     platform_columns,
     start_coordinates,
@@ -60,12 +58,6 @@ class NodePath:
     def is_possible(self) -> bool:
         """Whether nothing has to touch at its stops, as far as that is known."""
         return self.total < IMPOSSIBLE
-
-
-def kind_of(decisions: Decisions) -> bytes:
-    """Returns what two plans have in common if polishing may turn one into the other."""
-    rows = [np.stack([arm.branch, arm.target, np.round(arm.yaw, 6)]) for arm in decisions.arms]
-    return np.concatenate(rows).tobytes()
 
 
 @dataclass(frozen=True)
@@ -216,7 +208,7 @@ def _searched(beam: _Beam, plans: int) -> list[NodePath]:
     paths: dict[bytes, NodePath] = {}
     for state in best:
         path = _path(beam, steps, trace[:, state], float(total[state]))
-        paths.setdefault(kind_of(path.decisions), path)
+        paths.setdefault(path.decisions.kind, path)
         if len(paths) == plans:
             break
     return list(paths.values())
@@ -269,23 +261,8 @@ def _path(beam: _Beam, steps: list[BeamStep], states: IntArray, total: float) ->
     rows = list(zip(steps, states.tolist(), strict=True))
     angle = np.array([beam.angles[k, step.angle_index[i]] for k, (step, i) in enumerate(rows)])
     nodes = np.stack([step.node[:, i] for step, i in rows], axis=1)
-    decisions = tuple(_arm(beam.problem, a, arm, nodes[a]) for a, arm in enumerate(beam.arms))
+    decisions = tuple(map(ArmLayers.decided, beam.arms, beam.problem.arms, nodes))
     return NodePath(Decisions(angle, decisions), nodes, total)
-
-
-def _arm(problem: SequenceProblem, a: int, arm: ArmLayers, chosen: IntArray) -> ArmDecisions:
-    rows = ArmDecisions.idle(problem.arms[a].start, len(chosen))
-    for k in np.nonzero(chosen >= 0)[0].tolist():
-        layer = arm.layers[k]
-        assert isinstance(layer, Layer)
-        rows = rows.put(np.array([k]), layer.decisions.take(chosen[[k]]))
-        stop = problem.arms[a].stops[k]
-        if stop is not None and stop.configurations is not None:
-            # Layers are in single precision; a given configuration is given.
-            q = stop.configurations[rows.target[[k]]]
-            own = given_postures(problem.arms[a], rows.take(np.array([k])), q)
-            rows = rows.put(np.array([k]), own)
-    return rows
 
 
 def _return_costs(
@@ -437,17 +414,11 @@ def _kinds(beam: _Beam, states: _States, step: BeamStep, k: int) -> IntArray:
         layer = arm.layers[k]
         if beam.varied:
             rows = states.joints[a][:, step.parent] if layer is None else layer.retract[:, own]
-            columns += list(_quadrants(arm, rows))
+            columns += list(arm.quadrants(rows, SETTINGS.quadrant_border))
         elif layer is not None:
             columns += [layer.decisions.branch[own], layer.decisions.yaw[own]]
     kinds: IntArray = np.unique(np.round(columns, 5), axis=1, return_inverse=True)[1]
     return kinds
-
-
-def _quadrants(arm: ArmLayers, joints: Coordinates) -> IntArray:
-    """Compute the quadrant of each joint, shape (c, n): postures that whole turns tell apart are one kind."""
-    turned = arm.table.joints(joints).T + SETTINGS.quadrant_border
-    return np.mod(np.floor(turned / (0.5 * np.pi)), 4).astype(np.int64)
 
 
 def _varied(kinds: IntArray, most: int, count: int | None) -> IntArray:
@@ -465,24 +436,20 @@ def _waits(
 ) -> FloatArray:
     """Estimate what steps into stage k cost for clearance [s], shape (b,)."""
     problem = beam.problem
-    starts, arrivals, targets, ends = [], [], [], []
+    # By arm: all joints at the start, at arrival, at the target and at the end.
+    places: list[list[FloatArray]] = []
     for a, arm in enumerate(beam.arms):
         layer, node = arm.layers[k], step.node[a]
-        before = arm.table.joints(rows_of(states.joints[a], step.parent))
-        starts.append(before)
-        if layer is None:
-            arrivals.append(before)
-            targets.append(before)
-            ends.append(before)
-        else:
-            arrivals.append(arm.table.joints(rows_of(layer.approach, node)))
-            targets.append(layer.decisions.near[node].astype(np.float64))
-            ends.append(arm.table.joints(rows_of(layer.retract, node)))
+        places.append([arm.table.joints(rows_of(states.joints[a], step.parent))] * 4)
+        if layer is not None:
+            places[a][1] = arm.table.joints(rows_of(layer.approach, node))
+            places[a][2] = layer.decisions.near[node].astype(np.float64)
+            places[a][3] = arm.table.joints(rows_of(layer.retract, node))
     turned = beam.angles[k, step.angle_index]
-    here = starts[0][:, -1] if problem.turns else turned
+    here = places[0][0][:, -1] if problem.turns else turned
     at = [
         test.positions(angle, [q[:, : w.joints] for q, w in zip(joints, problem.arms, strict=True)])
-        for angle, joints in ((here, starts), (turned, arrivals), (turned, targets), (turned, ends))
+        for angle, joints in zip((here, *[turned] * 3), zip(*places, strict=True), strict=True)
     ]
     if k == 0 and problem.free_start:
         at[0] = at[1]
@@ -508,9 +475,9 @@ def _options(
         cost = arm.table.times(states.joints[a], layer.approach, without)
     cost = cost + layer.work
     if beam.varied:
-        best_ones = _best_of_kinds(arm, layer, cost + potential)
+        best_ones = arm.best_of_kinds(layer, cost + potential, SETTINGS.quadrant_border)
         cost = np.where(best_ones, cost, np.float32(np.inf))
-    at = _by_angle(layer.angle_index, f)
+    at = layer.by_angle(f)
     padded = np.concatenate([cost, np.full((len(cost), 1), np.inf, dtype=np.float32)], axis=1)
     cost = padded[:, at]
     left = np.append(potential, np.float32(np.inf))[at]
@@ -521,27 +488,6 @@ def _options(
     nodes = np.take_along_axis(np.broadcast_to(at, total.shape), best, axis=2)
     left = np.take_along_axis(np.broadcast_to(left, total.shape), best, axis=2)
     return cost, left, nodes
-
-
-def _best_of_kinds(arm: ArmLayers, layer: Layer, total: NDArray[np.float32]) -> BoolArray:
-    """Find the best node of each kind of posture at each platform angle, shape (b, n), by totals (b, n)."""
-    rows = np.vstack([_quadrants(arm, layer.retract), layer.angle_index])
-    kinds = np.unique(rows, axis=1, return_inverse=True)[1]
-    best = np.zeros(total.shape, dtype=np.bool_)
-    for kind in range(int(kinds.max(initial=-1)) + 1):
-        own = np.flatnonzero(kinds == kind)
-        best[np.arange(len(total)), own[np.argmin(total[:, own], axis=1)]] = True
-    return best
-
-
-def _by_angle(angle_index: IntArray, f: int) -> IntArray:
-    """Returns the nodes of each platform angle, shape (f, w), padded with the number of nodes."""
-    n = len(angle_index)
-    count = np.bincount(angle_index, minlength=f)
-    table = np.full((f, max(1, int(count.max()))), n, dtype=np.int64)
-    column = np.arange(n) - np.repeat(np.cumsum(count) - count, count)
-    table[angle_index, column] = np.arange(n)
-    return table
 
 
 def _moved(beam: _Beam, states: _States, kept: _Candidates, k: int) -> _States:

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dualarm_cli.compiled.transfer_times import least_through, work_times
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.candidates import Nodes
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem
+from dualarm_cli.stages.plans.source import given_postures
 from dualarm_cli.stages.plans.times import TransferChain
 from dualarm_cli.timing.transfer_table import Coordinates, TransferTable
 
@@ -36,6 +37,15 @@ class Layer:
     work: Times
     """Time of approach, dwell and retract [s], shape (n,)."""
 
+    def by_angle(self, f: int) -> IntArray:
+        """List the nodes of each of f platform angles, shape (f, w), padded with the number of nodes."""
+        n = len(self.angle_index)
+        count = np.bincount(self.angle_index, minlength=f)
+        table = np.full((f, max(1, int(count.max()))), n, dtype=np.int64)
+        column = np.arange(n) - np.repeat(np.cumsum(count) - count, count)
+        table[self.angle_index, column] = np.arange(n)
+        return table
+
 
 @dataclass(frozen=True)
 class ArmLayers:
@@ -53,6 +63,40 @@ class ArmLayers:
     """Part of the potentials that each stage in which the arm is idle stands for [s], 0 elsewhere, shape (n,)."""
     bound: float
     """Least time of the whole sequence as this arm sees it [s]."""
+
+    def decided(self, work: ArmWork, chosen: IntArray) -> ArmDecisions:
+        """Convert the node chosen in each stage, -1 where idle, shape (n,), to decisions."""
+        rows = ArmDecisions.idle(work.start, len(chosen))
+        for k in np.nonzero(chosen >= 0)[0].tolist():
+            layer, stop = self.layers[k], work.stops[k]
+            assert layer is not None  # a node of it is chosen
+            rows = rows.put(np.array([k]), layer.decisions.take(chosen[[k]]))
+            if stop is not None and stop.configurations is not None:
+                # Layers are in single precision; a given configuration is given.
+                q = stop.configurations[rows.target[[k]]]
+                own = given_postures(work, rows.take(np.array([k])), q)
+                rows = rows.put(np.array([k]), own)
+        return rows
+
+    def quadrants(self, joints: Coordinates, border: float) -> IntArray:
+        """Compute the quadrant of each joint, shape (c, n): postures that whole turns tell apart are one kind.
+
+        Args:
+            joints: joints and platform, in steps, shape (c, n).
+            border: offset of the quadrants' borders from the multiples of a quarter turn [rad].
+        """
+        turned = self.table.joints(joints).T + border
+        return np.mod(np.floor(turned / (0.5 * np.pi)), 4).astype(np.int64)
+
+    def best_of_kinds(self, layer: Layer, total: Times, border: float) -> BoolArray:
+        """Find the best node of each kind of posture at each platform angle, shape (b, n), by totals (b, n)."""
+        rows = np.vstack([self.quadrants(layer.retract, border), layer.angle_index])
+        kinds = np.unique(rows, axis=1, return_inverse=True)[1]
+        best = np.zeros(total.shape, dtype=np.bool_)
+        for kind in range(int(kinds.max(initial=-1)) + 1):
+            own = np.flatnonzero(kinds == kind)
+            best[np.arange(len(total)), own[np.argmin(total[:, own], axis=1)]] = True
+        return best
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.plans.ways import best_ways
-from dualarm_cli.stages.search.beam import kind_of
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.node_plans import plans_on_nodes
 from dualarm_cli.stages.search.own_stages import ExactStages
@@ -137,10 +136,9 @@ def _apart(
     """Returns the plans, best first, whose platform angles or kinds are others than those of `best` and each other."""
     found = [best]
     for plan in sorted(plans, key=lambda plan: _worth(problem, plan)):
-        angle, kind = plan.decisions.angle, kind_of(plan.decisions)
+        angle, kind = plan.decisions.angle, plan.decisions.kind
         if all(
-            np.abs(angle - other.decisions.angle).max() > SAME_ANGLE
-            or kind != kind_of(other.decisions)
+            np.abs(angle - other.decisions.angle).max() > SAME_ANGLE or kind != other.decisions.kind
             for other in found
         ):
             found.append(plan)
@@ -461,5 +459,5 @@ def best_of_each_kind(problem: SequenceProblem, pool: list[Evaluated]) -> list[E
     """Returns the best plan of every kind: those with the same branches, targets and yaws are polished into one."""
     best: dict[bytes, Evaluated] = {}
     for plan in sorted(pool, key=lambda plan: _worth(problem, plan)):
-        best.setdefault(kind_of(plan.decisions), plan)
+        best.setdefault(plan.decisions.kind, plan)
     return list(best.values())
