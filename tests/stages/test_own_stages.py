@@ -451,7 +451,7 @@ def test_sixteen_nodes_at_each_angle_are_a_number_like_any_other(
     packing: Job, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As many pairs are rated as with fifteen and seventeen: four for each of two arms and four states."""
-    problem, _ = crowded(packing, CROWDED[0])
+    problem = crowded(packing, CROWDED[0])
     rated: list[int] = []
 
     def waits(*args: Any) -> FloatArray:
@@ -475,7 +475,7 @@ def test_exact_nodes_of_a_stage_are_worked_out_once(
     asked: list[int] = []
 
     def counted(*args: Any) -> list[tuple[float, float]]:
-        asked.append(args[2])
+        asked.append(args[1])
         return shared_intervals(*args)
 
     monkeypatch.setattr(own_stages, "shared_intervals", counted)
