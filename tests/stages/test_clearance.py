@@ -52,7 +52,7 @@ def test_steps_cost_what_the_plan_of_which_they_are_is_charged(shelves):
 
 def test_who_touches_at_a_target_may_come_after_the_other_but_not_in_a_hand_over(shelves):
     """Both arms at rest where they reach into each other: turns, or nothing helps."""
-    problem, _, plans, _ = shelves
+    problem, plans, _ = shelves
     test = problem.clearance
     arms = [column for columns in test.cell.columns for column in columns]
     random, touching = np.random.default_rng(0), plans[0].end[None].copy()
@@ -75,7 +75,7 @@ def test_who_touches_at_a_target_may_come_after_the_other_but_not_in_a_hand_over
 
 def test_known_costs_count_for_moves_that_are_alike_and_for_no_others(shelves):
     """A barred stage makes its own move impossible; half a radian away, or in another stage, nothing is known."""
-    problem, _, plans, _ = shelves
+    problem, plans, _ = shelves
     everything = tuple(range(len(plans[0].start)))
     bar = Barred(3, everything, plans[3].start, plans[3].arrival, 2.5)
     test = dataclasses.replace(problem.clearance, barred=(bar,))

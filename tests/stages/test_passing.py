@@ -76,7 +76,7 @@ def test_estimated_lines_are_near_exact_ones(sequence):
 
 def test_a_way_is_estimated_as_in_its_family(sequence):
     """One way of each of many lines, against all ways of each line."""
-    _, problem, _, plan = sequence
+    _, problem, plan = sequence
     random = np.random.default_rng(0)
     for work, found in zip(problem.arms, plan.arms, strict=True):
         rows = [k for k, stop in enumerate(work.stops) if stop is not None]
@@ -210,7 +210,7 @@ def test_stages_within_a_stretch_take_as_long_as_in_the_whole(sequence):
 
 def test_best_ways_are_the_same_with_a_second_process(sequence, monkeypatch):
     """Which has half of the transfers."""
-    _, problem, _, plan = sequence
+    _, problem, plan = sequence
     alone = best_ways(problem, plan)
     monkeypatch.setattr(plan_ways, "SHARED", 2)
     with copies(True):
@@ -255,7 +255,7 @@ def test_best_ways_are_no_slower_than_rest_at_any_transfer(sequence, jerk):
 
 def test_ways_know_the_robots_own_limits_of_position(sequence):
     """Where joints may not leave the range of their postures, fewer lines' ends are passed in motion."""
-    _, problem, _, plan = sequence
+    _, problem, plan = sequence
     every = [np.concatenate([arm.q_approach, arm.q_retract]) for arm in plan.arms]
     arms = tuple(
         replace(work, own=replace(work.limits, lower=q.min(axis=0), upper=q.max(axis=0)))
