@@ -144,6 +144,12 @@ def test_functions_can_be_read_at_once():
     assert long == {}
 
 
+def test_modules_are_one_thought():
+    """At most 500 lines, with comments and docstrings."""
+    lines = {name_of(path): len(source(path).splitlines()) for path in PATHS}
+    assert {name: n for name, n in lines.items() if n > BUDGET["module_lines"]} == {}
+
+
 def test_few_functions_have_seven_parameters():
     """Keyword-only ones are counted, `self` and `cls` are not."""
     figures = Counter()

@@ -7,7 +7,7 @@ from dataclasses import field
 
 import pinocchio as pin
 
-from dualarm_cli.files.robots.mesh_writer import stl_bytes
+from dualarm_cli.files.robots.mesh_formats import stl_bytes
 from dualarm_cli.files.robots.urdf import read_urdf
 from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.files.robots.urdf_writer import origin_words, urdf_text

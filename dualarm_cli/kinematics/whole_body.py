@@ -9,7 +9,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.linear_systems import solve
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.geometry.rotations import log_rotation, skew
-from dualarm_cli.kinematics.joint_coordinates import JointCoordinates
+from dualarm_cli.kinematics.dynamics import JointCoordinates
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.records import dataclass

@@ -17,7 +17,7 @@ from dualarm_cli.model.cell import Buffer, Cell, Held, OnBelt
 from dualarm_cli.model.handover import Handover
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.place import NOWHERE, Place
-from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.robot import JointLimits, Robot
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
@@ -198,10 +198,9 @@ def side_by_side(
     stages: list[dict[str, T]] = []
     while True:
         heads = {name: row[place[name]] for name, row in rows.items() if place[name] < len(row)}
+        now = heads
         if not all(meets(one) for one in heads.values()) or len(heads) < len(rows):
             now = {name: one for name, one in heads.items() if not meets(one)}
-        else:
-            now = heads
         now = {name: one for name, one in now.items() if over.issuperset(needs(one))}
         if not now:
             return stages, list(heads.values())
@@ -457,37 +456,23 @@ class Job:
                 (t.arm, t.id, s.action): (t, s) for t in self.tasks for s in t.stops
             }
             return [{key[0]: stops[key] for key in stage} for stage in self.pairing]
-        found, waiting = self._side_by_side()
-        if waiting:
-            raise InfeasibleError(waiting_forever(waiting))
-        return found
-
-    def stuck(self) -> list[Task]:
-        """Returns the tasks that each arm gets no farther than, as they wait for one another; none where all is done.
-
-        The job is decided.
-        """
-        return self._side_by_side()[1]
-
-    def _side_by_side(self) -> tuple[list[dict[str, tuple[Task, Stop]]], list[Task]]:
-        arms = [arm.name for arm in self.cell.robot.arms]
         found: list[dict[str, tuple[Task, Stop]]] = []
         for section in self.sections():
-            stages, left = _section_stages(section, arms)
-            found += stages
+            stages, left = _section_stages(section, self.cell.robot)
             if left:
-                return found, [task for task, _ in left]
-        return found, []
+                raise InfeasibleError(_waiting_forever([task for task, _ in left]))
+            found += stages
+        return found
 
 
 def _section_stages(
-    section: Sequence[Task], arms: Sequence[str]
+    section: Sequence[Task], robot: Robot
 ) -> tuple[list[dict[str, tuple[Task, Stop]]], list[tuple[Task, Stop]]]:
     """Returns the paired stages of one section, and the targets that wait for one another forever."""
     ids = {task.id for task in section}
     rows = {
-        name: [(task, stop) for task in section if task.arm == name for stop in task.stops]
-        for name in arms
+        arm.name: [(task, stop) for task in section if task.arm == arm.name for stop in task.stops]
+        for arm in robot.arms
     }
 
     def needs(one: tuple[Task, Stop]) -> Sequence[str]:
@@ -508,31 +493,8 @@ def _section_stages(
     )
 
 
-def waiting_forever(tasks: Sequence[Task]) -> Refusal:
-    """Returns that tasks wait for one another in the order that is given."""
-    more = {"names": list(dict.fromkeys(task.id for task in tasks)), "tasks": tasks}
-    return Refusal("waits_forever", tasks[0].place, tasks[0].id, more=more)
-
-
-__all__ = [
-    "AFTER_DWELL",
-    "ANY",
-    "AT_STANDS",
-    "CHANGES",
-    "GIVES",
-    "LYING",
-    "TAKES",
-    "Action",
-    "Dwell",
-    "Job",
-    "JointTarget",
-    "Mode",
-    "Order",
-    "PoseTarget",
-    "SeamTarget",
-    "Stop",
-    "StopKey",
-    "Target",
-    "Task",
-]
-"""A job's own types, and those of its stops."""
+def _waiting_forever(tasks: Sequence[Task]) -> Refusal:
+    """Refuse tasks that wait for one another in the order that is given."""
+    names, stuck = dict.fromkeys(task.id for task in tasks), next(t for t in tasks if t.after)
+    more = {"names": list(names), "tasks": tasks}
+    return Refusal("waits_forever", stuck.place, stuck.id, more=more)

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.robots.frozen_joints import nearest_to_zero
-from dualarm_cli.files.robots.mesh_writer import stl_bytes
+from dualarm_cli.files.robots.mesh_formats import stl_bytes
 from dualarm_cli.files.robots.meshes import link_meshes
 from dualarm_cli.files.robots.packages import MeshFinder
 from dualarm_cli.files.robots.robots import HULL_NOTE, LoadedRobot, load_robot

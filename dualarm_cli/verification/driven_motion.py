@@ -22,7 +22,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import JointMotion, LoggedMotion
 from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.model.verification import COLLISIONS, Check, Verification
+from dualarm_cli.model.verification import COLLISIONS, Check, StageClearance, Verification
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import job_as_done
@@ -163,8 +163,7 @@ def judge_driven(
     delays = _delays(plan, motion)
     late = {group: _median([delays[k] for k in columns]) for group, columns in groups.items()}
     joints = _joints(plan, motion, groups, late, delays, schedule.robot.sliding)
-    known = [delay for delay in late.values() if delay is not None]
-    common = _common(known)
+    common = _common([delay for delay in late.values() if delay is not None])
     driven = _driven(schedule, logged.joints, motion, common)
     missing = [joint for joint in schedule.trajectory.joints if joint not in logged.joints]
     unknown = [] if as_planned else missing
@@ -176,17 +175,16 @@ def judge_driven(
         *_check_limits(schedule, motion, logged.joints, allowed),
         _check_events(events, allowed, unknown),
     ]
+    stages: tuple[StageClearance, ...] = ()
     if unknown or not allowed.clearance:
         why = NOT_LOGGED if unknown else "not requested; leave out --no-clearance"
-        checks.append(not_checked(COLLISIONS, why))
-        return DrivenJudgement(Verification(tuple(checks)), common, joints, events)
-    if (share := _share_of_speed(driven, schedule)) > DRIVEN.farthest:
+        found = not_checked(COLLISIONS, why)
+    elif (share := _share_of_speed(driven, schedule)) > DRIVEN.farthest:
         why = f"cannot be proven: on average a joint moves at {share:.3g} times its speed limit"
-        checks.append(judge(COLLISIONS, np.nan, tol.CLEARANCE_SLACK, why))
-        return DrivenJudgement(Verification(tuple(checks)), common, joints, events)
-    found, stages = check_clearance(
-        replace(schedule, motion=JointMotion.of(driven)), job_as_done(schedule, job)
-    )
+        found = judge(COLLISIONS, np.nan, tol.CLEARANCE_SLACK, why)
+    else:
+        moved = replace(schedule, motion=JointMotion.of(driven))
+        found, stages = check_clearance(moved, job_as_done(schedule, job))
     if stages:
         # The required clearance is there for errors such as these: what it leaves is shown, a contact fails.
         worst = min(stages, key=lambda s: s.clearance - min(s.required, 0.0))
@@ -354,12 +352,8 @@ def _driven(
         delay: by which that is late [s].
     """
     plan, duration = schedule.trajectory, schedule.duration
-    shares = (
-        np.arange(DRIVEN.per_quintic) / DRIVEN.per_quintic
-        if motion.coefficients.shape[1] > 4
-        else [0.0]
-    )
-    inner = motion.time[:-1, None] + np.diff(motion.time)[:, None] * np.asarray(shares)
+    pieces = DRIVEN.per_quintic if motion.coefficients.shape[1] > 4 else 1
+    inner = motion.time[:-1, None] + np.diff(motion.time)[:, None] * (np.arange(pieces) / pieces)
     logged = np.append(inner.ravel(), motion.time[-1]) - delay
     edges = np.union1d(np.union1d(logged, plan.time), [0.0, duration])
     edges = edges[(edges >= 0.0) & (edges <= duration)]
@@ -455,10 +449,7 @@ def _check_tracking(joints: Sequence[JointTracking], allowed: TrackingLimits) ->
 
 
 def _check_limits(
-    schedule: Schedule,
-    motion: PiecewisePolynomial,
-    joints: Sequence[str],
-    allowed: TrackingLimits,
+    schedule: Schedule, motion: PiecewisePolynomial, joints: Sequence[str], allowed: TrackingLimits
 ) -> list[Check]:
     """Checks positions, velocities and accelerations of the interpolated motion."""
     limits, sliding = schedule.robot.limits.select(joints), schedule.robot.sliding

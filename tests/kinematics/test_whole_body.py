@@ -10,7 +10,7 @@ import pytest
 
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.kinematics.joint_coordinates import JointCoordinates
+from dualarm_cli.kinematics.dynamics import JointCoordinates
 from dualarm_cli.kinematics.whole_body import (
     WholeBody,
     bracket,

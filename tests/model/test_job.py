@@ -164,10 +164,9 @@ def test_tasks_that_wait_for_ever_are_no_stages():
     """By hand: a waits for d behind c, c for b behind a."""
     a, c = replace(move("a", "left"), after=("d",)), replace(move("c", "right"), after=("b",))
     one = job(a, move("b", "left"), c, move("d", "right"))
-    assert [task.id for task in one.stuck()] == ["a", "c"]
     with pytest.raises(InfeasibleError, match="'a' and 'c' wait forever"):
         one.stages()
-    assert job(move("a", "left"), c, move("b", "left")).stuck() == []
+    assert len(job(move("a", "left"), c, move("b", "left")).stages()) == 3
 
 
 def test_stops_are_found_by_arm_task_and_action():

@@ -1,4 +1,4 @@
-"""STL, OBJ and PLY to the corners of their faces, all or none.
+"""STL, OBJ and PLY to the corners of their faces, all or none; and hulls to STL.
 
 What cannot be read whole is refused: a lost corner would make a hull smaller than the thing.
 """
@@ -16,6 +16,8 @@ import numpy as np
 
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.products import norm
+from dualarm_cli.model.shape import Hull
 
 STL_HEADER, _STL_TRIANGLE = 84, 50
 _STL_ROWS = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -257,3 +259,13 @@ def _text_values(data: bytes, start: int, counts: tuple[int, int], names: list[s
     if rows != counts[1]:
         raise MeshError(f"is not a whole PLY file: {rows} rows, and its header says {counts[1]}")
     return np.array(values).reshape(-1, 3)
+
+
+def stl_bytes(hull: Hull) -> bytes:
+    """Write a hull as a binary STL file."""
+    faces = hull.corners[hull.triangles]
+    normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    normals /= np.maximum(norm(normals, axis=1, keepdims=True), 1e-300)
+    rows = np.zeros(len(faces), dtype=[("vectors", "<f4", (12,)), ("more", "<u2")])
+    rows["vectors"] = np.concatenate([normals, faces.reshape(-1, 9)], axis=1)
+    return bytes(80) + struct.pack("<I", len(faces)) + rows.tobytes()

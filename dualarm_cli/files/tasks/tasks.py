@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.cells.cells import build_cell
 from dualarm_cli.files.source.bundled import task_file
 from dualarm_cli.files.source.diagnostics import Findings
@@ -27,7 +28,7 @@ from dualarm_cli.files.tasks.task_rules import (
 )
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.job import ANY, Job, Task, waiting_forever
+from dualarm_cli.model.job import ANY, Job, Task
 from dualarm_cli.model.place import Place
 
 
@@ -63,10 +64,13 @@ def check_order(document: Document, job: Job, findings: Findings) -> None:
             )
             findings.add(document, ("tasks", place[task.id], "after", k), message)
             wrong = True
-    if not wrong and job.is_decided and (waiting := job.stuck()):
-        stuck = next(task for task in waiting if task.after)
-        message = waiting_forever(waiting).sentence
-        findings.add(document, ("tasks", place[stuck.id], "after"), message)
+    if wrong or not job.is_decided:
+        return
+    try:
+        job.stages()
+    except InfeasibleError as error:
+        [waiting] = error.refusals
+        findings.add(document, ("tasks", place[waiting.task], "after"), waiting.sentence)
 
 
 def load_job(

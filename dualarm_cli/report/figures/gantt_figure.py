@@ -6,7 +6,8 @@ import math
 import re
 from collections.abc import Collection, Mapping, Sequence
 from functools import lru_cache
-from itertools import chain, groupby, takewhile
+from itertools import chain, groupby
+from os.path import commonprefix
 from typing import Any
 
 import numpy as np
@@ -134,13 +135,8 @@ def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float
         for (task, action), run in groupby(own, key=lambda part: (part.task, part.action)):
             parts = [part for part in run if part.kind != "wait"]
             bars = tuple(
-                Bar(
-                    part.kind not in MOVES,
-                    max(part.start, start),
-                    min(part.end, end),
-                    part.kind in ON_DARK,
-                )
-                for part in parts
+                Bar(p.kind not in MOVES, max(p.start, start), min(p.end, end), p.kind in ON_DARK)
+                for p in parts
             )
             if task and bars:
                 whole = parts[0].start >= start and parts[-1].end <= end
@@ -154,9 +150,7 @@ def _shared_begin(ids: Collection[str]) -> str:
     """Returns what all ids begin with, up to a sign that parts words, and zeros: `left-0` of left-01 and left-02."""
     if len(ids) < 2:
         return ""
-    # What the first and the last in order have in common, all between them have.
-    same = takewhile(lambda pair: pair[0] == pair[1], zip(min(ids), max(ids), strict=False))
-    begin = re.match(r".*[^A-Za-z0-9]", "".join(letter for letter, _ in same))
+    begin = re.match(r".*[^A-Za-z0-9]", commonprefix(list(ids)))  # noqa: RUF071 (letters, no paths)
     if begin is None or begin[0] in ids:
         return ""
     shared = begin[0]
@@ -452,8 +446,7 @@ def _dress(axes: Any, lanes: Sequence[str], schedule: Schedule, start: float, en
     axes.tick_params(axis="x", labelsize=8)
     if end >= schedule.duration:
         axes.set_xlabel("time [s]", fontsize=8, labelpad=1)
-    for side in ("top", "right", "left"):
-        axes.spines[side].set_visible(False)
+    axes.spines[["top", "right", "left"]].set_visible(False)
     axes.set_axisbelow(True)
     axes.grid(axis="x", color="0.88", linewidth=0.6)
 
@@ -469,8 +462,6 @@ def _title_and_legend(figure: Any, heading: str, present: dict[str, _Style], hei
         va="center",
         parse_math=False,
     )
-    order = [*KINDS.values(), *REASONS.values(), TURNS]
-    names = [name for name in dict.fromkeys(row[0] for row in order) if name in present]
     handles = [
         Patch(
             facecolor=present[name].colour,
@@ -479,7 +470,8 @@ def _title_and_legend(figure: Any, heading: str, present: dict[str, _Style], hei
             linewidth=0.0,
             label=name,
         )
-        for name in names
+        for name in dict.fromkeys(row[0] for row in (*KINDS.values(), *REASONS.values(), TURNS))
+        if name in present
     ]
     if handles:
         figure.legend(
