@@ -44,3 +44,19 @@ def frozen(values: FloatArray) -> FloatArray:
     """Returns an array of one's own, made read-only without a copy."""
     values.setflags(write=False)
     return values
+
+
+def best_of_each(kinds: IntArray, most: int, count: int | None) -> IntArray:
+    """Reorder rows that are sorted, best first: up to `most` of each kind, then the others.
+
+    Args:
+        kinds: of the rows, shape (b,).
+        most: rows of a kind that come first.
+        count: how many rows are kept; None for all.
+    """
+    order = np.argsort(kinds, kind="stable")
+    first = np.searchsorted(kinds[order], kinds)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    early = rank - first < most
+    return np.concatenate([np.flatnonzero(early), np.flatnonzero(~early)])[:count]

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.geometry.arrays import best_of_each
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.clearance import LIKE, Barred
 from dualarm_cli.stages.plans.times import evaluate
-from dualarm_cli.stages.search.beam import _varied
 from dualarm_cli.stages.search.plan_clearance import TURNS, plan_clearance, step_waits
 from dualarm_cli.stages.search.search import search_near
 from dualarm_cli.stages.sequence import decisions_of
@@ -111,5 +111,5 @@ def test_local_repair_touches_nothing_else_and_makes_better_what_it_touches(shel
 def test_few_of_a_kind_come_first_and_then_the_others():
     """By hand: two of each kind at most, in their order, then what is left in its order."""
     kinds = np.array([5, 5, 5, 1, 5, 1, 1, 2])
-    np.testing.assert_array_equal(_varied(kinds, 2, 8), [0, 1, 3, 5, 7, 2, 4, 6])
-    np.testing.assert_array_equal(_varied(kinds, 2, 4), [0, 1, 3, 5])
+    np.testing.assert_array_equal(best_of_each(kinds, 2, 8), [0, 1, 3, 5, 7, 2, 4, 6])
+    np.testing.assert_array_equal(best_of_each(kinds, 2, 4), [0, 1, 3, 5])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import FloatArray, IntArray, best_of_each
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.clearance import SequenceClearance
 from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
@@ -277,8 +277,7 @@ def _return_costs(
     angle = np.repeat(home, b)
     if problem.free_start:
         angle = beam.angles[0, steps[0].angle_index[trace[0]]]
-    begins: list[FloatArray | None] = []
-    ends: list[FloatArray | None] = []
+    begins, ends = list[FloatArray | None](), list[FloatArray | None]()
     for a, (arm, work) in enumerate(zip(beam.arms, problem.arms, strict=True)):
         layer = arm.layers[0] if problem.free_start else None
         first = np.tile(work.start, (b, 1))
@@ -320,7 +319,7 @@ def _extend(
         return None
     if beam.problem.clearance is not None:
         kinds = _kinds(beam, states, candidates.step, k)
-        rows = _varied(kinds, SETTINGS.first_per_kind, rated)
+        rows = best_of_each(kinds, SETTINGS.first_per_kind, rated)
         candidates, kinds = candidates.take(rows), kinds[rows]
         waits = _waits(beam, beam.problem.clearance, states, candidates.step, k)
         if not np.isfinite(waits).any():
@@ -329,11 +328,8 @@ def _extend(
             if rated is not None and sum(arm.layers[k] is not None for arm in beam.arms) > 1:
                 return _extend_best(beam, states, k)
         candidates = _delayed(candidates, waits, kinds if beam.varied else None)
-    last = np.where(
-        candidates.step.node >= 0,
-        candidates.step.node,
-        states.node[:, candidates.step.parent] + 1_000_000,
-    )
+    step = candidates.step
+    last = np.where(step.node >= 0, step.node, states.node[:, step.parent] + 1_000_000)
     _, first = np.unique(last, axis=1, return_index=True)
     kept = candidates.take(np.sort(first)[: beam.width])
     return kept.step, _moved(beam, states, kept, k)
@@ -400,7 +396,7 @@ def _delayed(candidates: _Candidates, waits: FloatArray, kinds: IntArray | None)
     spent = candidates.spent + np.minimum(waits, IMPOSSIBLE).astype(np.float32)
     order = np.argsort(total, kind="stable")
     if kinds is not None:
-        order = order[_varied(kinds[order], 1, None)]
+        order = order[best_of_each(kinds[order], 1, None)]
     return _Candidates(candidates.step, spent, total).take(order)
 
 
@@ -417,18 +413,7 @@ def _kinds(beam: _Beam, states: _States, step: BeamStep, k: int) -> IntArray:
             columns += list(arm.quadrants(rows, SETTINGS.quadrant_border))
         elif layer is not None:
             columns += [layer.decisions.branch[own], layer.decisions.yaw[own]]
-    kinds: IntArray = np.unique(np.round(columns, 5), axis=1, return_inverse=True)[1]
-    return kinds
-
-
-def _varied(kinds: IntArray, most: int, count: int | None) -> IntArray:
-    """Reorder b rows that are sorted: first up to `most` of each kind, then the others; `count` of them, or all."""
-    order = np.argsort(kinds, kind="stable")
-    first = np.searchsorted(kinds[order], kinds)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    early = rank - first < most
-    return np.concatenate([np.flatnonzero(early), np.flatnonzero(~early)])[:count]
+    return np.asarray(np.unique(np.round(columns, 5), axis=1, return_inverse=True)[1])
 
 
 def _waits(
