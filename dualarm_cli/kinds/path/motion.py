@@ -405,9 +405,8 @@ class _Trials:
         along = float(
             np.interp(curve.when, instants(problem.instants, problem.step), problem.share)
         )
-        instant = min(problem.instants - 1, round(curve.when / problem.step))
-        also = _near_junction(self.work, along)
-        also += singular_there(problem, found.position[instant])
+        posture = found.position[min(problem.instants - 1, round(curve.when / problem.step))]
+        also = [*_near_junction(self.work, along), *singular_there(problem, posture)]
         cause = Refusal("path_exceeds", more={"cause": curve.reason, "also": also})
         remedy = "slower" if curve.slower_helps else "other"
         refused = _refused(self.work, cause, curve.when, along, remedy)
