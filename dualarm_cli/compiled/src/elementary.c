@@ -1,36 +1,36 @@
-/* Loops of numpy's universal functions over the elementary functions that the build links statically (elementary.zig). */
+/* Inner loops of numpy ufuncs over the statically linked elementary functions (elementary.zig). */
 
-/* Numpy would warn of the flags that arithmetic leaves: they are put back. */
+/* The floating-point status flags are restored because numpy warns about flags that are set. */
 #include <math.h>
 #include <stdint.h>
 #include <xmmintrin.h>
 
-#define EACH(function)                                                                                            \
-    void dualarm_##function(char **at, const int64_t *count, const int64_t *step, void *unused) {                 \
+#define UNARY_LOOP(function)                                                                                      \
+    void dualarm_##function(char **data, const int64_t *count, const int64_t *stride, void *unused) {             \
         (void)unused;                                                                                             \
         unsigned flags = _mm_getcsr();                                                                            \
         for (int64_t i = 0; i < *count; i++)                                                                      \
-            *(double *)(at[1] + i * step[1]) = function(*(const double *)(at[0] + i * step[0]));                  \
+            *(double *)(data[1] + i * stride[1]) = function(*(const double *)(data[0] + i * stride[0]));          \
         _mm_setcsr(flags);                                                                                        \
     }
-#define EACH_PAIR(function)                                                                                       \
-    void dualarm_##function(char **at, const int64_t *count, const int64_t *step, void *unused) {                 \
+#define BINARY_LOOP(function)                                                                                     \
+    void dualarm_##function(char **data, const int64_t *count, const int64_t *stride, void *unused) {             \
         (void)unused;                                                                                             \
         unsigned flags = _mm_getcsr();                                                                            \
         for (int64_t i = 0; i < *count; i++)                                                                      \
-            *(double *)(at[2] + i * step[2]) =                                                                    \
-                function(*(const double *)(at[0] + i * step[0]), *(const double *)(at[1] + i * step[1]));         \
+            *(double *)(data[2] + i * stride[2]) =                                                                \
+                function(*(const double *)(data[0] + i * stride[0]), *(const double *)(data[1] + i * stride[1])); \
         _mm_setcsr(flags);                                                                                        \
     }
 
-EACH(sin)
-EACH(cos)
-EACH(asin)
-EACH(acos)
-EACH(atan)
-EACH(exp)
-EACH(log)
-EACH(tanh)
-EACH(cbrt)
-EACH_PAIR(atan2)
-EACH_PAIR(pow)
+UNARY_LOOP(sin)
+UNARY_LOOP(cos)
+UNARY_LOOP(asin)
+UNARY_LOOP(acos)
+UNARY_LOOP(atan)
+UNARY_LOOP(exp)
+UNARY_LOOP(log)
+UNARY_LOOP(tanh)
+UNARY_LOOP(cbrt)
+BINARY_LOOP(atan2)
+BINARY_LOOP(pow)

@@ -1,6 +1,7 @@
-//! Elementary functions of the compiler's own library, for every processor the same: no function of the machine's
-//! C library is called, whose results depend on the processor. Sine, cosine, tangent, exponential and logarithm come
-//! with the compiler's runtime, which the build links into the same object.
+//! Elementary functions with the same results on every processor, from the compiler's own library.
+//!
+//! The machine's C library is not used because its results depend on the processor. Sine, cosine, tangent, exponential
+//! and logarithm come from the compiler's runtime, which the build links into the same object.
 
 const math = @import("std").math;
 

@@ -1,4 +1,4 @@
-/* How far a tool leaves the straight line between two postures of its arm. */
+/* Deviation of a tool from the straight line between two postures of its arm. */
 
 #include "paths.h"
 
@@ -7,20 +7,20 @@
 #include <stdlib.h>
 
 typedef struct {
-    const double *steps;   /* rotation and position of each joint at zero in the one before, of the flange in the last
-                              one, (joints + 1, 3, 4) */
-    const uint8_t *slides; /* joints that slide along their z axes, (joints,); the others turn about them */
-    const double *tip;     /* of the tool in the flange, (3,) */
+    const double *steps;   /* poses [R p] of each joint at zero in its parent, and of the flange in the last joint,
+                              (joints + 1, 3, 4) */
+    const uint8_t *slides; /* 1 for joints that slide along their z axes, 0 for those that turn about them, (joints,) */
+    const double *tip;     /* tool tip in the flange frame [m], (3,) */
     int64_t joints;
 } Chain;
 
-/* Flange rotation, row by row, and place of the tip. */
+/* Flange rotation and position of the tool tip [m]. */
 typedef struct {
     double R[3][3], tip[3];
 } Pose;
 
-/* R times a step's rotation, and p moved by its position. */
-static void take_step(double R[3][3], double p[3], const double *step)
+/* Multiply the pose (R, p) by a step's pose in place. */
+static void apply_step(double R[3][3], double p[3], const double *step)
 {
     for (int i = 0; i < 3; i++) {
         const double x = R[i][0], y = R[i][1], z = R[i][2];
@@ -30,71 +30,76 @@ static void take_step(double R[3][3], double p[3], const double *step)
     }
 }
 
-static Pose pose_of(const Chain *chain, const double *q)
+/* Compute the forward kinematics of a posture. */
+static Pose forward_kinematics(const Chain *chain, const double *q)
 {
-    Pose own = {{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}, {0.0, 0.0, 0.0}};
+    Pose pose = {{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}, {0.0, 0.0, 0.0}};
     for (int64_t k = 0; k < chain->joints; k++) {
-        take_step(own.R, own.tip, chain->steps + 12 * k);
+        apply_step(pose.R, pose.tip, chain->steps + 12 * k);
         const double c = cos(q[k]), s = sin(q[k]);
         for (int i = 0; i < 3; i++) {
-            const double x = own.R[i][0], y = own.R[i][1];
+            const double x = pose.R[i][0], y = pose.R[i][1];
             if (chain->slides[k]) {
-                own.tip[i] += q[k] * own.R[i][2];
+                pose.tip[i] += q[k] * pose.R[i][2];
                 continue;
             }
-            own.R[i][0] = c * x + s * y;
-            own.R[i][1] = c * y - s * x;
+            pose.R[i][0] = c * x + s * y;
+            pose.R[i][1] = c * y - s * x;
         }
     }
-    take_step(own.R, own.tip, chain->steps + 12 * chain->joints);
+    apply_step(pose.R, pose.tip, chain->steps + 12 * chain->joints);
     for (int i = 0; i < 3; i++)
-        own.tip[i] += own.R[i][0] * chain->tip[0] + own.R[i][1] * chain->tip[1] + own.R[i][2] * chain->tip[2];
-    return own;
+        pose.tip[i] += pose.R[i][0] * chain->tip[0] + pose.R[i][1] * chain->tip[1] + pose.R[i][2] * chain->tip[2];
+    return pose;
 }
 
-/* Distance of the tip from the line between those of two postures, (2, joints), and angle of the flange to its first one:
-   the largest at `parts` instants of each interval of a motion. Returns 0, or 1 without memory. */
+/* Compute the largest deviation of a motion from the line between two postures, at `parts` instants per interval.
+
+   ends: the two postures, (2, joints). distance: of the tip from the line [m]. angle: of the flange from its first
+   orientation [rad]. Returns 0, or 1 if out of memory. */
 int line_deviation(const Chain *chain, const double *ends, const Motion *motion, int64_t knots, int64_t parts,
                    double *distance, double *angle)
 {
     const int64_t n = chain->joints;
-    double *q = malloc(sizeof(double) * (size_t)n), direction[3], length = 0.0, farthest = 0.0, widest = 0.0;
+    double *q = malloc(sizeof(double) * (size_t)n), direction[3], length = 0.0;
+    double max_squared_distance = 0.0, max_squared_rotation = 0.0;
     if (!q)
         return 1;
-    const Pose first = pose_of(chain, ends), last = pose_of(chain, ends + n);
+    const Pose first = forward_kinematics(chain, ends), last = forward_kinematics(chain, ends + n);
     for (int i = 0; i < 3; i++) {
         direction[i] = last.tip[i] - first.tip[i];
         length += direction[i] * direction[i];
     }
-    /* Without length there is no direction: all of the distance is beside the line. */
+    /* A line of zero length has no direction: the whole distance counts as deviation. */
     length = length > 0.0 ? sqrt(length) : INFINITY;
     for (int64_t k = 0; k + 1 < knots; k++) {
         const double h = motion->time[k + 1] - motion->time[k];
         for (int64_t part = 0; part < parts; part++) {
             for (int64_t joint = 0; joint < n; joint++) {
-                const double a = motion->acceleration[k * n + joint], after = motion->acceleration[(k + 1) * n + joint];
-                const State from = {motion->position[k * n + joint], motion->velocity[k * n + joint], a,
-                                    h > 0.0 ? (after - a) / h : 0.0};
-                q[joint] = advanced(from, h * ((double)part / (double)parts)).way;
+                const double before = motion->acceleration[k * n + joint];
+                const double after = motion->acceleration[(k + 1) * n + joint];
+                const State from = {motion->position[k * n + joint], motion->velocity[k * n + joint], before,
+                                    h > 0.0 ? (after - before) / h : 0.0};
+                q[joint] = advance(from, h * ((double)part / (double)parts)).position;
             }
-            const Pose here = pose_of(chain, q);
-            double along = 0.0, beside = 0.0, turned = 0.0;
+            const Pose pose = forward_kinematics(chain, q);
+            double along_line = 0.0, squared_distance = 0.0, squared_rotation = 0.0;
             for (int i = 0; i < 3; i++)
-                along += (here.tip[i] - first.tip[i]) * direction[i] / length;
+                along_line += (pose.tip[i] - first.tip[i]) * direction[i] / length;
             for (int i = 0; i < 3; i++) {
-                const double off = here.tip[i] - first.tip[i] - along * direction[i] / length;
-                beside += off * off;
+                const double offset = pose.tip[i] - first.tip[i] - along_line * direction[i] / length;
+                squared_distance += offset * offset;
                 for (int j = 0; j < 3; j++)
-                    turned += (here.R[i][j] - first.R[i][j]) * (here.R[i][j] - first.R[i][j]);
+                    squared_rotation += (pose.R[i][j] - first.R[i][j]) * (pose.R[i][j] - first.R[i][j]);
             }
-            /* What is no number is nowhere near the line. */
-            farthest = larger(isnan(beside) ? INFINITY : beside, farthest);
-            widest = larger(isnan(turned) ? INFINITY : turned, widest);
+            /* NaN counts as an infinite deviation. */
+            max_squared_distance = larger(isnan(squared_distance) ? INFINITY : squared_distance, max_squared_distance);
+            max_squared_rotation = larger(isnan(squared_rotation) ? INFINITY : squared_rotation, max_squared_rotation);
         }
     }
-    *distance = sqrt(farthest);
-    /* |R - R0| in the Frobenius norm is 2 sqrt(2) sin(angle/2); no loss of digits near zero. */
-    *angle = 2.0 * asin(within(sqrt(widest / 8.0), 0.0, 1.0));
+    *distance = sqrt(max_squared_distance);
+    /* |R - R0| in the Frobenius norm is 2 sqrt(2) sin(angle/2), which loses no digits near zero. */
+    *angle = 2.0 * asin(clamp(sqrt(max_squared_rotation / 8.0), 0.0, 1.0));
     free(q);
     return 0;
 }

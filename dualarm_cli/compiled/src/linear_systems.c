@@ -1,35 +1,37 @@
-/* Small dense systems, stack by stack: elimination, one-sided Jacobi rotations, zeros of polynomials. */
+/* Stacks of small dense systems: Gaussian elimination, one-sided Jacobi rotations, polynomial roots. */
 
 #include <math.h>
 #include <stdint.h>
 
-enum { SWEEPS = 60, ROUNDS = 200 };
+enum { MAX_SWEEPS = 60, MAX_ROUNDS = 200 };
 
-/* Solves (n, n) X = (n, m) in place by elimination with the largest pivot of each column; the determinant, or 0. */
+/* Solve A X = B in place by Gaussian elimination with partial pivoting; return the determinant, 0 if singular.
+
+   a: A, overwritten, (n, n). x: B, becomes X, (n, m). */
 static double eliminate(int64_t n, int64_t m, double *a, double *x) {
     double determinant = 1.0;
     for (int64_t c = 0; c < n; c++) {
-        int64_t best = c;
+        int64_t pivot_row = c;
         for (int64_t r = c + 1; r < n; r++)
-            if (fabs(a[r * n + c]) > fabs(a[best * n + c])) best = r;
-        double pivot = a[best * n + c];
-        determinant *= best == c ? pivot : -pivot;
+            if (fabs(a[r * n + c]) > fabs(a[pivot_row * n + c])) pivot_row = r;
+        double pivot = a[pivot_row * n + c];
+        determinant *= pivot_row == c ? pivot : -pivot;
         if (pivot == 0.0) return 0.0;
-        if (best != c) {
+        if (pivot_row != c) {
             for (int64_t j = 0; j < n; j++) {
-                double held = a[c * n + j];
-                a[c * n + j] = a[best * n + j], a[best * n + j] = held;
+                double swapped = a[c * n + j];
+                a[c * n + j] = a[pivot_row * n + j], a[pivot_row * n + j] = swapped;
             }
             for (int64_t j = 0; j < m; j++) {
-                double held = x[c * m + j];
-                x[c * m + j] = x[best * m + j], x[best * m + j] = held;
+                double swapped = x[c * m + j];
+                x[c * m + j] = x[pivot_row * m + j], x[pivot_row * m + j] = swapped;
             }
         }
         for (int64_t r = c + 1; r < n; r++) {
-            double share = a[r * n + c] / pivot;
-            if (share == 0.0) continue;
-            for (int64_t j = c + 1; j < n; j++) a[r * n + j] -= share * a[c * n + j];
-            for (int64_t j = 0; j < m; j++) x[r * m + j] -= share * x[c * m + j];
+            double factor = a[r * n + c] / pivot;
+            if (factor == 0.0) continue;
+            for (int64_t j = c + 1; j < n; j++) a[r * n + j] -= factor * a[c * n + j];
+            for (int64_t j = 0; j < m; j++) x[r * m + j] -= factor * x[c * m + j];
         }
     }
     for (int64_t c = n - 1; c >= 0; c--) {
@@ -41,18 +43,18 @@ static double eliminate(int64_t n, int64_t m, double *a, double *x) {
     return determinant;
 }
 
-/* Solves `count` systems in place: matrices (n, n) are used up, right sides (n, m) become solutions. */
+/* Solve `count` systems in place: a (count, n, n) is overwritten, x (count, n, m) holds right sides, then solutions. */
 void dualarm_solve(int64_t count, int64_t n, int64_t m, double *a, double *x, double *determinant) {
     for (int64_t s = 0; s < count; s++)
         determinant[s] = eliminate(n, m, a + s * n * n, x + s * n * m);
 }
 
-/* Turns the rows of (n, m) by rotations, which V (n, n) collects, until all are orthogonal (Hestenes 1958). */
+/* Rotate the rows of a (n, m) until they are orthogonal, and accumulate the rotations in v (n, n) (Hestenes 1958). */
 static void orthogonalise(int64_t n, int64_t m, double *a, double *v) {
-    double most = 0.0;
-    for (int64_t i = 0; i < n * m; i++) most += a[i] * a[i];
-    for (int sweep = 0, turned = 1; sweep < SWEEPS && turned; sweep++) {
-        turned = 0;
+    double squared_norm = 0.0;
+    for (int64_t i = 0; i < n * m; i++) squared_norm += a[i] * a[i];
+    for (int sweep = 0, rotated = 1; sweep < MAX_SWEEPS && rotated; sweep++) {
+        rotated = 0;
         for (int64_t p = 0; p + 1 < n; p++) {
             for (int64_t q = p + 1; q < n; q++) {
                 double pp = 0.0, qq = 0.0, pq = 0.0;
@@ -61,40 +63,42 @@ static void orthogonalise(int64_t n, int64_t m, double *a, double *v) {
                     qq += a[q * m + j] * a[q * m + j];
                     pq += a[p * m + j] * a[q * m + j];
                 }
-                /* Rows within rounding of zero have no direction left to turn. */
-                if (fabs(pq) <= 1e-15 * sqrt(pp * qq) || pp <= 1e-32 * most || qq <= 1e-32 * most) continue;
-                double half = (qq - pp) / (2.0 * pq);
-                double t = (half >= 0.0 ? 1.0 : -1.0) / (fabs(half) + sqrt(1.0 + half * half));
+                /* Rows that are zero within rounding have no direction to rotate. */
+                if (fabs(pq) <= 1e-15 * sqrt(pp * qq) || pp <= 1e-32 * squared_norm ||
+                    qq <= 1e-32 * squared_norm)
+                    continue;
+                double cotangent = (qq - pp) / (2.0 * pq);
+                double t = (cotangent >= 0.0 ? 1.0 : -1.0) / (fabs(cotangent) + sqrt(1.0 + cotangent * cotangent));
                 double c = 1.0 / sqrt(1.0 + t * t), s = c * t;
-                turned = 1;
+                rotated = 1;
                 for (int64_t j = 0; j < m; j++) {
-                    double one = a[p * m + j], other = a[q * m + j];
-                    a[p * m + j] = c * one - s * other, a[q * m + j] = s * one + c * other;
+                    double row_p = a[p * m + j], row_q = a[q * m + j];
+                    a[p * m + j] = c * row_p - s * row_q, a[q * m + j] = s * row_p + c * row_q;
                 }
                 for (int64_t j = 0; j < n; j++) {
-                    double one = v[p * n + j], other = v[q * n + j];
-                    v[p * n + j] = c * one - s * other, v[q * n + j] = s * one + c * other;
+                    double row_p = v[p * n + j], row_q = v[q * n + j];
+                    v[p * n + j] = c * row_p - s * row_q, v[q * n + j] = s * row_p + c * row_q;
                 }
             }
         }
     }
 }
 
-/* Orthogonalises the rows of `count` matrices (n, m) in place; `v` (n, n) begins as unit matrices. */
+/* Orthogonalise the rows of `count` matrices a (n, m) in place; v (n, n) starts as identity matrices. */
 void dualarm_orthogonalise(int64_t count, int64_t n, int64_t m, double *a, double *v) {
     for (int64_t s = 0; s < count; s++) orthogonalise(n, m, a + s * n * m, v + s * n * n);
 }
 
-/* All zeros of one polynomial t^n + c[n-1] t^(n-1) + ... + c[0], from one another's distances (Aberth 1973). */
-static void zeros(int64_t n, const double *c, double *re, double *im) {
-    double size = 0.0;
-    for (int64_t k = 0; k < n; k++) size = fmax(size, fabs(c[k]));
-    double radius = fmin(1.0 + size, 2.0 * pow(fmax(size, 1e-300), 1.0 / (double)n));
+/* Find all roots of a polynomial t^n + c[n-1] t^(n-1) + ... + c[0] simultaneously (Aberth 1973). */
+static void find_roots(int64_t n, const double *c, double *re, double *im) {
+    double max_coefficient = 0.0;
+    for (int64_t k = 0; k < n; k++) max_coefficient = fmax(max_coefficient, fabs(c[k]));
+    double radius = fmin(1.0 + max_coefficient, 2.0 * pow(fmax(max_coefficient, 1e-300), 1.0 / (double)n));
     for (int64_t i = 0; i < n; i++) {
         double angle = 6.283185307179586 * ((double)i + 0.25) / (double)n;
         re[i] = radius * cos(angle), im[i] = radius * sin(angle);
     }
-    for (int round = 0, moved = 1; round < ROUNDS && moved; round++) {
+    for (int round = 0, moved = 1; round < MAX_ROUNDS && moved; round++) {
         moved = 0;
         for (int64_t i = 0; i < n; i++) {
             double x = re[i], y = im[i], fr = 1.0, fi = 0.0, dr = 0.0, di = 0.0, sr = 0.0, si = 0.0;
@@ -105,25 +109,25 @@ static void zeros(int64_t n, const double *c, double *re, double *im) {
                 fi = fr * y + fi * x, fr = value;
             }
             for (int64_t k = 0; k < n; k++) {
-                double ax = x - re[k], ay = y - im[k], away = ax * ax + ay * ay;
-                if (k != i && away > 0.0) sr += ax / away, si -= ay / away;
+                double ax = x - re[k], ay = y - im[k], squared_distance = ax * ax + ay * ay;
+                if (k != i && squared_distance > 0.0) sr += ax / squared_distance, si -= ay / squared_distance;
             }
-            /* The step is f / (f' - f sum), with the sum of the reciprocal distances to the others. */
-            double br = dr - (fr * sr - fi * si), bi = di - (fr * si + fi * sr), below = br * br + bi * bi;
-            if (below == 0.0) continue;
-            double step_r = (fr * br + fi * bi) / below, step_i = (fi * br - fr * bi) / below;
+            /* The step is f / (f' - f sum), with the sum of the reciprocal distances to the other roots. */
+            double br = dr - (fr * sr - fi * si), bi = di - (fr * si + fi * sr), denominator = br * br + bi * bi;
+            if (denominator == 0.0) continue;
+            double step_r = (fr * br + fi * bi) / denominator, step_i = (fi * br - fr * bi) / denominator;
             re[i] = x - step_r, im[i] = y - step_i;
             if (fabs(step_r) + fabs(step_i) > 4e-16 * (fabs(x) + fabs(y))) moved = 1;
         }
     }
 }
 
-/* Zeros of `count` monic polynomials of degree n, given by their other coefficients, lowest first. */
+/* Find the roots of `count` monic polynomials of degree n from their lower coefficients, lowest first. */
 void dualarm_zeros(int64_t count, int64_t n, const double *coefficients, double *re, double *im) {
-    for (int64_t s = 0; s < count; s++) zeros(n, coefficients + s * n, re + s * n, im + s * n);
+    for (int64_t s = 0; s < count; s++) find_roots(n, coefficients + s * n, re + s * n, im + s * n);
 }
 
-/* Solves one banded system in place, without pivots: row r of `a` has columns r - low to r + high. */
+/* Solve a banded system in place without pivoting: row r of `a` holds columns r - low to r + high. */
 void dualarm_solve_banded(int64_t n, int64_t low, int64_t high, int64_t m, double *a, double *x) {
     const int64_t width = low + high + 1;
     for (int64_t c = 0; c < n; c++) {
@@ -131,9 +135,9 @@ void dualarm_solve_banded(int64_t n, int64_t low, int64_t high, int64_t m, doubl
         const int64_t right = high < n - 1 - c ? high : n - 1 - c;
         for (int64_t r = c + 1; r < n && r <= c + low; r++) {
             double *row = a + r * width + low - (r - c);
-            double share = row[0] / pivot[0];
-            for (int64_t j = 1; j <= right; j++) row[j] -= share * pivot[j];
-            for (int64_t j = 0; j < m; j++) x[r * m + j] -= share * x[c * m + j];
+            double factor = row[0] / pivot[0];
+            for (int64_t j = 1; j <= right; j++) row[j] -= factor * pivot[j];
+            for (int64_t j = 0; j < m; j++) x[r * m + j] -= factor * x[c * m + j];
         }
     }
     for (int64_t c = n - 1; c >= 0; c--) {

@@ -1,4 +1,4 @@
-/* Measures of paths along their coordinates, and splines along paths. */
+/* Derivatives of paths along their coordinates, and splines along paths. */
 
 #include "paths.h"
 
@@ -10,26 +10,26 @@
 #include "splines.h"
 
 enum {
-    STENCIL = 8, /* neighbouring samples in interpolation: polynomials of seventh degree */
-    LANES = 8    /* joints are looked at by so many at a time */
+    STENCIL = 8, /* samples of an interpolating polynomial, of degree 7 */
+    LANES = 8    /* joints processed together */
 };
 
-/* Floor of the slowness, as a share of its largest: where no joint moves a coordinate still rises. */
-static const double LEAST_SLOWNESS = 0.02;
+/* Floor of the slowness as a fraction of its maximum: coordinates have to rise where no joint moves, too. */
+static const double MIN_SLOWNESS = 0.02;
 
-/* A sampled path at a share of its length, by local polynomials; both ends come back exactly. */
-static void interpolated(const double *values, int64_t samples, int64_t width, double share, double *found)
+/* Interpolate equidistant samples at a fraction of their interval by local polynomials, exactly at both ends. */
+static void interpolate(const double *values, int64_t samples, int64_t width, double fraction, double *result)
 {
     static const double gaps[STENCIL] = {-5040.0, 720.0, -240.0, 144.0, -144.0, 240.0, -720.0, 5040.0};
-    if (share == 0.0 || share == 1.0) {
-        memcpy(found, values + (share == 0.0 ? 0 : (samples - 1) * width), sizeof(double) * (size_t)width);
+    if (fraction == 0.0 || fraction == 1.0) {
+        memcpy(result, values + (fraction == 0.0 ? 0 : (samples - 1) * width), sizeof(double) * (size_t)width);
         return;
     }
-    const double place = share * (double)(samples - 1);
-    int64_t first = (int64_t)place - (STENCIL / 2 - 1);
+    const double sample = fraction * (double)(samples - 1);
+    int64_t first = (int64_t)sample - (STENCIL / 2 - 1);
     first = first < 0 ? 0 : first > samples - STENCIL ? samples - STENCIL : first;
-    /* Each node's polynomial is the product of all other gaps, from both sides: nothing is divided by a gap. */
-    const double x = place - (double)first;
+    /* Each Lagrange polynomial is the product of all other gaps, built from both sides without dividing by a gap. */
+    const double x = sample - (double)first;
     double basis[STENCIL], product = 1.0;
     for (int i = 0; i < STENCIL; i++) {
         basis[i] = product;
@@ -41,27 +41,27 @@ static void interpolated(const double *values, int64_t samples, int64_t width, d
         product *= x - (double)i;
     }
     for (int64_t k = 0; k < width; k++)
-        found[k] = 0.0;
+        result[k] = 0.0;
     for (int i = 0; i < STENCIL; i++)
         for (int64_t k = 0; k < width; k++)
-            found[k] += basis[i] * values[(first + i) * width + k];
+            result[k] += basis[i] * values[(first + i) * width + k];
 }
 
-/* Derivative of equidistant samples on [0, 1], rows of `width` numbers, `stride` apart: second order everywhere. */
-static void derivative(const double *values, int64_t samples, int64_t width, int64_t stride, double *found)
+/* Differentiate equidistant samples on [0, 1], rows of `width` numbers `stride` apart, to second order. */
+static void differentiate(const double *values, int64_t samples, int64_t width, int64_t stride, double *result)
 {
     const double half = 0.5 * (double)(samples - 1), step = (double)(samples - 1);
     const double *end = values + (samples - 1) * stride;
     for (int64_t i = 1; i < samples - 1; i++)
         for (int64_t k = 0; k < width; k++)
-            found[i * stride + k] = half * (values[(i + 1) * stride + k] - values[(i - 1) * stride + k]);
+            result[i * stride + k] = half * (values[(i + 1) * stride + k] - values[(i - 1) * stride + k]);
     for (int64_t k = 0; k < width; k++) {
-        found[k] = step * (-1.5 * values[k] + 2.0 * values[stride + k] - 0.5 * values[2 * stride + k]);
-        found[(samples - 1) * stride + k] = step * (1.5 * end[k] - 2.0 * end[k - stride] + 0.5 * end[k - 2 * stride]);
+        result[k] = step * (-1.5 * values[k] + 2.0 * values[stride + k] - 0.5 * values[2 * stride + k]);
+        result[(samples - 1) * stride + k] = step * (1.5 * end[k] - 2.0 * end[k - stride] + 0.5 * end[k - 2 * stride]);
     }
 }
 
-/* Least time of one joint from rest to rest, see model/rest_to_rest.py. */
+/* Compute the least time of a joint from rest to rest [s], as model/rest_to_rest.py. */
 static double rest_to_rest(double distance, double velocity, double acceleration, double jerk)
 {
     const double ramp = acceleration / jerk, half = 0.5 * acceleration * ramp;
@@ -74,173 +74,177 @@ static double rest_to_rest(double distance, double velocity, double acceleration
     return (sqrt(distance * acceleration + half * half) - half) * 2.0 / acceleration + 2.0 * ramp;
 }
 
-/* Slopes of the second and third coordinate over the first, up to a factor, (samples,) each, from q', q'', q'''. */
-static void slownesses(const Path *path, const double *rates, int64_t stride, double *deciding, double *steady)
+/* Compute the slopes of the second and third coordinate over the first from q', q'', q''', up to a factor.
+
+   dominant, local: both to the eighth power, (samples,). */
+static void compute_slownesses(const Path *path, const double *rates, int64_t stride, double *dominant, double *local)
 {
     const int64_t m = path->samples, n = path->joints;
     for (int64_t i = 0; i < m; i++)
-        deciding[i] = steady[i] = 0.0;
+        dominant[i] = local[i] = 0.0;
     for (int64_t k = 0; k < n; k++) {
-        double way = 0.0;
+        double travel = 0.0;
         for (int64_t i = 0; i < m; i++)
-            way += fabs(rates[3 * i * stride + k]);
-        way /= (double)m;
-        const double least = rest_to_rest(way, path->velocity[k], path->acceleration[k], path->jerk[k]);
-        const double weight = way > 0.0 ? least * least * least / way : 0.0;
+            travel += fabs(rates[3 * i * stride + k]);
+        travel /= (double)m;
+        const double min_time = rest_to_rest(travel, path->velocity[k], path->acceleration[k], path->jerk[k]);
+        const double weight = travel > 0.0 ? min_time * min_time * min_time / travel : 0.0;
         for (int64_t i = 0; i < m; i++) {
             const double *at = rates + 3 * i * stride + k;
-            /* The eighth power of the first is summed; velocity, acceleration and jerk of a steady pace p are
-               q' p, q'' p^2, q''' p^3. */
-            double one = at[0] * weight, v = at[0] / path->velocity[k], a = at[stride] / path->acceleration[k];
+            /* The first slope is an 8-norm over the joints. A constant rate p has velocity q' p, acceleration q'' p^2
+               and jerk q''' p^3. */
+            double x = at[0] * weight, v = at[0] / path->velocity[k], a = at[stride] / path->acceleration[k];
             double j = cbrt(at[2 * stride] / path->jerk[k]);
-            one *= one, v *= v, a *= a, j *= j;
-            one *= one, v *= v, j *= j;
-            deciding[i] += one * one;
-            steady[i] += v * v + a * a + j * j;
+            x *= x, v *= v, a *= a, j *= j;
+            x *= x, v *= v, j *= j;
+            dominant[i] += x * x;
+            local[i] += v * v + a * a + j * j;
         }
     }
 }
 
-/* Where a rising coordinate, given by its slope up to a factor to the eighth power, takes equidistant values. */
-static void inverse(double *slope, int64_t samples, double *room, double *share)
+/* Invert a rising coordinate at equidistant values, given the eighth power of its slope up to a factor. */
+static void invert_coordinate(double *slope, int64_t samples, double *scratch, double *fraction)
 {
-    double *both = room, most = 0.0, length = 0.0;
+    double *table = scratch, max_slope = 0.0, length = 0.0;
     const double last = (double)(samples - 1);
     for (int64_t i = 0; i < samples; i++)
-        most = larger(most, slope[i]);
+        max_slope = larger(max_slope, slope[i]);
     for (int64_t i = 0; i < samples; i++) {
-        slope[i] = most > 0.0 ? larger(sqrt(sqrt(sqrt(slope[i] / most))), LEAST_SLOWNESS) : 1.0;
+        slope[i] = max_slope > 0.0 ? larger(sqrt(sqrt(sqrt(slope[i] / max_slope))), MIN_SLOWNESS) : 1.0;
         length += i ? (slope[i] + slope[i - 1]) / 2.0 : 0.0;
-        both[2 * i] = length;
-        both[2 * i + 1] = slope[i];
+        table[2 * i] = length;
+        table[2 * i + 1] = slope[i];
     }
     for (int64_t i = 0; i < samples; i++) {
-        both[2 * i] /= length;
-        both[2 * i + 1] *= last / length;
+        table[2 * i] /= length;
+        table[2 * i + 1] *= last / length;
     }
     int64_t k = 0;
     for (int64_t i = 1; i < samples - 1; i++) {
-        const double wanted = (double)i / last;
-        while (both[2 * (k + 1)] <= wanted)
+        const double value = (double)i / last;
+        while (table[2 * (k + 1)] <= value)
             k++;
-        const double below = both[2 * k], part = (wanted - below) / (both[2 * (k + 1)] - below);
-        const double near = ((double)k + part) / last;
-        /* One Newton step from linear interpolation leaves about 1e-9; only smoothness matters here. */
-        double found[2];
-        interpolated(both, samples, 2, near, found);
-        share[i] = within(near - (found[0] - wanted) / larger(found[1], LEAST_SLOWNESS), 0.0, 1.0);
+        const double lower = table[2 * k], inside = (value - lower) / (table[2 * (k + 1)] - lower);
+        const double estimate = ((double)k + inside) / last;
+        /* One Newton step from linear interpolation has an error of about 1e-9; only smoothness matters here. */
+        double at_estimate[2];
+        interpolate(table, samples, 2, estimate, at_estimate);
+        fraction[i] = clamp(estimate - (at_estimate[0] - value) / larger(at_estimate[1], MIN_SLOWNESS), 0.0, 1.0);
     }
-    share[0] = 0.0;
-    share[samples - 1] = 1.0;
+    fraction[0] = 0.0;
+    fraction[samples - 1] = 1.0;
 }
 
-int measure(const Path *path, Measures *own)
+int measure_path(const Path *path, Measures *measures)
 {
     const int64_t m = path->samples, n = path->joints, s = (n + LANES - 1) / LANES * LANES;
-    double *all = calloc((size_t)(COORDINATES * m * (2 + 3 * s) + 2 * s + m * (n + 4)), sizeof(double));
-    if (!all)
+    double *memory = calloc((size_t)(COORDINATES * m * (2 + 3 * s) + 2 * s + m * (n + 4)), sizeof(double));
+    if (!memory)
         return 1;
-    *own = (Measures){all + COORDINATES * m * 3 * s, all + COORDINATES * m * (3 * s + 1), all,
-                      all + COORDINATES * m * (3 * s + 2), s};
-    double *sampled = own->room + 2 * s, *slope = sampled;
+    *measures = (Measures){memory + COORDINATES * m * 3 * s, memory + COORDINATES * m * (3 * s + 1), memory,
+                           memory + COORDINATES * m * (3 * s + 2), s};
+    double *sampled = measures->scratch + 2 * s, *slope = sampled;
     for (int64_t c = 0; c < COORDINATES; c++) {
-        double *rates = own->rates + c * m * 3 * s, *share = own->share + c * m;
+        double *rates = measures->rates + c * m * 3 * s, *fraction = measures->fraction + c * m;
         const double *position = path->position;
         if (c == 0) {
             for (int64_t i = 0; i < m; i++)
-                share[i] = (double)i / (double)(m - 1);
+                fraction[i] = (double)i / (double)(m - 1);
         } else {
             for (int64_t i = 0; i < m; i++)
-                interpolated(path->position, m, n, share[i], sampled + i * n);
+                interpolate(path->position, m, n, fraction[i], sampled + i * n);
             position = sampled;
         }
         for (int64_t i = 0; i < m; i++)
             memcpy(rates + (3 * i + 2) * s, position + i * n, sizeof(double) * (size_t)n);
-        /* The positions lie where the third derivatives will. */
-        derivative(rates + 2 * s, m, n, 3 * s, rates);
-        derivative(rates, m, n, 3 * s, rates + s);
-        derivative(rates + s, m, n, 3 * s, rates + 2 * s);
+        /* The positions are stored in the place of the third derivatives until those overwrite them. */
+        differentiate(rates + 2 * s, m, n, 3 * s, rates);
+        differentiate(rates, m, n, 3 * s, rates + s);
+        differentiate(rates + s, m, n, 3 * s, rates + 2 * s);
         for (int64_t i = 0; i < m; i++) {
-            double most = 0.0;
+            double max_speed = 0.0;
             for (int64_t k = 0; k < n; k++)
-                most = larger(most, fabs(rates[3 * i * s + k]) / path->velocity[k]);
-            own->speed[c * m + i] = most;
+                max_speed = larger(max_speed, fabs(rates[3 * i * s + k]) / path->velocity[k]);
+            measures->speed[c * m + i] = max_speed;
         }
         if (c == 0) {
-            double *deciding = slope, *steady = slope + m, *rest = slope + 2 * m;
-            slownesses(path, rates, s, deciding, steady);
-            inverse(deciding, m, rest, own->share + m);
-            inverse(steady, m, rest, own->share + 2 * m);
+            double *dominant = slope, *local = slope + m, *scratch = slope + 2 * m;
+            compute_slownesses(path, rates, s, dominant, local);
+            invert_coordinate(dominant, m, scratch, measures->fraction + m);
+            invert_coordinate(local, m, scratch, measures->fraction + 2 * m);
         }
     }
     return 0;
 }
 
-void release(Measures *own)
+void free_measures(Measures *measures)
 {
-    free(own->rates);
+    free(measures->rates);
 }
 
-Needs needs_of(const Path *path, const Measures *measures, int64_t coordinate)
+Peaks start_peaks(const Path *path, const Measures *measures, int64_t coordinate)
 {
     const int64_t m = path->samples, s = measures->stride;
-    memset(measures->room, 0, sizeof(double) * (size_t)(2 * s));
-    return (Needs){path, measures, measures->speed + coordinate * m, measures->rates + coordinate * m * 3 * s, 0.0};
+    memset(measures->scratch, 0, sizeof(double) * (size_t)(2 * s));
+    return (Peaks){path, measures, measures->speed + coordinate * m, measures->rates + coordinate * m * 3 * s, 0.0};
 }
 
-void look(Needs *needs, State at)
+void add_state(Peaks *peaks, State state)
 {
-    const int64_t s = needs->measures->stride, place = (int64_t)(at.way * (double)(needs->path->samples - 1) + 0.5);
-    const double v2 = at.speed * at.speed, va = 3.0 * at.speed * at.acceleration, v3 = v2 * at.speed;
-    const double *restrict first = needs->rates + 3 * place * s;
-    double *restrict largest = needs->measures->room;
-    needs->velocity = larger(needs->velocity, needs->speed[place] * at.speed);
+    const int64_t s = peaks->measures->stride;
+    const int64_t sample = (int64_t)(state.position * (double)(peaks->path->samples - 1) + 0.5);
+    const double v2 = state.speed * state.speed, va = 3.0 * state.speed * state.acceleration, v3 = v2 * state.speed;
+    const double *restrict first = peaks->rates + 3 * sample * s;
+    double *restrict peak = peaks->measures->scratch;
+    peaks->velocity = larger(peaks->velocity, peaks->speed[sample] * state.speed);
     for (int64_t b = 0; b < s; b += LANES)
         for (int64_t k = b; k < b + LANES; k++) {
-            const double a = fabs(first[k] * at.acceleration + first[s + k] * v2);
-            const double j = fabs(first[k] * at.jerk + first[s + k] * va + first[2 * s + k] * v3);
-            largest[k] = larger(a, largest[k]);
-            largest[s + k] = larger(j, largest[s + k]);
+            const double a = fabs(first[k] * state.acceleration + first[s + k] * v2);
+            const double j = fabs(first[k] * state.jerk + first[s + k] * va + first[2 * s + k] * v3);
+            peak[k] = larger(a, peak[k]);
+            peak[s + k] = larger(j, peak[s + k]);
         }
 }
 
-double needed_time(const Needs *needs)
+double min_duration(const Peaks *peaks)
 {
-    const Path *path = needs->path;
-    const double *largest_a = needs->measures->room, *largest_j = largest_a + needs->measures->stride;
+    const Path *path = peaks->path;
+    const double *peak_a = peaks->measures->scratch, *peak_j = peak_a + peaks->measures->stride;
     double a = 0.0, j = 0.0;
     for (int64_t k = 0; k < path->joints; k++) {
-        a = larger(a, largest_a[k] / path->acceleration[k]);
-        j = larger(j, largest_j[k] / path->jerk[k]);
+        a = larger(a, peak_a[k] / path->acceleration[k]);
+        j = larger(j, peak_j[k] / path->jerk[k]);
     }
-    return larger(needs->velocity, larger(sqrt(a), cbrt(j)));
+    return larger(peaks->velocity, larger(sqrt(a), cbrt(j)));
 }
 
-int along(const Path *path, const double *share, const double *way, int64_t knots, const double *last, Motion found)
+int spline_along_path(const Path *path, const double *fraction, const double *distance, int64_t knots,
+                      const double *end_velocity, Motion motion)
 {
     const int64_t n = path->joints;
     double *largest = malloc(sizeof(double) * (size_t)(3 * n)), factor = 0.0;
     if (!largest)
         return 1;
     for (int64_t i = 0; i < knots; i++) {
-        double place;
-        interpolated(share, path->samples, 1, way[i], &place);
-        interpolated(path->position, path->samples, n, within(place, 0.0, 1.0), found.position + i * n);
+        double path_fraction;
+        interpolate(fraction, path->samples, 1, distance[i], &path_fraction);
+        interpolate(path->position, path->samples, n, clamp(path_fraction, 0.0, 1.0), motion.position + i * n);
     }
     const int failed =
-        cubic_spline(found.time, knots, n, NULL, last, found.position, found.velocity, found.acceleration);
+        cubic_spline(motion.time, knots, n, NULL, end_velocity, motion.position, motion.velocity, motion.acceleration);
     if (!failed) {
-        largest_rates(found.time, found.velocity, found.acceleration, knots, n, largest);
+        largest_rates(motion.time, motion.velocity, motion.acceleration, knots, n, largest);
         for (int64_t k = 0; k < n; k++) {
             const double a = sqrt(largest[n + k] / path->acceleration[k]), j = cbrt(largest[2 * n + k] / path->jerk[k]);
             factor = larger(factor, larger(largest[k] / path->velocity[k], larger(a, j)));
         }
         factor *= ROUNDING;
         for (int64_t i = 0; i < knots; i++)
-            found.time[i] *= factor;
+            motion.time[i] *= factor;
         for (int64_t i = 0; i < knots * n; i++) {
-            found.velocity[i] /= factor;
-            found.acceleration[i] /= factor * factor;
+            motion.velocity[i] /= factor;
+            motion.acceleration[i] /= factor * factor;
         }
     }
     free(largest);

@@ -1,5 +1,6 @@
-/* Cells of (platform angle, arm angle, branch) that together hold every posture of a flange pose that stands in the
-   world: `bound/cells.py` explains the enclosures. */
+/* Cells of (platform angle, arm angle, branch) that together enclose every posture of a flange pose fixed in the world.
+
+   Method: `bound/cells.py`. */
 
 #include <math.h>
 #include <stdint.h>
@@ -7,39 +8,41 @@
 
 #include "posture_lines.h"
 
-enum { MOST_VARIANTS = 1 << JOINTS };
+enum { MAX_VARIANTS = 1 << JOINTS };
 
-static const double APART = 2.0;
+/* Least distance of the middles of two joint ranges on different turns [rad]. */
+static const double TURN_DISTANCE = 2.0;
 
-/* Parts of the platform's cells from which a pose is within reach. */
+/* Intervals of the platform angle, within its cells, from which a pose is within reach. */
 typedef struct {
-    const int64_t *cell; /* platform cell of each, ascending */
-    const double *low, *high, *line; /* what is known of the line's time */
+    const int64_t *cell;      /* platform cell of each interval, ascending */
+    const double *low, *high; /* [rad] */
+    const double *line;       /* lower bounds of the line's time [s] */
     int64_t count;
 } Intervals;
 
-/* Joint ranges within limits, of both values of every joint: on one turn, and on a second one where two turns meet the
-   limits. */
+/* Ranges within limits of both values of every joint, on up to two turns that meet the limits: [turn][joint][flip]. */
 typedef struct {
     double low[2][JOINTS][2], high[2][JOINTS][2];
     uint8_t meets[2][JOINTS][2];
 } Box;
 
-/* Cells as they are found; no more than `most` are written. */
+/* Output cells; `count` may exceed `capacity`, and the cells beyond it are not written. */
 typedef struct {
     int64_t *cell, *branch;
-    double *low, *high, *line; /* low and high (most, 8): joints, then platform angle */
-    int64_t most, count;
+    double *low, *high; /* joints, then platform angle [rad], (capacity, 8) */
+    double *line;       /* least time of the line [s] */
+    int64_t capacity, count;
 } Cells;
 
-/* Cuts a range at a joint's limits. */
-static void limited(const Arm *arm, int joint, int flip, double low, double high, Box *box)
+/* Clip a range of a joint at its limits. */
+static void clip_to_limits(const Arm *arm, int joint, int flip, double low, double high, Box *box)
 {
     const double bottom = arm->lower[joint], top = arm->upper[joint];
     const int bounded = isfinite(bottom) && isfinite(top);
-    int known = bounded && high - low < TURN, turns = 0, meets[3];
-    if (known) {
-        /* The nearest turn to the limits' middle: if any turn meets them, it does, or one next to it. */
+    int is_narrow = bounded && high - low < TURN, turns = 0, meets[3];
+    if (is_narrow) {
+        /* If any turn meets the limits, the turn nearest to their middle or a neighbour of it does. */
         const double shift = TURN * nearbyint((0.5 * (bottom + top) - 0.5 * (low + high)) / TURN);
         low += shift;
         high += shift;
@@ -47,10 +50,10 @@ static void limited(const Arm *arm, int joint, int flip, double low, double high
             meets[k] = low + (k - 1) * TURN <= top && high + (k - 1) * TURN >= bottom;
             turns += meets[k];
         }
-        known = turns <= (top - bottom <= TURN + ROUNDING ? 2 : 1);
+        is_narrow = turns <= (top - bottom <= TURN + ROUNDING ? 2 : 1);
     }
-    if (!known) {
-        /* Free within the limits. */
+    if (!is_narrow) {
+        /* The joint may take any position within its limits. */
         box->low[0][joint][flip] = bottom;
         box->high[0][joint][flip] = top;
         box->meets[0][joint][flip] = 1;
@@ -66,27 +69,27 @@ static void limited(const Arm *arm, int joint, int flip, double low, double high
     box->meets[1][joint][flip] = turns == 2;
 }
 
-/* Fills the boxes (parts,) of one interval of the platform angle. */
-static void boxes_of(const Arm *arm, int free_last, const Circle *circle, Box *box)
+/* Compute the boxes of an interval of the platform angle, (parts,). */
+static void compute_boxes(const Arm *arm, int free_last, const Circle *circle, Box *box)
 {
     for (int64_t k = 0; k < circle->parts; k++)
         for (int joint = 0; joint < JOINTS; joint++) {
             const Span span = circle->span[k * JOINTS + joint];
             if (joint == JOINTS - 1 && free_last) {
-                limited(arm, joint, 0, -INFINITY, INFINITY, box + k);
-                limited(arm, joint, 1, -INFINITY, INFINITY, box + k);
+                clip_to_limits(arm, joint, 0, -INFINITY, INFINITY, box + k);
+                clip_to_limits(arm, joint, 1, -INFINITY, INFINITY, box + k);
             } else if (joint % 2) {
                 const double low = fmax(span.low, 0.0), high = fmin(span.high, PI), offset = arm->offset[joint];
-                limited(arm, joint, 0, low - offset, high - offset, box + k);
-                limited(arm, joint, 1, -high - offset, -low - offset, box + k);
+                clip_to_limits(arm, joint, 0, low - offset, high - offset, box + k);
+                clip_to_limits(arm, joint, 1, -high - offset, -low - offset, box + k);
             } else {
-                limited(arm, joint, 0, span.low, span.high, box + k);
-                limited(arm, joint, 1, span.low + PI, span.high + PI, box + k);
+                clip_to_limits(arm, joint, 0, span.low, span.high, box + k);
+                clip_to_limits(arm, joint, 1, span.low + PI, span.high + PI, box + k);
             }
         }
 }
 
-/* Whether a branch's joints can be within their limits. */
+/* Check whether all joints of a branch can be within their limits. */
 static int is_possible(const Box *box, int branch)
 {
     int possible = 1;
@@ -95,50 +98,52 @@ static int is_possible(const Box *box, int branch)
     return possible;
 }
 
-static uint8_t some_branch(const Box *box)
+/* Check whether any branch is possible. */
+static uint8_t has_possible_branch(const Box *box)
 {
-    int possible = 0;
+    int any = 0;
     for (int branch = 0; branch < BRANCHES; branch++)
-        possible |= is_possible(box, branch);
-    return (uint8_t)possible;
+        any |= is_possible(box, branch);
+    return (uint8_t)any;
 }
 
-/* What fine cells of one branch and part of the circle are enclosed by, by the turns of their joints. */
+/* Enclosures of the fine cells of one branch and part of the circle, one for each combination of turns. */
 typedef struct {
-    int turns[MOST_VARIANTS], count;
-    double low[MOST_VARIANTS][JOINTS + 1], high[MOST_VARIANTS][JOINTS + 1], first[JOINTS];
-} Group;
+    int turns[MAX_VARIANTS], count;
+    double low[MAX_VARIANTS][JOINTS + 1], high[MAX_VARIANTS][JOINTS + 1], first[JOINTS];
+} Enclosures;
 
-static void enclose(Group *group, const double *low, const double *high)
+/* Enlarge the enclosure of a fine cell's turns by the cell. */
+static void enclose(Enclosures *enclosures, const double *low, const double *high)
 {
     int turns = 0, k = 0;
     for (int joint = 0; joint < JOINTS; joint++) {
         const double middle = 0.5 * (low[joint] + high[joint]);
-        if (!group->count)
-            group->first[joint] = middle;
-        turns |= (fabs(middle - group->first[joint]) > APART) << joint;
+        if (!enclosures->count)
+            enclosures->first[joint] = middle;
+        turns |= (fabs(middle - enclosures->first[joint]) > TURN_DISTANCE) << joint;
     }
-    while (k < group->count && group->turns[k] != turns)
+    while (k < enclosures->count && enclosures->turns[k] != turns)
         k++;
-    if (k == group->count) {
-        group->count++;
-        group->turns[k] = turns;
+    if (k == enclosures->count) {
+        enclosures->count++;
+        enclosures->turns[k] = turns;
         for (int j = 0; j <= JOINTS; j++) {
-            group->low[k][j] = INFINITY;
-            group->high[k][j] = -INFINITY;
+            enclosures->low[k][j] = INFINITY;
+            enclosures->high[k][j] = -INFINITY;
         }
     }
     for (int j = 0; j <= JOINTS; j++) {
-        group->low[k][j] = fmin(group->low[k][j], low[j]);
-        group->high[k][j] = fmax(group->high[k][j], high[j]);
+        enclosures->low[k][j] = fmin(enclosures->low[k][j], low[j]);
+        enclosures->high[k][j] = fmax(enclosures->high[k][j], high[j]);
     }
 }
 
-/* All turns of a fine cell: of the joints from one on, the others being chosen. */
-static void each_turn(Group *group, const Box *box, int branch, int joint, double *low, double *high)
+/* Enclose all turns of a fine cell recursively: those of the joints from `joint` on, with the others fixed. */
+static void enclose_turns(Enclosures *enclosures, const Box *box, int branch, int joint, double *low, double *high)
 {
     if (joint == JOINTS) {
-        enclose(group, low, high);
+        enclose(enclosures, low, high);
         return;
     }
     const int flip = flips(joint, branch);
@@ -147,117 +152,122 @@ static void each_turn(Group *group, const Box *box, int branch, int joint, doubl
             continue;
         low[joint] = box->low[k][joint][flip];
         high[joint] = box->high[k][joint][flip];
-        each_turn(group, box, branch, joint + 1, low, high);
+        enclose_turns(enclosures, box, branch, joint + 1, low, high);
     }
 }
 
-static void emit(const Group *group, int64_t cell, int branch, double line, Cells *cells)
+/* Append the enclosures to the output, in order of their turns. */
+static void append_cells(const Enclosures *enclosures, int64_t cell, int branch, double line, Cells *cells)
 {
-    int order[MOST_VARIANTS];
-    for (int i = 0; i < group->count; i++) {
+    int order[MAX_VARIANTS];
+    for (int i = 0; i < enclosures->count; i++) {
         int k = i;
-        for (; k > 0 && group->turns[order[k - 1]] > group->turns[i]; k--)
+        for (; k > 0 && enclosures->turns[order[k - 1]] > enclosures->turns[i]; k--)
             order[k] = order[k - 1];
         order[k] = i;
     }
-    for (int i = 0; i < group->count; i++, cells->count++) {
-        if (cells->count >= cells->most)
+    for (int i = 0; i < enclosures->count; i++, cells->count++) {
+        if (cells->count >= cells->capacity)
             continue;
         const int64_t n = cells->count;
         cells->cell[n] = cell;
         cells->branch[n] = branch;
         cells->line[n] = line;
         for (int j = 0; j <= JOINTS; j++) {
-            cells->low[(JOINTS + 1) * n + j] = group->low[order[i]][j];
-            cells->high[(JOINTS + 1) * n + j] = group->high[order[i]][j];
+            cells->low[(JOINTS + 1) * n + j] = enclosures->low[order[i]][j];
+            cells->high[(JOINTS + 1) * n + j] = enclosures->high[order[i]][j];
         }
     }
 }
 
-/* Fills the circle of a flange pose, but for its number of parts. */
-static void circle_of(const Arm *arm, const double *R, const double *p, double low, double high, Circle *circle)
+/* Compute the circle of a flange pose; its number of parts is given. */
+static void compute_circle(const Arm *arm, const double *R, const double *p, double low, double high, Circle *circle)
 {
     Shape shape;
-    shape_of(arm, R, p, low, high, &shape);
+    compute_shape(arm, R, p, low, high, &shape);
     circle->h[0] = 0.5 * (high - low);
     circle->h[1] = PI / (double)circle->parts;
-    corners_of(arm, R, p, &shape, circle->parts, circle->corner);
-    bends_of(arm, &shape, circle->parts, circle->bends);
-    spans_of(circle->parts, circle->h, circle->corner, circle->bends, circle->span);
+    compute_corners(arm, R, p, &shape, circle->parts, circle->corner);
+    compute_bends(arm, &shape, circle->parts, circle->bends);
+    compute_spans(circle->parts, circle->h, circle->corner, circle->bends, circle->span);
 }
 
-/* Returns whether there is memory for both. */
-static int made(int64_t parts, Circle circle[2])
+/* Allocate both circles; return 0 if out of memory. */
+static int allocate_circles(int64_t parts, Circle circle[2])
 {
-    int all = 1;
+    int allocated = 1;
     for (int end = 0; end < 2; end++) {
         const size_t n = (size_t)parts;
         circle[end] = (Circle){.parts = parts,
                                .corner = malloc(sizeof(double) * 2 * n * JOINTS),
                                .bends = malloc(sizeof(Bends) * n),
                                .span = malloc(sizeof(Span) * n * JOINTS),
-                               .needed = malloc(n)};
-        all &= circle[end].corner && circle[end].bends && circle[end].span && circle[end].needed;
+                               .needs_line = malloc(n)};
+        allocated &= circle[end].corner && circle[end].bends && circle[end].span && circle[end].needs_line;
     }
-    return all;
+    return allocated;
 }
 
-/* Cells of a flange pose, R (9) and p (3) in the carried frame at platform angle zero: fine ones, `finer` times `parts`
-   around the circle, enclosed together by platform cell, branch, part of the circle and turn. The line leads to
-   `target` (3); without steps of its law it takes no time. Returns 0, or 1 without memory; cells->count may exceed
-   cells->most, and then is what is needed. */
+/* Compute the cells of a flange pose, with the least times of the lines from them to a target.
+
+   R, p: flange pose in the carried frame at platform angle zero, (9,) and (3,). target: end of the line, (3,).
+   law: a law without steps gives lines of zero duration. parts: of the circle of arm angles.
+   refinement: fine cells per part; they are enclosed together by platform cell, branch, part and turn.
+   free_last: whether the last joint is free. cells: if their count exceeds the capacity, it is the required capacity.
+   Returns 0, or 1 if out of memory. */
 int posture_cells(const Arm *arm, const double *R, const double *p, const double *target, const LineLaw *law,
-                  const Intervals *intervals, int64_t parts, int64_t finer, int64_t free_last, Cells *cells)
+                  const Intervals *intervals, int64_t parts, int64_t refinement, int64_t free_last, Cells *cells)
 {
-    const int64_t fine = parts * finer;
-    int64_t most = 1, begin = 0;
+    const int64_t fine = parts * refinement;
+    int64_t max_intervals = 1, begin = 0;
     for (int64_t i = 0; i < intervals->count; i++) {
         begin = i && intervals->cell[i] == intervals->cell[i - 1] ? begin : i;
-        most = i - begin + 1 > most ? i - begin + 1 : most;
+        max_intervals = i - begin + 1 > max_intervals ? i - begin + 1 : max_intervals;
     }
     Circle circle[2];
-    Box *box = malloc(sizeof(Box) * (size_t)(most * fine));
-    double *line = malloc(sizeof(double) * (size_t)parts);
-    Group *group = malloc(sizeof(Group));
-    int failed = !made(fine, circle) || !box || !line || !group;
+    Box *box = malloc(sizeof(Box) * (size_t)(max_intervals * fine));
+    double *line_time = malloc(sizeof(double) * (size_t)parts);
+    Enclosures *enclosures = malloc(sizeof(Enclosures));
+    int failed = !allocate_circles(fine, circle) || !box || !line_time || !enclosures;
     cells->count = 0;
-    for (int64_t first = 0, past; !failed && first < intervals->count; first = past) {
+    for (int64_t first = 0, end; !failed && first < intervals->count; first = end) {
         for (int64_t part = 0; part < parts; part++)
-            line[part] = law->steps ? INFINITY : 0.0;
-        for (past = first; past < intervals->count && intervals->cell[past] == intervals->cell[first]; past++) {
-            const double low = intervals->low[past], high = intervals->high[past];
-            circle_of(arm, R, p, low, high, circle);
-            boxes_of(arm, (int)free_last, circle, box + (past - first) * fine);
+            line_time[part] = law->steps ? INFINITY : 0.0;
+        for (end = first; end < intervals->count && intervals->cell[end] == intervals->cell[first]; end++) {
+            const double low = intervals->low[end], high = intervals->high[end];
+            compute_circle(arm, R, p, low, high, circle);
+            compute_boxes(arm, (int)free_last, circle, box + (end - first) * fine);
             if (!law->steps)
                 continue;
-            circle_of(arm, R, target, low, high, circle + 1);
+            compute_circle(arm, R, target, low, high, circle + 1);
             for (int64_t k = 0; k < fine; k++)
-                circle->needed[k] = some_branch(box + (past - first) * fine + k);
-            failed |= lower_line_times(law, (int)free_last, circle, circle + 1, finer, intervals->line[past], line);
+                circle->needs_line[k] = has_possible_branch(box + (end - first) * fine + k);
+            failed |= lower_line_times(law, (int)free_last, circle, circle + 1, refinement, intervals->line[end],
+                                       line_time);
         }
         for (int branch = 0; branch < BRANCHES; branch++)
             for (int64_t part = 0; part < parts; part++) {
-                group->count = 0;
-                for (int64_t i = first; i < past; i++)
-                    for (int64_t k = finer * part; k < finer * (part + 1); k++) {
-                        const Box *own = box + (i - first) * fine + k;
+                enclosures->count = 0;
+                for (int64_t i = first; i < end; i++)
+                    for (int64_t k = refinement * part; k < refinement * (part + 1); k++) {
+                        const Box *fine_box = box + (i - first) * fine + k;
                         double low[JOINTS + 1], high[JOINTS + 1];
                         low[JOINTS] = intervals->low[i];
                         high[JOINTS] = intervals->high[i];
-                        if (is_possible(own, branch))
-                            each_turn(group, own, branch, 0, low, high);
+                        if (is_possible(fine_box, branch))
+                            enclose_turns(enclosures, fine_box, branch, 0, low, high);
                     }
-                emit(group, intervals->cell[first], branch, line[part], cells);
+                append_cells(enclosures, intervals->cell[first], branch, line_time[part], cells);
             }
     }
-    for (int end = 0; end < 2; end++) {
-        free(circle[end].corner);
-        free(circle[end].bends);
-        free(circle[end].span);
-        free(circle[end].needed);
+    for (int k = 0; k < 2; k++) {
+        free(circle[k].corner);
+        free(circle[k].bends);
+        free(circle[k].span);
+        free(circle[k].needs_line);
     }
     free(box);
-    free(line);
-    free(group);
+    free(line_time);
+    free(enclosures);
     return failed;
 }

@@ -1,45 +1,48 @@
-/* Least times of lines from cells of postures: `bound/cells.py` explains them.
+/* Least times of lines from cells of postures. Method: `bound/cells.py`.
 
-   The circle at the target is halved again and again, down to its parts, and what a joint does over a half is enclosed
-   by a span. Only parts that spans do not exclude are looked at closely, together with the part where the line begins:
-   all differences of the arm angle between p - k and p + 1 - k parts, cut into halves as well. */
+   The circle of arm angles at the target is bisected down to its parts, and the positions of each joint over an arc are
+   enclosed by a span. Only parts p that the spans do not exclude are compared closely with the part k in which the line
+   starts: over all differences of the arm angle between p - k and p + 1 - k parts, which are bisected as well. */
 
 #include <math.h>
 #include <stdlib.h>
 
 #include "posture_lines.h"
 
-/* Differences within a part are cut in halves so often. */
-enum { CUTS = 4 };
+/* Bisections of the differences within a part. */
+enum { BISECTIONS = 4 };
 
-/* A joint over one part where the line begins, or over a part at the target and the next: at all corners, for both ends
-   of the interval of the platform angle. */
+/* Positions of a joint over one part where the line starts, or over two neighbouring parts at the target.
+
+   At the corners, for both ends of the interval of the platform angle, and ranges of second derivatives. */
 typedef struct {
     double at[2][3];
     Range second[DIRECTIONS];
     int smooth;
 } Course;
 
-/* Parts of the circle at the target, from `begin` on. */
+/* Arc of `count` parts of the circle at the target. */
 typedef struct {
-    int64_t begin, count, child; /* index of the first of two halves, 0 for a single part */
+    int64_t begin, count, child; /* child: index of the first of its two halves, 0 for a single part */
     Span span[JOINTS];
-} Half;
+} Arc;
 
-static double time_of(const LineLaw *law, int joint, double way)
+/* Look up the least time of a joint for a distance [s]. */
+static double travel_time(const LineLaw *law, int joint, double distance)
 {
-    const double step = way * law->per_step;
+    const double step = distance * law->steps_per_rad;
     const int64_t last = law->steps - 1, n = step < (double)last ? (int64_t)step : last;
     return law->time[joint * law->steps + n];
 }
 
-static double near_to(double angle, double to)
+/* Add whole turns to an angle so that it is nearest to another one. */
+static double unwrap(double angle, double reference)
 {
-    return angle + TURN * nearbyint((to - angle) / TURN);
+    return angle + TURN * nearbyint((reference - angle) / TURN);
 }
 
-/* How far all numbers of a range are from whole turns at least. */
-static double off_turns(double low, double high)
+/* Compute the least distance of a range from the multiples of a turn [rad]. */
+static double distance_from_turns(double low, double high)
 {
     if (!(high - low < TURN))
         return 0.0;
@@ -47,6 +50,7 @@ static double off_turns(double low, double high)
     return fmax(fmax(low - shift, shift - high), 0.0);
 }
 
+/* Compute the convex hull of two ranges. */
 static Range hull(Range a, Range b)
 {
     const double low = fmin(a.middle - a.radius, b.middle - b.radius);
@@ -54,67 +58,70 @@ static Range hull(Range a, Range b)
     return (Range){0.5 * (low + high), 0.5 * (high - low)};
 }
 
-/* The courses of all joints, (parts, 7), over so many parts each. */
-static void courses_of(const Circle *circle, int over, Course *course)
+/* Compute the courses of all joints over `span_parts` parts from each part on, (parts, 7). */
+static void compute_courses(const Circle *circle, int span_parts, Course *course)
 {
     const int64_t parts = circle->parts;
     for (int64_t k = 0; k < parts; k++)
         for (int joint = 0; joint < JOINTS; joint++) {
-            Course *own = course + k * JOINTS + joint;
-            const Bends *here = circle->bends + k, *next = circle->bends + (k + over - 1) % parts;
-            own->smooth = here->smooth[joint] && next->smooth[joint];
+            Course *joint_course = course + k * JOINTS + joint;
+            const Bends *bends = circle->bends + k, *next = circle->bends + (k + span_parts - 1) % parts;
+            joint_course->smooth = bends->smooth[joint] && next->smooth[joint];
             for (int d = 0; d < DIRECTIONS; d++)
-                own->second[d] = hull(here->second[d][joint], next->second[d][joint]);
+                joint_course->second[d] = hull(bends->second[d][joint], next->second[d][joint]);
             for (int side = 0; side < 2; side++)
-                for (int i = 0; i <= over; i++) {
+                for (int i = 0; i <= span_parts; i++) {
                     const double angle = circle->corner[(side * parts + (k + i) % parts) * JOINTS + joint];
-                    own->at[side][i] = i      ? near_to(angle, own->at[side][i - 1])
-                                       : side ? near_to(angle, own->at[0][0])
-                                              : angle;
+                    joint_course->at[side][i] = i      ? unwrap(angle, joint_course->at[side][i - 1])
+                                                : side ? unwrap(angle, joint_course->at[0][0])
+                                                       : angle;
                 }
         }
 }
 
-static Span joined(Span a, Span b)
+/* Compute the smallest span that holds two spans, one of them moved by whole turns. */
+static Span join(Span a, Span b)
 {
     if (!(a.low > -INFINITY && b.low > -INFINITY))
         return (Span){-INFINITY, INFINITY};
-    const double shift = near_to(b.low, a.low) - b.low;
+    const double shift = unwrap(b.low, a.low) - b.low;
     return (Span){fmin(a.low, b.low + shift), fmax(a.high, b.high + shift)};
 }
 
-/* Fills halves of parts, the whole first; with each part goes the next one, as differences reach into it. Returns how
-   many there are then. */
-static int64_t halved(const Circle *circle, int64_t begin, int64_t count, Half *half, int64_t own, int64_t used)
+/* Build the tree of arcs, the whole first; return the number of arcs used.
+
+   The span of a part includes the next part because differences of the arm angle extend into it. */
+static int64_t build_arcs(const Circle *circle, int64_t begin, int64_t count, Arc *arc, int64_t index, int64_t used)
 {
-    half[own] = (Half){.begin = begin, .count = count};
+    arc[index] = (Arc){.begin = begin, .count = count};
     if (count == 1) {
         for (int joint = 0; joint < JOINTS; joint++)
-            half[own].span[joint] = joined(circle->span[begin * JOINTS + joint],
-                                           circle->span[(begin + 1) % circle->parts * JOINTS + joint]);
+            arc[index].span[joint] = join(circle->span[begin * JOINTS + joint],
+                                          circle->span[(begin + 1) % circle->parts * JOINTS + joint]);
         return used;
     }
-    const int64_t child = used, first = count / 2;
-    half[own].child = child;
-    used = halved(circle, begin, first, half, child, used + 2);
-    used = halved(circle, begin + first, count - first, half, child + 1, used);
+    const int64_t child = used, half = count / 2;
+    arc[index].child = child;
+    used = build_arcs(circle, begin, half, arc, child, used + 2);
+    used = build_arcs(circle, begin + half, count - half, arc, child + 1, used);
     for (int joint = 0; joint < JOINTS; joint++)
-        half[own].span[joint] = joined(half[child].span[joint], half[child + 1].span[joint]);
+        arc[index].span[joint] = join(arc[child].span[joint], arc[child + 1].span[joint]);
     return used;
 }
 
-/* How far a joint's positions at both ends of the line are apart at the corners, by the share of the differences of the
-   arm angle, and how far below and above a straight course they may be. */
+/* Difference of a joint's positions between both ends of the line: linear in the fraction of the difference of the arm
+   angle at each corner, with bounds of the deviation below and above. */
 typedef struct {
-    double left[CORNERS], slope[CORNERS], below, above;
+    double start[CORNERS], slope[CORNERS], below, above;
 } Gap;
 
-static Gap gap_of(const double h[DIRECTIONS], const Course *from, const Course *to)
+/* Compute the difference of a joint's positions between two courses. */
+static Gap compute_gap(const double h[DIRECTIONS], const Course *from, const Course *to)
 {
     Gap gap = {.below = 2.0 * ROUNDING, .above = 2.0 * ROUNDING};
     for (int side = 0; side < 2; side++)
         for (int i = 0; i < 2; i++) {
-            gap.left[2 * side + i] = to->at[side][i] - from->at[side][i];
+            gap.start[2 * side + i] = to->at[side][i] - from->at[side][i];
             gap.slope[2 * side + i] = to->at[side][i + 1] - to->at[side][i];
         }
     for (int d = 0; d < DIRECTIONS; d++) {
@@ -127,34 +134,35 @@ static Gap gap_of(const double h[DIRECTIONS], const Course *from, const Course *
     return gap;
 }
 
+/* Search for the least time of lines from one part. */
 typedef struct {
     const LineLaw *law;
-    const Course *from; /* where the line begins, of all joints */
-    const Span *span;   /* the same */
+    const Course *from; /* courses of all joints where the line starts */
+    const Span *span;   /* spans of all joints there */
     double h[DIRECTIONS];
     int free_last;
-    /* To the part at the target that is looked at closely: gaps, and the times between spans of joint 4 and of triples,
-       as they are and of the other branch. */
+    /* For the compared part at the target: gaps of all joints, and times between spans of joint 4 and of the triples,
+       in the same and in the flipped branch. */
     Gap gap[JOINTS];
     double bend, plain[2], flipped[2];
-    double best; /* the least time so far */
+    double best; /* least time so far [s] */
 } Search;
 
-/* The least time of a joint in a share of the differences of the arm angle. */
+/* Compute the least time of a joint over an interval of the differences of the arm angle [s]. */
 static double gap_time(const Search *search, int joint, double begin, double end)
 {
     const Gap *gap = search->gap + joint;
     double low = INFINITY, high = -INFINITY;
     for (int c = 0; c < CORNERS; c++) {
-        const double one = gap->left[c] + begin * gap->slope[c], other = gap->left[c] + end * gap->slope[c];
-        const double less = one < other ? one : other, more = one < other ? other : one;
-        low = less < low ? less : low;
-        high = more > high ? more : high;
+        const double at_begin = gap->start[c] + begin * gap->slope[c], at_end = gap->start[c] + end * gap->slope[c];
+        const double lower = at_begin < at_end ? at_begin : at_end, upper = at_begin < at_end ? at_end : at_begin;
+        low = lower < low ? lower : low;
+        high = upper > high ? upper : high;
     }
-    return time_of(search->law, joint, off_turns(low - gap->below, high + gap->above));
+    return travel_time(search->law, joint, distance_from_turns(low - gap->below, high + gap->above));
 }
 
-/* The least time of a joint between spans: with its other value at the target, or not. */
+/* Compute the least time of a joint between spans, optionally with its flipped value at the target [s]. */
 static double span_time(const Search *search, int joint, const Span *span, int flipped)
 {
     const Span a = search->span[joint], b = span[joint];
@@ -166,10 +174,10 @@ static double span_time(const Search *search, int joint, const Span *span, int f
         low += PI;
         high += PI;
     }
-    return time_of(search->law, joint, off_turns(low, high));
+    return travel_time(search->law, joint, distance_from_turns(low, high));
 }
 
-/* The least time of a triple between spans, of either branch at the target; not told above the best. */
+/* Compute the least time of a triple between spans, stopping at the best time so far [s]. */
 static double triple_time(const Search *search, int triple, const Span *span, int flipped)
 {
     double time = 0.0;
@@ -179,8 +187,8 @@ static double triple_time(const Search *search, int triple, const Span *span, in
     return time;
 }
 
-/* Whether spans exclude lines that take less than the best time. */
-static int excluded(const Search *search, const Span *span)
+/* Check whether the spans exclude lines faster than the best time. */
+static int is_excluded(const Search *search, const Span *span)
 {
     if (span_time(search, 3, span, 0) >= search->best)
         return 1;
@@ -191,8 +199,8 @@ static int excluded(const Search *search, const Span *span)
     return 0;
 }
 
-/* The least time in a share of the differences of the arm angle; not told above the best. */
-static double share_time(const Search *search, double begin, double end)
+/* Compute the least time over an interval of the differences of the arm angle, stopping at the best time so far [s]. */
+static double interval_time(const Search *search, double begin, double end)
 {
     double time = fmax(search->bend, gap_time(search, 3, begin, end));
     for (int triple = 0; triple < 2 && time < search->best; triple++) {
@@ -205,88 +213,88 @@ static double share_time(const Search *search, double begin, double end)
     return time;
 }
 
-/* Lowers the best time to that in a share of the differences, the more promising half first. */
-static void lower_best(Search *search, double begin, double end, int cuts)
+/* Lower the best time to that over an interval of the differences, the faster half first. */
+static void lower_best(Search *search, double begin, double end, int bisections)
 {
     const double middle = 0.5 * (begin + end);
-    const double first = share_time(search, begin, middle), second = share_time(search, middle, end);
+    const double first = interval_time(search, begin, middle), second = interval_time(search, middle, end);
     for (int i = 0; i < 2; i++) {
         const int half = (first > second) ^ i;
         const double time = half ? second : first;
         if (time >= search->best)
             continue;
-        if (cuts > 1)
-            lower_best(search, half ? middle : begin, half ? end : middle, cuts - 1);
+        if (bisections > 1)
+            lower_best(search, half ? middle : begin, half ? end : middle, bisections - 1);
         else
             search->best = time;
     }
 }
 
-/* Lowers the best time to that of one part at the target. */
-static void look_closely(Search *search, const Half *half, const Course *target)
+/* Lower the best time to that of one part at the target. */
+static void search_part(Search *search, const Arc *arc, const Course *target)
 {
-    search->bend = span_time(search, 3, half->span, 0);
+    search->bend = span_time(search, 3, arc->span, 0);
     for (int triple = 0; triple < 2; triple++) {
-        search->plain[triple] = triple_time(search, triple, half->span, 0);
-        search->flipped[triple] = triple_time(search, triple, half->span, 1);
+        search->plain[triple] = triple_time(search, triple, arc->span, 0);
+        search->flipped[triple] = triple_time(search, triple, arc->span, 1);
     }
     for (int joint = 0; joint < JOINTS; joint++)
-        search->gap[joint] = gap_of(search->h, search->from + joint, target + half->begin * JOINTS + joint);
-    if (share_time(search, 0.0, 1.0) < search->best)
-        lower_best(search, 0.0, 1.0, CUTS);
+        search->gap[joint] = compute_gap(search->h, search->from + joint, target + arc->begin * JOINTS + joint);
+    if (interval_time(search, 0.0, 1.0) < search->best)
+        lower_best(search, 0.0, 1.0, BISECTIONS);
 }
 
-/* Lowers the best time to that of a half and all that it consists of. Returns the part that did, or `found`. */
-static int64_t look(Search *search, const Half *half, int64_t own, const Course *target, int64_t found)
+/* Lower the best time to that of an arc; return the part with the new best time, or `best_part`. */
+static int64_t search_arc(Search *search, const Arc *arc, int64_t index, const Course *target, int64_t best_part)
 {
     const double before = search->best;
-    if (excluded(search, half[own].span))
-        return found;
-    if (half[own].child) {
-        found = look(search, half, half[own].child, target, found);
-        return look(search, half, half[own].child + 1, target, found);
+    if (is_excluded(search, arc[index].span))
+        return best_part;
+    if (arc[index].child) {
+        best_part = search_arc(search, arc, arc[index].child, target, best_part);
+        return search_arc(search, arc, arc[index].child + 1, target, best_part);
     }
-    look_closely(search, half + own, target);
-    return search->best < before ? half[own].begin : found;
+    search_part(search, arc + index, target);
+    return search->best < before ? arc[index].begin : best_part;
 }
 
-int lower_line_times(const LineLaw *law, int free_last, const Circle *from, const Circle *to, int64_t finer,
+int lower_line_times(const LineLaw *law, int free_last, const Circle *from, const Circle *to, int64_t refinement,
                      double floor, double *line)
 {
     const int64_t parts = from->parts;
     Course *course = malloc(sizeof(Course) * (size_t)(2 * parts * JOINTS)), *target = course + parts * JOINTS;
-    Half *half = malloc(sizeof(Half) * (size_t)(2 * parts));
+    Arc *arc = malloc(sizeof(Arc) * (size_t)(2 * parts));
     int64_t *single = malloc(sizeof(int64_t) * (size_t)parts);
-    if (!course || !half || !single) {
+    if (!course || !arc || !single) {
         free(course);
-        free(half);
+        free(arc);
         free(single);
         return 1;
     }
-    courses_of(from, 1, course);
-    courses_of(to, 2, target);
-    const int64_t halves = halved(to, 0, parts, half, 0, 1);
-    for (int64_t i = 0; i < halves; i++)
-        if (!half[i].child)
-            single[half[i].begin] = i;
+    compute_courses(from, 1, course);
+    compute_courses(to, 2, target);
+    const int64_t arcs = build_arcs(to, 0, parts, arc, 0, 1);
+    for (int64_t i = 0; i < arcs; i++)
+        if (!arc[i].child)
+            single[arc[i].begin] = i;
     Search search = {.law = law, .h = {from->h[0], from->h[1]}, .free_last = free_last};
-    int64_t found = 0;
+    int64_t best_part = 0;
     for (int64_t k = 0; k < parts; k++) {
-        /* The same difference as for the part before is a good one. */
-        const int64_t guess = (found + 1) % parts;
-        found = guess;
-        if (!from->needed[k] || floor >= line[k / finer])
+        /* The best difference of the previous part is a good initial guess. */
+        const int64_t guess = (best_part + 1) % parts;
+        best_part = guess;
+        if (!from->needs_line[k] || floor >= line[k / refinement])
             continue;
         search.from = course + k * JOINTS;
         search.span = from->span + k * JOINTS;
-        /* Not more than what the other value of joint 4 at the target would take. */
-        search.best = fmin(line[k / finer], span_time(&search, 3, half->span, 1));
-        look(&search, half, single[guess], target, guess);
-        found = look(&search, half, 0, target, guess);
-        line[k / finer] = fmax(search.best, floor);
+        /* The flipped value of joint 4 at the target bounds the time from above. */
+        search.best = fmin(line[k / refinement], span_time(&search, 3, arc->span, 1));
+        search_arc(&search, arc, single[guess], target, guess);
+        best_part = search_arc(&search, arc, 0, target, guess);
+        line[k / refinement] = fmax(search.best, floor);
     }
     free(course);
-    free(half);
+    free(arc);
     free(single);
     return 0;
 }

@@ -1,4 +1,4 @@
-/* Least times of lines from cells of postures, as `posture_lines.c` finds them. */
+/* Least times of lines from cells of postures (`posture_lines.c`). */
 
 #ifndef POSTURE_LINES_H
 #define POSTURE_LINES_H
@@ -7,26 +7,28 @@
 
 #include "postures.h"
 
-/* Least times that joints need for their ways on lines, (joints, steps), in steps of the way. */
+/* Least times of the joints by the distance that they move on a line. */
 typedef struct {
-    const float *time;
-    double per_step; /* steps per radian */
+    const float *time;    /* [s], (joints, steps) */
+    double steps_per_rad; /* resolution of the distance */
     int64_t steps;
 } LineLaw;
 
-/* All cells over an interval of the platform angle, of one end of a line. */
+/* Cells around the circle of arm angles, over an interval of the platform angle, at one end of a line. */
 typedef struct {
-    double h[DIRECTIONS]; /* half-widths */
+    double h[DIRECTIONS]; /* half-widths of the cells [rad] */
     int64_t parts;
-    double *corner; /* as of `corners_of`, and so on */
+    double *corner; /* see `compute_corners`, `compute_bends` and `compute_spans` */
     Bends *bends;
     Span *span;
-    uint8_t *needed; /* whether its line's time is asked for */
+    uint8_t *needs_line; /* whether the time of the line from each cell is required */
 } Circle;
 
-/* Lowers `line` (parts / finer,) to the least times of lines from the cells that are asked for, `finer` of them in a
-   row, to any posture at the target, as far as these are not below a floor. Returns 0, or 1 without memory. */
-int lower_line_times(const LineLaw *law, int free_last, const Circle *from, const Circle *to, int64_t finer,
+/* Lower line times to the least times from the required cells to any posture at the target, down to a floor [s].
+
+   refinement: number of consecutive cells with a common time. line: times, (parts / refinement,).
+   Returns 0, or 1 if out of memory. */
+int lower_line_times(const LineLaw *law, int free_last, const Circle *from, const Circle *to, int64_t refinement,
                      double floor, double *line);
 
 #endif

@@ -1,25 +1,26 @@
-/* Enclosures of what joints do over cells of platform angle and arm angle: `bound/cells.py` explains what for.
+/* Enclosures of the joint positions over cells of platform angle and arm angle. Purpose: `bound/cells.py`.
 
-   Ranges are a middle and a radius. Of functions of the platform angle ranges of the value and of two derivatives are
-   carried along (`Jet`), so that products, quotients and roots have theirs. */
+   A range has a middle and a radius. Functions of the platform angle are ranges of their value and two derivatives
+   (`Jet`), with products, quotients and roots by automatic differentiation. */
 
 #include <math.h>
 #include <string.h>
 
 #include "postures.h"
 
-/* A joint's values count beside its corners where derivatives leave more than this open [rad]. */
-static const double WELL = 0.03;
+/* Largest uncertainty from the derivatives at which a joint's range of values is not computed [rad]. */
+static const double MAX_SLACK = 0.03;
 
-/* Where the wrist may be this close to the shoulder, nothing is known of the directions between them [m]. */
-static const double TINY = 1e-5;
+/* Distance between shoulder and wrist below which the direction between them is undefined [m]. */
+static const double MIN_DISTANCE = 1e-5;
 
 static double length(double x, double y)
 {
     return sqrt(x * x + y * y);
 }
 
-static double most_of(Range a)
+/* Compute the largest magnitude in a range. */
+static double magnitude(Range a)
 {
     return fabs(a.middle) + a.radius;
 }
@@ -36,7 +37,7 @@ static Range scaled(double factor, Range a)
 
 static Range product(Range a, Range b)
 {
-    return (Range){a.middle * b.middle, fabs(a.middle) * b.radius + a.radius * most_of(b)};
+    return (Range){a.middle * b.middle, fabs(a.middle) * b.radius + a.radius * magnitude(b)};
 }
 
 static Range between(double low, double high)
@@ -46,7 +47,7 @@ static Range between(double low, double high)
 
 static Range square(Range a)
 {
-    const double low = fmax(fabs(a.middle) - a.radius, 0.0), high = most_of(a);
+    const double low = fmax(fabs(a.middle) - a.radius, 0.0), high = magnitude(a);
     return between(low * low, high * high);
 }
 
@@ -88,34 +89,36 @@ static Jet jet_product(Jet a, Jet b)
 
 static Jet jet_inverse(Jet a)
 {
-    const Range one = inverse(a.of[0]), two = product(one, one);
-    const Range bent = scaled(2.0, product(square(a.of[1]), product(two, one)));
-    return (Jet){{one, scaled(-1.0, product(a.of[1], two)), sum(bent, scaled(-1.0, product(a.of[2], two)))}};
+    const Range reciprocal = inverse(a.of[0]), squared = product(reciprocal, reciprocal);
+    const Range second = scaled(2.0, product(square(a.of[1]), product(squared, reciprocal)));
+    return (Jet){{reciprocal, scaled(-1.0, product(a.of[1], squared)),
+                  sum(second, scaled(-1.0, product(a.of[2], squared)))}};
 }
 
 static Jet jet_root(Jet a)
 {
     const Range value = root(a.of[0]), half = scaled(0.5, inverse(value));
-    const Range bent = product(square(a.of[1]), product(half, square(half)));
-    return (Jet){{value, product(a.of[1], half), sum(product(a.of[2], half), scaled(-2.0, bent))}};
+    const Range second = product(square(a.of[1]), product(half, square(half)));
+    return (Jet){{value, product(a.of[1], half), sum(product(a.of[2], half), scaled(-2.0, second))}};
 }
 
-/* constant + p cos(phi) + q sin(phi). */
-static Jet turning(const Shape *shape, double constant, double p, double q)
+/* Compute the jet of constant + p cos(phi) + q sin(phi) over the interval of the platform angle phi. */
+static Jet sinusoid(const Shape *shape, double constant, double p, double q)
 {
     const double middle = 0.5 * (shape->low + shape->high), h = 0.5 * (shape->high - shape->low);
     const double c = cos(middle), s = sin(middle), value = p * c + q * s, slope = q * c - p * s;
-    const double bent = 0.5 * hypot(p, q) * h * h;
-    return (Jet){{{constant + value, fabs(slope) * h + bent},
-                  {slope, fabs(value) * h + bent},
-                  {-value, fabs(slope) * h + bent}}};
+    const double second = 0.5 * hypot(p, q) * h * h;
+    return (Jet){{{constant + value, fabs(slope) * h + second},
+                  {slope, fabs(value) * h + second},
+                  {-value, fabs(slope) * h + second}}};
 }
 
-/* A constant plus the component of a vector that stands in the world along one that turns with the platform. */
-static Jet seen(const Shape *shape, const double *standing, const double *turns, double constant)
+/* Compute a constant plus the dot product of a vector fixed in the world and one that turns with the platform. */
+static Jet seen_component(const Shape *shape, const double *in_world, const double *on_platform, double constant)
 {
-    return turning(shape, standing[2] * turns[2] + constant, standing[0] * turns[0] + standing[1] * turns[1],
-                   standing[1] * turns[0] - standing[0] * turns[1]);
+    return sinusoid(shape, in_world[2] * on_platform[2] + constant,
+                    in_world[0] * on_platform[0] + in_world[1] * on_platform[1],
+                    in_world[1] * on_platform[0] - in_world[0] * on_platform[1]);
 }
 
 static Jet fixed(double value)
@@ -123,7 +126,8 @@ static Jet fixed(double value)
     return (Jet){{{value, 0.0}, {0.0, 0.0}, {0.0, 0.0}}};
 }
 
-static void turned(double angle, const double *v, int64_t stride, double *out)
+/* Rotate a vector about the z axis. */
+static void rotate_z(double angle, const double *v, int64_t stride, double *out)
 {
     const double c = cos(angle), s = sin(angle);
     out[0] = c * v[0] - s * v[stride];
@@ -131,37 +135,38 @@ static void turned(double angle, const double *v, int64_t stride, double *out)
     out[2 * stride] = v[2 * stride];
 }
 
-/* The curves of the pose from a platform angle, and u, r and t of the arm plane in the carried frame. */
-static void seen_from(const Arm *arm, const double *R, const double *p, double angle, Curves *curves,
+/* Compute the curves of a pose seen from a platform angle, and u, r and t of the arm plane in the carried frame. */
+static void view_from(const Arm *arm, const double *R, const double *p, double angle, Curves *curves,
                       double directions[3][3])
 {
-    double own[9], point[3];
+    double seen_R[9], seen_p[3];
     for (int k = 0; k < 3; k++)
-        turned(-angle, R + k, 3, own + k);
-    turned(-angle, p, 1, point);
-    curves_of(arm, own, point, curves);
+        rotate_z(-angle, R + k, 3, seen_R + k);
+    rotate_z(-angle, p, 1, seen_p);
+    compute_curves(arm, seen_R, seen_p, curves);
     const double *plane[3] = {curves->u, curves->r, curves->t};
     for (int v = 0; v < 3; v++)
         for (int i = 0; i < 3; i++)
             directions[v][i] = dot(arm->B + 3 * i, plane[v]);
 }
 
-/* Cosine and sine of a link's angle to the line from shoulder to wrist, by the law of cosines. */
-static void triangle(double own, double other, Jet distance, Jet reciprocal, Jet *cosine, Jet *sine)
+/* Compute cosine and sine of the angle between a link and the line from shoulder to wrist (law of cosines). */
+static void link_angle(double link, double other_link, Jet distance, Jet reciprocal, Jet *cosine, Jet *sine)
 {
-    *cosine = jet_sum(jet_scaled(0.5 / own, distance), jet_scaled(0.5 * (own * own - other * other) / own, reciprocal));
+    *cosine = jet_sum(jet_scaled(0.5 / link, distance),
+                      jet_scaled(0.5 * (link * link - other_link * other_link) / link, reciprocal));
     Jet squared = jet_scaled(-1.0, jet_product(*cosine, *cosine));
     squared.of[0] = sum((Range){1.0, 0.0}, scaled(-1.0, square(cosine->of[0])));
     *sine = jet_root(squared);
 }
 
-/* The arm plane's three directions along a vector, by how the middle's directions and the line are along it. */
-static void plane_along(const Jet middle[3], Jet line, const Jet tilt[2], Jet found[3])
+/* Compute the components of the transported arm plane along a vector, from those of the middle's plane and the line. */
+static void plane_components(const Jet middle[3], Jet line, const Jet tilt[2], Jet components[3])
 {
-    const Jet both = jet_sum(middle[0], line);
-    found[0] = line;
+    const Jet total = jet_sum(middle[0], line);
+    components[0] = line;
     for (int i = 0; i < 2; i++)
-        found[1 + i] = jet_sum(middle[1 + i], jet_scaled(-1.0, jet_product(tilt[i], both)));
+        components[1 + i] = jet_sum(middle[1 + i], jet_scaled(-1.0, jet_product(tilt[i], total)));
 }
 
 static Wave wave_of(Jet sine, Jet cosine, Jet constant)
@@ -172,113 +177,117 @@ static Wave wave_of(Jet sine, Jet cosine, Jet constant)
     return wave;
 }
 
-void shape_of(const Arm *arm, const double *R, const double *p, double low, double high, Shape *shape)
+void compute_shape(const Arm *arm, const double *R, const double *p, double low, double high, Shape *shape)
 {
     const double a = arm->upper_arm, b = arm->fore_arm, *S = arm->shoulder;
     double W[3], world[3][3], axis[3][3], tool[3][3];
     Curves curves;
     shape->low = low;
     shape->high = high;
-    seen_from(arm, R, p, 0.5 * (low + high), &curves, shape->frame);
+    view_from(arm, R, p, 0.5 * (low + high), &curves, shape->frame);
     for (int i = 0; i < 3; i++) {
         W[i] = p[i] + dot(R + 3 * i, arm->flange_wrist);
-        turned(0.5 * (low + high), shape->frame[i], 1, world[i]);
+        rotate_z(0.5 * (low + high), shape->frame[i], 1, world[i]);
         for (int j = 0; j < 3; j++) {
             axis[i][j] = arm->B[3 * j + i];
             tool[i][j] = dot(R + 3 * j, arm->C + 3 * i);
         }
     }
-    /* The shoulder turns with the platform. */
+    /* Distance from shoulder to wrist; the shoulder turns with the platform. */
     const double twice[3] = {-2.0 * W[0], -2.0 * W[1], -2.0 * W[2]};
-    const Jet distance = jet_root(seen(shape, twice, S, dot(W, W) + dot(S, S)));
-    const Range nearest = distance.of[0], nothing = {0.0, INFINITY};
-    const int known = nearest.middle - nearest.radius > TINY;
-    const Jet reciprocal = known ? jet_inverse(distance) : (Jet){{nothing, nothing, nothing}};
+    const Jet distance = jet_root(seen_component(shape, twice, S, dot(W, W) + dot(S, S)));
+    const Range range = distance.of[0], unbounded = {0.0, INFINITY};
+    const int is_defined = range.middle - range.radius > MIN_DISTANCE;
+    const Jet reciprocal = is_defined ? jet_inverse(distance) : (Jet){{unbounded, unbounded, unbounded}};
     Jet along[3], tilt[2], ca, sa, cf, sf;
     for (int i = 0; i < 3; i++) {
-        const double back[3] = {-world[i][0], -world[i][1], -world[i][2]};
-        along[i] = jet_product(seen(shape, back, S, dot(W, world[i])), reciprocal);
+        const double negative[3] = {-world[i][0], -world[i][1], -world[i][2]};
+        along[i] = jet_product(seen_component(shape, negative, S, dot(W, world[i])), reciprocal);
     }
-    const Jet opening = jet_inverse(jet_sum(fixed(1.0), along[0]));
+    const Jet reciprocal_sum = jet_inverse(jet_sum(fixed(1.0), along[0]));
     for (int i = 0; i < 2; i++)
-        tilt[i] = jet_product(along[1 + i], opening);
-    triangle(a, b, distance, reciprocal, &ca, &sa);
-    triangle(b, a, distance, reciprocal, &cf, &sf);
+        tilt[i] = jet_product(along[1 + i], reciprocal_sum);
+    link_angle(a, b, distance, reciprocal, &ca, &sa);
+    link_angle(b, a, distance, reciprocal, &cf, &sf);
     shape->bend = jet_scaled(0.5 / (a * b), jet_product(distance, distance));
     shape->bend.of[0] = sum(scaled(0.5 / (a * b), square(distance.of[0])),
                             (Range){-0.5 * (a * a + b * b) / (a * b), 0.0});
-    Jet own[3][3], k[3][3]; /* of u, r, t along the axes and along the tool */
+    Jet upper_arm[3][3], forearm[3][3]; /* components of u, r and t along base axes and along tool axes */
     for (int i = 0; i < 3; i++) {
-        Jet middle[3], stands[3];
+        Jet middle[3], fixed_middle[3];
         for (int v = 0; v < 3; v++) {
-            middle[v] = seen(shape, world[v], axis[i], 0.0);
-            stands[v] = fixed(dot(world[v], tool[i]));
+            middle[v] = seen_component(shape, world[v], axis[i], 0.0);
+            fixed_middle[v] = fixed(dot(world[v], tool[i]));
         }
-        const double back[3] = {-tool[i][0], -tool[i][1], -tool[i][2]};
-        plane_along(middle, jet_product(seen(shape, W, axis[i], -dot(S, axis[i])), reciprocal), tilt, own[i]);
-        plane_along(stands, jet_product(seen(shape, back, S, dot(W, tool[i])), reciprocal), tilt, k[i]);
+        const double negative[3] = {-tool[i][0], -tool[i][1], -tool[i][2]};
+        plane_components(middle, jet_product(seen_component(shape, W, axis[i], -dot(S, axis[i])), reciprocal), tilt,
+                         upper_arm[i]);
+        plane_components(fixed_middle, jet_product(seen_component(shape, negative, S, dot(W, tool[i])), reciprocal),
+                         tilt, forearm[i]);
     }
     const Range link[2][2] = {{ca.of[0], sa.of[0]}, {cf.of[0], sf.of[0]}};
     memcpy(shape->link, link, sizeof link);
     Wave *wave = shape->wave;
-    const Jet zero = fixed(0.0), back = jet_scaled(-1.0, sf);
+    const Jet zero = fixed(0.0), negative_sf = jet_scaled(-1.0, sf);
     for (int i = 0; i < 3; i++) {
         /* The upper arm along the axes: z, y, x; the forearm along those of the tool: z, y, -x. */
-        const Jet *u = own[2 - i], *o = k[2 - i];
+        const Jet *u = upper_arm[2 - i], *f = forearm[2 - i];
         wave[i] = wave_of(jet_product(sa, u[2]), jet_product(sa, u[1]), jet_product(ca, u[0]));
-        const Jet bent = i == 2 ? sf : back, straight = i == 2 ? jet_scaled(-1.0, cf) : cf;
-        wave[i ? 7 + i : 5] = wave_of(jet_product(bent, o[2]), jet_product(bent, o[1]), jet_product(straight, o[0]));
+        const Jet bent_sine = i == 2 ? sf : negative_sf, straight_cosine = i == 2 ? jet_scaled(-1.0, cf) : cf;
+        wave[i ? 7 + i : 5] = wave_of(jet_product(bent_sine, f[2]), jet_product(bent_sine, f[1]),
+                                      jet_product(straight_cosine, f[0]));
     }
-    const Jet *z = own[2], *o = k[2];
+    const Jet *z = upper_arm[2], *f = forearm[2];
     wave[3] = wave_of(z[1], jet_scaled(-1.0, z[2]), zero);
     wave[4] = wave_of(jet_product(ca, z[2]), jet_product(ca, z[1]), jet_scaled(-1.0, jet_product(sa, z[0])));
-    wave[6] = wave_of(o[1], jet_scaled(-1.0, o[2]), zero);
-    wave[7] = wave_of(jet_scaled(-1.0, jet_product(cf, o[2])), jet_scaled(-1.0, jet_product(cf, o[1])),
-                      jet_product(back, o[0]));
+    wave[6] = wave_of(f[1], jet_scaled(-1.0, f[2]), zero);
+    wave[7] = wave_of(jet_scaled(-1.0, jet_product(cf, f[2])), jet_scaled(-1.0, jet_product(cf, f[1])),
+                      jet_product(negative_sf, f[0]));
 }
 
-/* The arm angle of the middle's reference direction after the smallest rotation in the world. */
-static double carried_along(const double middle[3][3], double here[3][3], double turn)
+/* Compute the arm angle of the middle's reference direction after the smallest rotation in the world. */
+static double transported_angle(const double middle[3][3], double directions[3][3], double turn)
 {
-    double u[3], r[3], t[3], carried[3];
-    turned(turn, here[0], 1, u);
-    turned(turn, here[1], 1, r);
-    turned(turn, here[2], 1, t);
-    const double along = dot(middle[1], u) / fmax(1.0 + dot(middle[0], u), 1e-12);
+    double u[3], r[3], t[3], transported[3];
+    rotate_z(turn, directions[0], 1, u);
+    rotate_z(turn, directions[1], 1, r);
+    rotate_z(turn, directions[2], 1, t);
+    const double factor = dot(middle[1], u) / fmax(1.0 + dot(middle[0], u), 1e-12);
     for (int i = 0; i < 3; i++)
-        carried[i] = middle[1][i] - along * (middle[0][i] + u[i]);
-    return atan2(dot(carried, t), dot(carried, r));
+        transported[i] = middle[1][i] - factor * (middle[0][i] + u[i]);
+    return atan2(dot(transported, t), dot(transported, r));
 }
 
-void corners_of(const Arm *arm, const double *R, const double *p, const Shape *shape, int64_t parts, double *corner)
+void compute_corners(const Arm *arm, const double *R, const double *p, const Shape *shape, int64_t parts,
+                     double *corner)
 {
     for (int side = 0; side < 2; side++) {
         const double angle = side ? shape->high : shape->low;
         double directions[3][3];
         Curves curves;
-        seen_from(arm, R, p, angle, &curves, directions);
-        const double shift = carried_along(shape->frame, directions, angle - 0.5 * (shape->low + shape->high));
+        view_from(arm, R, p, angle, &curves, directions);
+        const double shift = transported_angle(shape->frame, directions, angle - 0.5 * (shape->low + shape->high));
         for (int64_t k = 0; k < parts; k++) {
             const double psi = -PI + TURN * (double)k / (double)parts + shift;
-            double q[4], theta[2], *own = corner + (side * parts + k) * JOINTS;
+            double q[4], theta[2], *cell = corner + (side * parts + k) * JOINTS;
             angles_at(arm, &curves, sin(psi), cos(psi), q, theta);
             for (int j = 0; j < 4; j++)
-                own[2 * j] = q[j];
-            /* Where the first joint of a triple is chosen at will, the middle one may be an ulp below zero. */
-            own[1] = fabs(theta[0]);
-            own[3] = curves.bend;
-            own[5] = fabs(theta[1]);
+                cell[2 * j] = q[j];
+            /* At a singular triple, whose first joint is arbitrary, the middle one may be an ulp below zero. */
+            cell[1] = fabs(theta[0]);
+            cell[3] = curves.bend;
+            cell[5] = fabs(theta[1]);
         }
     }
 }
 
-/* A wave over a part of the circle: its value, derivatives by the platform angle (1, 2) and by the arm angle (3, 4). */
+/* Ranges of a wave over a part of the circle: value, derivatives by platform angle (1, 2) and by arm angle (3, 4). */
 typedef struct {
     Range of[5];
 } Sample;
 
-/* `size` is that of sine and cosine together. */
-static Range over(Range sine, Range cosine, Range constant, double size, double s, double c, double h)
+/* Compute the range of a wave over half-width h of the arm angle; `size` is its amplitude. */
+static Range wave_range(Range sine, Range cosine, Range constant, double size, double s, double c, double h)
 {
     const double slope = sine.middle * c - cosine.middle * s;
     return (Range){sine.middle * s + cosine.middle * c + constant.middle,
@@ -286,58 +295,61 @@ static Range over(Range sine, Range cosine, Range constant, double size, double 
                        fmin(fabs(slope) * h + 0.5 * size * h * h, 2.0 * size)};
 }
 
-static Sample sampled(const Wave *wave, double s, double c, double h)
+/* Compute the ranges of a wave over a part of the circle. */
+static Sample sample_wave(const Wave *wave, double s, double c, double h)
 {
-    Sample found;
+    Sample sample;
     const Jet *a = &wave->sine, *b = &wave->cosine;
-    const Range none = {0.0, 0.0};
+    const Range zero = {0.0, 0.0};
     for (int i = 0; i < 3; i++)
-        found.of[i] = over(a->of[i], b->of[i], wave->constant.of[i], wave->size[i], s, c, h);
-    found.of[3] = over(scaled(-1.0, b->of[0]), a->of[0], none, wave->size[0], s, c, h);
-    found.of[4] = over(scaled(-1.0, a->of[0]), scaled(-1.0, b->of[0]), none, wave->size[0], s, c, h);
-    return found;
+        sample.of[i] = wave_range(a->of[i], b->of[i], wave->constant.of[i], wave->size[i], s, c, h);
+    sample.of[3] = wave_range(scaled(-1.0, b->of[0]), a->of[0], zero, wave->size[0], s, c, h);
+    sample.of[4] = wave_range(scaled(-1.0, a->of[0]), scaled(-1.0, b->of[0]), zero, wave->size[0], s, c, h);
+    return sample;
 }
 
-/* Sets what is known of a joint's derivatives; half-widths h. Returns whether they tell its values well. */
+/* Set the second derivatives of a joint; return whether they bound its values tightly. h: half-widths of the cell. */
 static int set_derivatives(Bends *bends, int joint, double sign, const Range first[DIRECTIONS],
-                            const Range second[DIRECTIONS], const double h[DIRECTIONS])
+                           const Range second[DIRECTIONS], const double h[DIRECTIONS])
 {
     double slack = 0.0;
     bends->smooth[joint] = 1;
     for (int d = 0; d < DIRECTIONS; d++) {
         bends->second[d][joint] = scaled(sign, second[d]);
-        slack += 0.5 * most_of(second[d]) * h[d] * h[d];
-        bends->smooth[joint] &= most_of(first[d]) * h[d] < 0.5 * PI && most_of(second[d]) < INFINITY;
+        slack += 0.5 * magnitude(second[d]) * h[d] * h[d];
+        bends->smooth[joint] &= magnitude(first[d]) * h[d] < 0.5 * PI && magnitude(second[d]) < INFINITY;
     }
     bends->value[joint] = (Range){0.0, INFINITY};
-    return slack < WELL;
+    return slack < MAX_SLACK;
 }
 
-/* A triple of joints over a part of the circle. */
+/* Triple of joints over a part of the circle. */
 typedef struct {
-    const Sample *cosine, *along, *outer[2], *inner[2]; /* of the middle joint; `along` is below in `inner` */
-    Range size, weight, link[2];                        /* sine of the middle joint, its square's inverse; the link */
+    const Sample *cosine;              /* of the middle joint */
+    const Sample *along;               /* denominator of the inner tangent */
+    const Sample *outer[2], *inner[2]; /* numerators and denominators of the tangents */
+    Range sine, weight, link[2];       /* sine of the middle joint, 1 / sine^2, cosine and sine of the link's angle */
 } Triple;
 
-/* The arc tangent of one wave over another, by the platform angle; by the arm angle its derivatives are given. */
+/* Set the arc tangent of a quotient of waves; its derivatives by the arm angle are given. */
 static void set_tangent(Bends *bends, const Arm *arm, int joint, const Triple *triple, const Sample *const wave[2],
                         Range first_psi, Range second_psi, const double h[DIRECTIONS])
 {
     const double sign = arm->sign[joint];
     const Range n = wave[0]->of[0], d = wave[1]->of[0];
     const Range cross = sum(product(d, wave[0]->of[1]), scaled(-1.0, product(n, wave[1]->of[1])));
-    const Range bent = sum(product(d, wave[0]->of[2]), scaled(-1.0, product(n, wave[1]->of[2])));
-    const Range nearing = product(triple->weight, product(triple->cosine->of[0], triple->cosine->of[1]));
+    const Range second_cross = sum(product(d, wave[0]->of[2]), scaled(-1.0, product(n, wave[1]->of[2])));
+    const Range cosine_change = product(triple->weight, product(triple->cosine->of[0], triple->cosine->of[1]));
     const Range first = product(triple->weight, cross);
-    const Range second = sum(product(triple->weight, bent), scaled(2.0, product(nearing, first)));
+    const Range second = sum(product(triple->weight, second_cross), scaled(2.0, product(cosine_change, first)));
     if (set_derivatives(bends, joint, sign, (Range[]){first, first_psi}, (Range[]){second, second_psi}, h))
         return;
-    const double size = length(n.middle, d.middle), away = length(n.radius, d.radius);
+    const double size = length(n.middle, d.middle), uncertainty = length(n.radius, d.radius);
     bends->value[joint] = (Range){sign * (atan2(n.middle, d.middle) - arm->offset[joint]),
-                                  away < size ? asin(away / size) : INFINITY};
+                                  uncertainty < size ? asin(uncertainty / size) : INFINITY};
 }
 
-/* The arc cosine of a wave, given the sine's range. */
+/* Set the arc cosine of a wave, given the range of its sine. */
 static void set_cosine(Bends *bends, int joint, const Sample *cosine, Range sine, const double h[DIRECTIONS])
 {
     const Range c = cosine->of[0], weight = inverse(sine);
@@ -353,24 +365,25 @@ static void set_cosine(Bends *bends, int joint, const Sample *cosine, Range sine
                                   acos(fmin(fmax(c.middle - reach, -1.0), 1.0)));
 }
 
-/* The joints of a triple. The elbow's circle turns both links about the line from shoulder to wrist. With c the middle
-   joint's cosine, e the wave `along`, and s, k sine and cosine of the link's angle to that line, the outer joint's
-   derivative by the arm angle therefore is -s e / (1 - c²), and the inner one's k + s c e / (1 - c²); those of the
-   wrist have the other sign. */
+/* Set the joints of a triple.
+
+   The arm angle turns both links about the line from shoulder to wrist. With c the middle joint's cosine, e the wave
+   `along`, and s, k sine and cosine of the angle between link and line, the derivatives by the arm angle are
+   -s e / (1 - c²) for the outer joint and k + s c e / (1 - c²) for the inner one; those of the wrist are negated. */
 static void set_triple(Bends *bends, const Arm *arm, int wrist, Triple *triple, const double h[DIRECTIONS])
 {
     const double sign = wrist ? -1.0 : 1.0;
     const Range c = triple->cosine->of[0], c_1 = triple->cosine->of[3];
     const Range e = triple->along->of[0], e_1 = triple->along->of[3];
-    triple->weight = inverse(square(triple->size));
+    triple->weight = inverse(square(triple->sine));
     const Range se = scaled(sign, product(triple->link[1], triple->weight));
-    const Range near = product(product(c, c), triple->weight), turn = product(e, c_1);
-    const Range more = product(turn, sum((Range){1.0, 0.0}, scaled(2.0, near)));
+    const Range cotangent_squared = product(product(c, c), triple->weight), turn = product(e, c_1);
+    const Range correction = product(turn, sum((Range){1.0, 0.0}, scaled(2.0, cotangent_squared)));
     const Range outer = sum(product(se, e_1), scaled(2.0, product(product(se, triple->weight), product(c, turn))));
-    const Range inner = product(se, sum(product(e_1, c), more));
+    const Range inner = product(se, sum(product(e_1, c), correction));
     set_tangent(bends, arm, JOINT[wrist][0], triple, triple->outer, scaled(-1.0, product(se, e)), scaled(-1.0, outer),
                 h);
-    set_cosine(bends, JOINT[wrist][1], triple->cosine, triple->size, h);
+    set_cosine(bends, JOINT[wrist][1], triple->cosine, triple->sine, h);
     set_tangent(bends, arm, JOINT[wrist][2], triple, triple->inner,
                 sum(scaled(sign, triple->link[0]), product(se, product(c, e))), inner, h);
 }
@@ -380,12 +393,13 @@ static Range narrower(Range a, Range b)
     return a.radius < b.radius ? a : b;
 }
 
-static Range length_of(const Sample *one, const Sample *other)
+/* Compute the range of the length of a vector of two waves. */
+static Range sample_length(const Sample *a, const Sample *b)
 {
-    return (Range){length(one->of[0].middle, other->of[0].middle), length(one->of[0].radius, other->of[0].radius)};
+    return (Range){length(a->of[0].middle, b->of[0].middle), length(a->of[0].radius, b->of[0].radius)};
 }
 
-void bends_of(const Arm *arm, const Shape *shape, int64_t parts, Bends *bends)
+void compute_bends(const Arm *arm, const Shape *shape, int64_t parts, Bends *bends)
 {
     const double h[DIRECTIONS] = {0.5 * (shape->high - shape->low), PI / (double)parts};
     const Sample bend = {{shape->bend.of[0], shape->bend.of[1], shape->bend.of[2], {0.0, 0.0}, {0.0, 0.0}}};
@@ -394,13 +408,15 @@ void bends_of(const Arm *arm, const Shape *shape, int64_t parts, Bends *bends)
         const double psi = -PI + TURN * ((double)k + 0.5) / (double)parts, s = sin(psi), c = cos(psi);
         Sample sample[WAVES];
         for (int i = 0; i < WAVES; i++)
-            sample[i] = sampled(shape->wave + i, s, c, h[1]);
+            sample[i] = sample_wave(shape->wave + i, s, c, h[1]);
         for (int wrist = 0; wrist < 2; wrist++) {
-            const Sample *own = sample + 5 * wrist, *inner = own + (wrist ? 1 : 3), *outer = own + (wrist ? 3 : 1);
-            Triple triple = {own, inner + 1, {outer, outer + 1}, {inner, inner + 1}, .link = {{0.0, 0.0}}};
-            /* The sine of the middle joint, from whatever tells it best. */
-            const Range own_sine = root(sum((Range){1.0, 0.0}, scaled(-1.0, square(own->of[0]))));
-            triple.size = narrower(narrower(length_of(inner, inner + 1), length_of(outer, outer + 1)), own_sine);
+            const Sample *cosine = sample + 5 * wrist, *inner = cosine + (wrist ? 1 : 3);
+            const Sample *outer = cosine + (wrist ? 3 : 1);
+            Triple triple = {cosine, inner + 1, {outer, outer + 1}, {inner, inner + 1}, .link = {{0.0, 0.0}}};
+            /* The sine of the middle joint is the narrowest of three enclosures. */
+            const Range sine_from_cosine = root(sum((Range){1.0, 0.0}, scaled(-1.0, square(cosine->of[0]))));
+            triple.sine = narrower(narrower(sample_length(inner, inner + 1), sample_length(outer, outer + 1)),
+                                   sine_from_cosine);
             triple.link[0] = shape->link[wrist][0];
             triple.link[1] = shape->link[wrist][1];
             set_triple(bends + k, arm, wrist, &triple, h);
@@ -409,7 +425,7 @@ void bends_of(const Arm *arm, const Shape *shape, int64_t parts, Bends *bends)
     }
 }
 
-void spans_of(int64_t parts, const double h[DIRECTIONS], const double *corner, const Bends *bends, Span *span)
+void compute_spans(int64_t parts, const double h[DIRECTIONS], const double *corner, const Bends *bends, Span *span)
 {
     for (int64_t k = 0; k < parts; k++) {
         const int64_t next = (k + 1) % parts;
@@ -417,21 +433,21 @@ void spans_of(int64_t parts, const double h[DIRECTIONS], const double *corner, c
                                      corner + (parts + k) * JOINTS};
         for (int joint = 0; joint < JOINTS; joint++) {
             const Range value = bends[k].value[joint];
-            Span *own = span + k * JOINTS + joint;
-            *own = (Span){value.middle - value.radius - ROUNDING, value.middle + value.radius + ROUNDING};
+            Span *joint_span = span + k * JOINTS + joint;
+            *joint_span = (Span){value.middle - value.radius - ROUNDING, value.middle + value.radius + ROUNDING};
             if (!bends[k].smooth[joint])
                 continue;
-            double change = 0.0, least = 0.0, most = 0.0, below = ROUNDING, above = ROUNDING;
+            double change = 0.0, min_change = 0.0, max_change = 0.0, below = ROUNDING, above = ROUNDING;
             for (int c = 1; c < CORNERS; c++) {
                 const double step = at[c][joint] - at[c - 1][joint];
                 change += step - TURN * nearbyint(step / TURN);
-                least = fmin(least, change);
-                most = fmax(most, change);
+                min_change = fmin(min_change, change);
+                max_change = fmax(max_change, change);
             }
             for (int d = 0; d < DIRECTIONS; d++)
                 add_slack(bends[k].second[d][joint], h[d], &below, &above);
-            if (most - least + below + above < own->high - own->low)
-                *own = (Span){at[0][joint] + least - below, at[0][joint] + most + above};
+            if (max_change - min_change + below + above < joint_span->high - joint_span->low)
+                *joint_span = (Span){at[0][joint] + min_change - below, at[0][joint] + max_change + above};
         }
     }
 }

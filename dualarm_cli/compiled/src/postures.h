@@ -1,7 +1,7 @@
-/* Postures over a cell of platform angle and arm angle: shared by the files that enclose them and their lines.
+/* Enclosures of the postures over a cell of platform angle and arm angle.
 
-   Over an interval of the platform angle the arm plane is carried along from the interval's middle by the smallest
-   rotation, in the world, of the line from shoulder to wrist. */
+   Over an interval of the platform angle the arm plane is transported from the middle of the interval by the smallest
+   rotation in the world of the line from shoulder to wrist. */
 
 #ifndef POSTURES_H
 #define POSTURES_H
@@ -12,69 +12,71 @@
 
 enum { CORNERS = 4, WAVES = 10, DIRECTIONS = 2 };
 
-/* Joints of shoulder and wrist: outer, middle and along the link. */
+/* Joints of the shoulder and wrist triples: outer, middle, and along the link (inner). */
 static const int JOINT[2][3] = {{0, 1, 2}, {6, 5, 4}};
 
-/* What enclosures are widened by, since they are computed in floating point. */
+/* Widening of the enclosures for rounding errors. */
 static const double ROUNDING = 1e-6;
 
-/* All numbers within `radius` of `middle`; a radius that is not finite tells nothing. */
+/* All numbers within `radius` of `middle`; unbounded if the radius is not finite. */
 typedef struct {
     double middle, radius;
 } Range;
 
-/* A function of the platform angle over an interval: its value, first and second derivative. */
+/* Ranges of a function of the platform angle over an interval: value, first and second derivative. */
 typedef struct {
     Range of[3];
 } Jet;
 
-/* sine * sin(psi) + cosine * cos(psi) + constant. */
+/* Function sine * sin(psi) + cosine * cos(psi) + constant of the arm angle psi. */
 typedef struct {
     Jet sine, cosine, constant;
-    double size[3]; /* of the middles of sine and cosine together */
+    double size[3]; /* amplitudes, from the middles of sine and cosine */
 } Wave;
 
-/* A flange pose that stands in the world, over an interval of the platform angle. */
+/* Flange pose fixed in the world, over an interval of the platform angle. */
 typedef struct {
     double low, high;
-    double frame[3][3]; /* shoulder-wrist line and both directions of the arm plane at the middle, carried frame */
-    Wave wave[WAVES];   /* cosines of the middle joints (0, 5), numerators and denominators of the tangents of others */
+    double frame[3][3]; /* at the middle: shoulder-wrist line and both directions of the arm plane, carried frame */
+    Wave wave[WAVES];   /* cosines of the middle joints (0, 5), numerators and denominators of the other tangents */
     Jet bend;           /* cosine of joint 4 */
-    Range link[2][2];   /* cosine and sine of the angles of upper arm and forearm to the line */
+    Range link[2][2];   /* cosine and sine of the angles between upper arm and line, and forearm and line */
 } Shape;
 
-/* What a joint does over a cell, but for its values at the corners. */
+/* Ranges of the joints over a cell, without their values at the corners. */
 typedef struct {
-    Range second[DIRECTIONS][JOINTS]; /* second derivatives: by platform angle, by arm angle */
+    Range second[DIRECTIONS][JOINTS]; /* second derivatives by platform angle and by arm angle */
     uint8_t smooth[JOINTS];           /* whether neighbouring corners are less than half a turn apart */
-    Range value[JOINTS];              /* all of its values at once; of joints 2, 4 and 6 the positive angle */
+    Range value[JOINTS];              /* values; for joints 2, 4 and 6 the positive angle */
 } Bends;
 
-/* Positions of a joint from `low` to `high`, of any turn. */
+/* Positions of a joint from `low` to `high`, modulo whole turns. */
 typedef struct {
     double low, high;
 } Span;
 
-/* Fills the shape of a flange pose, R (9) and p (3) in the carried frame at platform angle zero. */
-void shape_of(const Arm *arm, const double *R, const double *p, double low, double high, Shape *shape);
+/* Compute the shape of a flange pose, R (9,) and p (3,) in the carried frame at platform angle zero. */
+void compute_shape(const Arm *arm, const double *R, const double *p, double low, double high, Shape *shape);
 
-/* Joints at the corners of an interval's cells, (2, parts, 7): at its low and high end, the circle in equal parts from
-   -pi on; of joints 2, 4 and 6 the positive angle, offsets apart. */
-void corners_of(const Arm *arm, const double *R, const double *p, const Shape *shape, int64_t parts, double *corner);
+/* Compute the joints at the corners of an interval's cells, (2, parts, 7): at its low and high end, over equal parts of
+   the circle from -pi on; for joints 2, 4 and 6 the positive angle without offset. */
+void compute_corners(const Arm *arm, const double *R, const double *p, const Shape *shape, int64_t parts,
+                     double *corner);
 
-/* Fills what the joints do over the parts of the circle, (parts,). */
-void bends_of(const Arm *arm, const Shape *shape, int64_t parts, Bends *bends);
+/* Compute the ranges of the joints over the parts of the circle, (parts,). */
+void compute_bends(const Arm *arm, const Shape *shape, int64_t parts, Bends *bends);
 
-/* Fills the positions of all joints over the parts of the circle, (parts, 7), of joints 2, 4 and 6 the positive angles:
-   around their corners, or all values at once, whichever is narrower; half-widths h. */
-void spans_of(int64_t parts, const double h[DIRECTIONS], const double *corner, const Bends *bends, Span *span);
+/* Compute the spans of all joints over the parts of the circle, (parts, 7); for joints 2, 4 and 6 the positive angles.
 
-/* Adds how far a function is below and above its chords over a half-width h, given its second derivative. */
+   A span is the narrower of the interval around the corners and the range of values. h: half-widths of the cells. */
+void compute_spans(int64_t parts, const double h[DIRECTIONS], const double *corner, const Bends *bends, Span *span);
+
+/* Add the deviations of a function below and above its chords over a half-width h, given its second derivative. */
 static inline void add_slack(Range second, double h, double *below, double *above)
 {
-    const double most = second.middle + second.radius, least = second.middle - second.radius;
-    *below += most > 0.0 ? 0.5 * most * h * h : 0.0;
-    *above += least < 0.0 ? -0.5 * least * h * h : 0.0;
+    const double max = second.middle + second.radius, min = second.middle - second.radius;
+    *below += max > 0.0 ? 0.5 * max * h * h : 0.0;
+    *above += min < 0.0 ? -0.5 * min * h * h : 0.0;
 }
 
 #endif

@@ -1,74 +1,75 @@
-/* Products of stacks of matrices. Each number is a sum in the order of its index, whatever the processor. */
+/* Products of stacks of matrices, summed in the order of the index on every processor. */
 
 #include <stdint.h>
 #include <xmmintrin.h>
 
 enum { BLOCK = 8, PACKED = 4096 };
 
+/* Stack of matrices. */
 typedef struct {
-    double *at;
-    int64_t stack, row, column; /* distances of neighbours, in numbers */
+    double *data;
+    int64_t stack, row, column; /* strides in numbers */
 } Matrices;
 
-static Matrices matrices(char *at, int64_t stack, const int64_t *step) {
-    return (Matrices){(double *)at, stack / 8, step[0] / 8, step[1] / 8};
+static Matrices matrices(char *data, int64_t stack, const int64_t *stride) {
+    return (Matrices){(double *)data, stack / 8, stride[0] / 8, stride[1] / 8};
 }
 
-/* One product (n, k) (k, m); the second factor's columns are neighbours. */
-static void multiply(int64_t n, int64_t k, int64_t m, Matrices a, const double *b, int64_t row, Matrices to) {
+/* Multiply (n, k) by (k, m), with contiguous rows of the second factor. */
+static void multiply(int64_t n, int64_t k, int64_t m, Matrices a, const double *b, int64_t b_stride, Matrices product) {
     for (int64_t i = 0; i < n; i++) {
-        double *out = to.at + i * to.row;
-        const double *factor = a.at + i * a.row;
+        double *out = product.data + i * product.row;
+        const double *factor = a.data + i * a.row;
         int64_t j = 0;
         for (; j + BLOCK <= m; j += BLOCK) {
             double sum[BLOCK] = {0.0};
             for (int64_t l = 0; l < k; l++) {
-                const double *other = b + l * row + j;
-                for (int c = 0; c < BLOCK; c++) sum[c] += factor[l * a.column] * other[c];
+                const double *b_row = b + l * b_stride + j;
+                for (int c = 0; c < BLOCK; c++) sum[c] += factor[l * a.column] * b_row[c];
             }
-            for (int c = 0; c < BLOCK; c++) out[(j + c) * to.column] = sum[c];
+            for (int c = 0; c < BLOCK; c++) out[(j + c) * product.column] = sum[c];
         }
         for (; j < m; j++) {
             double sum = 0.0;
-            for (int64_t l = 0; l < k; l++) sum += factor[l * a.column] * b[l * row + j];
-            out[j * to.column] = sum;
+            for (int64_t l = 0; l < k; l++) sum += factor[l * a.column] * b[l * b_stride + j];
+            out[j * product.column] = sum;
         }
     }
 }
 
-/* One product whose second factor lies in memory in any way. */
-static void multiply_spread(int64_t n, int64_t k, int64_t m, Matrices a, Matrices b, Matrices out) {
+/* Multiply (n, k) by (k, m), with any strides. */
+static void multiply_strided(int64_t n, int64_t k, int64_t m, Matrices a, Matrices b, Matrices product) {
     for (int64_t i = 0; i < n; i++) {
         for (int64_t j = 0; j < m; j++) {
             double sum = 0.0;
             for (int64_t l = 0; l < k; l++)
-                sum += a.at[i * a.row + l * a.column] * b.at[l * b.row + j * b.column];
-            out.at[i * out.row + j * out.column] = sum;
+                sum += a.data[i * a.row + l * a.column] * b.data[l * b.row + j * b.column];
+            product.data[i * product.row + j * product.column] = sum;
         }
     }
 }
 
-/* Loop of numpy's universal function (n, k), (k, m) -> (n, m) over stacks; it would warn of flags that are left. */
-void dualarm_products(char **at, const int64_t *size, const int64_t *step, void *unused) {
+/* Inner loop of the numpy ufunc (n, k), (k, m) -> (n, m); restores the floating-point status flags. */
+void dualarm_products(char **data, const int64_t *size, const int64_t *stride, void *unused) {
     (void)unused;
     int64_t count = size[0], n = size[1], k = size[2], m = size[3];
-    Matrices one = matrices(at[0], step[0], step + 3), other = matrices(at[1], step[1], step + 5);
-    Matrices out = matrices(at[2], step[2], step + 7);
+    Matrices a = matrices(data[0], stride[0], stride + 3), b = matrices(data[1], stride[1], stride + 5);
+    Matrices product = matrices(data[2], stride[2], stride + 7);
     double packed[PACKED];
-    int again = 1;
+    int repack = 1;
     unsigned flags = _mm_getcsr();
-    for (int64_t s = 0; s < count; s++, one.at += one.stack, other.at += other.stack, out.at += out.stack) {
-        if (other.column == 1) {
-            multiply(n, k, m, one, other.at, other.row, out);
+    for (int64_t s = 0; s < count; s++, a.data += a.stack, b.data += b.stack, product.data += product.stack) {
+        if (b.column == 1) {
+            multiply(n, k, m, a, b.data, b.row, product);
         } else if (k * m <= PACKED && n > 1 && m > 1) {
-            if (again || other.stack) {
+            if (repack || b.stack) {
                 for (int64_t l = 0; l < k; l++)
-                    for (int64_t j = 0; j < m; j++) packed[l * m + j] = other.at[l * other.row + j * other.column];
-                again = 0;
+                    for (int64_t j = 0; j < m; j++) packed[l * m + j] = b.data[l * b.row + j * b.column];
+                repack = 0;
             }
-            multiply(n, k, m, one, packed, m, out);
+            multiply(n, k, m, a, packed, m, product);
         } else {
-            multiply_spread(n, k, m, one, other, out);
+            multiply_strided(n, k, m, a, b, product);
         }
     }
     _mm_setcsr(flags);

@@ -8,11 +8,12 @@
 #include <stddef.h>
 #include <stdlib.h>
 
-/* The spline through `position`, solved for the accelerations at the knots ([Biagiotti2008] 4.4.1): with the given
-   velocities `first` and `last` at its ends, (joints,); at an end where there is none it stands still, acceleration
-   included. That takes one condition more than there are knots to interpolate (4.4.4), so the knot next to that end
-   gives way: `position` is changed there. At least 3 knots, 4 with one end at rest, 5 with both.
-   Returns 0, or 1 without memory. */
+/* Solve the spline through `position` for the accelerations at the knots ([Biagiotti2008] 4.4.1).
+
+   first, last: velocities at the ends, (joints,); null: at rest with zero acceleration. Each end at rest adds one
+   condition more than there are unknowns (4.4.4), so the knot next to it is free: `position` is changed there.
+   knots: at least 3, 4 with one end at rest, 5 with both.
+   Returns 0, or 1 if out of memory. */
 int cubic_spline(const double *time, int64_t knots, int64_t joints, const double *first, const double *last,
                  double *position, double *velocity, double *acceleration)
 {
@@ -31,20 +32,20 @@ int cubic_spline(const double *time, int64_t knots, int64_t joints, const double
         if (!last)
             q[(end - 1) * n + k] = q[end * n + k];
     }
-    /* The unknowns are the accelerations of the knots from `low` to `high`. Row i says
-       h_i-1 a_i-1 + 2 (h_i-1 + h_i) a_i + h_i a_i+1 = 6 (slope_i - slope_i-1), slopes at the ends being the velocities. */
+    /* The unknowns are the accelerations of the knots from `low` to `high`. Row i is
+       h_i-1 a_i-1 + 2 (h_i-1 + h_i) a_i + h_i a_i+1 = 6 (slope_i - slope_i-1), with velocities as end slopes. */
     const int64_t low = first ? 0 : 1, high = last ? end : end - 1;
     for (int64_t i = low; i <= high; i++) {
-        const double *const right = q + (i + 1) * n, *const here = q + i * n, *const left = q + (i - 1) * n;
+        const double *const right = q + (i + 1) * n, *const centre = q + i * n, *const left = q + (i - 1) * n;
         pivot[i] = i == 0 ? 2.0 * h0 : i == end ? 2.0 * h3 : 2.0 * (step[i - 1] + step[i]);
         above[i] = i == end ? 0.0 : step[i];
         for (int64_t k = 0; k < n; k++) {
-            const double after = i == end ? last[k] : (right[k] - here[k]) / step[i];
-            const double before = i == 0 ? first[k] : (here[k] - left[k]) / step[i - 1];
+            const double after = i == end ? last[k] : (right[k] - centre[k]) / step[i];
+            const double before = i == 0 ? first[k] : (centre[k] - left[k]) / step[i - 1];
             a[i * n + k] = 6.0 * (after - before);
         }
     }
-    /* From rest q_1 = q_0 + h_0^2 a_1 / 6; likewise at the end. The unknown part is on the left. */
+    /* From rest q_1 = q_0 + h_0^2 a_1 / 6, and likewise at the end: the unknown term moves to the left side. */
     double second_below = h1;
     if (!first) {
         pivot[1] += h0 * h0 / h1 + h0;
@@ -54,7 +55,7 @@ int cubic_spline(const double *time, int64_t knots, int64_t joints, const double
         pivot[end - 1] += h3 * h3 / h2 + h3;
         above[end - 2] -= h3 * h3 / h2;
     }
-    /* Thomas' algorithm: the diagonal is dominant, so it needs no pivoting. */
+    /* The Thomas algorithm needs no pivoting because the matrix is diagonally dominant. */
     for (int64_t i = low + 1; i <= high; i++) {
         const double below = i == 2 ? second_below : step[i - 1], factor = below / pivot[i - 1];
         pivot[i] -= factor * above[i - 1];
@@ -87,13 +88,14 @@ int cubic_spline(const double *time, int64_t knots, int64_t joints, const double
     return 0;
 }
 
-static double larger(double one, double other)
+static double larger(double a, double b)
 {
-    return one > other ? one : other;
+    return a > b ? a : b;
 }
 
-/* The largest |velocity|, |acceleration|, |jerk| of each joint between all knots, (3, joints). Accelerations are linear
-   in between; a jump of them, two knots at one time, is no jerk. */
+/* Compute the largest |velocity|, |acceleration| and |jerk| of each joint between all knots, (3, joints).
+
+   Accelerations are linear between knots; a jump between two knots at the same time does not count as jerk. */
 void largest_rates(const double *time, const double *velocity, const double *acceleration, int64_t knots,
                    int64_t joints, double *largest)
 {
@@ -110,7 +112,7 @@ void largest_rates(const double *time, const double *velocity, const double *acc
                 continue;
             const double a1 = acceleration[(i + 1) * n + k], jerk = (a1 - a0) / h;
             largest[2 * n + k] = larger(largest[2 * n + k], fabs(jerk));
-            /* Where the acceleration changes its sign the velocity has an extremum. */
+            /* The velocity has an extremum where the acceleration changes its sign. */
             if (a0 * a1 < 0.0)
                 largest[k] = larger(largest[k], fabs(v0 - a0 * a0 / (2.0 * jerk)));
         }

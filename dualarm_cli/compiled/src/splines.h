@@ -1,4 +1,4 @@
-/* Cubic splines through knots, as `splines.c` solves them. */
+/* Cubic splines through knots (`splines.c`). */
 
 #ifndef SPLINES_H
 #define SPLINES_H

@@ -1,36 +1,39 @@
-/* Rest-to-rest times between boxes of joint coordinates, looked up in tables; what bounds and potentials are made of.
+/* Least rest-to-rest times between boxes of joint coordinates from tables, for lower bounds and potentials.
 
-   Coordinates are steps of a table (int16), coordinate first: x[c * count + i]. Joints with laws in the same proportions
-   form a class with one table; a transfer takes the longest of all classes' times over their largest gaps. */
+   Coordinates are table steps (int16), coordinate first: x[c * count + i]. Joints with proportional limits form a class
+   with one table; the time of a transfer is the maximum over the classes, each at the largest gap of its joints. */
 
 #include <math.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 
+/* Tables of rest-to-rest times. */
 typedef struct {
-    const float *table;    /* times of every number of steps, class by class, (classes, steps) */
-    const int32_t *column; /* coordinates of all classes, one class after the other */
-    const int32_t *end;    /* where each class ends in `column`, (classes,) */
+    const float *table;    /* times by number of steps [s], (classes, steps) */
+    const int32_t *column; /* coordinates of all classes, in order of the classes */
+    const int32_t *end;    /* end of each class in `column`, (classes,) */
     int32_t classes, steps;
 } Laws;
 
+/* Boxes of coordinates. */
 typedef struct {
-    const int16_t *low, *high; /* of every box, (coordinates, count) */
+    const int16_t *low, *high; /* (coordinates, count) */
     int64_t count;
 } Boxes;
 
+/* Cells at which transfers begin or end, in runs. */
 typedef struct {
     Boxes cells;
-    const int64_t *group; /* platform cell of each, ascending, (count,) */
-    Boxes runs;           /* around cells next to each other in one group */
+    const int64_t *group; /* platform cell of each cell, ascending, (count,) */
+    Boxes runs;           /* boxes around consecutive cells of one group */
     const int64_t *first; /* first cell of each run, and the number of cells, (runs + 1,) */
-} Side;
+} CellRuns;
 
-enum { TILE = 512, PART = 32 };
+enum { TILE = 512, BLOCK = 32 }; /* boxes processed together, and cells with a common bound */
 
-/* Times from box i to `count` boxes from `begin` on; at most TILE of them. */
-static void row_times(const Laws *laws, Boxes from, int64_t i, Boxes to, int64_t begin, int64_t count, float *time)
+/* Compute the times from box i to `count` boxes from `begin` on, at most TILE. */
+static void compute_row(const Laws *laws, Boxes from, int64_t i, Boxes to, int64_t begin, int64_t count, float *time)
 {
     int16_t gap[TILE];
     int32_t c = 0;
@@ -43,42 +46,43 @@ static void row_times(const Laws *laws, Boxes from, int64_t i, Boxes to, int64_t
             const int16_t *goal_low = to.low + column * to.count + begin;
             const int16_t *goal_high = to.high + column * to.count + begin;
             if (low == high && goal_low == goal_high) {
-                /* Between points the gap is the same either way. */
+                /* Between points the gap is symmetric. */
                 for (int64_t j = 0; j < count; j++) {
                     const int16_t over = (int16_t)(goal_low[j] - low), under = (int16_t)-over;
-                    const int16_t most = over > under ? over : under;
-                    gap[j] = gap[j] > most ? gap[j] : most;
+                    const int16_t larger = over > under ? over : under;
+                    gap[j] = gap[j] > larger ? gap[j] : larger;
                 }
                 continue;
             }
             for (int64_t j = 0; j < count; j++) {
                 const int16_t over = (int16_t)(goal_low[j] - high), under = (int16_t)(low - goal_high[j]);
-                const int16_t most = over > under ? over : under;
-                gap[j] = gap[j] > most ? gap[j] : most;
+                const int16_t larger = over > under ? over : under;
+                gap[j] = gap[j] > larger ? gap[j] : larger;
             }
         }
         const float *table = laws->table + (int64_t)k * laws->steps;
         for (int64_t j = 0; j < count; j++) {
-            const float own = table[gap[j]];
-            time[j] = k == 0 || own > time[j] ? own : time[j];
+            const float time_k = table[gap[j]];
+            time[j] = k == 0 || time_k > time[j] ? time_k : time[j];
         }
     }
 }
 
-/* Times of all pairs, (from.count, to.count). */
+/* Compute the times between all pairs of boxes, (from->count, to->count). */
 void gap_times(const Laws *laws, const Boxes *from, const Boxes *to, float *time)
 {
     for (int64_t i = 0; i < from->count; i++)
         for (int64_t j = 0; j < to->count; j += TILE) {
             const int64_t count = to->count - j < TILE ? to->count - j : TILE;
-            row_times(laws, *from, i, *to, j, count, time + i * to->count + j);
+            compute_row(laws, *from, i, *to, j, count, time + i * to->count + j);
         }
 }
 
-/* Minima at once, so that the compiler can take them together. */
+/* Minima computed in parallel, so that the compiler vectorises them. */
 enum { LANES = 8 };
 
-static float least_of(const float *value, int64_t begin, int64_t end)
+/* Compute the minimum of value[begin:end]. */
+static float minimum(const float *value, int64_t begin, int64_t end)
 {
     float least[LANES];
     int64_t j = begin;
@@ -94,9 +98,11 @@ static float least_of(const float *value, int64_t begin, int64_t end)
     return least[0];
 }
 
-/* Times of all pairs with `work` (of each box of `to`), (from->count, to->count), and the least of them for every pair of
-   groups, (groups, groups), which is infinite at first. `group` is that of each box of `from`; `first` is the first box
-   of each group of `to`, and their number, (groups + 1,). */
+/* Compute the times between all pairs of boxes including work, and lower the least time of each pair of groups to them.
+
+   work: time added at each box of `to`, (to->count,). group: of each box of `from`, (from->count,).
+   first: first box of each group of `to`, and the number of boxes, (groups + 1,).
+   time: (from->count, to->count). least: infinite at first, (groups, groups). */
 void work_times(const Laws *laws, const Boxes *from, const Boxes *to, const float *work, const int64_t *group,
                 const int64_t *first, int64_t groups, float *time, float *least)
 {
@@ -106,186 +112,200 @@ void work_times(const Laws *laws, const Boxes *from, const Boxes *to, const floa
         for (int64_t j = 0; j < to->count; j++)
             row[j] += work[j];
         for (int64_t g = 0; g < groups; g++) {
-            const float own = least_of(row, first[g], first[g + 1]);
-            best[g] = own < best[g] ? own : best[g];
+            const float group_least = minimum(row, first[g], first[g + 1]);
+            best[g] = group_least < best[g] ? group_least : best[g];
         }
     }
 }
 
-/* The least of max(time, floor) + left from every row, (rows,): time (rows, count), floor of every pair of groups,
-   (groups, groups), the row's and the column's, left of every column. Returns 0, or 1 without memory. */
+/* Minimise max(time, floor) + remaining over the columns of each row.
+
+   time: (rows, count). group: of the rows, those of one group consecutive, (rows,). column: groups of the columns,
+   (count,). floor: of each pair of groups, (groups, groups). remaining: of the columns, (count,). least: (rows,).
+   Returns 0, or 1 if out of memory. */
 int least_through(const float *time, int64_t rows, int64_t count, const int64_t *group, const int64_t *column,
-                  int64_t groups, const float *floor, const float *left, float *least)
+                  int64_t groups, const float *floor, const float *remaining, float *least)
 {
-    float *own = malloc(sizeof(float) * (size_t)(2 * count + 1));
-    if (!own)
+    float *floors = malloc(sizeof(float) * (size_t)(2 * count + 1));
+    if (!floors)
         return 1;
-    float *all = own + count;
+    float *totals = floors + count;
     for (int64_t i = 0; i < rows; i++) {
-        /* Rows come in order of their groups. */
+        /* Rows of one group are consecutive. */
         if (!i || group[i] != group[i - 1])
             for (int64_t j = 0; j < count; j++)
-                own[j] = floor[group[i] * groups + column[j]];
+                floors[j] = floor[group[i] * groups + column[j]];
         const float *row = time + i * count;
         for (int64_t j = 0; j < count; j++)
-            all[j] = (row[j] > own[j] ? row[j] : own[j]) + left[j];
-        least[i] = least_of(all, 0, count);
+            totals[j] = (row[j] > floors[j] ? row[j] : floors[j]) + remaining[j];
+        least[i] = minimum(totals, 0, count);
     }
-    free(own);
+    free(floors);
     return 0;
 }
 
-/* One end of a stop's lines. */
+/* Cells at one end of a stop's lines. */
 typedef struct {
     Boxes cells;
-    const int64_t *first; /* first cell of every group, and the number of cells, (groups + 1,) */
-    const float *line;    /* least time of the line there */
-} End;
+    const int64_t *first; /* first cell of each group, and the number of cells, (groups + 1,) */
+    const float *line;    /* least time of the line at each cell [s] */
+} LineEnds;
 
-/* A run or part of cells, and what it can give at best. */
+/* Run or block of cells with the lower bound of its times. */
 typedef struct {
     float bound;
-    int32_t place;
-} Promise;
+    int32_t index;
+} Candidate;
 
-static int by_bound(const void *one, const void *other)
+/* Order candidates by bound, then by index. */
+static int by_bound(const void *first, const void *second)
 {
-    const Promise *a = one, *b = other;
+    const Candidate *a = first, *b = second;
     if (a->bound != b->bound)
         return a->bound < b->bound ? -1 : 1;
-    return a->place - b->place;
+    return a->index - b->index;
 }
 
-/* From every cell of `approach` the least over all cells of `retract` in its group of max(way between them, both
-   lines) + rest, (approach->cells.count,): infinite without any. Parts of a group are looked at in order of what their
-   lines and rests can give at best. Returns 0, or 1 without memory. */
-int least_work(const Laws *laws, const End *approach, const End *retract, int64_t groups, const float *rest,
-               float *least)
+/* Minimise max(transfer, both lines) + remaining over the retract cells in the group of each approach cell.
+
+   remaining: of each retract cell, (retract->cells.count,). least: infinite for groups without retract cells,
+   (approach->cells.count,). Blocks of a group are searched in order of the bounds from their lines and remaining times.
+   Returns 0, or 1 if out of memory. */
+int least_work(const Laws *laws, const LineEnds *approach, const LineEnds *retract, int64_t groups,
+               const float *remaining, float *least)
 {
-    Promise *promise = malloc(sizeof(Promise) * (size_t)(retract->cells.count / PART + 1));
-    float time[PART];
-    if (!promise)
+    Candidate *candidates = malloc(sizeof(Candidate) * (size_t)(retract->cells.count / BLOCK + 1));
+    float time[BLOCK];
+    if (!candidates)
         return 1;
     for (int64_t g = 0; g < groups; g++) {
-        const int64_t begin = retract->first[g], end = retract->first[g + 1], parts = (end - begin + PART - 1) / PART;
-        for (int64_t r = 0; r < parts; r++) {
-            const int64_t j = begin + r * PART, past = j + PART < end ? j + PART : end;
-            promise[r] = (Promise){least_of(retract->line, j, past) + least_of(rest, j, past), (int32_t)r};
+        const int64_t begin = retract->first[g], end = retract->first[g + 1];
+        const int64_t blocks = (end - begin + BLOCK - 1) / BLOCK;
+        for (int64_t b = 0; b < blocks; b++) {
+            const int64_t j = begin + b * BLOCK, block_end = j + BLOCK < end ? j + BLOCK : end;
+            const float bound = minimum(retract->line, j, block_end) + minimum(remaining, j, block_end);
+            candidates[b] = (Candidate){bound, (int32_t)b};
         }
-        qsort(promise, (size_t)parts, sizeof(Promise), by_bound);
+        qsort(candidates, (size_t)blocks, sizeof(Candidate), by_bound);
         for (int64_t i = approach->first[g]; i < approach->first[g + 1]; i++) {
             const float line = approach->line[i];
             float best = INFINITY;
-            /* Sums are not rounded alike in any order: a millionth covers that. */
-            for (int64_t r = 0; r < parts && line + promise[r].bound < best * (1.0F + 1e-6F); r++) {
-                const int64_t j = begin + promise[r].place * PART, count = end - j < PART ? end - j : PART;
-                row_times(laws, approach->cells, i, retract->cells, j, count, time);
+            /* A relative margin of 1e-6 covers the rounding of sums in a different order. */
+            for (int64_t b = 0; b < blocks && line + candidates[b].bound < best * (1.0F + 1e-6F); b++) {
+                const int64_t j = begin + candidates[b].index * BLOCK, count = end - j < BLOCK ? end - j : BLOCK;
+                compute_row(laws, approach->cells, i, retract->cells, j, count, time);
                 for (int64_t k = 0; k < count; k++) {
-                    const float lines = line + retract->line[j + k];
-                    const float whole = (time[k] > lines ? time[k] : lines) + rest[j + k];
-                    best = whole < best ? whole : best;
+                    const float line_times = line + retract->line[j + k];
+                    const float total = (time[k] > line_times ? time[k] : line_times) + remaining[j + k];
+                    best = total < best ? total : best;
                 }
             }
             least[i] = best;
         }
     }
-    free(promise);
+    free(candidates);
     return 0;
 }
 
-/* The least of transfer and `work` (of each cell of `to`) for every pair of groups, (groups, groups); infinite at first.
-   Returns 0, or 1 without memory. */
-int least_by_groups(const Laws *laws, const Side *from, const Side *to, const float *work, int64_t groups, float *least)
+/* Lower the least time of each pair of groups to that of the transfers between their cells including work.
+
+   work: time added at each cell of `to`, (to->cells.count,). least: (groups, groups).
+   Returns 0, or 1 if out of memory. */
+int least_by_groups(const Laws *laws, const CellRuns *from, const CellRuns *to, const float *work, int64_t groups,
+                    float *least)
 {
     const int64_t goals = to->runs.count;
-    Promise *promise = malloc(sizeof(Promise) * (size_t)(goals + 1));
+    Candidate *candidates = malloc(sizeof(Candidate) * (size_t)(goals + 1));
     float *bound = malloc(sizeof(float) * (size_t)(2 * goals + 1)), *least_work = bound + goals, time[TILE];
-    if (!promise || !bound) {
-        free(promise);
+    if (!candidates || !bound) {
+        free(candidates);
         free(bound);
         return 1;
     }
     for (int64_t r = 0; r < goals; r++)
-        least_work[r] = least_of(work, to->first[r], to->first[r + 1]);
-    for (int64_t k = 0; k < from->runs.count; k++) {
-        float *best = least + from->group[from->first[k]] * groups;
+        least_work[r] = minimum(work, to->first[r], to->first[r + 1]);
+    for (int64_t run = 0; run < from->runs.count; run++) {
+        float *best = least + from->group[from->first[run]] * groups;
         for (int64_t r = 0; r < goals; r += TILE)
-            row_times(laws, from->runs, k, to->runs, r, goals - r < TILE ? goals - r : TILE, bound + r);
-        int64_t promising = 0;
+            compute_row(laws, from->runs, run, to->runs, r, goals - r < TILE ? goals - r : TILE, bound + r);
+        int64_t candidate_count = 0;
         for (int64_t r = 0; r < goals; r++) {
-            const float own = bound[r] + least_work[r];
-            if (own < best[to->group[to->first[r]]])
-                promise[promising++] = (Promise){own, (int32_t)r};
+            const float total = bound[r] + least_work[r];
+            if (total < best[to->group[to->first[r]]])
+                candidates[candidate_count++] = (Candidate){total, (int32_t)r};
         }
-        qsort(promise, (size_t)promising, sizeof(Promise), by_bound);
-        for (int64_t p = 0; p < promising; p++) {
-            const int64_t r = promise[p].place, begin = to->first[r], count = to->first[r + 1] - begin;
-            float *here = best + to->group[begin];
-            for (int64_t i = from->first[k]; i < from->first[k + 1] && promise[p].bound < *here; i++) {
-                row_times(laws, from->cells, i, to->cells, begin, count, time);
+        qsort(candidates, (size_t)candidate_count, sizeof(Candidate), by_bound);
+        for (int64_t p = 0; p < candidate_count; p++) {
+            const int64_t r = candidates[p].index, begin = to->first[r], count = to->first[r + 1] - begin;
+            float *pair_best = best + to->group[begin];
+            for (int64_t i = from->first[run]; i < from->first[run + 1] && candidates[p].bound < *pair_best; i++) {
+                compute_row(laws, from->cells, i, to->cells, begin, count, time);
                 for (int64_t j = 0; j < count; j++) {
                     const float sum = time[j] + work[begin + j];
-                    *here = sum < *here ? sum : *here;
+                    *pair_best = sum < *pair_best ? sum : *pair_best;
                 }
             }
         }
     }
-    free(promise);
+    free(candidates);
     free(bound);
     return 0;
 }
 
-/* From every cell of `from` the least over all cells of `to` of max(transfer + own, floor + beyond), (from.count,):
-   own and beyond are of each cell where a transfer ends, floor of each pair of groups, (groups, groups).
-   Returns 0, or 1 without memory. */
-int least_from(const Laws *laws, const Side *from, const Side *to, const float *own, const float *floor,
-               const float *beyond, int64_t groups, float *least)
+/* Minimise max(transfer + arrival, floor + remaining) over the cells of `to` for each cell of `from`.
+
+   arrival, remaining: times added at each cell of `to`, (to->cells.count,). floor: of each pair of groups,
+   (groups, groups). least: (from->cells.count,).
+   Returns 0, or 1 if out of memory. */
+int least_from(const Laws *laws, const CellRuns *from, const CellRuns *to, const float *arrival, const float *floor,
+               const float *remaining, int64_t groups, float *least)
 {
     const int64_t goals = to->runs.count;
-    Promise *promise = malloc(sizeof(Promise) * (size_t)(goals + 1));
+    Candidate *candidates = malloc(sizeof(Candidate) * (size_t)(goals + 1));
     float *bound = malloc(sizeof(float) * (size_t)(3 * goals + 1)), time[TILE];
-    float *least_own = bound + goals, *least_beyond = bound + 2 * goals;
-    if (!promise || !bound) {
-        free(promise);
+    float *least_arrival = bound + goals, *least_remaining = bound + 2 * goals;
+    if (!candidates || !bound) {
+        free(candidates);
         free(bound);
         return 1;
     }
     for (int64_t r = 0; r < goals; r++) {
-        least_own[r] = least_of(own, to->first[r], to->first[r + 1]);
-        least_beyond[r] = least_of(beyond, to->first[r], to->first[r + 1]);
+        least_arrival[r] = minimum(arrival, to->first[r], to->first[r + 1]);
+        least_remaining[r] = minimum(remaining, to->first[r], to->first[r + 1]);
     }
-    for (int64_t k = 0; k < from->runs.count; k++) {
-        const int64_t begin = from->first[k], end = from->first[k + 1];
+    for (int64_t run = 0; run < from->runs.count; run++) {
+        const int64_t begin = from->first[run], end = from->first[run + 1];
         const float *floors = floor + from->group[begin] * groups;
         for (int64_t i = begin; i < end; i++)
             least[i] = INFINITY;
         for (int64_t r = 0; r < goals; r += TILE)
-            row_times(laws, from->runs, k, to->runs, r, goals - r < TILE ? goals - r : TILE, bound + r);
+            compute_row(laws, from->runs, run, to->runs, r, goals - r < TILE ? goals - r : TILE, bound + r);
         for (int64_t r = 0; r < goals; r++) {
-            const float one = bound[r] + least_own[r], other = floors[to->group[to->first[r]]] + least_beyond[r];
-            promise[r] = (Promise){one > other ? one : other, (int32_t)r};
+            const float arriving = bound[r] + least_arrival[r];
+            const float waiting = floors[to->group[to->first[r]]] + least_remaining[r];
+            candidates[r] = (Candidate){arriving > waiting ? arriving : waiting, (int32_t)r};
         }
-        qsort(promise, (size_t)goals, sizeof(Promise), by_bound);
+        qsort(candidates, (size_t)goals, sizeof(Candidate), by_bound);
         for (int64_t p = 0; p < goals; p++) {
-            const int64_t r = promise[p].place, goal = to->first[r], count = to->first[r + 1] - goal;
-            const float here = floors[to->group[goal]];
-            int better = 0;
+            const int64_t r = candidates[p].index, goal = to->first[r], count = to->first[r + 1] - goal;
+            const float pair_floor = floors[to->group[goal]];
+            int improved = 0;
             for (int64_t i = begin; i < end; i++) {
-                if (promise[p].bound >= least[i])
+                if (candidates[p].bound >= least[i])
                     continue;
-                better = 1;
-                row_times(laws, from->cells, i, to->cells, goal, count, time);
+                improved = 1;
+                compute_row(laws, from->cells, i, to->cells, goal, count, time);
                 for (int64_t j = 0; j < count; j++) {
-                    const float one = time[j] + own[goal + j], other = here + beyond[goal + j];
-                    const float sum = one > other ? one : other;
+                    const float arriving = time[j] + arrival[goal + j], waiting = pair_floor + remaining[goal + j];
+                    const float sum = arriving > waiting ? arriving : waiting;
                     least[i] = sum < least[i] ? sum : least[i];
                 }
             }
-            if (!better)
+            if (!improved)
                 break;
         }
     }
-    free(promise);
+    free(candidates);
     free(bound);
     return 0;
 }
