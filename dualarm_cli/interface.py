@@ -22,6 +22,7 @@ from dualarm_cli.formats import export
 from dualarm_cli.formats.request import COLUMNS, ExportRequest, check_rate, columns_named
 from dualarm_cli.model.blending import BLENDINGS
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.verification import Check, Verification
@@ -35,7 +36,6 @@ from dualarm_cli.verification import verify as judged
 from dualarm_cli.verification.budget_checks import judge_budget
 from dualarm_cli.verification.criteria import criterion, judge
 from dualarm_cli.verification.robot_checks import check_robot
-from dualarm_cli.verification.tolerances import SAME_TIME
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

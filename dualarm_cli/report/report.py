@@ -27,7 +27,7 @@ from dualarm_cli.report.sensitivity import sensitivity
 from dualarm_cli.report.stage_parts import StageParts, blending_rows, stage_parts
 from dualarm_cli.verification.budget_checks import judge_budget
 from dualarm_cli.verification.motion_checks import jerk_share, velocity_extrema
-from dualarm_cli.verification.tolerances import CLEARANCE_SLACK
+from dualarm_cli.verification.tolerances import TOL
 
 FORMAT = "dualarm.report/1"
 SHORTEST_CYCLE = 1e-3
@@ -167,7 +167,7 @@ def _collisions(schedule: Schedule) -> str:
     if found is None:
         return "not checked"
     one, other = found["bodies"]
-    verdict = "none" if found["margin"] >= -CLEARANCE_SLACK else "CLEARANCE MISSED"
+    verdict = "none" if found["margin"] >= -TOL.clearance_slack else "CLEARANCE MISSED"
     caveats = schedule.verification.caveats if schedule.verification is not None else ()
     return (
         f"{verdict}{' between bodies with shapes' if caveats else ''}; least clearance proven: "

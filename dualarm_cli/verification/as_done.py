@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import ANY, AT_STANDS, Job, StopKey, Task
 from dualarm_cli.model.schedule import Event, Schedule, Stage
-from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.tolerances import TOL
 
 
 def job_as_done(schedule: Schedule, job: Job) -> Job:
@@ -110,8 +110,8 @@ def contains(stage: Stage, event: Event) -> bool:
     """Returns whether a stage names an event's task and lasts from before it to the end of its dwell."""
     return (
         event.task in stage.tasks
-        and stage.start - tol.SAME_TIME <= event.time
-        and event.time + event.dwell <= stage.end + tol.SAME_TIME
+        and stage.start - TOL.same_time <= event.time
+        and event.time + event.dwell <= stage.end + TOL.same_time
     )
 
 

@@ -10,9 +10,9 @@ from dualarm_cli.model.budget import Kept
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.verification import StageClearance
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.clearance_checks import check_clearance
+from dualarm_cli.verification.tolerances import TOL
 
 
 def judge_budget(schedule: Schedule, job: Job) -> tuple[Kept, ...]:
@@ -27,13 +27,13 @@ def judge_budget(schedule: Schedule, job: Job) -> tuple[Kept, ...]:
         return ()
     if budget.cycle_time is not None:
         time, place = schedule.duration, budget.cycle_time_place
-        kept = bool(time <= budget.cycle_time + tol.SAME_TIME)
+        kept = bool(time <= budget.cycle_time + TOL.same_time)
         lines.append(
             Kept("cycle_time", budget.cycle_time, time, kept, place.file, place.line, place.column)
         )
     if budget.clearance is not None:
         least, place = least_clearance(schedule, job), budget.clearance_place
-        kept = least is not None and least >= budget.clearance - tol.CLEARANCE_SLACK
+        kept = least is not None and least >= budget.clearance - TOL.clearance_slack
         lines.append(
             Kept("clearance", budget.clearance, least, kept, place.file, place.line, place.column)
         )

@@ -25,7 +25,6 @@ from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import COLLISIONS, SHAPES, Check, StageClearance
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.clearance_proof import (
     PRECISION,
     Certified,
@@ -44,6 +43,7 @@ from dualarm_cli.verification.holding_spans import (
 from dualarm_cli.verification.kind_checks import Touch
 from dualarm_cli.verification.line_spans import LineSpan, line_spans
 from dualarm_cli.verification.lying_bodies import LyingBodies, Played
+from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_model import ToolModel
 
 
@@ -56,7 +56,7 @@ def edges_of(schedule: Schedule) -> FloatArray:
         # An end that only rounding parts from where the next stage starts is no edge of its own.
         place = bisect(edges, end)
         near = (*edges[place - 1 : place + 1], last)
-        if first < end < last and all(abs(end - edge) > tol.SAME_TIME for edge in near):
+        if first < end < last and all(abs(end - edge) > TOL.same_time for edge in near):
             insort(edges, end)
     return np.array([*edges, last])
 
@@ -70,7 +70,7 @@ def stages_of(schedule: Schedule, edges: FloatArray) -> list[list[int]]:
     ends = np.array([stage.end for stage in schedule.stages])
     found = []
     for start, end in pairwise(edges.tolist()):
-        inside = np.flatnonzero((starts <= start) & (end <= ends + tol.SAME_TIME)).tolist()
+        inside = np.flatnonzero((starts <= start) & (end <= ends + TOL.same_time)).tolist()
         begun = np.flatnonzero(starts <= start)
         last = int(begun[np.argmax(starts[begun])]) if len(begun) else 0
         found.append(inside or [last])
@@ -114,11 +114,11 @@ def check_clearance(
         ]
     except UnprovenError:
         where = "cannot be proven: the motion goes too far between its knots, beyond the limits of its joints"
-        return judge(COLLISIONS, np.nan, tol.CLEARANCE_SLACK, where), ()
+        return judge(COLLISIONS, np.nan, TOL.clearance_slack, where), ()
     stages = watched.by_stage(parts, [plain, resting])
     # Parts that may lie on something have no clearance to speak of: they count where they reach into it.
     deep = watched.by_stage(parts, touching)
-    stages += [stage for stage in deep if stage.margin < -tol.CLEARANCE_SLACK]
+    stages += [stage for stage in deep if stage.margin < -TOL.clearance_slack]
     stages.sort(key=lambda stage: stage.stage)
     if not stages:
         return not_checked(COLLISIONS, "the motion has no length"), ()
@@ -128,7 +128,7 @@ def check_clearance(
         f"{_millimetres(worst.clearance)} where {_millimetres(worst.required)} "
         f"{'are required' if worst.required >= 0.0 else 'are allowed'}"
     )
-    return judge(COLLISIONS, -worst.margin, tol.CLEARANCE_SLACK, where), tuple(stages)
+    return judge(COLLISIONS, -worst.margin, TOL.clearance_slack, where), tuple(stages)
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class WatchedPairs:
             self.trajectory,
         )
         # What may lie on something is allowed so little that the proof must not use it up.
-        precision = 0.1 * tol.CONTACT_SLACK if contact else PRECISION
+        precision = 0.1 * TOL.contact_slack if contact else PRECISION
         found = proof.certify(edges, precision, known)
         return [replace(one, pair=some[one.pair]) if one.pair >= 0 else one for one in found]
 
@@ -270,7 +270,7 @@ def _pairs_and_windows(
         during = without(during, touching_spans(touches, one, other, gripped=True))
         if len(carriers) == 1 and WORLD in (one.joint, other.joint):
             lines = spans_on_lines(job, carriers[0], spans)
-            pairs += [pair, Pair(pair.first, pair.second, -tol.CONTACT_SLACK)]
+            pairs += [pair, Pair(pair.first, pair.second, -TOL.contact_slack)]
             windows += [without(during, lines), overlaps(during, lines)]
         else:
             pairs.append(pair)
@@ -291,7 +291,7 @@ def _add_plain(
         windows.append(None)
         return
     time = schedule.trajectory.time
-    pairs += [pair, Pair(pair.first, pair.second, -tol.CONTACT_SLACK)]
+    pairs += [pair, Pair(pair.first, pair.second, -TOL.contact_slack)]
     windows += [without([(float(time[0]), float(time[-1]))], works), works]
 
 

@@ -31,7 +31,6 @@ from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import LONGEST_DELAY, ArmDelay, Check, Verdict
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.clearance_checks import touching_spans
 from dualarm_cli.verification.clearance_proof import (
     NUMERICAL,
@@ -42,6 +41,7 @@ from dualarm_cli.verification.clearance_proof import (
 from dualarm_cli.verification.criteria import not_checked
 from dualarm_cli.verification.holding_spans import carrying_spans
 from dualarm_cli.verification.line_spans import LineSpan
+from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_model import tool_chain
 
 SKEW = "skew"
@@ -317,7 +317,7 @@ class DelayProof:
                 margin, moved = self._margins(squares)
                 found = self._lowered(found, squares, margin)
                 # A distance that is no number proves nothing.
-                clear = margin - moved >= NUMERICAL - tol.CLEARANCE_SLACK
+                clear = margin - moved >= NUMERICAL - TOL.clearance_slack
                 squares = squares.select(~clear & (squares.low < found.broken))
             if not len(squares.pair):
                 return replace(found, proven=min(found.proven, found.broken))
@@ -389,7 +389,7 @@ class DelayProof:
         """Lower the refuted delay to the least one at squares' centres."""
         delay = squares.delay * squares.side
         # Coal's iteration fails now and then where faces touch: bodies never overlap by metres.
-        lacks = (margin < -tol.CLEARANCE_SLACK) & (margin > -10.0) & (delay < found.broken)
+        lacks = (margin < -TOL.clearance_slack) & (margin > -10.0) & (delay < found.broken)
         rows = np.flatnonzero(lacks)
         for row in rows[np.argsort(delay[rows], kind="stable")].tolist():
             clocks = [

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_model import ToolModel
 
 PER_INTERVAL = 4
@@ -38,8 +38,8 @@ def dense_spans(
         ends: of the spans [s], shape (s,).
     """
     start, end = np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)
-    first = np.searchsorted(knots, start + tol.SAME_TIME)
-    inside = np.maximum(np.searchsorted(knots, end - tol.SAME_TIME) - first, 0)
+    first = np.searchsorted(knots, start + TOL.same_time)
+    inside = np.maximum(np.searchsorted(knots, end - TOL.same_time) - first, 0)
     # The edges of each span: its start, the knots inside, its end; each once.
     last = np.cumsum(inside + 2) - 1
     span = np.repeat(np.arange(len(start)), inside + 2)

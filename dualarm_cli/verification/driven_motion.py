@@ -24,10 +24,10 @@ from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import COLLISIONS, Check, StageClearance, Verification
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.clearance_checks import check_clearance
 from dualarm_cli.verification.criteria import judge, not_checked
+from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 
@@ -181,7 +181,7 @@ def judge_driven(
         found = not_checked(COLLISIONS, why)
     elif (share := _share_of_speed(driven, schedule)) > DRIVEN.farthest:
         why = f"cannot be proven: on average a joint moves at {share:.3g} times its speed limit"
-        found = judge(COLLISIONS, np.nan, tol.CLEARANCE_SLACK, why)
+        found = judge(COLLISIONS, np.nan, TOL.clearance_slack, why)
     else:
         moved = replace(schedule, motion=JointMotion.of(driven))
         found, stages = check_clearance(moved, job_as_done(schedule, job))
@@ -189,7 +189,7 @@ def judge_driven(
         # The required clearance is there for errors such as these: what it leaves is shown, a contact fails.
         worst = min(stages, key=lambda s: s.clearance - min(s.required, 0.0))
         into = min(worst.required, 0.0) - worst.clearance
-        found = judge(COLLISIONS, max(into, 0.0), tol.CLEARANCE_SLACK, found.detail)
+        found = judge(COLLISIONS, max(into, 0.0), TOL.clearance_slack, found.detail)
     return DrivenJudgement(Verification((*checks, found), stages), common, joints, events)
 
 
@@ -235,7 +235,7 @@ def _fitted(plan: Trajectory, times: FloatArray, driven: FloatArray, first: floa
     """
     from scipy.optimize import minimize_scalar
 
-    if np.abs(_rest(plan, times, driven, first)).max() < tol.SAME_JOINTS:
+    if np.abs(_rest(plan, times, driven, first)).max() < TOL.same_joints:
         return first
     nearby = first + np.arange(-DRIVEN.nearby, DRIVEN.nearby + DRIVEN.fine_step, DRIVEN.fine_step)
     least = [_untold(plan, times, driven, d) for d in nearby]
@@ -245,7 +245,7 @@ def _fitted(plan: Trajectory, times: FloatArray, driven: FloatArray, first: floa
     found = delay = float(best.x)
     for _ in range(DRIVEN.steps):
         rest = _rest(plan, times, driven, delay)
-        if np.abs(rest).max() < tol.SAME_JOINTS:
+        if np.abs(rest).max() < TOL.same_joints:
             break
         weights, windows = _autoregression(rest)
         velocity = plan.at(times - delay)[1][:, 0]
@@ -421,7 +421,7 @@ def _check_span(schedule: Schedule, logged: LoggedMotion) -> Check:
     missing = max(begin, schedule.duration - end, 0.0)
     where = f"{begin:.3f} to {end:.3f} s of {schedule.duration:.3f} s"
     step = 2.0 * float(np.diff(logged.time).max())
-    slack = min(step, tol.DRIVEN_SPAN * schedule.duration)
+    slack = min(step, TOL.driven_span * schedule.duration)
     return judge("time_span", missing, slack, where)
 
 
@@ -466,7 +466,7 @@ def _check_limits(
             continue
         share = np.where(np.isfinite(limit), peak / limit, 0.0)
         k = int(np.argmax(share))
-        most = 1.0 + tol.DRIVEN_RATE_SLACK
+        most = 1.0 + TOL.driven_rate_slack
         where = f"{joints[k]}, limit {limit[k]:g}"
         checks.append(judge(name, float(share[k]), most, where))
     return checks

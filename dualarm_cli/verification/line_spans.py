@@ -16,8 +16,8 @@ from dualarm_cli.geometry.products import product
 from dualarm_cli.model.job import Job, Stop
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.dense_times import AT_ONCE, dense_spans
+from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 FIRST_INSTANTS = 128
@@ -139,7 +139,7 @@ def _ends_among(
     for line, every, instants, depth, on_line in zip(
         lines, all_instants, some, depths, on_lines, strict=True
     ):
-        off = np.flatnonzero(~on_line | (depth > line.length + tol.LINE_DISTANCE))
+        off = np.flatnonzero(~on_line | (depth > line.length + TOL.line_distance))
         if not len(off) and len(instants) < len(every):
             found.append(None)
             continue
@@ -148,7 +148,7 @@ def _ends_among(
             found.append(line.near)
             continue
         # Beyond the end that is asked for a transfer may go on the same way.
-        outermost = depth[:on] >= min(depth[:on].max(), line.length) - tol.SAME_PLACE
+        outermost = depth[:on] >= min(depth[:on].max(), line.length) - TOL.same_place
         found.append(float(instants[int(np.argmax(outermost))]))
     return found
 
@@ -167,10 +167,10 @@ def _on_lines(
     turn = R_event.transpose(0, 2, 1)[line]
     local = product(turn, moved[:, :, None])[:, :, 0]
     depth = -local[:, 2]
-    on_line = (np.hypot(local[:, 0], local[:, 1]) <= tol.LINE_DISTANCE) & (
-        rotation_angle(product(turn, R)) <= tol.LINE_ANGLE
+    on_line = (np.hypot(local[:, 0], local[:, 1]) <= TOL.line_distance) & (
+        rotation_angle(product(turn, R)) <= TOL.line_angle
     )
-    on_line &= depth >= -tol.LINE_DISTANCE
+    on_line &= depth >= -TOL.line_distance
     ends = np.cumsum([len(some) for some in instants])[:-1]
     return np.split(depth, ends), np.split(on_line, ends)
 

@@ -32,10 +32,10 @@ from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.clearance_proof import Windows
 from dualarm_cli.verification.holding_spans import Span, carrying_spans, overlaps, without
 from dualarm_cli.verification.line_spans import LineSpan, spans_of
+from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_model import ToolModel
 
 
@@ -72,7 +72,7 @@ class LyingBodies:
             for pair in pairs_with_lying([*solids, *found.solids], numbers, job.cell):
                 shape = motion.shapes(lying)[pair.second - numbers.start]
                 for depth, during in motion.asked(lying, shape, solids[pair.first], model):
-                    required = pair.required if depth is None else -tol.CONTACT_SLACK - depth
+                    required = pair.required if depth is None else -TOL.contact_slack - depth
                     if inside := overlaps([there], during):
                         found.pairs.append((replace(pair, required=required), inside))
         return found

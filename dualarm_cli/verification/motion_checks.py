@@ -11,8 +11,8 @@ from dualarm_cli.model.joint_motion import ALL, JointMotion
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Check
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.criteria import judge, not_checked
+from dualarm_cli.verification.tolerances import TOL
 
 
 def check_finite(motion: JointMotion) -> Check:
@@ -38,7 +38,7 @@ def check_time(motion: JointMotion) -> Check:
     starts = {name: float(group.time[0]) for name, group in motion.groups.items()}
     worst = max(starts, key=lambda name: abs(starts[name]))
     where = f"starts at {starts[worst]:g} s{_of(worst) if starts[worst] else ''}"
-    return judge("time", abs(starts[worst]), tol.SAME_TIME, where)
+    return judge("time", abs(starts[worst]), TOL.same_time, where)
 
 
 def _of(group: str) -> str:
@@ -59,14 +59,14 @@ def check_agreement(trajectory: Trajectory, sliding: Collection[str] = ()) -> li
         q, v, a = one.position, one.velocity, one.acceleration
         dt = np.diff(one.time)[:, None]
         off = q[1:] - (q[:-1] + dt * (v[:-1] + dt * (2.0 * a[:-1] + a[1:]) / 6.0))
-        by_position.append(_worst_knot(_with_drift(off, one.time, tol.POSITION_AGREEMENT)))
+        by_position.append(_worst_knot(_with_drift(off, one.time, TOL.position_agreement)))
         off = v[1:] - (v[:-1] + dt * (a[:-1] + a[1:]) / 2.0)
-        by_velocity.append(_worst_knot(_with_drift(off, one.time, tol.VELOCITY_AGREEMENT)))
+        by_velocity.append(_worst_knot(_with_drift(off, one.time, TOL.velocity_agreement)))
     return [
         _judge_knots(name, worst, allowed, trajectory, sliding)
         for name, worst, allowed in (
-            ("position_agreement", by_position, tol.POSITION_AGREEMENT),
-            ("velocity_agreement", by_velocity, tol.VELOCITY_AGREEMENT),
+            ("position_agreement", by_position, TOL.position_agreement),
+            ("velocity_agreement", by_velocity, TOL.velocity_agreement),
         )
     ]
 
@@ -94,7 +94,7 @@ def _with_drift(error: FloatArray, time: FloatArray, allowed: float) -> FloatArr
     if size.max(initial=0.0) > allowed:
         return size
     total = np.concatenate([np.zeros((1, 1)), np.cumsum(error, axis=0)])
-    begun = time[0] + tol.DRIFT_TIME * np.floor((time[1:] - time[0]) / tol.DRIFT_TIME)
+    begun = time[0] + TOL.drift_time * np.floor((time[1:] - time[0]) / TOL.drift_time)
     first = np.minimum(np.searchsorted(time, begun), np.arange(len(error)))
     return np.abs(total[1:] - total[first])
 
@@ -141,7 +141,7 @@ def jerk_share(trajectory: Trajectory, limits: JointLimits) -> FloatArray:
     step = np.diff(trajectory.time)[:, None]
     if not len(step):
         return np.zeros(len(limits.joints))
-    slack = tol.JUMP_SLACK * np.where(np.isfinite(limits.acceleration), limits.acceleration, 1.0)
+    slack = TOL.jump_slack * np.where(np.isfinite(limits.acceleration), limits.acceleration, 1.0)
     limited = np.isfinite(limits.jerk)
     allowed = np.where(limited, limits.jerk, 0.0) * step + slack
     change = np.abs(np.diff(trajectory.acceleration, axis=0))
@@ -149,7 +149,7 @@ def jerk_share(trajectory: Trajectory, limits: JointLimits) -> FloatArray:
     total = np.cumsum(change - (allowed - slack), axis=0)
     total = np.vstack([np.zeros((1, total.shape[1])), total])
     run = (total - np.minimum.accumulate(total, axis=0)).max(axis=0)
-    share = np.where(share > 1.0, share, np.maximum(share, run / (tol.RUN_SLACK * slack)))
+    share = np.where(share > 1.0, share, np.maximum(share, run / (TOL.run_slack * slack)))
     return np.where(limited, share, 0.0)
 
 
@@ -160,7 +160,7 @@ def check_rest(trajectory: Trajectory, sliding: Collection[str] = ()) -> Check:
     _, end, joint = np.unravel_index(int(np.argmax(rates)), rates.shape)
     name = trajectory.joints[joint]
     where = f"{name} at the {('start', 'end')[end]}"
-    return judge("rest", float(rates.max()), tol.AT_REST, where, slides=name in sliding)
+    return judge("rest", float(rates.max()), TOL.at_rest, where, slides=name in sliding)
 
 
 def position_extrema(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
@@ -216,7 +216,7 @@ def _judge_positions(
     joint = int(np.argmax(excess))
     name = _named(joint, limits)
     beyond = max(0.0, float(excess[joint]))
-    return judge("position", beyond, tol.POSITION_SLACK, name, slides=name in sliding)
+    return judge("position", beyond, TOL.position_slack, name, slides=name in sliding)
 
 
 def _judge_share(name: str, share: FloatArray, stated: FloatArray, limits: JointLimits) -> Check:
@@ -228,7 +228,7 @@ def _judge_share(name: str, share: FloatArray, stated: FloatArray, limits: Joint
     unlimited = [limits.joints[k] for k in np.flatnonzero(~np.isfinite(stated))]
     if unlimited:
         where += f"; without such a limit: {', '.join(unlimited)}"
-    return judge(name, float(share[joint]), 1.0 + tol.RATE_SLACK, where)
+    return judge(name, float(share[joint]), 1.0 + TOL.rate_slack, where)
 
 
 def _named(joint: int, limits: JointLimits) -> str:

@@ -13,10 +13,10 @@ import numpy as np
 from dualarm_cli.model.job import Dwell, Job, Task
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import in_time, is_change
 from dualarm_cli.verification.criteria import judge, not_checked
 from dualarm_cli.verification.line_spans import LineSpan
+from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_checks import Worst
 
 
@@ -59,7 +59,7 @@ def check_segments(schedule: Schedule) -> Check:
     for event in schedule.events:
         beyond = event.time + event.dwell - schedule.duration
         worst.add(beyond, f"dwell of {event.task} ({event.action}) goes beyond the end")
-    return worst.judge("segments", tol.SAME_TIME)
+    return worst.judge("segments", TOL.same_time)
 
 
 def check_dwells(schedule: Schedule, job: Job) -> Check:
@@ -81,8 +81,8 @@ def check_dwells(schedule: Schedule, job: Job) -> Check:
             if key not in listed:
                 worst.add(event.dwell, f"{event.task} ({event.action}) has no dwell listed")
     # Rounding has a largest value too, and nothing to say of it.
-    fault = worst.where if worst.value > tol.SAME_TIME else "as long as the job requires"
-    return judge("dwells", worst.value, tol.SAME_TIME, fault)
+    fault = worst.where if worst.value > TOL.same_time else "as long as the job requires"
+    return judge("dwells", worst.value, TOL.same_time, fault)
 
 
 def _dwell_error(segment: Segment, event: Event | None, asked: Dwell) -> tuple[float, str]:
@@ -114,7 +114,7 @@ def check_bound(schedule: Schedule) -> Check:
     if bound is None:
         return not_checked("lower_bound")
     where = f"stated {bound:g} s, the schedule takes {schedule.duration:g} s"
-    return judge("lower_bound", bound - schedule.duration, tol.SAME_TIME, where)
+    return judge("lower_bound", bound - schedule.duration, TOL.same_time, where)
 
 
 def check_ends(schedule: Schedule, job: Job) -> list[Check]:
@@ -130,13 +130,13 @@ def check_ends(schedule: Schedule, job: Job) -> list[Check]:
         joint = trajectory.joints[int(np.argmax(off))]
         where, slides = f"{joint} from posture '{job.start}'", joint in sliding
         checks.append(
-            judge("start_posture", float(off.max()), tol.SAME_JOINTS, where, slides=slides)
+            judge("start_posture", float(off.max()), TOL.same_joints, where, slides=slides)
         )
     if not job.returns:
         return [*checks, not_checked("return")]
     off = np.abs(trajectory.position[-1] - trajectory.position[0])
     joint = trajectory.joints[int(np.argmax(off))]
-    found = judge("return", float(off.max()), tol.SAME_JOINTS, joint, slides=joint in sliding)
+    found = judge("return", float(off.max()), TOL.same_joints, joint, slides=joint in sliding)
     return [*checks, found]
 
 
@@ -334,7 +334,7 @@ def check_precedence(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) ->
         if task in begin and name in over:
             where = f"{task} begins at {begin[task]:.3f} s, {name} is over at {over[name]:.3f} s"
             worst.add(over[name] - begin[task], where)
-    return worst.judge("precedence", tol.SAME_TIME, "none of the tasks concerned is done")
+    return worst.judge("precedence", TOL.same_time, "none of the tasks concerned is done")
 
 
 def check_windows(schedule: Schedule, job: Job) -> Check:
@@ -359,7 +359,7 @@ def check_windows(schedule: Schedule, job: Job) -> Check:
         late = f"{task.id} ends at {last:.3f} s, not_after is {task.not_after:g} s"
         worst.add(task.not_before - first, early)
         worst.add(last - task.not_after, late)
-    return worst.judge("windows", tol.SAME_TIME, "no task with a window is done")
+    return worst.judge("windows", TOL.same_time, "no task with a window is done")
 
 
 def check_signals(schedule: Schedule, job: Job) -> list[Check]:

@@ -11,8 +11,8 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.criteria import judge
+from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_model import ToolModel
 
 USABLE = ("finite", "time")
@@ -94,13 +94,13 @@ def _limits(stated: JointLimits, known: JointLimits) -> Iterator[str]:
     says = np.array([source != "unstated" for source in stated.source])
     for what in ("lower", "upper", "velocity", "acceleration", "jerk"):
         values, own = getattr(stated, what), getattr(known, what)
-        same = np.isclose(values, own, rtol=tol.SAME_STATED, atol=0.0)
+        same = np.isclose(values, own, rtol=TOL.same_stated, atol=0.0)
         for k in np.flatnonzero(~same & (says | np.isfinite(values))):
             yield f"{what} limit of {stated.joints[k]}: {values[k]:g}; the job's is {own[k]:g}"
 
 
 def _same_pose(one: pin.SE3, other: pin.SE3) -> bool:
-    return bool(np.abs(one.homogeneous - other.homogeneous).max() <= tol.SAME_STATED)
+    return bool(np.abs(one.homogeneous - other.homogeneous).max() <= TOL.same_stated)
 
 
 def unusable(

@@ -11,11 +11,11 @@ from dualarm_cli.model.job import Job, Stop, StopKey, Task
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import contains, events_by_stage, in_time, stages_of_arm
 from dualarm_cli.verification.criteria import judge, not_checked
 from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.line_spans import LineSpan
+from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_checks import Worst
 
 NAME = "segment_kinds"
@@ -69,9 +69,9 @@ class _Events:
 
     def ahead(self, segment: Segment) -> Event | None:
         """Returns the first event at the end of a segment or later that is not over when it starts."""
-        first = int(np.searchsorted(self.times, segment.end - tol.SAME_TIME))
+        first = int(np.searchsorted(self.times, segment.end - TOL.same_time))
         later = (self.ordered[k] for k in range(first, len(self.ordered)))
-        return next((e for e in later if e.time + e.dwell > segment.start + tol.SAME_TIME), None)
+        return next((e for e in later if e.time + e.dwell > segment.start + TOL.same_time), None)
 
 
 def _fault(schedule: Schedule, segment: Segment, events: _Events) -> str:
@@ -95,7 +95,7 @@ def _fault(schedule: Schedule, segment: Segment, events: _Events) -> str:
         if any(key) and key != due:
             return f"the arm's next event is {' '.join(due).strip() or 'none'}, not {' '.join(key)}"
         # An arm that only makes room may be on its way beyond the last event, but it leaves before.
-        if not any(key) and events.last < segment.start + tol.SAME_TIME:
+        if not any(key) and events.last < segment.start + TOL.same_time:
             return "nothing follows; a way back is a return"
     elif segment.kind in WORK_ENDS:
         due = (segment.task, WORK_ENDS[segment.kind])
@@ -119,7 +119,7 @@ def first_move(schedule: Schedule, arm: str, start: float, end: float) -> float:
     columns = [schedule.trajectory.joints.index(name) for name in joints]
     times = dense_times(schedule.trajectory.time, start, end)
     q = schedule.trajectory.at(times)[0][:, columns]
-    moved = np.flatnonzero(np.abs(q - q[0]).max(axis=1) > tol.STANDS)
+    moved = np.flatnonzero(np.abs(q - q[0]).max(axis=1) > TOL.stands)
     return float(times[moved[0]]) if len(moved) else 0.0
 
 
@@ -147,7 +147,7 @@ def _one_after_the_other(schedule: Schedule) -> Check:
         worst.add(stage.start - stage.end, f"stage {number} ends before it starts")
         clock = stage.end
     worst.add(abs(clock - schedule.duration), "the last stage does not end the motion")
-    return worst.judge("stages", tol.SAME_TIME)
+    return worst.judge("stages", TOL.same_time)
 
 
 def _by_own_clocks(schedule: Schedule) -> Check:
@@ -165,9 +165,9 @@ def _by_own_clocks(schedule: Schedule) -> Check:
             if end >= clock:
                 clock, before = end, k + 1
     misplaced = _misplaced(schedule)
-    if misplaced and worst.value <= tol.SAME_TIME:
+    if misplaced and worst.value <= TOL.same_time:
         worst.add(np.inf, misplaced)
-    return worst.judge("stages", tol.SAME_TIME)
+    return worst.judge("stages", TOL.same_time)
 
 
 def _misplaced(schedule: Schedule) -> str:
@@ -208,7 +208,7 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
     if job.mode == "free":
         return not_checked("pairing")
     if wrong := _unpaired(schedule, job):
-        return judge("pairing", np.inf, tol.SAME_TIME, wrong)
+        return judge("pairing", np.inf, TOL.same_time, wrong)
     worst = Worst(where="both arms start every stage together")
     times = {(e.arm, e.task, e.action): e.time for e in schedule.events}
     parts: dict[StopKey, list[Segment]] = {}
@@ -217,7 +217,7 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
     asked = job.stages()
     for number, work in enumerate(asked, start=1):
         if number > len(schedule.stages):
-            return judge("pairing", np.inf, tol.SAME_TIME, f"stage {number} is missing")
+            return judge("pairing", np.inf, TOL.same_time, f"stage {number} is missing")
         stage = schedule.stages[number - 1]
         keys = [(arm, task.id, stop.action) for arm, (task, stop) in work.items()]
         for key in keys:
@@ -225,7 +225,7 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
             outside = max(stage.start - time, time - stage.end)
             worst.add(outside, f"{key[1]} ({key[2]}) is outside stage {number}")
         # An arm may have waited for other tasks until the stage begins.
-        due = stage.start + tol.SAME_TIME
+        due = stage.start + TOL.same_time
         own = [
             [p.start for p in parts.get(key, ()) if p.kind != "wait" or p.end > due] for key in keys
         ]
@@ -234,9 +234,9 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
         worst.add(apart, f"the arms do not start stage {number} together")
     _add_early(worst, schedule, asked, spans)
     wrong = _wrong_tasks(schedule, [[task.id for task, _ in work.values()] for work in asked])
-    if wrong and worst.value <= tol.SAME_TIME:
-        return judge("pairing", np.inf, tol.SAME_TIME, wrong)
-    return judge("pairing", worst.value, tol.SAME_TIME, worst.where)
+    if wrong and worst.value <= TOL.same_time:
+        return judge("pairing", np.inf, TOL.same_time, wrong)
+    return judge("pairing", worst.value, TOL.same_time, worst.where)
 
 
 def _add_early(
@@ -273,7 +273,7 @@ def _at_rest(schedule: Schedule, span: LineSpan) -> float:
     columns = [trajectory.joints.index(name) for name in names]
     first = int(np.searchsorted(trajectory.time, span.end))
     speed = np.abs(trajectory.velocity[first:, columns]).max(axis=1)
-    stands = np.flatnonzero(speed <= tol.AT_REST)
+    stands = np.flatnonzero(speed <= TOL.at_rest)
     return float(trajectory.time[first + stands[0]]) if len(stands) else schedule.duration
 
 

@@ -2,67 +2,79 @@
 
 from __future__ import annotations
 
-from dualarm_cli.model.joint_motion import SAME_TIME as SAME_TIME
+from dualarm_cli.model.joint_motion import SAME_TIME
+from dualarm_cli.records import dataclass
 
-POSITION_AGREEMENT = 1e-8
-"""Difference of a knot's position from the integral of the knot before [rad]."""
-VELOCITY_AGREEMENT = 1e-7
-"""Difference of a knot's velocity from the integral of the knot before [rad/s]."""
-DRIFT_TIME = 60.0
-"""How long errors of knots are added up [s]; in two stretches that meet they may add up to twice what is allowed."""
-POSITION_SLACK = 1e-9
-"""How far a joint may be beyond its position limit by rounding [rad]."""
-RATE_SLACK = 1e-9
-"""Share by which a velocity or acceleration may exceed its limit by rounding."""
-JUMP_SLACK = 1e-6
-"""Share of the acceleration limit by which an acceleration may change beyond jerk times time: knots may be a
-nanosecond apart, where a quotient of differences means nothing."""
-RUN_SLACK = 10.0
-"""How often that share may be used up within one run of knots."""
-AT_REST = 1e-9
-"""Speed [rad/s] and acceleration [rad/s²] that count as none."""
-SAME_JOINTS = 1e-9
-"""Difference of two postures that count as one [rad]."""
-SAME_PLACE = 1e-9
-"""Difference of two places that count as one [m]."""
-EVENT_SPEED = 1e-6
-"""How fast a joint may be while its arm is at a target that it may not pass [rad/s]."""
-STANDS = 1e-6
-"""How far a joint may move while its arm has to stand [rad]."""
-POSE_DISTANCE = 1e-6
-"""Distance of a tool from where it is commanded to be [m]."""
-POSE_ANGLE = 1e-6
-"""Angle of a tool from how it is commanded to be [rad]."""
-LINE_DISTANCE = 1e-4
-"""How far a tool may leave a straight line [m]."""
-LINE_ANGLE = 1e-4
-"""How far a tool may turn on a straight line [rad]."""
-PATH_SPEED_SLACK = 5e-3
-"""Share by which a tool may be faster along its path than asked, measured between instants."""
-PATH_LATE = 1e-6
-"""Time beyond what its speed and ramps allow that a path may take by rounding [s]."""
-PATH_RAMP, PATH_RISE = 0.8, 0.4
-"""Longest times to a path's speed and to its acceleration where the file leaves them open, at full speed [s]."""
-CHAIN_DISTANCE = 1e-6
-"""How far a tool may be from its seam, and a part from where it has to be [m]."""
-CHAIN_ANGLE = 1e-6
-"""How far a tool may be turned away on its seam, and a part from how it has to be [rad]."""
-SEAM_SPEED_SLACK = 1e-3
-"""Share by which the speed along a seam may be off."""
-TORQUE_SLACK = 1e-3
-"""Share by which a torque may exceed its limit between the instants that the planner looks at."""
-CLEARANCE_SLACK = 1e-6
-"""By how much a distance may fall short of the required clearance [m]."""
-BELT_SPEED = 1e-3
-"""How far a tool's velocity may be from that of the conveyor that it is to move with [m/s]."""
-CONTACT_SLACK = 5e-4
-"""How far a carried part may reach into what it lies on, on the lines at both ends of its way [m]."""
-TOOL_SPEED_SLACK = 1e-4
-"""Share by which a measured tool speed may exceed its cap."""
-SAME_STATED = 1e-9
-"""Tolerance of stated limits (as a share) and poses [m, or cosine] against the job's."""
-DRIVEN_SPAN = 0.02
-"""Share of the plan that a log may lack at either end."""
-DRIVEN_RATE_SLACK = 0.05
-"""Share by which velocities and accelerations of a motion as it was driven may exceed their limits: they are
-those of an interpolation."""
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Largest deviations that pass a check."""
+
+    same_time: float = SAME_TIME
+    """Difference of two times that count as one [s]."""
+    position_agreement: float = 1e-8
+    """Difference of a knot's position from the integral of the knot before [rad]."""
+    velocity_agreement: float = 1e-7
+    """Difference of a knot's velocity from the integral of the knot before [rad/s]."""
+    drift_time: float = 60.0
+    """Stretch over which errors of knots are added up [s]; over two that meet, twice the sum is allowed."""
+    position_slack: float = 1e-9
+    """Excess over a position limit by rounding [rad]."""
+    rate_slack: float = 1e-9
+    """Excess of a velocity or acceleration over its limit by rounding, as a share."""
+    jump_slack: float = 1e-6
+    """Share of the acceleration limit by which an acceleration may change beyond jerk times time: knots may be a
+    nanosecond apart, where a quotient of differences means nothing."""
+    run_slack: float = 10.0
+    """Sum of such changes within one run of knots, in shares of `jump_slack`."""
+    at_rest: float = 1e-9
+    """Speed [rad/s] and acceleration [rad/s²] that count as none."""
+    same_joints: float = 1e-9
+    """Difference of two postures that count as one [rad]."""
+    same_place: float = 1e-9
+    """Difference of two places that count as one [m]."""
+    event_speed: float = 1e-6
+    """Joint speed at a target that its arm may not pass [rad/s]."""
+    stands: float = 1e-6
+    """Joint movement while an arm has to stand [rad]."""
+    pose_distance: float = 1e-6
+    """Distance of a tool from its commanded pose [m]."""
+    pose_angle: float = 1e-6
+    """Angle of a tool from its commanded pose [rad]."""
+    line_distance: float = 1e-4
+    """Distance of a tool from its straight line [m]."""
+    line_angle: float = 1e-4
+    """Rotation of a tool on a straight line [rad]."""
+    path_speed_slack: float = 5e-3
+    """Excess of a tool's speed along its path, measured between instants, as a share."""
+    path_late: float = 1e-6
+    """Time beyond what its speed and ramps allow that a path may take by rounding [s]."""
+    path_ramp: float = 0.8
+    """Longest time to a path's speed where the file leaves it open, at full speed [s]."""
+    path_rise: float = 0.4
+    """Longest time to a path's acceleration where the file leaves it open, at full speed [s]."""
+    chain_distance: float = 1e-6
+    """Distance of a tool from its seam, and of a part from its place [m]."""
+    chain_angle: float = 1e-6
+    """Angle of a tool from its frame on the seam, and of a part from its orientation [rad]."""
+    seam_speed_slack: float = 1e-3
+    """Error of the speed along a seam, as a share."""
+    torque_slack: float = 1e-3
+    """Excess of a torque over its limit between the planner's instants, as a share."""
+    clearance_slack: float = 1e-6
+    """Shortfall of a distance below the required clearance [m]."""
+    belt_speed: float = 1e-3
+    """Velocity of a tool relative to the conveyor that it moves with [m/s]."""
+    contact_slack: float = 5e-4
+    """Depth of a carried part in what it lies on, along its lines at pick and place [m]."""
+    tool_speed_slack: float = 1e-4
+    """Excess of a measured tool speed over its cap, as a share."""
+    same_stated: float = 1e-9
+    """Tolerance of stated limits (as a share) and poses [m, or cosine] against the job's."""
+    driven_span: float = 0.02
+    """Share of the plan that a log may lack at either end."""
+    driven_rate_slack: float = 0.05
+    """Excess of velocities and accelerations of a driven motion, which is interpolated, as a share."""
+
+
+TOL = Tolerances()

@@ -15,10 +15,10 @@ from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
 from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.criteria import judge, not_checked
 from dualarm_cli.verification.dense_times import AT_ONCE, dense_spans, tool_spans
 from dualarm_cli.verification.line_spans import LineSpan
+from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 STEP = 1e-3
@@ -41,7 +41,7 @@ def check_tool_speed(schedule: Schedule, cap: float | None, model: ToolModel) ->
     """
     if cap is None:
         return not_checked("tool_speed")
-    allowed = cap * (1.0 + tol.TOOL_SPEED_SLACK)
+    allowed = cap * (1.0 + TOL.tool_speed_slack)
     trajectory = schedule.trajectory
     if trajectory.duration > LONGEST:
         where = f"a motion of {trajectory.duration:g} s is too long to check, at most {LONGEST:g} s are checked"
@@ -123,11 +123,11 @@ def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
             still_distance.add(float(norm(p - event.pose.translation, axis=1).max()), where)
             still_angle.add(float(rotation_angle(product(event.pose.rotation.T, R)).max()), where)
     return [
-        knot.judge("events_at_knots", tol.SAME_TIME),
-        distance.judge("tool_position_at_events", tol.POSE_DISTANCE),
-        angle.judge("tool_angle_at_events", tol.POSE_ANGLE),
-        still_distance.judge("tool_still_in_dwells", tol.POSE_DISTANCE),
-        still_angle.judge("tool_steady_in_dwells", tol.POSE_ANGLE),
+        knot.judge("events_at_knots", TOL.same_time),
+        distance.judge("tool_position_at_events", TOL.pose_distance),
+        angle.judge("tool_angle_at_events", TOL.pose_angle),
+        still_distance.judge("tool_still_in_dwells", TOL.pose_distance),
+        still_angle.judge("tool_steady_in_dwells", TOL.pose_angle),
     ]
 
 
@@ -142,7 +142,7 @@ def check_targets(schedule: Schedule, job: Job) -> Check:
         where = f"{event.task} ({event.action})"
         within = stop.blend if schedule.blending.passes(stop) else 0.0
         worst.add(_target_error(schedule, job, event, stop.target, within), where)
-    return worst.judge("events_at_targets", tol.POSE_DISTANCE)
+    return worst.judge("events_at_targets", TOL.pose_distance)
 
 
 def check_stands(schedule: Schedule, job: Job) -> Check:
@@ -159,7 +159,7 @@ def check_stands(schedule: Schedule, job: Job) -> Check:
         worst.add(
             float(speed.max(initial=0.0)), f"{event.task} ({event.action}) at {event.time:.6f} s"
         )
-    return worst.judge("stands_at_events", tol.EVENT_SPEED)
+    return worst.judge("stands_at_events", TOL.event_speed)
 
 
 def _target_error(
@@ -225,10 +225,10 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
     if missing:
         length.add(np.inf, missing)
     return [
-        beside.judge("lines_straight", tol.LINE_DISTANCE),
-        turned.judge("lines_steady", tol.LINE_ANGLE),
-        length.judge("line_lengths", tol.LINE_DISTANCE),
-        apart.judge("lines_at_events", tol.SAME_TIME),
+        beside.judge("lines_straight", TOL.line_distance),
+        turned.judge("lines_steady", TOL.line_angle),
+        length.judge("line_lengths", TOL.line_distance),
+        apart.judge("lines_at_events", TOL.same_time),
     ]
 
 
@@ -241,7 +241,7 @@ def _apart(line: Segment, event: Event, waits: Sequence[Segment]) -> float:
         return abs(line.end - event.time)
     over = event.time + event.dwell
     for wait in waits:
-        if abs(wait.start - over) <= tol.SAME_TIME:
+        if abs(wait.start - over) <= TOL.same_time:
             over = wait.end
     return abs(line.start - over)
 
@@ -312,4 +312,4 @@ def check_platform_still(schedule: Schedule, lines: Sequence[LineSpan]) -> Check
             worst.add(moved, f"{what} at {start:.3f} s")
     nothing = "the schedule lists no lines and no dwells in which it has to stand"
     slides = robot.platform_slides
-    return worst.judge("platform_still", tol.SAME_JOINTS, nothing, slides=slides)
+    return worst.judge("platform_still", TOL.same_joints, nothing, slides=slides)

@@ -17,7 +17,7 @@ from dualarm_cli.model.schedule import SegmentKind, WaitReason
 from dualarm_cli.model.verification import Verdict
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS
 from dualarm_cli.postures import REDUNDANCY_SOLVERS
-from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.tolerances import TOL
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAPERS = "tasks/papers/"
@@ -134,12 +134,12 @@ def test_tolerances_of_the_page_are_the_verifiers() -> None:
     """The table of what is measured, in the units of the page."""
     text = page("concepts/verification.md")
     assert "| tool pose at events | 1 µm, 1 µrad |" in text
-    assert (tol.POSE_DISTANCE, tol.POSE_ANGLE) == (1e-6, 1e-6)
+    assert (TOL.pose_distance, TOL.pose_angle) == (1e-6, 1e-6)
     assert "| straightness of lines | 0.1 mm, 0.1 mrad |" in text
-    assert (tol.LINE_DISTANCE, tol.LINE_ANGLE) == (1e-4, 1e-4)
+    assert (TOL.line_distance, TOL.line_angle) == (1e-4, 1e-4)
     assert "| tool on a seam; pose of the part | 1 µm, 1 µrad |" in text
-    assert (tol.CHAIN_DISTANCE, tol.CHAIN_ANGLE) == (1e-6, 1e-6)
+    assert (TOL.chain_distance, TOL.chain_angle) == (1e-6, 1e-6)
     assert "at 1 kHz and all knots, 0.01 % |" in text
-    assert tol.TOOL_SPEED_SLACK == 1e-4
+    assert TOL.tool_speed_slack == 1e-4
     assert "| torque on paths (`torque: limited`) | 0.1 % |" in text
-    assert tol.TORQUE_SLACK == 1e-3
+    assert TOL.torque_slack == 1e-3

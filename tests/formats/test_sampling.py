@@ -9,7 +9,7 @@ from scipy.interpolate import BPoly, CubicHermiteSpline
 
 from dualarm_cli.formats.sampling import losses, sampled
 from dualarm_cli.geometry.interpolation import INTERPOLATIONS, extrema, interpolated
-from dualarm_cli.verification.tolerances import POSITION_AGREEMENT
+from dualarm_cli.verification.tolerances import TOL
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3, 4, 5])
@@ -87,7 +87,7 @@ def test_with_knots_cubic_interpolation_is_exact_and_keeps_limits(exported, rate
     """Between knots the jerk is constant, so that Hermite's cubic is the motion itself, as exactly as that agrees."""
     schedule = exported.schedule
     for row in losses(schedule, sampled(schedule, rate, knots=True), "cubic"):
-        assert row.deviation < POSITION_AGREEMENT
+        assert row.deviation < TOL.position_agreement
         assert row.within_limits
 
 

@@ -6,9 +6,9 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.criteria import NO_TASKS, Criterion, judge, not_checked
 from dualarm_cli.verification.kind_checks import KindChecks
+from dualarm_cli.verification.tolerances import TOL
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def _in_time(changes: list[_Change]) -> list[_Change]:
 
     def due(change: _Change) -> float:
         gives = change.parts > 0 or change.taken < 0
-        return change.time - (tol.SAME_TIME if gives else 0.0)
+        return change.time - (TOL.same_time if gives else 0.0)
 
     return sorted(changes, key=due)
 

@@ -12,10 +12,10 @@ from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.criteria import Criterion
 from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.kind_checks import KindChecks
+from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_checks import Worst, pose_error
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
@@ -68,14 +68,14 @@ class _Found:
     def checks(self) -> list[Check]:
         """Returns the checks."""
         return [
-            self.part.judge("conveyor_part", tol.POSE_DISTANCE),
-            self.window.judge("conveyor_windows", tol.SAME_TIME),
-            self.velocity.judge("conveyor_velocity", tol.BELT_SPEED),
-            self.stays.judge("conveyor_dwells", tol.POSE_DISTANCE),
-            self.steady.judge("conveyor_dwells_steady", tol.POSE_ANGLE),
-            self.beside.judge("conveyor_lines_straight", tol.LINE_DISTANCE),
-            self.turned.judge("conveyor_lines_steady", tol.LINE_ANGLE),
-            self.length.judge("conveyor_line_lengths", tol.LINE_DISTANCE),
+            self.part.judge("conveyor_part", TOL.pose_distance),
+            self.window.judge("conveyor_windows", TOL.same_time),
+            self.velocity.judge("conveyor_velocity", TOL.belt_speed),
+            self.stays.judge("conveyor_dwells", TOL.pose_distance),
+            self.steady.judge("conveyor_dwells_steady", TOL.pose_angle),
+            self.beside.judge("conveyor_lines_straight", TOL.line_distance),
+            self.turned.judge("conveyor_lines_steady", TOL.line_angle),
+            self.length.judge("conveyor_line_lengths", TOL.line_distance),
         ]
 
 
@@ -181,14 +181,14 @@ def _measure_lines(
         [segment] = own
         where += f" at {segment.start:.3f} s"
         apart = segment.end - event.time if kind == "approach" else segment.start - over
-        if not abs(apart) <= tol.SAME_TIME:
+        if not abs(apart) <= TOL.same_time:
             found.length.add(np.inf, f"{where} does not lead to or from its event")
         times = dense_times(schedule.trajectory.time, segment.start, segment.end)
         # From the part outward.
         times = times[::-1] if kind == "approach" else times
         local, angle = _in_belt(schedule, model, event, times)
         depth = -local[:, 2]
-        there = np.flatnonzero(depth >= asked - tol.LINE_DISTANCE)
+        there = np.flatnonzero(depth >= asked - TOL.line_distance)
         if not len(there):
             found.length.add(asked - float(depth.max()), where)
         line = slice(0, int(there[0]) + 1 if len(there) else len(depth))

@@ -12,11 +12,11 @@ from dualarm_cli.model.job import Job, Task
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.criteria import NO_TASKS, Criterion, not_checked
 from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.kind_checks import KindChecks, Touch
 from dualarm_cli.verification.line_spans import LineSpan, spans_of
+from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_checks import Worst
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
@@ -103,9 +103,9 @@ def check_handovers(
         _judge_still(schedule, span.taking.arm, times, model, still, f"{name}: the taking")
     nothing = "no hand-over has its events"
     return [
-        order.judge("handover_order", tol.SAME_TIME, nothing),
-        grip.judge("handover_grip", tol.POSE_DISTANCE, nothing),
-        still.judge("handover_still", tol.POSE_DISTANCE, nothing),
+        order.judge("handover_order", TOL.same_time, nothing),
+        grip.judge("handover_grip", TOL.pose_distance, nothing),
+        still.judge("handover_still", TOL.pose_distance, nothing),
     ]
 
 

@@ -16,10 +16,10 @@ from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.criteria import NO_TASKS, Criterion, not_checked
 from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.kind_checks import KindChecks
+from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_checks import Worst
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
@@ -80,7 +80,7 @@ def check_torques(schedule: Schedule, job: Job | None) -> Check:
             joint = int(np.argmax(share))
             where = f"{names[joint]} on {segment.task} at {time[k]:.3f} s"
             worst.add(float(share[joint]), where)
-    return worst.judge("path_torque", 1.0 + tol.TORQUE_SLACK, "no segment of kind path")
+    return worst.judge("path_torque", 1.0 + TOL.torque_slack, "no segment of kind path")
 
 
 def _model(cell: Cell) -> pin.Model:
@@ -149,9 +149,9 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
             [segment] = own
             path = work.paths[task.arm]
             event = events.get((task.arm, task.id))
-            if event is None or abs(event.time - segment.end) > tol.SAME_TIME:
+            if event is None or abs(event.time - segment.end) > TOL.same_time:
                 progress.add(np.inf, f"{where}: its event is not where its segment ends")
-            elif (off := _pose_error(event, path)) > tol.POSE_DISTANCE:
+            elif (off := _pose_error(event, path)) > TOL.pose_distance:
                 progress.add(off, f"{where}: its event commands a pose that is not the path's end")
             along = found[task.arm] = along_path(schedule, model, segment, path)
             _add(distance, along.distance / work.tolerance, along.time, where)
@@ -176,10 +176,10 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
     return [
         distance.judge("path_distance", 1.0, lost),
         angle.judge("path_angle", 1.0, lost),
-        progress.judge("path_progress", tol.LINE_DISTANCE, lost),
-        speed.judge("path_speed", tol.PATH_SPEED_SLACK, lost),
-        slow.judge("path_time", tol.PATH_LATE, "every path may be slower"),
-        together.judge("paths_together", tol.LINE_DISTANCE, nothing),
+        progress.judge("path_progress", TOL.line_distance, lost),
+        speed.judge("path_speed", TOL.path_speed_slack, lost),
+        slow.judge("path_time", TOL.path_late, "every path may be slower"),
+        together.judge("paths_together", TOL.line_distance, nothing),
         corners.judge("path_corners", 1.0, "no corner of a path is rounded"),
     ]
 
@@ -236,16 +236,16 @@ def _pose_error(event: Event, path: ToolPath) -> float:
 def _dawdling(job: Job, work: PathWork, segment: Segment) -> float:
     """Returns how much longer a path takes than at its speed with the longest ramps that are allowed [s]; 0 for none.
 
-    What the file does not give: an acceleration that takes PATH_RAMP to the speed, a jerk that takes PATH_RISE to the
-    acceleration. Between stops a double S from rest to rest ([Biagiotti2008] §3.4).
+    What the file does not give: an acceleration that takes `path_ramp` to the speed, a jerk that takes `path_rise` to
+    the acceleration. Between stops a double S from rest to rest ([Biagiotti2008] §3.4).
     """
     v = work.speed * job.speed
     if job.tool_speed is not None:
         v = min(v, job.tool_speed)
     given_a, given_j = work.acceleration, work.jerk
-    a = given_a * np.square(job.speed) if given_a is not None else v * job.speed / tol.PATH_RAMP
-    j = given_j * cube(job.speed) if given_j is not None else a * job.speed / tol.PATH_RISE
-    v *= 1.0 - tol.PATH_SPEED_SLACK
+    a = given_a * np.square(job.speed) if given_a is not None else v * job.speed / TOL.path_ramp
+    j = given_j * cube(job.speed) if given_j is not None else a * job.speed / TOL.path_rise
+    v *= 1.0 - TOL.path_speed_slack
     stretches = np.diff([0.0, *work.corners(), 1.0]) * work.length
     late = segment.end - segment.start - sum(_double_s(float(d), v, a, j) for d in stretches)
     return float(late) if not late < 0.0 else 0.0

@@ -16,11 +16,11 @@ from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.seam import SeamWork, longest_ramp
 from dualarm_cli.model.verification import Check
 from dualarm_cli.records import dataclass
-from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.criteria import NO_TASKS, Criterion, not_checked
 from dualarm_cli.verification.dense_times import dense_times
 from dualarm_cli.verification.kind_checks import KindChecks, Touch
 from dualarm_cli.verification.line_spans import LineSpan, spans_of
+from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_checks import Worst
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
@@ -219,7 +219,7 @@ def check_seams(
             continue
         together = all(
             len(other) == len(own) == 1
-            and abs(other[0].start - own[0].start) + abs(other[0].end - own[0].end) < tol.SAME_TIME
+            and abs(other[0].start - own[0].start) + abs(other[0].end - own[0].end) < TOL.same_time
             for other in others
         )
         if len(own) != 1 or not together or own[0].end <= own[0].start:
@@ -229,14 +229,14 @@ def check_seams(
         SeamJudge(worst, MeasuredSeam(schedule, job, model, work), own[0], lines).judge()
     lost, nothing = "no seam has its segments", "no seam asks for it"
     return [
-        worst["seam_distance"].judge("seam_distance", tol.CHAIN_DISTANCE, lost),
-        worst["seam_angle"].judge("seam_angle", tol.CHAIN_ANGLE, lost),
-        worst["seam_progress"].judge("seam_progress", tol.LINE_DISTANCE, lost),
-        worst["seam_speed"].judge("seam_speed", tol.SEAM_SPEED_SLACK, lost),
-        worst["seam_steady"].judge("seam_steady", tol.SEAM_SPEED_SLACK, lost),
-        worst["seam_as_asked"].judge("seam_as_asked", tol.SEAM_SPEED_SLACK, nothing),
-        worst["seam_part"].judge("seam_part", tol.CHAIN_DISTANCE, nothing),
-        worst["seam_downhand"].judge("seam_downhand", tol.CHAIN_ANGLE, nothing),
+        worst["seam_distance"].judge("seam_distance", TOL.chain_distance, lost),
+        worst["seam_angle"].judge("seam_angle", TOL.chain_angle, lost),
+        worst["seam_progress"].judge("seam_progress", TOL.line_distance, lost),
+        worst["seam_speed"].judge("seam_speed", TOL.seam_speed_slack, lost),
+        worst["seam_steady"].judge("seam_steady", TOL.seam_speed_slack, lost),
+        worst["seam_as_asked"].judge("seam_as_asked", TOL.seam_speed_slack, nothing),
+        worst["seam_part"].judge("seam_part", TOL.chain_distance, nothing),
+        worst["seam_downhand"].judge("seam_downhand", TOL.chain_angle, nothing),
     ]
 
 
@@ -305,14 +305,14 @@ class SeamJudge:
     def _judge_entry(self) -> None:
         """Judge the start of the seam, and the time of the transfer to it."""
         work, start, task = self.motion.work, self.segment.start, self.segment.task
-        if work.not_before > start + tol.SAME_TIME:
+        if work.not_before > start + TOL.same_time:
             message = f"{task} begins before {work.not_before:g} s"
             self.worst["seam_as_asked"].add(np.inf, message)
         if work.entry_duration is not None:
             asked = work.entry_duration / self.motion.job.speed
             taken = start - _free_from(self.motion.schedule, task, self.lines, start)
-            waits = work.not_before >= start - tol.SAME_TIME
-            if taken < asked - tol.SAME_TIME or (taken > asked + tol.SAME_TIME and not waits):
+            waits = work.not_before >= start - TOL.same_time
+            if taken < asked - TOL.same_time or (taken > asked + TOL.same_time and not waits):
                 message = f"{task}: the way to it takes {taken:.6g} s, not {asked:g} s"
                 self.worst["seam_as_asked"].add(np.inf, message)
 
@@ -355,11 +355,11 @@ def _free_from(schedule: Schedule, task: str, lines: Sequence[LineSpan], begin: 
     ends = (s.end for s in lines if s.event.task != task and s.event.time < begin)
     done = max(ends, default=float(motion.time[0]))
     # Near its end a line is so slow that its last place, as far as numbers tell, is reached a moment before rest.
-    rest = int(np.searchsorted(motion.time, done - tol.SAME_TIME))
-    while rest < len(motion.time) - 1 and np.abs(motion.velocity[rest]).max() > tol.AT_REST:
+    rest = int(np.searchsorted(motion.time, done - TOL.same_time))
+    while rest < len(motion.time) - 1 and np.abs(motion.velocity[rest]).max() > TOL.at_rest:
         rest += 1
     moved = np.abs(motion.position[rest] - motion.at(np.array([done]))[0][0]).max()
-    return float(motion.time[rest]) if moved <= tol.STANDS else done
+    return float(motion.time[rest]) if moved <= TOL.stands else done
 
 
 def _wrong_order(schedule: Schedule, work: SeamWork, task: str) -> str:
@@ -380,7 +380,7 @@ def _wrong_order(schedule: Schedule, work: SeamWork, task: str) -> str:
         return "it takes one event seam_start and one seam_end"
     last, first = sorted(events, key=lambda event: event.action)
     off = max(abs(first.time + first.dwell - seam.start), abs(last.time - seam.end))
-    if not off <= tol.SAME_TIME:
+    if not off <= TOL.same_time:
         return "its events are not where its segment begins and ends"
     for (kind, action), [segment] in parts.items():
         ends = {
@@ -388,7 +388,7 @@ def _wrong_order(schedule: Schedule, work: SeamWork, task: str) -> str:
             "retract": abs(segment.start - last.time - last.dwell),
             "dwell": abs(segment.start - (first if action == "seam_start" else last).time),
         }
-        if not ends.get(kind, 0.0) <= tol.SAME_TIME:
+        if not ends.get(kind, 0.0) <= TOL.same_time:
             return f"its {kind} ({action}) is not at its event"
     return ""
 
