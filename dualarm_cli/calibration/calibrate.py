@@ -9,7 +9,7 @@ import numpy as np
 
 from dualarm_cli.calibration import CALIBRATION_SOLVERS
 from dualarm_cli.calibration.judgement import (
-    TOUCH_NOISE,
+    LEVELS,
     Judgement,
     judge,
     mirrored,
@@ -311,7 +311,7 @@ def _readings_disagree(touches: Touches, tools: dict[str, ToolFit]) -> list[str]
         fitted = 0 if fit is None else int(fit.determined.sum())
         off = readings_apart(apart, touches.noise, fitted)
         if off is not None:
-            noise = TOUCH_NOISE if touches.noise is None else touches.noise
+            noise = LEVELS.touch_noise if touches.noise is None else touches.noise
             found.append(
                 f"{side}: joint readings and coordinates of the same points differ by up to "
                 f"{off * 1000:.4g} mm, more than a noise of {noise * 1000:g} mm explains; "

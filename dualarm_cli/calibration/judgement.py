@@ -9,7 +9,7 @@ import numpy as np
 from dualarm_cli.calibration.problem import CalibrationProblem, CalibrationSolution
 from dualarm_cli.calibration.rigid import fit_rigid
 from dualarm_cli.calibration.spread import (
-    NEARLY_A_LINE,
+    SPREAD,
     Spread,
     distances,
     explained,
@@ -18,9 +18,6 @@ from dualarm_cli.calibration.spread import (
 )
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.records import dataclass
-
-TOUCH_NOISE = 0.5e-3
-"""Standard deviation that a touched coordinate is taken to have at most, where no noise is stated [m]."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +40,8 @@ class JudgementSettings:
     """Root mean square residual from which points may be mirror images [m]."""
     turn_off: float = math.radians(0.5)
     """An uncertainty of rotation that is reported [rad]."""
+    touch_noise: float = 0.5e-3
+    """Standard deviation that a touched coordinate is taken to have at most, where no noise is stated [m]."""
 
 
 LEVELS = JudgementSettings()
@@ -86,7 +85,7 @@ def check_consistency(problem: CalibrationProblem, fitted: int = 0) -> Consisten
     """
     squares = least_squares(problem)
     degrees = 3 * len(problem.names) - 6 - fitted
-    noise = TOUCH_NOISE if problem.noise is None else problem.noise
+    noise = LEVELS.touch_noise if problem.noise is None else problem.noise
     # Both robots' noise is in a residual.
     too_much = degrees > 0 and not explained(squares, degrees, 2.0 * noise**2)
     return Consistency(
@@ -108,7 +107,7 @@ def readings_apart(apart: FloatArray, noise: float | None, fitted: int) -> float
     worst, degrees = float(squares.max()), apart.size - fitted
     if worst <= LEVELS.relevant**2 or degrees <= 0:
         return None
-    variance = 2.0 * (TOUCH_NOISE if noise is None else noise) ** 2
+    variance = 2.0 * (LEVELS.touch_noise if noise is None else noise) ** 2
     together = explained(float(squares.sum()), degrees, variance, LEVELS.readings_level)
     if together and explained(worst, 3, variance, LEVELS.readings_level / len(squares)):
         return None
@@ -271,7 +270,7 @@ def _few(problem: CalibrationProblem, method: str) -> list[str]:
 def _near_line(problem: CalibrationProblem, left: Spread, right: Spread) -> list[str]:
     """Says so where the points are nearly on a line."""
     worst = min(left, right, key=lambda spread: spread.ratio)
-    if worst.ratio >= NEARLY_A_LINE:
+    if worst.ratio >= SPREAD.nearly_a_line:
         return []
     ends = " and ".join(problem.names[k] for k in worst.ends)
     return [
@@ -308,10 +307,11 @@ def _disagreement(
         )
     if problem.noise is None and consistency.contradicted:
         worst = max(pairs, key=lambda pair: abs(pair.left - pair.right))
+        touches = f"a noise of {LEVELS.touch_noise * 1000:g} mm"
         found.append(
             f"the robots disagree by {abs(worst.left - worst.right) * 1000:.1f} mm about the "
             f"distance of {worst.first} and {worst.second}, more than "
-            + (f"a noise of {TOUCH_NOISE * 1000:g} mm" if consistency.too_much else "their noise")
+            + (touches if consistency.too_much else "their noise")
             + " explains, and no transform can correct it; touch them again, or check the tools and robot files"
         )
     elif consistency.too_much and problem.noise is not None:

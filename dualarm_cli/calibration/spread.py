@@ -13,9 +13,6 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
-LEVEL = 0.95
-"""How sure intervals and regions are."""
-
 
 def interval_factor(degrees: int | None) -> float:
     """Returns how many standard deviations an interval of one number reaches to either side.
@@ -26,7 +23,7 @@ def interval_factor(degrees: int | None) -> float:
     # scipy.special is quick to load; scipy.stats is not.
     from scipy.special import ndtri, stdtrit
 
-    tail = 0.5 + LEVEL / 2.0
+    tail = 0.5 + SPREAD.level / 2.0
     return float(ndtri(tail) if degrees is None else stdtrit(degrees, tail))
 
 
@@ -40,8 +37,8 @@ def region_limit(degrees: int | None, count: int = 6) -> float:
     from scipy.special import chdtri, fdtri
 
     if degrees is None:
-        return float(chdtri(count, 1.0 - LEVEL))
-    return count * float(fdtri(count, degrees, LEVEL))
+        return float(chdtri(count, 1.0 - SPREAD.level))
+    return count * float(fdtri(count, degrees, SPREAD.level))
 
 
 def half_widths(covariance: FloatArray, degrees: int | None) -> FloatArray:
@@ -80,6 +77,10 @@ class SpreadSettings:
     """A height below this many times the noise is no height."""
     scale_limit: float = 2.0
     """A ratio of lengths beyond which the two robots cannot have touched the same points."""
+    level: float = 0.95
+    """Confidence of intervals and regions."""
+    nearly_a_line: float = 0.2
+    """Height over length below which points are called nearly on a line."""
 
 
 SPREAD = SpreadSettings()
@@ -130,10 +131,6 @@ def look(jacobian: FloatArray, scale: FloatArray) -> Sight:
     unseen = Vt[~good]
     share = np.linalg.norm(unseen, axis=0)
     return Sight(inverse, share < SPREAD.share, unseen, int(good.sum()))
-
-
-NEARLY_A_LINE = 0.2
-"""Height over length below which points are called nearly on a line."""
 
 
 @dataclass(frozen=True)

@@ -125,7 +125,7 @@ def _report(
     name: str, work: SeamWork, interval: float | None, distance: float | None
 ) -> CurveReport:
     """Returns the points of one task's curve, after refusing steps that make no sense."""
-    from dualarm_cli.model.curves.discretisation import MOST_POINTS, SHORTEST_STEP
+    from dualarm_cli.model.curves.discretisation import CURVE_STEPS
     from dualarm_cli.report.curve_report import curve_report
 
     speed = None
@@ -134,15 +134,15 @@ def _report(
         distance = speed * interval
     step = distance or 0.0
     option = "--spacing" if interval is None else "--step"
-    if step < SHORTEST_STEP:
+    if step < CURVE_STEPS.shortest_step:
         raise UsageError(
             f"{option}: task {name} would have a point every {step * 1e6:.3g} um; at least "
-            f"{SHORTEST_STEP * 1e6:g} um are needed"
+            f"{CURVE_STEPS.shortest_step * 1e6:g} um are needed"
         )
-    if work.length / step > MOST_POINTS:
+    if work.length / step > CURVE_STEPS.most_points:
         raise UsageError(
             f"{option}: task {name} would have {work.length / step:.3g} points; at most "
-            f"{MOST_POINTS} are allowed"
+            f"{CURVE_STEPS.most_points} are allowed"
         )
     return curve_report(name, work.curve, step, interval, speed, mean=work.speed is None)
 

@@ -241,7 +241,7 @@ def _search_options(optimise: bool, budget: int | None, seed: int | None) -> dic
         UsageError: an option that goes with --optimise only.
         MissingDependencyError: optuna is not installed.
     """
-    from dualarm_cli.studies.search import BATCH, require_optuna
+    from dualarm_cli.studies.search import SEARCH, require_optuna
 
     if not optimise:
         for name, value in (("--budget", budget), ("--seed", seed)):
@@ -253,7 +253,7 @@ def _search_options(optimise: bool, budget: int | None, seed: int | None) -> dic
         "name": "optimise",
         "budget": DEFAULT_BUDGET if budget is None else budget,
         "seed": seed or 0,
-        "batch": BATCH,
+        "batch": SEARCH.batch,
     }
 
 

@@ -26,11 +26,6 @@ if TYPE_CHECKING:
         TrackingLimits,
     )
 
-TABLES = (".csv", ".yaml", ".yml")
-"""Suffixes of files that are no schedules."""
-ERROR, DISTANCE, DELAY = "0.1 deg", "1 mm", "2 ms"
-"""Default limits of a driven motion: joint error, tool distance and delay."""
-
 
 def refuse_logged(path: Path) -> None:
     """Refuse a logged motion that was given in place of a schedule.
@@ -40,7 +35,7 @@ def refuse_logged(path: Path) -> None:
     Raises:
         UsageError: with what to do.
     """
-    logged = path.suffix.lower() in TABLES
+    logged = path.suffix.lower() in (".csv", ".yaml", ".yml")
     if path.suffix.lower() == ".json" and path.is_file():
         with path.open("rb") as file:
             logged = b'"joint_names"' in file.read(4096)
@@ -225,7 +220,7 @@ def verify_command(
             metavar="ANGLE",
             help="Allowed error of driven joints without their delay.",
         ),
-    ] = ERROR,
+    ] = "0.1 deg",
     tool_error: Annotated[
         str,
         typer.Option(
@@ -233,10 +228,10 @@ def verify_command(
             metavar="LENGTH",
             help="Allowed distance of driven tools at events, and of sliding joints.",
         ),
-    ] = DISTANCE,
+    ] = "1 mm",
     delay: Annotated[
         str, typer.Option("--delay", metavar="DURATION", help="Allowed delay of driven joints.")
-    ] = DELAY,
+    ] = "2 ms",
     as_planned: Annotated[
         bool,
         typer.Option(

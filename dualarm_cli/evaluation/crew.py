@@ -38,6 +38,8 @@ class CrewSettings:
     """Longest time that is waited at once [s]; the kernel counts no further than some weeks."""
     failed_starts: int = 3
     """After how many processes that die before they are ready it is given up."""
+    attempts: int = 2
+    """Attempts at a request whose process dies or takes too long."""
 
 
 CREW = CrewSettings()
@@ -161,10 +163,6 @@ def ended_by(code: int) -> str:
     except ValueError:
         return f"signal {-code}"
     return f"{name}; possibly out of memory" if -code == signal.SIGKILL else name
-
-
-ATTEMPTS = 2
-"""How often a request is tried whose process dies or takes too long."""
 
 
 class WorkersFailedError(DualArmError):
@@ -328,12 +326,12 @@ class Crew:
         attempt = worker.attempt
         if attempt is None:
             return []
-        if attempt.number < ATTEMPTS:
+        if attempt.number < CREW.attempts:
             again.append(Attempt(attempt.index, attempt.number + 1))
             return []
         case = requests[attempt.index].case
         if status == "timed_out":
-            text = f"took longer than {self._timeout:g} s, {ATTEMPTS} times (--timeout)"
+            text = f"took longer than {self._timeout:g} s, {CREW.attempts} times (--timeout)"
         else:
-            text = f"its process ended {ATTEMPTS} times, the last time by {ended}"
+            text = f"its process ended {CREW.attempts} times, the last time by {ended}"
         return [(attempt.index, Evaluation(case, status, findings=(Finding(text, case),)))]

@@ -28,7 +28,6 @@ from dualarm_cli.verification.budget_checks import judge_budget
 
 MOST_FINDINGS = 20
 """Most findings of one case that are reported."""
-_LIMITS = ("acceleration", "jerk", "lower", "upper", "velocity")
 
 
 def evaluate(request: Request) -> Evaluation:
@@ -133,7 +132,7 @@ def _limits(limits: JointLimits) -> dict[str, dict[str, float]]:
     return {
         joint: {
             name: value
-            for name in _LIMITS
+            for name in ("acceleration", "jerk", "lower", "upper", "velocity")
             if math.isfinite(value := float(getattr(limits, name)[limits.joints.index(joint)]))
         }
         for joint in sorted(limits.joints)

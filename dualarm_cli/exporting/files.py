@@ -117,9 +117,6 @@ def base_file(rotation: FloatArray, translation: FloatArray, remarks: list[str])
     return ("\n".join(lines) + "\n").encode()
 
 
-HEADER = "s,x,y,z,qx,qy,qz,qw"
-
-
 def curve_csv(s: FloatArray, points: Points) -> bytes:
     """Render the points of a curve as CSV: length, position and unit quaternion.
 
@@ -137,4 +134,7 @@ def curve_csv(s: FloatArray, points: Points) -> bytes:
     quaternion[1:][np.cumsum(away) % 2 == 1] *= -1.0
     # Adding zero turns -0.0 into 0.0.
     rows = (np.column_stack([s, points.p, quaternion]) + 0.0).tolist()
-    return "\n".join([HEADER, *(",".join(map(repr, row)) for row in rows)]).encode() + b"\n"
+    return (
+        "\n".join(["s,x,y,z,qx,qy,qz,qw", *(",".join(map(repr, row)) for row in rows)]).encode()
+        + b"\n"
+    )

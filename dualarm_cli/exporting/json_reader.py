@@ -13,14 +13,32 @@ import numpy as np
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.records import dataclass
 
-BLOCK = 1 << 20
-"""Bytes that are read at a time."""
-LARGEST_VALUE = 1 << 25
-"""Longest text of a value that is taken in one piece [characters]."""
-CUT = 16
-"""So many last characters of what was read may mean something else with the missing rest."""
-_SPACE = " \t\n\r"
+
+@dataclass(frozen=True)
+class ReadingLimits:
+    """Limits on files that are read."""
+
+    value: int = 1 << 25
+    """Longest text of a value that is taken in one piece [characters]."""
+    cut: int = 16
+    """So many last characters of what was read may mean something else with the missing rest."""
+    file: int = 4_000_000_000
+    """Largest document that is read [bytes]."""
+    numbers: int = 200_000_000
+    """Most numbers of all its tables together."""
+    depth: int = 1
+    """Objects of tables within an object of tables."""
+    rows: int = 2_000_000
+    """Longest list of anything else."""
+    batch: int = 1 << 20
+    """Text of a table that is turned into an array at a time [characters]."""
+    block: int = 1 << 20
+    """Bytes that are read at a time."""
+
+
+JSON = ReadingLimits()
 
 
 class JsonStream:
@@ -53,7 +71,7 @@ class JsonStream:
     def peek(self) -> str:
         """Returns the next character that is no space; empty at the end."""
         while True:
-            while self._at < len(self._text) and self._text[self._at] in _SPACE:
+            while self._at < len(self._text) and self._text[self._at] in " \t\n\r":
                 self._at += 1
             if self._at < len(self._text):
                 return self._text[self._at]
@@ -73,14 +91,14 @@ class JsonStream:
                 value, end = self._values.raw_decode(self._text, self._at)
             except json.JSONDecodeError as error:
                 begun = error.msg.startswith("Unterminated string")
-                if self._ended or (not begun and error.pos < len(self._text) - CUT):
+                if self._ended or (not begun and error.pos < len(self._text) - JSON.cut):
                     raise
             else:
                 # A number at the end of the text may go on: 1.2 and then 5, or 5e and then -324.
-                if self._ended or end < len(self._text) - CUT:
+                if self._ended or end < len(self._text) - JSON.cut:
                     self._at = end
                     return value
-            if len(self._text) - self._at > LARGEST_VALUE:
+            if len(self._text) - self._at > JSON.value:
                 raise self._error("A value is too long")
             self._read_on()
 
@@ -132,23 +150,13 @@ class JsonStream:
         rest = self._text[self._at :]
         self._lines += self._text.count("\n", 0, self._at)
         self._before += self._at
-        block = self._file.read(max(BLOCK, len(rest)))
+        block = self._file.read(max(JSON.block, len(rest)))
         self._ended = not block
         self._text, self._at = rest + self._decode.decode(block, final=self._ended), 0
 
 
 Row = TypeVar("Row")
 
-LARGEST_FILE = 4_000_000_000
-"""Largest document that is read [bytes]."""
-MOST_NUMBERS = 200_000_000
-"""Most numbers of all its tables together."""
-DEEPEST_TABLES = 1
-"""Objects of tables within an object of tables."""
-MOST_ROWS = 2_000_000
-"""Longest list of anything else."""
-BATCH = 1 << 20
-"""Text of a table that is turned into an array at a time [characters]."""
 UNEVEN = "must be numbers, in rows of equal length"
 _WORDS: dict[type, str] = {dict: "an object", list: "a list"}
 
@@ -177,8 +185,8 @@ class JsonReader:
                     "schedule",
                     "there is no such file; name a plan's folder or its schedule.json",
                 )
-            if file.stat().st_size > LARGEST_FILE:
-                self.fail("schedule", f"is larger than {LARGEST_FILE // 1_000_000} MB")
+            if file.stat().st_size > JSON.file:
+                self.fail("schedule", f"is larger than {JSON.file // 1_000_000} MB")
             with file.open("rb") as opened:
                 stream = JsonStream(opened, self._object)
                 try:
@@ -199,7 +207,7 @@ class JsonReader:
         members: list[tuple[str, Any]] = []
         for key in stream.members():
             if key in tables and stream.peek() == "{":
-                members.append((key, self._tables(stream, key, [MOST_NUMBERS])))
+                members.append((key, self._tables(stream, key, [JSON.numbers])))
             elif stream.peek() == "[":
                 members.append((key, self._list(stream, key)))
             else:
@@ -211,8 +219,8 @@ class JsonReader:
         found = []
         for item in stream.items():
             found.append(item)
-            if len(found) > MOST_ROWS:
-                self.fail(path, f"has more than {MOST_ROWS:,} entries")
+            if len(found) > JSON.rows:
+                self.fail(path, f"has more than {JSON.rows:,} entries")
         return found
 
     def _tables(self, stream: JsonStream, path: str, left: list[int]) -> dict[str, Any]:
@@ -223,7 +231,7 @@ class JsonReader:
                 table = self._table(stream, f"{path}.{key}", left[0])
                 left[0] -= table.size
                 members.append((key, table))
-            elif stream.peek() == "{" and path.count(".") < DEEPEST_TABLES:
+            elif stream.peek() == "{" and path.count(".") < JSON.depth:
                 members.append((key, self._tables(stream, f"{path}.{key}", left)))
             else:
                 members.append((key, stream.value()))
@@ -244,7 +252,7 @@ class JsonReader:
 
         for row in stream.items():
             rows.append(row)
-            if stream.consumed - begun > BATCH:
+            if stream.consumed - begun > JSON.batch:
                 close()
                 size, begun = size + parts[-1].size, stream.consumed
                 if size > most:

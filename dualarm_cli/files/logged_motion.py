@@ -16,15 +16,28 @@ from dualarm_cli.files.source.text_source import TextSource, quote, read_text, s
 from dualarm_cli.files.source.yaml_source import MAX_NUMBER_LENGTH, parse_yaml
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.joint_motion import LoggedMotion
+from dualarm_cli.records import dataclass
 
-MOST_BYTES, MOST_SAMPLES = 100_000_000, 500_000
-"""Largest file that is read [bytes], and most samples: eight minutes at 1 kHz."""
-BATCH = 10_000
-"""Rows of a table that are kept as text at a time."""
-LEAST_STEP = 0.5e-9
-"""Samples that are nearer to each other are refused [s]: messages count whole nanoseconds."""
-LARGEST = 1e9
-"""Largest number that is read [s, rad, m and their rates]."""
+
+@dataclass(frozen=True)
+class LogLimits:
+    """Limits on logged motions."""
+
+    most_bytes: int = 100_000_000
+    """Largest file that is read [bytes]."""
+    most_samples: int = 500_000
+    """Maximum number of samples: eight minutes at 1 kHz."""
+    batch: int = 10_000
+    """Rows of a table that are kept as text at a time."""
+    least_step: float = 0.5e-9
+    """Samples that are nearer to each other are refused [s]: messages count whole nanoseconds."""
+    largest: float = 1e9
+    """Largest number that is read [s, rad, m and their rates]."""
+
+
+LOG = LogLimits()
+
+
 RATES = ("position", "velocity", "acceleration")
 SUFFIXES = (".csv", ".json", ".yaml", ".yml")
 
@@ -46,7 +59,7 @@ def read_logged_motion(path: Path, joints: Sequence[str]) -> LoggedMotion:
     reader = _Reader(str(path), joints)
     if path.suffix.lower() not in SUFFIXES:
         reader.fail(0, f"is neither .csv nor a JointTrajectory in {', '.join(SUFFIXES[1:])}")
-    source = read_text(path, str(path), MOST_BYTES)
+    source = read_text(path, str(path), LOG.most_bytes)
     return reader.table(source) if path.suffix.lower() == ".csv" else reader.message(source)
 
 
@@ -121,15 +134,15 @@ class _Reader:
         for line, row in rows:
             if len(row) != width:
                 self.fail(line, f"has {len(row)} columns, the header {width}")
-            if len(lines) == MOST_SAMPLES:
+            if len(lines) == LOG.most_samples:
                 self.fail(
-                    line, f"is the end of {MOST_SAMPLES:,} samples; at most that many are read"
+                    line, f"is the end of {LOG.most_samples:,} samples; at most that many are read"
                 )
             lines.append(line)
             batch.append([_number(row[column]) for column in used])
-            if not all(abs(value) <= LARGEST for value in batch[-1]):
-                self.fail(line, f"has something else than a finite number up to {LARGEST:g}")
-            if len(batch) == BATCH:
+            if not all(abs(value) <= LOG.largest for value in batch[-1]):
+                self.fail(line, f"has something else than a finite number up to {LOG.largest:g}")
+            if len(batch) == LOG.batch:
                 parts.append(np.array(batch))
                 batch = []
         return lines, np.concatenate([*parts, np.array(batch).reshape(-1, len(used))])
@@ -151,8 +164,8 @@ class _Reader:
                 self.fail(0, f"joint_names: the robot has no joint {quote(name)}{hint}")
         if not isinstance(points, list) or not all(isinstance(point, dict) for point in points):
             self.fail(0, "points: must be a list of points")
-        if len(points) > MOST_SAMPLES:
-            self.fail(0, f"points: are {len(points):,}; at most {MOST_SAMPLES:,} are read")
+        if len(points) > LOG.most_samples:
+            self.fail(0, f"points: are {len(points):,}; at most {LOG.most_samples:,} are read")
         time = np.array([self._time(point, k) for k, point in enumerate(points)])
         self._check_time(time, lambda k: (0, f"points[{k}].time_from_start: "))
         position = self._rows(points, "positions", len(names))
@@ -184,11 +197,11 @@ class _Reader:
         if (
             type(seconds) is not int
             or type(nanoseconds) is not int
-            or abs(seconds) > LARGEST
+            or abs(seconds) > LOG.largest
             or not 0 <= nanoseconds < 1_000_000_000
         ):
             where = f"points[{number}].time_from_start"
-            allowed = f"{{sec: up to {LARGEST:g}, nanosec: 0 to 999999999}}"
+            allowed = f"{{sec: up to {LOG.largest:g}, nanosec: 0 to 999999999}}"
             self.fail(0, f"{where}: must be {allowed}, not {_shown(stamp)}")
         return seconds + nanoseconds * 1e-9
 
@@ -201,15 +214,15 @@ class _Reader:
             good = isinstance(row, list) and all(type(value) in (int, float) for value in row)
             if not good or len(row) != count:
                 self.fail(0, f"points[{k}].{key}: must be {count} numbers")
-            if not all(abs(value) <= LARGEST for value in row):
-                self.fail(0, f"points[{k}].{key}: must be finite numbers up to {LARGEST:g}")
+            if not all(abs(value) <= LOG.largest for value in row):
+                self.fail(0, f"points[{k}].{key}: must be finite numbers up to {LOG.largest:g}")
         return np.array(rows, dtype=np.float64)
 
     def _check_time(self, time: FloatArray, where: Callable[[int], tuple[int, str]]) -> None:
         """Require two instants or more, each 1 ns or more after another."""
         if len(time) < 2:
             self.fail(0, f"has {len(time)} samples; at least two are needed")
-        back = np.flatnonzero(np.diff(time) < LEAST_STEP)
+        back = np.flatnonzero(np.diff(time) < LOG.least_step)
         if len(back):
             k = int(back[0])
             line, prefix = where(k + 1)

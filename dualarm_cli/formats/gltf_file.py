@@ -18,7 +18,6 @@ from dualarm_cli.page.scene import WORLD_BODY, DrawnHulls, bodies, poses_at, sol
 from dualarm_cli.page.things import things
 from dualarm_cli.verification.as_done import job_as_done
 
-SCENE = "scene.glb"
 FLOAT, UNSIGNED = 5126, 5125
 """Types of components: float32 and uint32."""
 VERTICES, INDICES = 34962, 34963
@@ -63,7 +62,7 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
         scene.animate(node, track, "rotation", rotations)
         for solid in thing["solids"]:
             scene.solid(solid | {"name": thing["name"]}, node, thing["role"], hulls)
-    return {SCENE: [scene.binary(schedule.provenance.version)]}
+    return {"scene.glb": [scene.binary(schedule.provenance.version)]}
 
 
 def _motion(body: Mapping[str, Any], positions: FloatArray) -> tuple[str, FloatArray]:

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from dualarm_cli.exporting.cell_urdf import GROUND
 from dualarm_cli.formats.request import ExportRequest, stamp
 from dualarm_cli.formats.sampling import NANO
-from dualarm_cli.formats.solid_meshes import GROUND, hull_mesh
+from dualarm_cli.formats.solid_meshes import hull_mesh
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.schedule import Event, ScheduleRobot
 from dualarm_cli.page.scene import WORLD_BODY, DrawnHulls, solids

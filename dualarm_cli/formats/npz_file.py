@@ -10,8 +10,6 @@ import numpy as np
 
 from dualarm_cli.formats.request import ExportRequest
 
-ARRAYS = "schedule.npz"
-
 
 def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
     """Returns one file whose arrays np.load reads without pickle; [s], [rad] or [m]."""
@@ -32,4 +30,4 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
     }
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
-    return {ARRAYS: [buffer.getvalue()]}
+    return {"schedule.npz": [buffer.getvalue()]}

@@ -9,7 +9,6 @@ from typing import Any
 from dualarm_cli.formats.request import ExportRequest
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 
-TRACE = "gantt.json"
 STAGES = "stages"
 
 
@@ -29,7 +28,7 @@ def files(request: ExportRequest) -> Mapping[str, Iterable[bytes]]:
     rows += [_event(event, tracks[event.arm]) for event in schedule.events]
     text = ",\n".join(json.dumps(row, ensure_ascii=False) for row in rows)
     head = '{"displayTimeUnit": "ms", "traceEvents": [\n'
-    return {TRACE: [f"{head}{text}\n]}}\n".encode("utf-8", "backslashreplace")]}
+    return {"gantt.json": [f"{head}{text}\n]}}\n".encode("utf-8", "backslashreplace")]}
 
 
 def _stages(schedule: Schedule, tracks: Mapping[str, int]) -> list[dict[str, Any]]:

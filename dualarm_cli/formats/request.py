@@ -14,7 +14,6 @@ from dualarm_cli.records import dataclass
 
 PlatformController = Literal["own", "both", "left", "right"]
 """Which controller moves the platform: one of its own, that of both arms, or that of one arm."""
-PLATFORM_CONTROLLERS: tuple[PlatformController, ...] = ("own", "both", "left", "right")
 Column = Literal["position", "velocity", "acceleration"]
 """What a table of samples tells of each joint."""
 COLUMNS: tuple[Column, ...] = ("position", "velocity", "acceleration")

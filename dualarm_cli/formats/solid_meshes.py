@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from dualarm_cli.exporting.cell_urdf import GROUND
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.page.scene import DrawnHulls
 
 AROUND, RINGS = 24, 6
 """Corners around a round solid, and rings of half a sphere."""
-GROUND = (6.0, 0.01)
-"""Side and thickness of the plate that stands for a half-space [m]."""
 
 Mesh = tuple[FloatArray, np.ndarray]
 

@@ -14,24 +14,38 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.geometry.linear_systems import singular_values
 from dualarm_cli.geometry.products import norm
-from dualarm_cli.kinematics.continuation import SKELETON, Course, FlangeLines, LineFollowing
+from dualarm_cli.kinematics.continuation import CONTINUATION, Course, FlangeLines, LineFollowing
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, polished
+from dualarm_cli.kinematics.numeric_inverse import INVERSE, polished
 from dualarm_cli.kinematics.posture_source import PROVEN_MISS, Enclosure, ReachedPostures
 from dualarm_cli.kinematics.serial_chain import LEAST_JOINTS, pose_error
 from dualarm_cli.kinematics.srs import srs_limits
 from dualarm_cli.records import dataclass
 
-EXACT = 1e-12
-"""A geometry within this of its family needs no polish [m and rad]; what is polished comes nearer than this."""
-BRANCHES = 8
-"""Postures of a pose at most, whole turns apart."""
-SINGULAR = 1e-4
-"""Least singular value of the Jacobian below which a pose's postures are unknown. Lengths are divided by the arm's."""
-MOST_TURNS = 3
-"""Number of turns within limits from which a joint may be anywhere."""
-SPREAD = 8
-"""Postures that stand for all where a joint is free."""
+
+@dataclass(frozen=True)
+class ClosedArmSettings:
+    """Tolerances and branches of arms with a closed form."""
+
+    exact: float = 1e-12
+    """A geometry within this of its family needs no polish [m and rad]; what is polished comes nearer than this."""
+    branches: int = 8
+    """Postures of a pose at most, whole turns apart."""
+    singular: float = 1e-4
+    """Singular value of the Jacobian, lengths divided by the arm's, below which a pose's postures are unknown."""
+    most_turns: int = 3
+    """Number of turns within limits from which a joint may be anywhere."""
+    spread: int = 8
+    """Postures that stand for all where a joint is free."""
+    aligned: float = 1e-12
+    """Sine of the angle of a wrist's outer axes below which only the sum or difference of their turns counts."""
+    slack: float = 1e-12
+    """Excess of a wrist's angle over what its axes allow, by rounding [rad]."""
+    least_angle: float = 1e-6
+    """Least sine of the angle of neighbouring wrist axes."""
+
+
+CLOSED = ClosedArmSettings()
 
 
 @dataclass(frozen=True)
@@ -108,7 +122,7 @@ class ClosedArm(GeneralArm):
     @property
     def facts(self) -> Mapping[str, Any]:
         """Solver and number of branches, as `dualarm robot` has them."""
-        return {"inverse_kinematics": "closed_form", "branches": BRANCHES}
+        return {"inverse_kinematics": "closed_form", "branches": CLOSED.branches}
 
     def solve(
         self, R: FloatArray, p: FloatArray, reference: FloatArray | None = None
@@ -133,9 +147,9 @@ class ClosedArm(GeneralArm):
         if not self.exact:
             q, reachable = self._polish(q, reachable, R, p)
         return PoseSolutions(
-            q.reshape(*shape, BRANCHES, 6),
-            reachable.reshape(*shape, BRANCHES),
-            (found.singular & reachable).reshape(*shape, BRANCHES),
+            q.reshape(*shape, CLOSED.branches, 6),
+            reachable.reshape(*shape, CLOSED.branches),
+            (found.singular & reachable).reshape(*shape, CLOSED.branches),
         )
 
     def _polish(
@@ -149,12 +163,12 @@ class ClosedArm(GeneralArm):
         some = q[row, branch]
         R_now, p_now = self.forward(some)
         error = np.abs(pose_error(R_now, p_now, R[row], p[row])).max(axis=1)
-        off = np.flatnonzero(error > EXACT)
+        off = np.flatnonzero(error > CLOSED.exact)
         if not len(off):
             return q, reachable
         row, branch = row[off], branch[off]
         better, left = polished(self.without_limits, R[row], p[row], some[off])
-        met = np.asarray((left <= RESIDUAL).all(axis=1))
+        met = np.asarray((left <= INVERSE.residual).all(axis=1))
         found, reached = q.copy(), reachable.copy()
         found[row, branch] = np.where(met[:, None], srs_limits.wrap(better), 0.0)
         reached[row, branch] = met
@@ -193,7 +207,7 @@ class ClosedArm(GeneralArm):
         lines: FlangeLines,
         drift: FloatArray,
         samples: int,
-        skeleton: int = SKELETON,
+        skeleton: int = CONTINUATION.skeleton,
     ) -> Course:
         """Follow flanges along straight lines on the branches of all samples."""
         postures = self.solve(lines.R, lines.positions(samples), start)
@@ -211,12 +225,13 @@ class ClosedArm(GeneralArm):
             return None
         J = self.jacobian(q)
         J[:, :3] /= self.length
-        if singular_values(J)[:, -1].min() < SINGULAR:
+        if singular_values(J)[:, -1].min() < CLOSED.singular:
             return None
         low, high = q - slack, q + slack
         for joint in range(self.axes):
             bottom, top = self.lower[joint], self.upper[joint]
-            if (free_last and joint == self.axes - 1) or not top - bottom < MOST_TURNS * TURN:
+            wide = not top - bottom < CLOSED.most_turns * TURN
+            if wide or (free_last and joint == self.axes - 1):
                 low[:, joint], high[:, joint] = bottom, top
                 continue
             first = np.ceil((bottom - high[:, joint]) / TURN)
@@ -244,7 +259,7 @@ class ClosedArm(GeneralArm):
         """Returns poses, branches and postures with free joints all over their limits."""
         low = np.maximum(self.lower, self.middle - np.pi)
         high = np.minimum(self.upper, self.middle + np.pi)
-        share = ((np.arange(SPREAD) + 0.5) / SPREAD)[:, None, None]
+        share = ((np.arange(CLOSED.spread) + 0.5) / CLOSED.spread)[:, None, None]
         found = self.solve(R, p, low + share * (high - low))
         q = self.nearest_turns(found.q, self.middle)
         good: BoolArray = np.logical_and(found.singular, self.within_limits(q))

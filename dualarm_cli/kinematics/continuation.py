@@ -7,7 +7,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.geometry.linear_systems import determinant, null_space, solve
 from dualarm_cli.geometry.products import product
-from dualarm_cli.kinematics.numeric_inverse import RESIDUAL
+from dualarm_cli.kinematics.numeric_inverse import INVERSE
 from dualarm_cli.kinematics.posture_source import LARGEST_STEP
 from dualarm_cli.kinematics.serial_chain import SerialChain, pose_error
 from dualarm_cli.records import dataclass
@@ -28,12 +28,11 @@ class ContinuationSettings:
     """A system whose determinant, in metres and rad, is smaller has met a singularity."""
     points_in_sequence: int = 16
     """Largest number of steps between poses that are solved in sequence; those between them are solved at once."""
+    skeleton: int = 17
+    """Samples of a line that are found one after the other; more are filled in between all at once."""
 
 
 CONTINUATION = ContinuationSettings()
-
-SKELETON = 17
-"""Samples of a line that are found one after the other; more are filled in between all at once."""
 
 
 @dataclass(frozen=True)
@@ -249,7 +248,7 @@ class LineFollowing:
         if not course.singular.any():
             return course
         rows, samples = np.flatnonzero(course.singular), len(course.q)
-        finer = -(-(SKELETON - 1) // (samples - 1))
+        finer = -(-(CONTINUATION.skeleton - 1) // (samples - 1))
         shares = np.linspace(0.0, 1.0, finer * (samples - 1) + 1)
         q, det = (
             np.empty((len(shares), len(rows), self.arm.axes)),
@@ -365,7 +364,7 @@ def newton(
         R_now, p_now, J = arm.linearised(q)
         e = pose_error(R_now, p_now, R, p)
         off = planes.level - np.einsum("bsn,bn->bs", W, q)
-        met = (np.abs(e).max(axis=1) <= 0.1 * RESIDUAL) & (np.abs(off) <= 1e-9).all(axis=1)
+        met = (np.abs(e).max(axis=1) <= 0.1 * INVERSE.residual) & (np.abs(off) <= 1e-9).all(axis=1)
         A, left = np.concatenate([J, W], axis=1), np.concatenate([e, off], axis=1)
         if met.all() or k == CONTINUATION.newton_steps - 1:
             det = _determinant(J, W)

@@ -12,7 +12,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.elementary import TURN, arctan2, cos, sin
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.continuation import (
-    SKELETON,
+    CONTINUATION,
     Course,
     FlangeLines,
     LineFollowing,
@@ -64,7 +64,7 @@ class GeneralArm(SerialChain, PostureSource):
         lines: FlangeLines,
         drift: FloatArray,
         samples: int,
-        skeleton: int = SKELETON,
+        skeleton: int = CONTINUATION.skeleton,
     ) -> Course:
         """Follow flanges that are shifted along straight lines without turning, see `LineFollowing`.
 
@@ -87,7 +87,7 @@ class GeneralArm(SerialChain, PostureSource):
     ) -> FloatArray:
         """Follow a straight line of the tool by continuation; `psi_end` is the way along the self-motion."""
         # Continuity was checked in SKELETON samples at least: the same path is followed however few are wanted.
-        finer = -(-(SKELETON - 1) // (samples - 1))
+        finer = -(-(CONTINUATION.skeleton - 1) // (samples - 1))
         R, p, z = (x[None] for x in pose)
         lines, drift = FlangeLines(R, p, -z * length), np.array([psi_end])
         course = self.follow_lines(posture.q[None], lines, drift, finer * (samples - 1) + 1)

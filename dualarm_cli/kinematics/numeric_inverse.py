@@ -48,12 +48,11 @@ class InverseSettings:
     """Largest error of the rotation at which a least distance is valid [rad]."""
     primes: tuple[int, ...] = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
     """Bases of the Halton sequence of starts, one for each joint."""
+    residual: float = 1e-10
+    """Error that a solution may have [m and rad]."""
 
 
 INVERSE = InverseSettings()
-
-RESIDUAL = 1e-10
-"""Error that a solution may have [m and rad]."""
 
 
 def solve_poses(
@@ -106,7 +105,7 @@ def solve_poses(
         q = arm.nearest_turns(q, arm.middle)
         inside = arm.within_limits(q)
         miss = _least_miss(miss, pose[inside], error[inside])
-        good = (error <= RESIDUAL).all(axis=1) & inside
+        good = (error <= INVERSE.residual).all(axis=1) & inside
         q = q[good]
         before = np.bincount(found_pose, minlength=m)
         found_pose, found_q = _distinct(

@@ -27,7 +27,7 @@ from dualarm_cli.geometry.roots import (
     polynomial_value,
     real_zeros,
 )
-from dualarm_cli.kinematics.closed_arm import BRANCHES, EXACT, ClosedArm, PoseSolutions
+from dualarm_cli.kinematics.closed_arm import CLOSED, ClosedArm, PoseSolutions
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs.srs_limits import wrap
 from dualarm_cli.kinematics.wrist_arm import Turns, three_turns
@@ -176,7 +176,7 @@ class ParallelArm(ClosedArm):
     @cached_property
     def exact(self) -> bool:
         """Whether the closed forms need no polish."""
-        return max(self.parallel_deviation, self._normal_length) < EXACT
+        return max(self.parallel_deviation, self._normal_length) < CLOSED.exact
 
     def _postures(self, R: FloatArray, p: FloatArray, reference: FloatArray) -> PoseSolutions:
         """Returns all branches before they are polished; where a pose is out of reach, those that come near it."""
@@ -209,9 +209,9 @@ class ParallelArm(ClosedArm):
         q = wrap(np.stack([q1, q2, third * q3, fourth * q4, q5, q6], axis=-1))
         reachable &= (first.reachable & turns.possible)[..., None]
         singular = (first.free | turns.aligned)[..., None] | free2
-        shape = (-1, BRANCHES)
+        shape = (-1, CLOSED.branches)
         return PoseSolutions(
-            q.reshape(-1, BRANCHES, 6),
+            q.reshape(-1, CLOSED.branches, 6),
             reachable.reshape(shape),
             np.broadcast_to(singular, q2.shape).reshape(shape),
         )

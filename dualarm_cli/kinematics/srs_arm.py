@@ -11,7 +11,7 @@ from dualarm_cli.compiled import srs as compiled
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
 from dualarm_cli.geometry.elementary import TURN, arccos, arctan2, cos, sin
-from dualarm_cli.geometry.joint_axes import SrsGeometry
+from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE, SrsGeometry
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.posture_source import (
     LARGEST_STEP,
@@ -23,7 +23,7 @@ from dualarm_cli.kinematics.posture_source import (
 )
 from dualarm_cli.kinematics.srs import srs_limits
 from dualarm_cli.kinematics.srs.arm_angle_curves import (
-    REACH_SLACK,
+    CURVES,
     ArmAngleCurves,
     ArmPlane,
     reference_directions,
@@ -32,8 +32,6 @@ from dualarm_cli.kinematics.srs.arm_angle_intervals import ArmAngleIntervals
 from dualarm_cli.kinematics.srs.srs_canonical import SrsCanonical
 from dualarm_cli.records import dataclass
 
-SRS_TOLERANCE = 1e-6
-"""Largest deviation from exact SRS geometry that the closed forms ignore [m and rad]."""
 ARM_ANGLES = 36
 """Arm angles around the circle at which postures are computed."""
 ELBOWS, TINY = 60, 1e-9
@@ -209,7 +207,7 @@ class SrsArm(PostureSource):
             p: flange positions in the base frame [m], shape (..., 3).
         """
         miss = np.abs(self.signed_miss(R, p))
-        return np.where(miss > REACH_SLACK, miss, 0.0)
+        return np.where(miss > CURVES.slack, miss, 0.0)
 
     def feasible_arm_angles(self, R: FloatArray, p: FloatArray) -> ArmAngleIntervals:
         """Compute the arm angles at which all joints of a branch are within limits.
@@ -424,7 +422,7 @@ class SrsArm(PostureSource):
         _, upper, fore, normal = self.canonical.chain(q)
         w = self.geometry.upper * upper + self.geometry.fore * fore
         d = np.sqrt((w * w).sum(axis=0))
-        tiny = d < REACH_SLACK
+        tiny = d < CURVES.slack
         u = np.where(tiny, np.array([0.0, 0.0, 1.0])[:, None], w / np.where(tiny, 1.0, d))
         r, t = reference_directions(u)
         # For a positive bend the elbow's axis is -u × h = r sin psi - t cos psi.

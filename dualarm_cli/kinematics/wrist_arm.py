@@ -10,17 +10,13 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.geometry.elementary import TURN, angle_between, arctan2, sin
+from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE
 from dualarm_cli.geometry.products import product
-from dualarm_cli.kinematics.closed_arm import BRANCHES, EXACT, ClosedArm, PoseSolutions
+from dualarm_cli.kinematics.closed_arm import CLOSED, ClosedArm, PoseSolutions
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs import srs_limits
 from dualarm_cli.kinematics.three_axes import ThreeAxes, point_miss, point_postures
 from dualarm_cli.records import dataclass
-
-ALIGNED = 1e-12
-"""Sine of the angle of the outer axes below which only the sum or difference of their turns counts."""
-SLACK = 1e-12
-"""How far an angle may pass what the axes allow, by rounding [rad]."""
 
 
 @dataclass(frozen=True)
@@ -60,11 +56,11 @@ def three_turns(R_12: FloatArray, R_23: FloatArray, M: FloatArray, reference: Fl
     near = sin(0.5 * (theta + alpha - beta)) * sin(0.5 * (theta - alpha + beta))
     far = sin(0.5 * (alpha + beta + theta)) * sin(0.5 * (alpha + beta - theta))
     least, most = abs(alpha - beta), min(alpha + beta, TURN - alpha - beta)
-    possible = (theta >= least - SLACK) & (theta <= most + SLACK)
+    possible = (theta >= least - CLOSED.slack) & (theta <= most + CLOSED.slack)
     phi = 2.0 * arctan2(np.sqrt(np.maximum(near, 0.0)), np.sqrt(np.maximum(far, 0.0)))
     b = np.stack([phi, -phi], axis=-1) + (arctan2(first[1], first[0]) - arctan2(last[1], last[0]))
     outer = product(R_12, rotation_z(b), last)
-    aligned = sine < ALIGNED
+    aligned = sine < CLOSED.aligned
     turned = angle_between((x + 1j * y)[..., None], outer[..., 0] + 1j * outer[..., 1])
     a = np.where(aligned[..., None], np.asarray(reference)[..., None], turned)
     middle = product(rotation_z(a), R_12, rotation_z(b), R_23)
@@ -72,12 +68,6 @@ def three_turns(R_12: FloatArray, R_23: FloatArray, M: FloatArray, reference: Fl
     left = product(np.swapaxes(middle, -1, -2), M[..., None, :, :1])
     c = arctan2(left[..., 1, 0], left[..., 0, 0])
     return Turns(np.stack([a, b, c], axis=-1), possible, aligned)
-
-
-WRIST_TOLERANCE = 1e-6
-"""Largest distance of the last three axes from a common point that closed forms start from [m]."""
-LEAST_ANGLE = 1e-6
-"""Least sine of the angle of neighbouring wrist axes."""
 
 
 @dataclass(frozen=True)
@@ -97,13 +87,13 @@ class WristArm(ClosedArm):
 
     def _problem(self) -> str:
         """Returns why there are no closed forms, or nothing."""
-        if self.wrist_gap > WRIST_TOLERANCE:
+        if self.wrist_gap > SRS_TOLERANCE:
             return (
                 f"its last three axes miss a common point by {self.wrist_gap * 1000:.3g} mm "
-                f"({WRIST_TOLERANCE:g} m are allowed)"
+                f"({SRS_TOLERANCE:g} m are allowed)"
             )
         for k in (4, 5):
-            if np.hypot(*self.R_parent_joint[k][:2, 2]) < LEAST_ANGLE:
+            if np.hypot(*self.R_parent_joint[k][:2, 2]) < CLOSED.least_angle:
                 return f"axes {k} and {k + 1} are parallel"
         if self.shoulder.family is None:
             return (
@@ -137,7 +127,7 @@ class WristArm(ClosedArm):
     @cached_property
     def exact(self) -> bool:
         """Whether the closed forms need no polish."""
-        return max(self.wrist_gap, self.shoulder.neglected) < EXACT
+        return max(self.wrist_gap, self.shoulder.neglected) < CLOSED.exact
 
     def wrist_center(self, R: FloatArray, p: FloatArray) -> FloatArray:
         """Returns the wrist centre [m], shape (..., 3), of flange poses (..., 3, 3), (..., 3)."""
@@ -163,7 +153,7 @@ class WristArm(ClosedArm):
         q = np.empty((len(p), 4, 2, 6))
         q[..., :3], q[..., 3:] = first.q[:, :, None], srs_limits.wrap(last.q)
         return PoseSolutions(
-            q.reshape(-1, BRANCHES, 6),
+            q.reshape(-1, CLOSED.branches, 6),
             np.repeat(first.reachable & last.possible, 2, axis=1),
             np.repeat(first.singular | last.aligned, 2, axis=1),
         )

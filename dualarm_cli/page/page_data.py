@@ -153,10 +153,6 @@ class PageSettings:
 PAGE = PageSettings()
 
 
-CLEARANCE, NEAR_LINKS = "clearance", "near links"
-"""Names of the clearance curves on the page."""
-
-
 def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     """Sample the least clearance over a motion, as curves of the page.
 
@@ -200,7 +196,7 @@ def clearance_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     # Kept, as pinocchio fills the same ones each time, and each would be wrapped anew otherwise.
     results = list(found.distanceResults)
     order = [watched.trajectory.joints.index(name) for name in model.names[1:]]
-    curves = [(CLEARANCE, ~near), (NEAR_LINKS, near)]
+    curves = [("clearance", ~near), ("near links", near)]
     samples = {name: _Samples() for name, own_pairs in curves if own_pairs.any()}
     for row, q in enumerate(watched.trajectory.at(times)[0][:, order]):
         pin.computeDistances(model, data, geometry, found, q)

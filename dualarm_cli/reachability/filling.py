@@ -11,7 +11,7 @@ from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, descend
+from dualarm_cli.kinematics.numeric_inverse import INVERSE, descend
 from dualarm_cli.reachability.table_grid import YAWS, TableGrid, flange_poses
 from dualarm_cli.records import dataclass
 
@@ -30,12 +30,11 @@ class FillingSettings:
     """Maximum number of postures kept per seed pose."""
     turns: tuple[int, ...] = (0, 1, -1, 2, -2)
     """Yaw steps between neighbouring nodes, of YAWS per turn, in order of trial."""
+    largest_change: float = 1.5
+    """A joint that moves more on the way to a node next to it, or along a line, has left its branch [rad]."""
 
 
 FILLING = FillingSettings()
-
-LARGEST_CHANGE = 1.5
-"""A joint that moves more on the way to a node next to it, or along a line, has left its branch [rad]."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +114,7 @@ def fill(
         near = norm(p - numeric.p_parent_joint[0], axis=1) <= numeric.farthest
         starts, R, p = starts.take(near), R[near], p[near]
         reached, error = descend(numeric, R, p, starts.q)
-        good = (error <= RESIDUAL).all(axis=1)
+        good = (error <= INVERSE.residual).all(axis=1)
         good &= np.abs(reached - starts.q).max(axis=1, initial=0.0) <= _most(FILLING.turns[turn])
         if keep(Postures(starts.node, starts.yaw, reached).take(good)):
             turn = 0
@@ -125,7 +124,7 @@ def fill(
 
 def _most(turn: int) -> float:
     """Returns how far a joint may move [rad] when the tool is turned by so many of YAWS."""
-    return LARGEST_CHANGE + abs(turn) * TURN / YAWS
+    return FILLING.largest_change + abs(turn) * TURN / YAWS
 
 
 def seeds(model: CellModel, arm: str, grid: TableGrid) -> Postures:

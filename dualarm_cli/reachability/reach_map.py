@@ -10,9 +10,9 @@ from dualarm_cli.collision.clearance import SLACK, CellClearance
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel, general_arms
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, descend
+from dualarm_cli.kinematics.numeric_inverse import INVERSE, descend
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.reachability.filling import LARGEST_CHANGE, Postures, fill
+from dualarm_cli.reachability.filling import FILLING, Postures, fill
 from dualarm_cli.reachability.table_grid import TableGrid, flange_poses
 from dualarm_cli.records import dataclass
 
@@ -110,5 +110,5 @@ def _drawn_back(
     """Returns joints with the tool drawn back (m, n) [rad], and whether they are reached from the nodes' postures."""
     R, p = flange_poses(model, arm, grid, postures.node, postures.yaw, line)
     back, error = descend(numeric, R, p, postures.q)
-    near = np.abs(back - postures.q).max(axis=1, initial=0.0) <= LARGEST_CHANGE
-    return back, np.asarray((error <= RESIDUAL).all(axis=1) & near)
+    near = np.abs(back - postures.q).max(axis=1, initial=0.0) <= FILLING.largest_change
+    return back, np.asarray((error <= INVERSE.residual).all(axis=1) & near)

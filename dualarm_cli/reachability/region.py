@@ -32,12 +32,11 @@ class RegionSettings:
     """Share of the best score above which only easy heights count. If no easy height exceeds it, all heights count."""
     nearly: float = 0.9
     """Share of the best score from which a height counts as equivalent."""
+    coarser: int = 2
+    """By how many spacings the grid is coarser on which heights are compared."""
 
 
 REGION = RegionSettings()
-
-COARSER = 2
-"""By how many spacings the grid is coarser on which heights are compared."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +160,7 @@ def heights_reached(cell: Cell, here: Region, line: float = 0.0) -> tuple[FloatA
         here: its region.
         line: how far the tool must be able to be drawn back [m].
     """
-    step = COARSER * here.step
+    step = REGION.coarser * here.step
     heights = np.arange(np.ceil(here.low / step), np.floor(here.high / step) + 1) * step
     return heights, reach_map(cell, here.grid(here.home[None], heights, step), line)
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 from typing import Any
 
-from dualarm_cli.calibration.spread import LEVEL, Spread, half_widths, region_limit
+from dualarm_cli.calibration.spread import SPREAD, Spread, half_widths, region_limit
 from dualarm_cli.report.printable import numbers
 
 
@@ -61,7 +61,7 @@ def _uncertainty(result: Calibration) -> dict[str, Any] | None:
     if solution.covariance is None or widths is None:
         return None
     return {
-        "level": LEVEL,
+        "level": SPREAD.level,
         "source": "stated noise" if solution.degrees is None else "residuals",
         "degrees_of_freedom": solution.degrees,
         "translation": widths[:3].tolist(),

@@ -29,7 +29,6 @@ from dualarm_cli.verification.budget_checks import judge_budget
 from dualarm_cli.verification.motion_checks import jerk_share, velocity_extrema
 from dualarm_cli.verification.tolerances import TOL
 
-FORMAT = "dualarm.report/1"
 SHORTEST_CYCLE = 1e-3
 """Below this a throughput means nothing [s]."""
 
@@ -43,7 +42,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
     """
     drawn = drawn_out(schedule)
     return {
-        "format": FORMAT,
+        "format": "dualarm.report/1",
         "robot": schedule.robot.name,
         "cycle_time": schedule.duration,
         "closes": job.returns,
@@ -286,8 +285,6 @@ def _limits_used(schedule: Schedule) -> dict[str, dict[str, float]]:
 REASONS: tuple[str, ...] = get_args(WaitReason)[1:]
 UNSTATED = "unstated"
 """Reason of a wait for which the schedule states none."""
-FOR_THE_OTHER = ("partner", "shared_zone", "end")
-"""Reasons that lie in what the other arm does."""
 SAME_LENGTH = 1e-6
 """Times that differ by less are one [s]."""
 
@@ -313,7 +310,8 @@ def wait_rows(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     rows = []
     for wait in waits:
         found: Segment | Event | None = None
-        if wait.reason in FOR_THE_OTHER:
+        # Reasons that lie in what the other arm does.
+        if wait.reason in ("partner", "shared_zone", "end"):
             found = _meanwhile(wait, work)
         elif wait.reason == "after":
             found = _before(wait, after.get(wait.task, ()), work)

@@ -21,9 +21,6 @@ from dualarm_cli.timing.shapes import symmetric_grid
 from dualarm_cli.timing.spline import largest_rates
 from dualarm_cli.timing.stage_length import stage_length
 
-RATES = ("acceleration", "jerk")
-"""Limits that may be assumed."""
-
 
 @dataclass(frozen=True)
 class SensitivitySettings:
@@ -41,6 +38,8 @@ class SensitivitySettings:
     """Joints that are slower stand, but for the rounding of instants [rad/s or m/s]."""
     slowed: float = 1e-6
     """Least relative excess over the closed form that indicates a tool-speed cap."""
+    share: float = 0.1
+    """By what share limits are lowered and raised."""
 
 
 SENSITIVITY = SensitivitySettings()
@@ -186,8 +185,6 @@ def _operators() -> tuple[FloatArray, FloatArray, FloatArray]:
     return SHAPES.path_rates(SENSITIVITY.per_phase, _nodes())
 
 
-SHARE = 0.1
-"""By what share limits are lowered and raised."""
 LINES = ("approach", "retract")
 MOTIONS = ("transfer", "return", *LINES)
 
@@ -268,8 +265,10 @@ def sensitivity(schedule: Schedule) -> list[LimitSensitivity]:
     # Row 0 is the plan as it is; then every entry lower and higher.
     acceleration, jerk = np.ones((2, 2 * len(entries) + 1, len(limits.joints)))
     for row, (_, which, limit) in enumerate(entries):
-        for step, factor in enumerate((1.0 - SHARE, 1.0 + SHARE), start=1):
-            for rate, factors, own in zip(RATES, (acceleration, jerk), assumed, strict=True):
+        for step, factor in enumerate((1.0 - SENSITIVITY.share, 1.0 + SENSITIVITY.share), start=1):
+            for rate, factors, own in zip(
+                ("acceleration", "jerk"), (acceleration, jerk), assumed, strict=True
+            ):
                 if rate in limit:
                     factors[2 * row + step, [k for k in which if k in own]] = factor
     chains = _chains(schedule, parts, limits)

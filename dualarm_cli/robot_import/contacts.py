@@ -20,9 +20,6 @@ from dualarm_cli.model.robot import Robot
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.structure import count_of
 
-MARGIN = 0.01
-"""Distance below which links count as touching: that much clearance a cell may ask for [m]."""
-
 
 @dataclass(frozen=True)
 class ContactSettings:
@@ -41,6 +38,8 @@ class ContactSettings:
     """Maximum number of moving joints between links that count as near."""
     often: float = 0.5
     """Share of postures from which on links that are farther apart are named."""
+    margin: float = 0.01
+    """Distance below which links count as touching: that much clearance a cell may ask for [m]."""
 
 
 CONTACT = ContactSettings()
@@ -192,7 +191,7 @@ def _prepared(
     geometry = geometry_model(solids, pairs)
     results = pin.GeometryData(geometry)
     for request in results.collisionRequests:
-        request.security_margin = MARGIN
+        request.security_margin = CONTACT.margin
     return geometry, results
 
 

@@ -14,7 +14,7 @@ from dualarm_cli.geometry.linear_systems import singular_values
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.contacts import (
-    MARGIN,
+    CONTACT,
     in_model_order,
     random_postures,
     sampled_range,
@@ -114,7 +114,9 @@ def _problem(robot: Robot, name: str, state: Mapping[str, float], posture: Float
     links = touching_links(robot, posture)
     if links:
         more = f" and {len(links) - 1} more" if len(links) > 1 else ""
-        return f"{' and '.join(links[0])}{more} collide or are nearer than {1e3 * MARGIN:g} mm"
+        return (
+            f"{' and '.join(links[0])}{more} collide or are nearer than {1e3 * CONTACT.margin:g} mm"
+        )
     return ""
 
 

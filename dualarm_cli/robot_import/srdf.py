@@ -22,9 +22,6 @@ from dualarm_cli.robot_import.structure import (
     words,
 )
 
-_UNCHECKED = ("never", "default")
-"""Reasons for which collisions are left out that cost nothing to check."""
-
 
 @dataclass(frozen=True)
 class Srdf:
@@ -119,7 +116,7 @@ def _contacts(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[frozens
             elif name not in urdf.links:
                 findings.add(element, f"the URDF has no link {quote(name)}")
         reason = element.get("reason") or "no reason given"
-        if reason.lower() not in _UNCHECKED and len(set(names)) == 2:
+        if reason.lower() not in ("never", "default") and len(set(names)) == 2:
             contacts[frozenset(names)] = reason
     return contacts
 

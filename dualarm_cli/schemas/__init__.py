@@ -10,9 +10,6 @@ from typing import Any
 from dualarm_cli.schemas.kinds_of_files import INPUT_FILES, input_schema, result_schema
 from dualarm_cli.schemas.result_fields import REPORT, SCHEDULE
 
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
-"""The version of JSON Schema."""
-
 _SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
     **{kind: partial(input_schema, kind) for kind in INPUT_FILES},
     "schedule": partial(
@@ -30,7 +27,7 @@ def schema_of(kind: str) -> dict[str, Any]:
     Args:
         kind: one of KINDS.
     """
-    return {"$schema": DIALECT, **_SCHEMAS[kind]()}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_SCHEMAS[kind]()}
 
 
 def schema_text(kind: str) -> str:

@@ -10,8 +10,6 @@ from dualarm_cli.report.printable import printable
 from dualarm_cli.scoring.gate import FLOOR
 from dualarm_cli.scoring.verdict import STATES, Verdict, exit_code
 
-FORMAT = "dualarm.score/1"
-
 
 def score_document(
     verdicts: Sequence[Verdict],
@@ -31,7 +29,7 @@ def score_document(
     code = exit_code(verdicts)
     document: dict[str, Any] = printable(
         {
-            "format": FORMAT,
+            "format": "dualarm.score/1",
             "passed": code == 0,
             "exit_code": code,
             "settings": dict(settings),

@@ -25,14 +25,11 @@ from dualarm_cli.model.shape import Shape
 from dualarm_cli.reachability.filling import Postures
 from dualarm_cli.reachability.proposed_tool import ProposedTool, with_tools
 from dualarm_cli.reachability.reach_map import ReachMap, reach_map
-from dualarm_cli.reachability.region import COARSER, Region, heights_reached, region
+from dualarm_cli.reachability.region import REGION, Region, heights_reached, region
 from dualarm_cli.reachability.table_grid import TableGrid
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.robot_import.contacts import in_model_order
-
-PICKS = 6
-"""Picks of all arms together."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +67,8 @@ class LayoutSettings:
     """Room between a table and the robot as it stands [m]."""
     front: float = 0.5
     """Additional weight of a node in front of the robot over one beside it."""
+    picks: int = 6
+    """Picks of all arms together."""
 
 
 LAYOUT = LayoutSettings()
@@ -162,7 +161,7 @@ def _tables(
         reached = [reach.reached(arm)[0, k] for arm in reach.postures]
         worth, rows, columns = most_reached(reached, free, front)
         if np.isfinite(worth):
-            table = _under(grid.x[columns], grid.y[rows], COARSER * step, (top, thickness))
+            table = _under(grid.x[columns], grid.y[rows], REGION.coarser * step, (top, thickness))
             found.append((not easy[k], -worth, k, table))
     return [table for *_, table in sorted(found, key=lambda one: one[:3])[: LAYOUT.tables_tried]]
 
@@ -237,7 +236,7 @@ def _rows(
         (c - side[0]) / grid.step
         for c, side in zip(here.centre[::-1], (grid.y, grid.x), strict=True)
     ]
-    count = PICKS // len(found)
+    count = LAYOUT.picks // len(found)
     both = reach.both[0, 0]
     model, clearance = CellModel.from_cell(cell), CellClearance.of(cell, ())
     # As far from the border as there are enough rows; by and by nearer.

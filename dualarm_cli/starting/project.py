@@ -14,7 +14,7 @@ from dualarm_cli.files.studies.studies import load_study
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.reachability.proposed_tool import ProposedTool
 from dualarm_cli.schemas import editor_line, schema_text
-from dualarm_cli.starting.layout import PICKS, Layout, Row, find_layout
+from dualarm_cli.starting.layout import LAYOUT, Layout, Row, find_layout
 from dualarm_cli.starting.robot_source import RobotSource
 
 LAST = "tasks.yaml"
@@ -207,7 +207,7 @@ def tasks_text(layout: Layout) -> str:
         "tasks:                 # rpy: [180 deg, 0, 0] points the tool down; free: yaw lets it turn about its own axis",
     ]
     arms = list(layout.trays)
-    count = PICKS // len(arms)
+    count = LAYOUT.picks // len(arms)
     for k in range(count):
         y = _mm((k - 0.5 * (count - 1)) * layout.step)
         for arm in arms:

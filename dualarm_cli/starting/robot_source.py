@@ -17,8 +17,6 @@ from dualarm_cli.files.source.text_source import read_bytes, recorded_reads
 from dualarm_cli.records import dataclass
 from dualarm_cli.robot_import.importing import ImportRequest, import_robot
 
-DEFAULT = "sda10f"
-"""The robot of a project for which none is named."""
 CELL_FILE = "cell.yaml"
 """Name of the cell file in the folder of two imported robots."""
 
@@ -50,7 +48,7 @@ def robot_source(robot: str | None, packages: Sequence[Path] = ()) -> RobotSourc
     """
     known = bundled_robots()
     if robot is None or robot in known:
-        name = robot or DEFAULT
+        name = robot or "sda10f"
         return RobotSource(name, {}, name)
     path = Path(robot)
     if path.is_dir():

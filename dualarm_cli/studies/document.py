@@ -34,7 +34,6 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.studies.requests import input_problems
 from dualarm_cli.studies.rows import TOGETHER, Ranking, StudyRow, rank
 
-FORMAT = "dualarm.sweep/1"
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 _TOGETHER = {sum: "sum", max: "largest", min: "least"}
 
@@ -56,7 +55,7 @@ def study_document(
     reasons = {row.number: _reasons(study, row) for row in failed}
     sampled = method["name"] == "optimise"
     return {
-        "format": FORMAT,
+        "format": "dualarm.sweep/1",
         "version": __version__,
         "study": study.name,
         "tasks": [tasks.name for tasks in study.tasks],
@@ -224,16 +223,23 @@ def _factor(parameter: Parameter, k: int, rows: Sequence[StudyRow]) -> Factor:
     return numeric_factor(parameter.name, np.array(numbers, dtype=np.float64), known)
 
 
-BINS = 4
-"""Into how many equal parts a range without steps is cut for main effects, at most."""
-PER_BIN = 4
-"""Plans that a part should have on average."""
-FEW = 5
-"""Plans per parameter below which the numbers are hints."""
-STRAIGHT = 0.7
-"""Part of the variance that a linear fit must explain, so that slopes say something."""
-SAME = 1e-9
-"""Spread relative to the values below which an objective counts as the same everywhere."""
+@dataclass(frozen=True)
+class EffectSettings:
+    """Binning of sampled parameters."""
+
+    bins: int = 4
+    """Into how many equal parts a range without steps is cut for main effects, at most."""
+    per_bin: int = 4
+    """Plans that a part should have on average."""
+    few: int = 5
+    """Plans per parameter below which the numbers are hints."""
+    straight: float = 0.7
+    """Part of the variance that a linear fit must explain, so that slopes say something."""
+    same: float = 1e-9
+    """Spread relative to the values below which an objective counts as the same everywhere."""
+
+
+EFFECT = EffectSettings()
 
 
 @dataclass(frozen=True)
@@ -300,7 +306,7 @@ def numeric_factor(name: str, numbers: ArrayLike, levels: Sequence[float]) -> Fa
         known = np.asarray(levels, dtype=np.float64)
         nearest = np.abs(values[:, None] - known[None, :]).argmin(axis=1)
         return Factor(name, nearest, len(known), values)
-    parts = int(np.clip(len(values) // PER_BIN, 1, BINS))
+    parts = int(np.clip(len(values) // EFFECT.per_bin, 1, EFFECT.bins))
     span = np.ptp(values) if len(values) else 0.0
     shares = (values - values.min()) / span if span > 0.0 else np.zeros(len(values))
     bins = np.minimum((shares * parts).astype(np.int64), parts - 1)
@@ -335,7 +341,7 @@ def sensitivity(
     whole = grid and count == int(np.prod([factor.count for factor in factors]))
     varied = [factor for factor in factors if len(np.unique(factor.levels)) > 1]
     spread = float(np.ptp(values)) if count else 0.0
-    if count < 2 or spread <= max(step, SAME * float(np.abs(values).max())):
+    if count < 2 or spread <= max(step, EFFECT.same * float(np.abs(values).max())):
         why = "fewer than two plans" if count < 2 else "it is the same in all plans"
         none = tuple(
             Influence(f.name, 0.0 if count > 1 else None, None, None, None) for f in factors
@@ -474,7 +480,7 @@ def _notes(
     count: int, factors: Sequence[Factor], linear_share: float | None, grid: bool, whole: bool
 ) -> tuple[str, ...]:
     notes = []
-    if count < FEW * len(factors):
+    if count < EFFECT.few * len(factors):
         notes.append(
             f"{count} plans for {len(factors)} parameter{'s' * (len(factors) > 1)}: the result is only an indication"
         )
@@ -482,11 +488,11 @@ def _notes(
         notes.append("values at which nothing has a plan are left out")
     if not grid:
         notes.append("shares are estimates, as the plans do not fill the grid")
-        if linear_share is not None and linear_share >= STRAIGHT:
+        if linear_share is not None and linear_share >= EFFECT.straight:
             notes.append(
                 f"a linear fit explains {linear_share:.0%}: slopes are more reliable than shares"
             )
-    if linear_share is not None and linear_share < STRAIGHT:
+    if linear_share is not None and linear_share < EFFECT.straight:
         notes.append(
             f"a linear fit explains {linear_share:.0%} only: use the main effects instead of the slopes"
         )

@@ -30,14 +30,25 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.studies.requests import point_requests, reference_requests
 from dualarm_cli.studies.rows import StudyRow
 
-BATCH = 8
-"""Points that are asked for at a time."""
-TRIES = 20
-"""How often the estimator is asked again where it proposes what is known."""
-DRAWS = 200
-"""How often a point is drawn at random where the estimator has none that is new."""
-_NO_PLAN = 1e9
-"""Cost of a point without a plan; that there is none counts first."""
+
+@dataclass(frozen=True)
+class StudySearchSettings:
+    """Numbers of the search for good parameters."""
+
+    batch: int = 8
+    """Points that are asked for at a time."""
+    tries: int = 20
+    """Further proposals of the estimator where one is known."""
+    draws: int = 200
+    """Random draws where the estimator has no new point."""
+    no_plan: float = 1e9
+    """Cost of a point without a plan; that there is none counts first."""
+    most_points: int = 100_000
+    """Most points of one study."""
+
+
+SEARCH = StudySearchSettings()
+
 
 Rows = Callable[[Sequence[Point], Sequence[StudyRow]], list[StudyRow]]
 """Evaluates points, given the rows that there are already."""
@@ -70,7 +81,7 @@ def search(study: Study, budget: int, seed: int, evaluate: Rows) -> list[StudyRo
     searcher = _Searcher(study, budget, seed)
     rows: list[StudyRow] = []
     while len(rows) < budget:
-        points = searcher.ask(min(BATCH, budget - len(rows)))
+        points = searcher.ask(min(SEARCH.batch, budget - len(rows)))
         if not points:
             break
         fresh = evaluate(points, rows)
@@ -121,7 +132,7 @@ class _Searcher:
         """Takes what came of a point."""
         costs = row.costs(self._study.objectives)
         if costs is None:
-            costs, misses = [_NO_PLAN] * len(self._study.objectives), 1.0
+            costs, misses = [SEARCH.no_plan] * len(self._study.objectives), 1.0
         else:
             misses = 0.0
         self._known[row.point] = costs, misses
@@ -136,7 +147,7 @@ class _Searcher:
         for point in self._spread:
             if point not in self._trials:
                 return self._take(self._asked(point), point)
-        for _ in range(TRIES):
+        for _ in range(SEARCH.tries):
             trial = self._ask()
             point = tuple(axis.level(trial.params[axis.name]) for axis in self._axes)
             if point not in self._trials:
@@ -169,7 +180,7 @@ class _Searcher:
 
     def _any(self) -> Point | None:
         """Returns a point at random that is new; None where there is none."""
-        for _ in range(DRAWS):
+        for _ in range(SEARCH.draws):
             point = self._point(self._rng.random(len(self._axes)).tolist())
             if point not in self._trials:
                 return point
@@ -227,10 +238,6 @@ def whole_grid(study: Study) -> int | None:
     return math.prod(len(parameter.levels) for parameter in study.parameters)
 
 
-MOST_POINTS = 100_000
-"""Most points of one study."""
-
-
 def count_points(study: Study) -> int | None:
     """Count the points of a study.
 
@@ -264,9 +271,10 @@ def study_points(study: Study) -> list[Point]:
             f"{parameter.place}: the range of {parameter.name!r} has no steps; give it step or count, add "
             "`sample: {count: 40}` to the study, or search it with --optimise"
         )
-    if count > MOST_POINTS:
+    if count > SEARCH.most_points:
         raise UsageError(
-            f"{study.name}: makes {count:,} plans; at most {MOST_POINTS:,}: use longer steps, `sample:`, or --optimise"
+            f"{study.name}: makes {count:,} plans; at most {SEARCH.most_points:,}: use longer steps, `sample:`, "
+            "or --optimise"
         )
     spans = [p.span for p in study.parameters if p.span is not None]
     samples: list[Point] = [()]

@@ -55,14 +55,6 @@ from dualarm_cli.verification.tool_checks import (
 )
 from dualarm_cli.verification.tool_model import ToolModel
 
-OF_JOBS = (
-    ("events_at_targets", "stands_at_events", "order"),
-    ("precedence", "windows"),
-    ("pairing", "dwells", "start_posture", "return"),
-)
-"""Checks of what only a job tells, in three runs between those of the kinds of work."""
-
-
 S = TypeVar("S")
 T = TypeVar("T")
 
@@ -228,7 +220,14 @@ def _job_checks(evidence: Evidence) -> list[Check]:
     """Returns the checks of what only a job tells, as its file has it and as it was done."""
     schedule, job, done, spans = evidence.schedule, evidence.job, evidence.done, evidence.spans
     if job is None or done is None:
-        first, second, third = ([not_checked(name, NO_TASKS) for name in run] for run in OF_JOBS)
+        first, second, third = (
+            [not_checked(name, NO_TASKS) for name in run]
+            for run in (
+                ("events_at_targets", "stands_at_events", "order"),
+                ("precedence", "windows"),
+                ("pairing", "dwells", "start_posture", "return"),
+            )
+        )
     else:
         first = [
             check_targets(schedule, done),

@@ -26,7 +26,7 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import COLLISIONS, SHAPES, Check, StageClearance
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.clearance_proof import (
-    PRECISION,
+    PROOF,
     Certified,
     ClearanceProof,
     UnprovenError,
@@ -170,7 +170,7 @@ class WatchedPairs:
             self.trajectory,
         )
         # What may lie on something is allowed so little that the proof must not use it up.
-        precision = 0.1 * TOL.contact_slack if contact else PRECISION
+        precision = 0.1 * TOL.contact_slack if contact else PROOF.precision
         found = proof.certify(edges, precision, known)
         return [replace(one, pair=some[one.pair]) if one.pair >= 0 else one for one in found]
 

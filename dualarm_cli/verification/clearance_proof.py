@@ -46,15 +46,13 @@ class ProofSettings:
     """
     nonsense: float = -1e6
     """Distance below which coal's iteration has failed [m]."""
+    precision: float = 5e-4
+    """How far the certified least distance may be below the least one met [m]."""
+    numerical: float = 1e-6
+    """What distances by coal may be off [m]; it is taken off every certified one."""
 
 
 PROOF = ProofSettings()
-
-PRECISION = 5e-4
-"""How far the certified least distance may be below the least one met [m]."""
-NUMERICAL = 1e-6
-"""What distances by coal may be off [m]; it is taken off every certified one."""
-
 
 Windows = Sequence[tuple[float, float]] | None
 """When a pair counts [s]; None for always."""
@@ -117,7 +115,7 @@ class ClearanceProof:
         self._speeds = interval_speeds(trajectory)[:, self._order]
 
     def certify(
-        self, edges: FloatArray, precision: float = PRECISION, known: FloatArray | None = None
+        self, edges: FloatArray, precision: float = PROOF.precision, known: FloatArray | None = None
     ) -> list[Certified]:
         """Returns the proven least margin between each edge and the next; infinite where no pair counts.
 
@@ -180,7 +178,7 @@ class ClearanceProof:
             pair, where = np.tile(pair, 2), np.tile(where, 2)
             rate = (self._fastest(begin, end) * self._levers[pair]).sum(axis=1)
         return [
-            Certified(float(low) - NUMERICAL, float(margin), int(pair), float(time))
+            Certified(float(low) - PROOF.numerical, float(margin), int(pair), float(time))
             for low, margin, pair, time in zip(proven, met, *met_at, strict=True)
         ]
 

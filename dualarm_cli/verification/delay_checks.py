@@ -33,7 +33,7 @@ from dualarm_cli.model.verification import LONGEST_DELAY, ArmDelay, Check, Verdi
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.clearance_checks import touching_spans
 from dualarm_cli.verification.clearance_proof import (
-    NUMERICAL,
+    PROOF,
     interval_speeds,
     reaches,
     speeds_within,
@@ -317,7 +317,7 @@ class DelayProof:
                 margin, moved = self._margins(squares)
                 found = self._lowered(found, squares, margin)
                 # A distance that is no number proves nothing.
-                clear = margin - moved >= NUMERICAL - TOL.clearance_slack
+                clear = margin - moved >= PROOF.numerical - TOL.clearance_slack
                 squares = squares.select(~clear & (squares.low < found.broken))
             if not len(squares.pair):
                 return replace(found, proven=min(found.proven, found.broken))
@@ -352,7 +352,7 @@ class DelayProof:
         other, j = self._bodies[1, squares.pair], squares.second + shift
         gap = np.maximum(low[one, i] - high[other, j], low[other, j] - high[one, i])
         apart = np.sqrt(np.square(np.maximum(gap, 0.0)).sum(axis=1))
-        found: BoolArray = apart < np.maximum(self._required[squares.pair], 0.0) + NUMERICAL
+        found: BoolArray = apart < np.maximum(self._required[squares.pair], 0.0) + PROOF.numerical
         return found
 
     def _margins(self, squares: _Squares) -> tuple[FloatArray, FloatArray]:

@@ -21,14 +21,22 @@ from dualarm_cli.verification.line_spans import LineSpan
 from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
-STEP = 1e-3
-"""Spacing of the instants at which tool speeds are measured [s]."""
-HALF = 1e-5
-"""Half-width of the central difference that measures them [s]."""
-BLOCK = 10_000
-"""Instants measured at once, so that long motions need no more memory than short ones."""
-LONGEST = 7_200.0
-"""Longest motion that is measured [s]."""
+
+@dataclass(frozen=True)
+class SpeedSampling:
+    """Instants at which tool speeds are measured."""
+
+    step: float = 1e-3
+    """Spacing of the instants at which tool speeds are measured [s]."""
+    half: float = 1e-5
+    """Half-width of the central difference that measures them [s]."""
+    block: int = 10_000
+    """Instants measured at once, so that long motions need no more memory than short ones."""
+    longest: float = 7_200.0
+    """Longest motion that is measured [s]."""
+
+
+SPEED = SpeedSampling()
 
 
 def check_tool_speed(schedule: Schedule, cap: float | None, model: ToolModel) -> Check:
@@ -43,14 +51,14 @@ def check_tool_speed(schedule: Schedule, cap: float | None, model: ToolModel) ->
         return not_checked("tool_speed")
     allowed = cap * (1.0 + TOL.tool_speed_slack)
     trajectory = schedule.trajectory
-    if trajectory.duration > LONGEST:
-        where = f"a motion of {trajectory.duration:g} s is too long to check, at most {LONGEST:g} s are checked"
+    if trajectory.duration > SPEED.longest:
+        where = f"a motion of {trajectory.duration:g} s is too long to check, at most {SPEED.longest:g} s are checked"
         return judge("tool_speed", np.inf, allowed, where)
     # Where acceleration jumps, the fastest instant is a knot.
-    uniform = np.arange(trajectory.time[0], trajectory.time[-1], STEP)
+    uniform = np.arange(trajectory.time[0], trajectory.time[-1], SPEED.step)
     times = np.union1d(uniform, trajectory.time)
     worst = Worst()
-    for block in np.array_split(times, len(times) // BLOCK + 1):
+    for block in np.array_split(times, len(times) // SPEED.block + 1):
         for arm, speed in _speeds(schedule, model, block).items():
             k = int(np.argmax(speed))
             worst.add(float(speed[k]), f"{arm} tool at {block[k]:.3f} s")
@@ -62,7 +70,8 @@ def _speeds(schedule: Schedule, model: ToolModel, times: FloatArray) -> dict[str
     trajectory = schedule.trajectory
     # At the ends of the motion the window is cut short.
     before, after = (
-        np.clip(times + shift, trajectory.time[0], trajectory.time[-1]) for shift in (-HALF, HALF)
+        np.clip(times + shift, trajectory.time[0], trajectory.time[-1])
+        for shift in (-SPEED.half, SPEED.half)
     )
     width = after - before
     earlier, later = trajectory.at(before)[0], trajectory.at(after)[0]

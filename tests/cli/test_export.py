@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
+from typing import get_args
 
 import pytest
 
@@ -12,7 +13,7 @@ from dualarm_cli.cli.export import PlatformGroup
 from dualarm_cli.cli.parts.options import ReceiverInterpolation
 from dualarm_cli.cli.run import run
 from dualarm_cli.formats import FORMATS
-from dualarm_cli.formats.request import PLATFORM_CONTROLLERS
+from dualarm_cli.formats.request import PlatformController
 from dualarm_cli.geometry.interpolation import INTERPOLATIONS
 
 
@@ -28,7 +29,7 @@ def planned(tmp_path_factory, tasks_folder):
 def test_the_choices_of_the_command_are_those_of_the_lists():
     """One literal list each."""
     assert tuple(one.value for one in ReceiverInterpolation) == INTERPOLATIONS
-    assert tuple(one.value for one in PlatformGroup) == PLATFORM_CONTROLLERS
+    assert tuple(one.value for one in PlatformGroup) == get_args(PlatformController)
 
 
 @pytest.mark.parametrize("name", list(FORMATS))

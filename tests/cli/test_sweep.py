@@ -12,15 +12,18 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from dualarm_cli.cli.run import run
 from dualarm_cli.cli.sweep import exit_code
+from dualarm_cli.evaluation import crew
 from dualarm_cli.evaluation.evaluate import evaluate
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.model.evaluation import Evaluation
+from dualarm_cli.studies import search
 
 STUDY = """\
 dualarm: study/1
@@ -143,7 +146,7 @@ def test_a_bad_value_is_a_row_of_its_own(folder, here, capsys) -> None:
 
 def test_a_time_out_is_a_row_of_its_own(folder, capsys, monkeypatch) -> None:
     """No plan is made in a millisecond; one attempt at each is enough here, as each takes a process of its own."""
-    monkeypatch.setattr("dualarm_cli.evaluation.crew.ATTEMPTS", 1)
+    monkeypatch.setattr(crew, "CREW", replace(crew.CREW, attempts=1))
     text = STUDY.replace(RANGE, "values: [80 mm]").replace("values: [0.1, 0.11]", "values: [0.1]")
     (folder / "study.yaml").write_text(text)
     assert run(["sweep", "study.yaml", "--timeout", "1 ms", "--jobs", "1"]) == 3
@@ -230,7 +233,7 @@ def test_a_search_is_the_same_whatever_the_number_of_processes(
 ) -> None:
     """To the byte, by two others or by this one; five points are three batches of two, each from what came before."""
     pytest.importorskip("optuna")
-    monkeypatch.setattr("dualarm_cli.studies.search.BATCH", 2)
+    monkeypatch.setattr(search, "SEARCH", replace(search.SEARCH, batch=2))
     (folder / "study.yaml").write_text(STUDY.replace(RANGE, "range: {from: 70 mm, to: 90 mm}"))
     documents = []
     arguments = ["--optimise", "--budget", "5", "--no-cache", "--jobs", "2", "--json", "-q"]

@@ -6,13 +6,13 @@ import gc
 import json
 import os
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dualarm_cli.errors import InputError
 from dualarm_cli.exporting import json_reader
-from dualarm_cli.exporting import json_reader as json_stream
 from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
 from dualarm_cli.verification import verify
 
@@ -263,8 +263,8 @@ def test_a_schedule_read_in_small_pieces_is_the_same(folder, monkeypatch, indent
     for ascii_only in (True, False):
         file.write_text(json.dumps(document, indent=indent, ensure_ascii=ascii_only), "utf-8")
         for block in (1, 2, 3, 7, 64, 1 << 20):
-            monkeypatch.setattr(json_stream, "BLOCK", block)
-            monkeypatch.setattr(json_reader, "BATCH", block)
+            sizes = replace(json_reader.JSON, block=block, batch=block)
+            monkeypatch.setattr(json_reader, "JSON", sizes)
             read = read_schedule(folder)
             for name in ("time", "position", "velocity", "acceleration"):
                 expected = np.array(motion[name])
@@ -277,7 +277,7 @@ def test_a_schedule_read_in_small_pieces_is_the_same(folder, monkeypatch, indent
 
 def test_a_defect_far_down_is_told_with_its_line(folder, monkeypatch):
     """Pieces of 64 bytes; the line is counted by hand: the comma is taken from before the last member."""
-    monkeypatch.setattr(json_stream, "BLOCK", 64)
+    monkeypatch.setattr(json_reader, "JSON", replace(json_reader.JSON, block=64))
     file = folder / "schedule.json"
     lines = file.read_text().split("\n")
     [at] = [k for k, line in enumerate(lines) if line.startswith(' "verification"')]
@@ -309,14 +309,8 @@ def test_a_defect_far_down_is_told_with_its_line(folder, monkeypatch):
 )
 def test_what_would_fill_the_memory_is_refused_before_it_does(folder, monkeypatch, text, expected):
     """Each limit made small; none of these texts ends."""
-    for module, name, value in (
-        (json_reader, "MOST_NUMBERS", 1000),
-        (json_reader, "MOST_ROWS", 1000),
-        (json_reader, "BATCH", 256),
-        (json_stream, "LARGEST_VALUE", 2000),
-        (json_stream, "BLOCK", 128),
-    ):
-        monkeypatch.setattr(module, name, value)
+    limits = replace(json_reader.JSON, numbers=1000, rows=1000, batch=256, value=2000, block=128)
+    monkeypatch.setattr(json_reader, "JSON", limits)
     (folder / "schedule.json").write_text("{" + text)
     assert message(folder).startswith(expected)
 

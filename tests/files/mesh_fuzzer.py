@@ -185,7 +185,7 @@ def main(seed: int, count: int, folder: Path) -> dict[str, object]:
     import pinocchio as pin
 
     from dualarm_cli.collision.solids import WORLD, shape_solid
-    from dualarm_cli.files.robots.meshes import MAX_COORDINATE, read_hull
+    from dualarm_cli.files.robots.meshes import MESH, read_hull
     from dualarm_cli.files.source.projects import BadReferenceError
     from dualarm_cli.model.shape import Shape
 
@@ -214,7 +214,7 @@ def main(seed: int, count: int, folder: Path) -> dict[str, object]:
                 solid.geometry, here, ball, there, coal.DistanceRequest(), coal.DistanceResult()
             )
             read += 1
-            if not (np.isfinite(distance) and np.abs(hull.corners).max() <= MAX_COORDINATE):
+            if not (np.isfinite(distance) and np.abs(hull.corners).max() <= MESH.coordinate):
                 wrong.append(f"{seed} {number} {kind}: {distance}")
         except BadReferenceError as error:
             refused += 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -149,8 +150,8 @@ def test_what_never_ends_is_not_waited_for(tmp_path, suffix):
 
 def test_more_samples_than_are_read_are_refused(tmp_path, monkeypatch):
     """Counted while they are read, in batches; as many as are allowed are whole."""
-    monkeypatch.setattr(logged_motion, "MOST_SAMPLES", 25)
-    monkeypatch.setattr(logged_motion, "BATCH", 10)
+    limits = replace(logged_motion.LOG, most_samples=25, batch=10)
+    monkeypatch.setattr(logged_motion, "LOG", limits)
     file = tmp_path / "log.csv"
     for count in (25, 26):
         file.write_text("time,b,a\n" + "".join(f"{k},{2 * k},{3 * k}\n" for k in range(count)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -151,7 +152,7 @@ def test_no_point_of_a_curve_is_farther_from_its_chord_than_proven(curve, step):
 @pytest.mark.parametrize("parts", [12, 40, 200, 1000])
 def test_curvature_is_enclosed_on_wide_cells_too(parts, monkeypatch):
     """One cell a step: the ellipse's a / b² at its tips, wherever these lie in their cells; a saddle by many points."""
-    monkeypatch.setattr(discretisation, "CELLS", 1)
+    monkeypatch.setattr(discretisation, "CURVE_STEPS", replace(discretisation.CURVE_STEPS, cells=1))
     for start in np.linspace(0.0, 0.5, 11):
         curve = FeatureCurve(Ellipse((0.05, 0.02), start, start + TURN), HERE)
         quality = judge(curve, by_length(curve, curve.length / parts))
@@ -173,7 +174,7 @@ def test_bounds_of_two_steps_of_an_arc_by_hand(monkeypatch):
     With P and Q for the first two: |Q| <= 4r + 8r/4 = 6r, r/2 <= |P| <= 7r/2, |P x Q| <= 8r² + 8r/4 · 7r/2 = 15r²:
     the curvature is at most 120/r. The chord is nearer by the second derivative: 6r (1/2)²/8.
     """
-    monkeypatch.setattr(discretisation, "CELLS", 1)
+    monkeypatch.setattr(discretisation, "CURVE_STEPS", replace(discretisation.CURVE_STEPS, cells=1))
     for r in (0.03, 2.0):
         arc = FeatureCurve(Ellipse((r, r), 0.3, 2.3), HERE)
         quality = judge(arc, by_length(arc, r))

@@ -19,7 +19,7 @@ from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.page.packed import joint_knots
 from dualarm_cli.page.page_data import without_report
-from dualarm_cli.verification.clearance_proof import PRECISION
+from dualarm_cli.verification.clearance_proof import PROOF
 
 
 def unpacked(text: str, kind: str = "<f8") -> np.ndarray:
@@ -149,7 +149,7 @@ def test_the_clearance_curves_meet_what_is_proven(shown) -> None:
             least[time] = min(margin, least.get(time, np.inf))
     for stage in proven:
         if stage.required >= 0.0:
-            assert least[stage.time] <= stage.margin + PRECISION + 1e-6
+            assert least[stage.time] <= stage.margin + PROOF.precision + 1e-6
     assert min(least.values()) >= min(stage.margin for stage in proven) - 1e-6
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.kinds.path.context import SHARE, PathClock, tool_targets
+from dualarm_cli.kinds.path.context import PATH, PathClock, tool_targets
 from dualarm_cli.model.curves.tool_path import Line, ToolPath, Turn
 from dualarm_cli.model.path_work import PathWork
 
@@ -57,10 +57,10 @@ def test_rounding_stays_within_its_share_of_the_tolerance(tolerance):
     centre = np.array([0.2, RADIUS, 0.0])
     off_circle = np.abs(np.linalg.norm(p - centre, axis=1) - RADIUS)
     off = np.where(p[:, 0] < 0.2, np.minimum(np.abs(p[:, 1]), off_circle), off_circle)
-    assert off.max() <= SHARE * tolerance * 1.01
-    assert np.linalg.norm(p - exact, axis=1).max() <= SHARE * tolerance * 1.01
+    assert off.max() <= PATH.rounded * tolerance * 1.01
+    assert np.linalg.norm(p - exact, axis=1).max() <= PATH.rounded * tolerance * 1.01
     # It does round: on the circle the mean is a W² / 24 inside, which is what chooses W (up to 0.15 s).
-    assert off.max() > 0.3 * SHARE * tolerance
+    assert off.max() > 0.3 * PATH.rounded * tolerance
 
 
 def test_start_and_end_are_exact():
@@ -80,7 +80,7 @@ def test_the_acceleration_no_longer_jumps():
     """
     _, p, (_, exact), step, _ = targets(hook())
     assert jumps(exact, step).max() > 0.39  # half of it between two instants at least
-    window = np.sqrt(24.0 * SHARE * TOLERANCE / (SPEED**2 / RADIUS))
+    window = np.sqrt(24.0 * PATH.rounded * TOLERANCE / (SPEED**2 / RADIUS))
     assert jumps(p, step).max() < 2.0 * (SPEED**2 / RADIUS) * step / window
 
 
@@ -108,7 +108,7 @@ def test_both_junctions_of_an_arc_between_lines_are_rounded():
     assert there.corners == ()
     limit = 2.0 * (SPEED**2 / RADIUS) * step / 0.0273
     assert jumps(p, step).max() < limit
-    assert np.linalg.norm(p - exact, axis=1).max() <= SHARE * TOLERANCE * 1.01
+    assert np.linalg.norm(p - exact, axis=1).max() <= PATH.rounded * TOLERANCE * 1.01
     back = Turn(
         pin.SE3(np.eye(3), end), np.array([end[0] + RADIUS, end[1], 0.0]),
         np.array([0.0, 0.0, -1.0]), 1.0, np.zeros(3),
@@ -118,7 +118,7 @@ def test_both_junctions_of_an_arc_between_lines_are_rounded():
     assert wave.corners == ()
     assert jumps(exact, step).max() > 0.79
     assert jumps(p, step).max() < 2.0 * limit
-    assert np.linalg.norm(p - exact, axis=1).max() <= SHARE * TOLERANCE * 1.01
+    assert np.linalg.norm(p - exact, axis=1).max() <= PATH.rounded * TOLERANCE * 1.01
 
 
 def turning_hook(length, rate):

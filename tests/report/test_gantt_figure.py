@@ -11,11 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dualarm_cli.report.figures.gantt_figure import (
-    FREE,
-    MOST_ROWS,
     POINTS,
-    SIZES,
-    STOPS_A_ROW,
+    STYLE,
     Bar,
     Wanted,
     draw_gantt,
@@ -30,7 +27,7 @@ from dualarm_cli.report.figures.gantt_figure import (
 )
 
 JOB = SimpleNamespace(returns=True)
-SMALLEST = min(SIZES)
+SMALLEST = min(STYLE.word_sizes)
 
 
 @pytest.fixture
@@ -81,7 +78,7 @@ def test_the_title_has_time_bound_and_gap_where_there_are_such(schedule):
 
 @pytest.mark.parametrize(
     ("stops", "rows"),
-    [(1, 1), (STOPS_A_ROW, 1), (STOPS_A_ROW + 1, 2), (500, MOST_ROWS)],
+    [(1, 1), (STYLE.stops_a_row, 1), (STYLE.stops_a_row + 1, 2), (500, STYLE.most_rows)],
 )
 def test_the_axis_is_broken_where_an_arm_has_many_stops(by_hand, stops, rows):
     """The arm with most of them decides; there are never more than MOST_ROWS."""
@@ -132,7 +129,7 @@ def test_an_id_stands_in_its_transfer_if_that_holds_it_and_else_in_the_longest_b
     """The transfer of b is 1 s, its dwell 4 s: at a scale at which the word takes 2 s it goes into the dwell."""
     words = task_words(schedule, ["left", "right"], 0.0, 10.0)
     assert [word.text for word in words] == ["a", "b"]
-    need = (text_width("b") * SMALLEST + FREE) / POINTS
+    need = (text_width("b") * SMALLEST + STYLE.padding) / POINTS
     roomy = {label.text: label.time for label in labels(words, 100.0 * need)}
     assert roomy == {"a": 1.0, "b": 5.5}
     tight = {label.text: label.time for label in labels(words, need / 2.0)}
@@ -160,8 +157,8 @@ def test_words_never_reach_beyond_their_bars_and_are_of_one_size(ends, names, in
 
 def test_words_that_do_not_fit_are_shortened():
     """One long bar among nine short ones: each says what differs from the others, or as many letters as fit."""
-    inch = (text_width("500") * SMALLEST + 1.05 * FREE) / POINTS / 0.25
-    two_letters = (text_width("9…") * SMALLEST + 1.05 * FREE) / POINTS / inch
+    inch = (text_width("500") * SMALLEST + 1.05 * STYLE.padding) / POINTS / 0.25
+    two_letters = (text_width("9…") * SMALLEST + 1.05 * STYLE.padding) / POINTS / inch
     words = [
         Wanted(f"left-{k}00", 0, (Bar(0, k, k + length, False),), True, f"{k}00")
         for k, length in enumerate([1.0, *[0.25] * 8, two_letters])
@@ -193,7 +190,7 @@ def test_zeros_that_all_ids_share_are_left_out_but_never_the_last_digit(by_hand)
 
 def test_numbers_never_lose_digits():
     """An angle that has no room is left out: its first digit would be another angle."""
-    narrow = (text_width("3…") * SMALLEST + 1.05 * FREE) / POINTS
+    narrow = (text_width("3…") * SMALLEST + 1.05 * STYLE.padding) / POINTS
     angle = Wanted("31.4°", 0, (Bar(0, 0.0, narrow, False),), True, number=True)
     assert labels([angle], 1.0) == []
     assert [label.text for label in labels([dataclasses.replace(angle, number=False)], 1.0)] == [

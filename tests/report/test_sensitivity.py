@@ -14,7 +14,7 @@ from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.report.measures import bottlenecks
-from dualarm_cli.report.sensitivity import SHARE, sensitivity
+from dualarm_cli.report.sensitivity import SENSITIVITY, sensitivity
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
@@ -90,8 +90,12 @@ def test_without_lines_every_figure_is_what_the_same_postures_take(packing):
     entries = sensitivity(planned.schedule)
     assert len(entries) == 2 * 15 + 3
     for entry in entries:
-        assert entry.lower == pytest.approx(planned.duration_with(entry, 1 - SHARE), abs=1e-8)
-        assert entry.higher == pytest.approx(planned.duration_with(entry, 1 + SHARE), abs=1e-8)
+        assert entry.lower == pytest.approx(
+            planned.duration_with(entry, 1 - SENSITIVITY.share), abs=1e-8
+        )
+        assert entry.higher == pytest.approx(
+            planned.duration_with(entry, 1 + SENSITIVITY.share), abs=1e-8
+        )
 
 
 def test_with_lines_the_figures_are_within_half_a_percent_of_a_new_timing(packing):
@@ -100,13 +104,16 @@ def test_with_lines_the_figures_are_within_half_a_percent_of_a_new_timing(packin
     schedule = planned.schedule
     entries = sensitivity(schedule)
     for entry in entries[:2] + entries[-3:]:
-        for said, factor in ((entry.lower, 1 - SHARE), (entry.higher, 1 + SHARE)):
+        for said, factor in (
+            (entry.lower, 1 - SENSITIVITY.share),
+            (entry.higher, 1 + SENSITIVITY.share),
+        ):
             true = planned.duration_with(entry, factor)
             assert abs(said - true) < 0.005 * schedule.duration, entry
     everything = entries[-1]
     assert everything.limit == "acceleration and jerk"
     # All limits together scale the profiles nearly as a whole, which the estimate gets nearly right.
-    true = planned.duration_with(everything, 1 - SHARE)
+    true = planned.duration_with(everything, 1 - SENSITIVITY.share)
     assert everything.lower - schedule.duration == pytest.approx(true - schedule.duration, rel=0.05)
 
 
@@ -116,7 +123,10 @@ def test_under_a_tool_speed_cap_the_figures_stay_near(packing):
     schedule = planned.schedule
     assert schedule.duration > Planned(packing).schedule.duration * 1.1
     entry = sensitivity(schedule)[-1]
-    for said, factor in ((entry.lower, 1 - SHARE), (entry.higher, 1 + SHARE)):
+    for said, factor in (
+        (entry.lower, 1 - SENSITIVITY.share),
+        (entry.higher, 1 + SENSITIVITY.share),
+    ):
         true = planned.duration_with(entry, factor)
         assert abs(said - true) < 0.002 * schedule.duration
         assert (said > schedule.duration) == (factor < 1)
@@ -167,7 +177,9 @@ def test_a_return_of_the_platform_alone_counts(packing):
     ]
     entries = sensitivity(planned.schedule)
     for entry in (entries[0], entries[-1]):
-        assert entry.lower == pytest.approx(planned.duration_with(entry, 1 - SHARE), abs=1e-8)
+        assert entry.lower == pytest.approx(
+            planned.duration_with(entry, 1 - SENSITIVITY.share), abs=1e-8
+        )
     assert entries[0].joint == "torso_b1"
     found = bottlenecks(planned.schedule)
     assert found.stages == {"platform": 1}
@@ -194,4 +206,6 @@ def test_a_jerk_that_is_not_limited_has_no_sensitivity(packing):
     entries = sensitivity(planned.schedule)
     assert {entry.limit for entry in entries} == {"acceleration"}
     for entry in (entries[0], entries[-1]):
-        assert entry.lower == pytest.approx(planned.duration_with(entry, 1 - SHARE), abs=1e-8)
+        assert entry.lower == pytest.approx(
+            planned.duration_with(entry, 1 - SENSITIVITY.share), abs=1e-8
+        )

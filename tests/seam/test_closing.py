@@ -11,12 +11,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.kinds.seam.closed_chain.chain import KEPT, Chain
-from dualarm_cli.kinds.seam.closed_chain.closing import (
-    LONGEST_STEP,
-    all_equations,
-    close,
-    least_norm,
-)
+from dualarm_cli.kinds.seam.closed_chain.closing import CLOSING, all_equations, close, least_norm
 from dualarm_cli.model.seam import SeamTool
 
 
@@ -101,7 +96,7 @@ def test_stretched_arms_do_not_fly_off(chain, limits):
     for _ in range(10):
         after = close(equations(chain, share), q, weight, 1).position
         assert np.isfinite(after).all()
-        assert np.abs(after - q).max() <= LONGEST_STEP * (1.0 + 1e-12)
+        assert np.abs(after - q).max() <= CLOSING.longest_step * (1.0 + 1e-12)
         q = after
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
 from dualarm_cli.kinds.seam.closed_chain.program import SeamProgram
-from dualarm_cli.kinds.seam.closed_chain.solvers import SPARE_TIME, improved
+from dualarm_cli.kinds.seam.closed_chain.solvers import PROGRAM, improved
 from dualarm_cli.kinds.seam.closed_chain.starts import (
     beyond_limits,
     part_poses,
@@ -106,7 +106,7 @@ def test_time_never_rises(cells, make):
         before = steady_time(way, problem.limits)
         for steps in (1, 6):
             after = steady_time(improved(problem, way, stands, steps), problem.limits)
-            assert after <= before * SPARE_TIME
+            assert after <= before * PROGRAM.spare_time
 
 
 def test_a_slow_seam_is_not_wandered_along(cells, make):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dualarm_cli.kinds.seam.path import PER_NODE, _evened_out
+from dualarm_cli.kinds.seam.path import PATH, _evened_out
 
 
 @pytest.mark.parametrize("width", [0.6, 1.2, 2.0])
@@ -13,7 +13,7 @@ def test_evening_out_is_the_least_of_change_and_fourth_differences(width):
     """(I + w D'D) x = q with D the fourth differences as a full matrix, w the eighth power of the width over pi."""
     q = np.random.default_rng(1).normal(size=(60, 3))
     D = np.diff(np.eye(60), 4, axis=0)
-    weight = (width * PER_NODE / np.pi) ** 8
+    weight = (width * PATH.per_node / np.pi) ** 8
     expected = np.linalg.solve(np.eye(60) + weight * D.T @ D, q)
     assert _evened_out(q, width) == pytest.approx(expected, abs=1e-6)
 
@@ -32,7 +32,7 @@ def test_evening_out_keeps_cubics_up_to_both_ends(width):
 def test_evening_out_takes_corners_away():
     """An acceleration of alternating sign, a node long each: far less jerk, much the same way."""
     k = np.arange(641)
-    acceleration = np.where((k // PER_NODE) % 2 == 0, 1.0, -1.0)
+    acceleration = np.where((k // PATH.per_node) % 2 == 0, 1.0, -1.0)
     q = np.cumsum(np.cumsum(acceleration))[:, None] / 640.0**2
     before, after = (np.abs(np.diff(one, 3, axis=0)).max() for one in (q, _evened_out(q, 2.0)))
     assert after < before / 20.0

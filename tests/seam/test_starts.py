@@ -10,7 +10,7 @@ import pytest
 
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
 from dualarm_cli.kinds.seam.closed_chain.starts import (
-    ROUNDED,
+    STARTS,
     seam_starts,
     standing_joints,
     why_impossible,
@@ -137,7 +137,7 @@ def test_of_ways_that_cannot_be_worked_the_joint_the_collision_or_the_end_is_tol
     upper[joint] = 0.5 * (way[:, joint].min() + way[:, joint].max())
     narrow = replace(problem, limits=replace(problem.limits, upper=upper))
     found = why_impossible(narrow, [way])
-    beyond = way[:, joint] > narrow.bounds[1][joint] + ROUNDED
+    beyond = way[:, joint] > narrow.bounds[1][joint] + STARTS.rounded
     assert found.share == problem.shares[int(np.argmax(beyond))]
     name, degrees = problem.limits.joints[joint], np.degrees(upper[joint])
     assert str(found.reason) == f"joint {name} comes to its limit of {degrees:.1f} deg"

@@ -7,7 +7,7 @@ from itertools import product
 import pytest
 
 from dualarm_cli.model.study import Amount
-from dualarm_cli.studies.search import BATCH, search, whole_grid
+from dualarm_cli.studies.search import SEARCH, search, whole_grid
 
 pytest.importorskip("optuna")
 
@@ -48,9 +48,11 @@ def test_no_point_is_tried_twice_and_the_budget_is_kept(grid, counting, desk) ->
 
 def test_the_same_seed_tries_the_same_points_whatever_ends_first(grid, counting, desk) -> None:
     """Another seed tries others."""
-    one, _ = _search(grid, counting, desk, 3 * BATCH + 2)
-    assert _values(one) == _values(_search(grid, counting, desk, 3 * BATCH + 2, backwards=True)[0])
-    assert _values(one) != _values(_search(grid, counting, desk, 3 * BATCH + 2, seed=1)[0])
+    one, _ = _search(grid, counting, desk, 3 * SEARCH.batch + 2)
+    assert _values(one) == _values(
+        _search(grid, counting, desk, 3 * SEARCH.batch + 2, backwards=True)[0]
+    )
+    assert _values(one) != _values(_search(grid, counting, desk, 3 * SEARCH.batch + 2, seed=1)[0])
 
 
 @pytest.mark.parametrize("seed", range(3))

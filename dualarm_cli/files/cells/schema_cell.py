@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validator
-from pydantic.config import JsonDict
 from pydantic_core import core_schema
 
 from dualarm_cli.files.source.fields import (
@@ -59,12 +58,6 @@ def _half_space(value: object) -> object:
     return value
 
 
-HALF_SPACE: JsonDict = {
-    "anyOf": [{"const": True}, {"type": "object", "maxProperties": 0}, {"type": "null"}]
-}
-"""JSON Schema of what `_half_space` takes."""
-
-
 class ShapeSection(FramedPose):
     """A solid and where it sits; exactly one kind of solid."""
 
@@ -79,7 +72,9 @@ class ShapeSection(FramedPose):
     half_space: Annotated[Literal[True], BeforeValidator(_half_space)] | None = Field(
         default=None,
         description="true: everything below the plane z = 0 of its pose.",
-        json_schema_extra=HALF_SPACE,
+        json_schema_extra={
+            "anyOf": [{"const": True}, {"type": "object", "maxProperties": 0}, {"type": "null"}]
+        },
     )
     mesh: Annotated[MeshSection, ShortForm("file")] | None = Field(
         default=None, description="Mesh file, alone or as {file: …, scale: …}."

@@ -37,14 +37,27 @@ from dualarm_cli.records import dataclass
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".dae")
 """Kinds of mesh files."""
-MAX_MESH_BYTES = 50_000_000
-"""Largest mesh file [bytes]."""
-MAX_CORNERS = 300_000
-"""Most different corners of a mesh: their hull takes some four seconds."""
-MAX_COORDINATE = 1000.0
-"""Farthest that a corner may be from the origin along an axis [m]."""
-_MAX_STATED = 3_000_000
-"""Most corners of a mesh, each as often as faces have it."""
+
+
+@dataclass(frozen=True)
+class MeshLimits:
+    """Limits on mesh files, so that none takes the machine's memory."""
+
+    size: int = 50_000_000
+    """Largest mesh file [bytes]."""
+    corners: int = 300_000
+    """Most different corners of a mesh: their hull takes some four seconds."""
+    coordinate: float = 1000.0
+    """Farthest that a corner may be from the origin along an axis [m]."""
+    stated: int = 3_000_000
+    """Most corners of a mesh, each as often as faces have it."""
+    nodes: int = 10_000
+    """Maximum number of nodes in a scene; a node counts each time it is instantiated."""
+    depth: int = 100
+    """Maximum depth of nodes in a scene."""
+
+
+MESH = MeshLimits()
 
 
 def read_hull(path: Path, reference: str, scale: FloatArray) -> Hull:
@@ -102,15 +115,15 @@ def _corners(path: Path, reference: str) -> tuple[FloatArray, float]:
             f"{quote(reference)} is not a mesh file; allowed: {', '.join(MESH_SUFFIXES)}"
         )
     try:
-        data = read_bytes(path, reference, MAX_MESH_BYTES)
+        data = read_bytes(path, reference, MESH.size)
     except InputError as error:
         raise BadReferenceError(f"{quote(reference)} {error.diagnostics[0].message}") from None
     try:
         if not data.strip():
             raise MeshError("is empty")
         corners, unit = _parsed(data, suffix)
-        if len(corners) > _MAX_STATED:
-            raise MeshError(f"has {len(corners)} corners; at most {_MAX_STATED} are read")
+        if len(corners) > MESH.stated:
+            raise MeshError(f"has {len(corners)} corners; at most {MESH.stated} are read")
     except MeshError as error:
         raise BadReferenceError(f"{quote(reference)} {error}") from None
     return corners, unit
@@ -118,7 +131,7 @@ def _corners(path: Path, reference: str) -> tuple[FloatArray, float]:
 
 def _parsed(data: bytes, suffix: str) -> tuple[FloatArray, float]:
     if suffix == ".dae":
-        return dae_corners(data, _MAX_STATED)
+        return dae_corners(data, MESH.stated)
     read = {".stl": stl_corners, ".obj": obj_corners, ".ply": ply_corners}[suffix]
     return read(data), 1.0
 
@@ -136,14 +149,14 @@ def convex_hull(corners: FloatArray) -> Hull:
     if not finite.all():
         raise MeshError("has a corner that is not finite; export it again")
     far = np.abs(corners).max(initial=0.0)
-    if far > MAX_COORDINATE:
+    if far > MESH.coordinate:
         raise MeshError(
-            f"has a corner at {far:g} m; at most {MAX_COORDINATE / 1e3:g} km from the origin is allowed; "
+            f"has a corner at {far:g} m; at most {MESH.coordinate / 1e3:g} km from the origin is allowed; "
             "check its unit and the scale"
         )
-    if len(corners) > MAX_CORNERS:
+    if len(corners) > MESH.corners:
         raise MeshError(
-            f"has {len(corners)} different corners; at most {MAX_CORNERS} are allowed; simplify it"
+            f"has {len(corners)} different corners; at most {MESH.corners} are allowed; simplify it"
         )
     try:
         found = ConvexHull(corners)
@@ -238,10 +251,6 @@ def _vector(element: Element, attribute: str, default: float) -> FloatArray:
 _PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 _TRANSFORMS = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
 """Elements that move a node, and how many numbers they hold."""
-_UNREAD = ("lookat", "skew", "instance_controller")
-"""Unsupported elements that may move or shape a mesh."""
-_MOST_NODES, _DEEPEST = 10_000, 100
-"""Maximum number of nodes in a scene, and their maximum depth. A node counts each time it is instantiated."""
 _T = TypeVar("_T")
 
 
@@ -337,9 +346,9 @@ def _target(instance: Element, known: Mapping[str, _T]) -> _T:
 def _show(node: Element, T_scene_parent: FloatArray, scene: _Scene, depth: int) -> None:
     """Adds the corners of a node's geometries, and of the nodes within it."""
     scene.visited += 1
-    if scene.visited > _MOST_NODES or depth > _DEEPEST:
+    if scene.visited > MESH.nodes or depth > MESH.depth:
         raise MeshError(
-            f"line {node.line}: more nodes than are read ({_MOST_NODES}, {_DEEPEST} deep)"
+            f"line {node.line}: more nodes than are read ({MESH.nodes}, {MESH.depth} deep)"
         )
     T_scene_node = T_scene_parent
     for part in node.children:
@@ -356,7 +365,7 @@ def _show(node: Element, T_scene_parent: FloatArray, scene: _Scene, depth: int) 
             if scene.left < 0:
                 raise MeshError(f"line {part.line}: more corners than are read")
             scene.found.append(product(corners, T_scene_node[:3, :3].T) + T_scene_node[:3, 3])
-        elif part.tag in _UNREAD:
+        elif part.tag in ("lookat", "skew", "instance_controller"):
             raise MeshError(
                 f"line {part.line}: <{part.tag}> is not read; export the mesh as it stands, with its nodes' matrices"
             )

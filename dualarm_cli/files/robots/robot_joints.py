@@ -26,8 +26,6 @@ from dualarm_cli.geometry.joint_axes import joint_axes, measured_kind
 from dualarm_cli.model.place import Place
 from dualarm_cli.model.robot import Arm, JointLimits, rate_source
 
-AXES_OF_KIND = {"srs": 7, "spherical_wrist": 6, "parallel_axes": 6}
-"""How many joints an arm of a kind has."""
 POSITION_SLACK = 1e-9
 """How far a posture may lie outside its limits, for rounding [rad or m]."""
 
@@ -100,7 +98,7 @@ def check_chains(
             if name in slides:
                 message = f"{quote(name)} slides; of an arm's joints only the first one may"
                 findings.add(document, (*loc, k), message)
-        count = AXES_OF_KIND.get(arm.kind or "")
+        count = {"srs": 7, "spherical_wrist": 6, "parallel_axes": 6}.get(arm.kind or "")
         if count is not None and len(arm.joints) != count:
             message = f"kind {arm.kind} needs {count} joints, found {len(arm.joints)}"
             findings.add(document, loc, message)
@@ -202,12 +200,8 @@ def model_arms(document: Document, model: RobotFile, measured: pin.Model) -> tup
 
 DEFAULT = "default"
 """Key of the limits of joints that have none of their own."""
-NONE = "none"
-"""Value of a jerk limit in a file that stands for no limit."""
 _SMALLEST_RATE = 1e-6
 _RULE = re.compile(r"(top speed|acceleration) in (.+)", re.DOTALL)
-_RULES = {"acceleration": "top speed", "jerk": "acceleration"}
-"""First words of a rule by rate: the name of the rate before it."""
 
 Rate = Literal["acceleration", "jerk"]
 
@@ -356,7 +350,7 @@ def _rate(
 
 def _limit(value: object, which: Rate, joint: UrdfJoint, before: float) -> float:
     """Read a limit [SI], infinite for no jerk limit; raises QuantityError."""
-    if which == "jerk" and value == NONE:
+    if which == "jerk" and value == "none":
         return math.inf
     if isinstance(value, str) and " in " in value:
         return _ruled(value, which, before)
@@ -384,7 +378,7 @@ def _ruled(rule: str, which: Rate, before: float) -> float:
     Raises:
         QuantityError: no such rule, or a time that is not above 0.
     """
-    wanted = _RULES[which]
+    wanted = {"acceleration": "top speed", "jerk": "acceleration"}[which]
     found = _RULE.fullmatch(rule.strip())
     if found is None or found[1] != wanted:
         raise QuantityError(f"{quote(rule)} is no rule for {which}; write `{wanted} in 0.2 s`")

@@ -10,7 +10,6 @@ from dualarm_cli.files.robots.urdf_tree import Element, UrdfFindings, parse_xml
 from dualarm_cli.files.source.text_source import TextSource, quote, suggest
 from dualarm_cli.records import dataclass
 
-_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _SIZES: dict[str, tuple[tuple[str, int], ...]] = {
     "box": (("size", 3),),
     "sphere": (("radius", 1),),
@@ -56,7 +55,7 @@ def _check_inertial(inertial: Element, what: str, findings: UrdfFindings) -> Non
     if inertia is None:
         findings.add(inertial, f"{what}: <inertial> has no <inertia>")
         return
-    for attribute in _INERTIA:
+    for attribute in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
         value = findings.numbers(inertia, attribute, 1, what)
         if value is not None and attribute in ("ixx", "iyy", "izz") and value[0] < 0.0:
             findings.add(inertia, f"{what}: {attribute} must not be negative, not {value[0]:g}")

@@ -20,7 +20,6 @@ MAX_FILE_BYTES = 20_000_000
 MAX_LISTED = 12
 """Most names that a message lists."""
 _SNIPPET_LENGTH = 160
-_UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 # U+0085, U+2028 and U+2029 end a line for some parsers only; line numbers would differ.
 _FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\ufffe\uffff]")
 
@@ -155,7 +154,7 @@ def read_text(path: Path, name: str, limit: int = MAX_FILE_BYTES) -> TextSource:
         InputError: it cannot be read, is not UTF-8, or contains control characters.
     """
     data = read_bytes(path, name, limit)
-    if data.startswith(_UTF16_MARKS):
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise _file_error(name, "is UTF-16 or UTF-32; save it as UTF-8", "E101")
     try:
         text = data.decode("utf-8-sig")

@@ -12,8 +12,6 @@ from dualarm_cli.files.source.yaml_source import Loc
 from dualarm_cli.records import dataclass
 
 _STEP = re.compile(r"""\[\s*(?:"([^"]*)"|'([^']*)'|([^\]'"]*?))\s*\]|\.?([^.\[\]]+)""")
-_NAMES = ("name", "id")
-"""Keys by which an entry of a list is called."""
 
 
 class PathError(ValueError):
@@ -201,7 +199,7 @@ def _name_of(entry: Any) -> str | None:
     """Returns what an entry of a list is called."""
     if not isinstance(entry, dict):
         return None
-    return next((entry[key] for key in _NAMES if isinstance(entry.get(key), str)), None)
+    return next((entry[key] for key in ("name", "id") if isinstance(entry.get(key), str)), None)
 
 
 def _names(node: Any) -> list[str]:

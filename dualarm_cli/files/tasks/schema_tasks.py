@@ -31,9 +31,7 @@ from dualarm_cli.model.budget import Budget
 from dualarm_cli.model.place import Place
 
 _LongestTime = Annotated[float, Quantity(quantities.TIME, SMALLEST_POSITIVE)]
-LONGEST_SKEW = 1.0
-"""Greatest delay of one arm that a task file may ask for [s]."""
-Skew = Annotated[float, Quantity(quantities.TIME, SMALLEST_POSITIVE, LONGEST_SKEW)]
+Skew = Annotated[float, Quantity(quantities.TIME, SMALLEST_POSITIVE, 1.0)]
 
 
 class BudgetSection(Section):

@@ -15,8 +15,6 @@ from dualarm_cli.model.cell import Cell
 
 NOT_AVAILABLE = "E310"
 """Code of what the format has and this version has not."""
-FREE_START = "free"
-"""What a file says where the planner shall choose the start posture."""
 WINDOW = ("not_before", "not_after")
 """Keys of a task's window."""
 
@@ -94,7 +92,7 @@ def check_settings(document: Document, model: TasksFile, findings: Findings) -> 
 
 def check_start(document: Document, cell: Cell, findings: Findings) -> None:
     """Notes a start posture that the robot does not have."""
-    known = [*cell.robot.postures, FREE_START]
+    known = [*cell.robot.postures, "free"]
     start = document.data.get("start", "home")
     if isinstance(start, str) and start not in known:
         message = (

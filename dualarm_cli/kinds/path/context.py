@@ -65,6 +65,10 @@ class PathSettings:
     """Longest time between the instants at which joints are computed, on long paths [s]."""
     most: int = 5_000
     """Instants beyond which the time between them grows."""
+    rounded: float = 0.7
+    """Share of the tolerance by which rounding may leave the path."""
+    per_knot: tuple[int, int] = (4, 8)
+    """Instants per knot of the trajectory."""
 
 
 PATH = PathSettings()
@@ -200,10 +204,6 @@ class PathClock:
         return np.clip(length / self.length, 0.0, 1.0), np.clip(speed / self.speed, 0.0, 1.0)
 
 
-SHARE = 0.7
-"""Share of the tolerance by which rounding may leave the path."""
-
-
 def tool_targets(path: ToolPath, share: FloatArray, step: float, tolerance: float) -> Poses:
     """Returns a tool's poses at instants, rotations (k, 3, 3) and positions (k, 3) [m].
 
@@ -242,9 +242,9 @@ def tool_targets(path: ToolPath, share: FloatArray, step: float, tolerance: floa
             break
         change = _fade(len(p), joints, stops, half)[:, None] * (_means(way, half) - way)
         off = max(norm(change[:, :3], axis=1).max(), norm(change[:, 3:], axis=1).max())
-        if off <= SHARE * tolerance:
+        if off <= PATH.rounded * tolerance:
             return product(R, exp_rotation(change[:, 3:] / TURN_LENGTH)), p + change[:, :3]
-        window *= min(0.9, float(np.sqrt(SHARE * tolerance / off)))
+        window *= min(0.9, float(np.sqrt(PATH.rounded * tolerance / off)))
     return R, p
 
 
@@ -283,10 +283,6 @@ def _smooth(x: FloatArray) -> FloatArray:
     x = np.clip(x, 0.0, 1.0)
     found: FloatArray = cube(x) * (10.0 - 15.0 * x + 6.0 * np.square(x))
     return found
-
-
-PER_KNOT = (4, 8)
-"""Instants per knot of the trajectory."""
 
 
 @dataclass(frozen=True)
@@ -346,7 +342,7 @@ class PathContext:
             clock: where the tools are when.
             finer: how many times as many instants as usual.
         """
-        widest = PER_KNOT[-1]
+        widest = PATH.per_knot[-1]
         step = min(max(PATH.step, clock.duration / PATH.most), PATH.longest_step) / finer
         count = widest * max(5, int(np.ceil(clock.duration / (step * widest))))
         step = clock.duration / count

@@ -12,8 +12,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.elementary import cube, power
 from dualarm_cli.geometry.linear_systems import SingularMatrixError, inverse
 from dualarm_cli.geometry.products import product
-from dualarm_cli.kinds.path.context import PER_KNOT, PathClock, PathContext
-from dualarm_cli.kinds.path.context import SHARE as ROUNDED
+from dualarm_cli.kinds.path.context import PATH, PathClock, PathContext
 from dualarm_cli.kinds.path.following import NoPath, PathMotion, PathProblem
 from dualarm_cli.kinds.path.following.position_limits import ended_by_limit
 from dualarm_cli.kinds.path.following.problem import singular_there
@@ -365,7 +364,7 @@ class _Trials:
             refused = _refused(self.work, found.reason, found.instant * problem.step, along, remedy)
             return _Tried(None, replace(refused, excess=found.excess), found.excess, share=share)
         left = leaves(problem, found)
-        rounded = ROUNDED if any(path.junctions for path in self.work.paths.values()) else 0.0
+        rounded = PATH.rounded if any(path.junctions for path in self.work.paths.values()) else 0.0
         if left > (1.0 - rounded - FOLLOW.tolerated) * self.work.tolerance:
             more = {
                 "method": self.follower.name,
@@ -377,7 +376,7 @@ class _Trials:
             return _Tried(None, Refused(reason, 1.0, "tolerance"))
         joined: list[Joined] = []
         for window in FOLLOW.smoothed:
-            if len(joined) > len(PER_KNOT) and _in_vain(joined):
+            if len(joined) > len(PATH.per_knot) and _in_vain(joined):
                 break
             if joined and min(curve.worst for curve in joined) > hopeless:
                 break
@@ -387,7 +386,7 @@ class _Trials:
                     break
                 self.budget.instants -= problem.instants
             even = evened_out(problem, found, window)
-            for stride in PER_KNOT:
+            for stride in PATH.per_knot:
                 curve = Joined.of(problem, even, stride)
                 joined.append(curve)
                 if curve.worst > 1.0:
@@ -419,7 +418,7 @@ class _Trials:
 
 def _in_vain(joined: list[Joined]) -> bool:
     """Returns whether the first evening out gained nothing."""
-    before, after = joined[: len(PER_KNOT)], joined[len(PER_KNOT) :]
+    before, after = joined[: len(PATH.per_knot)], joined[len(PATH.per_knot) :]
     return min(c.worst for c in after) > FOLLOW.gained * min(c.worst for c in before)
 
 

@@ -24,12 +24,22 @@ from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_checks import Worst
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
-ROUNDS = 12
-"""Newton steps along the seam to the place that is nearest to the tool."""
-RATE_STEP = 2e-4
-"""Half the interval of the differences that measure speed and acceleration along a seam [s]."""
-MOST_RATES = 20_000
-"""Largest number of instants with measured rates, about."""
+
+@dataclass(frozen=True)
+class SeamSampling:
+    """Sampling of seams between instants."""
+
+    rounds: int = 12
+    """Newton steps along the seam to the place that is nearest to the tool."""
+    rate_step: float = 2e-4
+    """Half the interval of the differences that measure speed and acceleration along a seam [s]."""
+    most_rates: int = 20_000
+    """Largest number of instants with measured rates, about."""
+    steady: float = 0.999
+    """Share of the largest speed from which on the tool counts as at its steady speed."""
+
+
+DENSE = SeamSampling()
 
 
 @dataclass(frozen=True)
@@ -96,7 +106,7 @@ class MeasuredSeam:
             gone = np.concatenate([[0.0], np.cumsum(norm(np.diff(inside, axis=0), axis=1))])
             guess = gone * (work.length / max(gone[-1], 1e-12))
         s = np.clip(guess, 0.0, work.length)
-        for _ in range(ROUNDS):
+        for _ in range(DENSE.rounds):
             along = ((inside - work.curve.at(s)[1]) * work.curve.directions(s)).sum(axis=1)
             s = np.clip(s + along, 0.0, work.length)
         R_seam, p_seam = work.curve.at(s)
@@ -117,9 +127,9 @@ class MeasuredSeam:
 
         By differences of the place on the seam over so little time that they are good to a millionth.
         """
-        step = min(RATE_STEP, float(seam.time[-1] - seam.time[0]) / 100.0)
+        step = min(DENSE.rate_step, float(seam.time[-1] - seam.time[0]) / 100.0)
         inner = np.clip(seam.time, seam.time[0] + step, seam.time[-1] - step)
-        middle = distinct(inner)[:: max(1, len(inner) // MOST_RATES)]
+        middle = distinct(inner)[:: max(1, len(inner) // DENSE.most_rates)]
         behind, here, ahead = (
             self.near(time, np.interp(time, seam.time, seam.length)).length
             for time in (middle - step, middle, middle + step)
@@ -186,8 +196,6 @@ CRITERIA = {
         NO_SEAMS,
     ),
 }
-STEADY = 0.999
-"""Share of the largest speed from which on the tool counts as at its steady speed."""
 
 
 def check_seams(
@@ -401,7 +409,7 @@ def _unsteady(speed: FloatArray) -> tuple[float, int]:
     top = float(speed.max())
     if not top > 0.0:
         return np.inf, 0  # it never gets on
-    steady = np.flatnonzero(speed >= STEADY * top)
+    steady = np.flatnonzero(speed >= DENSE.steady * top)
     first, last = int(steady[0]), int(steady[-1])
     dip = np.maximum.accumulate(speed) - speed
     dip[last:] = (np.maximum.accumulate(speed[::-1])[::-1] - speed)[last:]

@@ -30,11 +30,10 @@ class SeamStyle:
     """Length of their axes, as a share of the seam's size."""
     bins: int = 80
     """Stretches of time whose largest residual is drawn."""
+    axis_colours: tuple[str, str, str] = ("tab:red", "tab:green", "tab:blue")
 
 
 STYLE = SeamStyle()
-
-COLOURS = ("tab:red", "tab:green", "tab:blue")
 
 
 def draw_seams(schedule: Schedule, job: Job, kind: str) -> bytes:
@@ -101,7 +100,7 @@ def _draw_in_part(axes: Any, schedule: Schedule, job: Job, seam: SeamSamples) ->
     place = product(to_part, (tip[chosen] - on.p_part[chosen])[..., None])[..., 0]
     turned = product(to_part, R[chosen])
     size = STYLE.axis * float(np.ptp(p, axis=0).max())
-    for axis, colour in enumerate(COLOURS):
+    for axis, colour in enumerate(STYLE.axis_colours):
         ends = place + size * turned[:, :, axis] * (-1.0 if axis == 2 else 1.0)
         for a, b in zip(place, ends, strict=True):
             axes.plot(*(1e3 * np.stack([a, b]).T), color=colour, linewidth=0.9)

@@ -27,7 +27,7 @@ from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.records import dataclass
 from dualarm_cli.verification.tool_model import ToolModel
 
-STANDS_WAY, STANDS_TURN = 1e-6, 1e-6
+STANDS = 1e-6
 """A part that moves and turns less stands [m, rad]."""
 
 
@@ -69,7 +69,7 @@ def part_words(seam: dict[str, Any]) -> str:
     x, y, z = seam["part_xyz"]
     roll, pitch, yaw = (math.degrees(angle) for angle in seam["part_rpy"])
     where = f"xyz [{x:.4f}, {y:.4f}, {z:.4f}] m, rpy [{roll:.2f}, {pitch:.2f}, {yaw:.2f}] deg"
-    if seam["part_way"] < STANDS_WAY and seam["part_turn"] < STANDS_TURN:
+    if seam["part_way"] < STANDS and seam["part_turn"] < STANDS:
         way = seam["platform_travel"]
         platform = 1e3 * way if seam["platform_slides"] else math.degrees(way)
         turns = ""

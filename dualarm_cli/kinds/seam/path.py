@@ -21,9 +21,6 @@ from dualarm_cli.model.cell import Cell
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.steady_search import PathRates, steady_limit
 
-PER_NODE = 16
-"""Places at which the chain is closed at first, from node to node."""
-
 
 @dataclass(frozen=True)
 class SeamPathSettings:
@@ -45,6 +42,8 @@ class SeamPathSettings:
     """Share of a seam within which it comes to its own from where another one ended."""
     stands: float = 1e-9
     """Joints that move less along the nodes stand [rad]."""
+    per_node: int = 16
+    """Places at which the chain is closed at first, from node to node."""
 
 
 PATH = SeamPathSettings()
@@ -69,7 +68,7 @@ class SeamPath:
     @classmethod
     def of(cls, problem: SeamProblem, motion: SeamMotion) -> SeamPath | None:
         """Returns the joints anywhere along a seam by those at the nodes; None where the chain opens in between."""
-        even = np.linspace(0.0, 1.0, PER_NODE * (len(problem.shares) - 1) + 1)
+        even = np.linspace(0.0, 1.0, PATH.per_node * (len(problem.shares) - 1) + 1)
         position = quintic_spline(problem.shares, motion.position)(even)
         best, highest = None, 0.0
         for width in PATH.evened_out:
@@ -200,7 +199,7 @@ def _evened_out(position: FloatArray, width: float) -> FloatArray:
         for high in range(5):
             band = rough[:, 4 + high - low]
             band[low : count - 4 + low] += difference[low] * difference[high]
-    weight = power(width * PER_NODE / np.pi, 8)
+    weight = power(width * PATH.per_node / np.pi, 8)
     uneven = np.zeros((count + 4, position.shape[1]))
     uneven[4:-4] = np.diff(position, 4, axis=0)
     rough *= weight

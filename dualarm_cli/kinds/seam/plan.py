@@ -65,6 +65,10 @@ class SeamPlanSettings:
     """
     slowed: float = 1.0005
     """Factor on time or speed above which a seam falls short of what is asked."""
+    kept_at_nodes: float = SLACK / 2.0
+    """Distance kept beyond the required clearance at a seam's nodes [m]."""
+    kept_between: float = SLACK / 4.0
+    """Distance kept beyond the required clearance at the postures between nodes [m]."""
 
 
 SEAM = SeamPlanSettings()
@@ -153,10 +157,6 @@ def line_motion(
     return Refusal("seam_line_left", measured=off, allowed=SEAM.near, more={"mm": off * 1e3})
 
 
-KEPT_AT_NODES, KEPT_BETWEEN = SLACK / 2.0, SLACK / 4.0
-"""What is kept beyond the required clearance at a seam's nodes, and at the postures that are looked at [m]."""
-
-
 def seam_holding(job: Job, work: SeamWork) -> Holding:
     """Returns what has to be collision-free while the tool works: it may touch the part, not reach into it."""
     cell, tool = job.cell, f"{work.slave}_tool"
@@ -169,7 +169,7 @@ def clearance_test(holding: Holding) -> Callable[[FloatArray], BoolArray]:
     """Returns a test of which configurations (k, n) [rad] are collision-free, (k,)."""
 
     def clear(position: FloatArray) -> BoolArray:
-        return np.asarray(_margins(holding, position) >= KEPT_AT_NODES)
+        return np.asarray(_margins(holding, position) >= SEAM.kept_at_nodes)
 
     return clear
 
@@ -198,7 +198,7 @@ def where_it_touches(
         position = motion.at(time)[0]
         margin = _margins(holding, position)
         k = int(np.argmin(margin))
-        if margin[k] < KEPT_BETWEEN:
+        if margin[k] < SEAM.kept_between:
             more = {"where": words, "time": time[k], "cause": nearest_bodies(holding, position[k])}
             return Refusal("seam_touches", more=more)
     return None

@@ -28,18 +28,26 @@ from dualarm_cli.model.curves.feature_curve import (
 from dualarm_cli.model.curves.point_spline import PointSpline
 from dualarm_cli.model.job import Dwell, SeamTarget, Stop, Task
 from dualarm_cli.model.seam import Hold, SeamTool, SeamWork
+from dualarm_cli.records import dataclass
 
-LEAST_LEAN = math.radians(1.0)
-"""Least angle between a curve and its surface's normal [rad]."""
-SHARPEST = math.radians(30.0)
-"""Largest turn of a curve between the nodes at which it is measured [rad]: more is a corner."""
-SHORTEST = 1e-5
-"""Least length of a curve, distance of neighbouring points of a spline, and of a branch pipe from the main one's side
-[m]."""
-SAME_POINT = 1e-6
-"""Distance below which neighbouring poses of a file stand at one place [m]."""
-SMALLEST_NORMAL = 1e-9
-"""Least length of a normal."""
+
+@dataclass(frozen=True)
+class SeamReading:
+    """Smallest features of a seam that can be read."""
+
+    least_lean: float = math.radians(1.0)
+    """Least angle between a curve and its surface's normal [rad]."""
+    sharpest: float = math.radians(30.0)
+    """Largest turn of a curve between the nodes at which it is measured [rad]: more is a corner."""
+    shortest: float = 1e-5
+    """Least length of a curve, distance of points of a spline, and of a branch pipe from the main one's side [m]."""
+    same_point: float = 1e-6
+    """Distance below which neighbouring poses of a file stand at one place [m]."""
+    smallest_normal: float = 1e-9
+    """Least length of a normal."""
+
+
+READ = SeamReading()
 
 
 SEAM_KEYS = {
@@ -160,14 +168,14 @@ class SeamReader:
             return None
         key = "normals" if section.normals else "normal"
         where = (*loc, key) if getattr(section, key) else loc
-        if least_lean(contour) < LEAST_LEAN:
+        if least_lean(contour) < READ.least_lean:
             message = (
                 "the normal is tangent to the curve somewhere; it must point out of the surface"
             )
             self._reader.note(where, message)
             return None
         roll, at = sharpest_roll(contour)
-        if roll > SHARPEST:
+        if roll > READ.sharpest:
             message = f"the normal turns over at once near {_shown(at)}; give normals of one side"
             self._reader.note(where, message)
             return None
@@ -179,7 +187,7 @@ class SeamReader:
         if poses is None:
             return None
         for k, (one, other) in enumerate(pairwise(poses), 1):
-            if math.dist(one.translation, other.translation) < SAME_POINT:
+            if math.dist(one.translation, other.translation) < READ.same_point:
                 message = f"its poses {k} and {k + 1} stand at one place; a curve only turns along its way"
                 self._reader.note(loc, message)
                 return None
@@ -189,7 +197,7 @@ class SeamReader:
     def _smooth(self, curve: MeasuredCurve, loc: Loc) -> bool:
         """Notes a curve of no length, and one with a corner, where the tool would have to stop."""
         bend, at = sharpest_bend(curve.contour)
-        if bend > SHARPEST:
+        if bend > READ.sharpest:
             self._reader.note(
                 loc,
                 f"the curve turns by {math.degrees(bend):.0f} deg at once near {_shown(at)}, where the tool would have "
@@ -197,7 +205,7 @@ class SeamReader:
             )
             return False
         # Only now: where a curve stands still there is no length to be measured by.
-        if curve.length < SHORTEST:
+        if curve.length < READ.shortest:
             self._reader.note(loc, f"the curve is {curve.length * 1e3:.3g} mm long; make it longer")
             return False
         return True
@@ -243,7 +251,7 @@ def _wrong(section: FeatureSection) -> tuple[Loc, str] | None:
     shift = abs(section.eccentricity or 0.0)
     if section.kind == "saddle":
         R, r = section.main_radius or 0.0, section.branch_radius or 0.0
-        if r + shift > R - SHORTEST:
+        if r + shift > R - READ.shortest:
             return ("branch_radius",), (
                 f"{r:g} m and the eccentricity must stay 0.01 mm inside the main pipe of {R:g} m, "
                 "so that the branch pipe meets it all round"
@@ -252,7 +260,7 @@ def _wrong(section: FeatureSection) -> tuple[Loc, str] | None:
             return ("angle",), "the pipes are (nearly) parallel and do not meet in a closed curve"
     if section.kind == "arc":
         r = section.radius or 0.0
-        if section.main_radius is not None and r + shift > section.main_radius - SHORTEST:
+        if section.main_radius is not None and r + shift > section.main_radius - READ.shortest:
             return ("radius",), (
                 f"{r:g} m and the eccentricity must stay 0.01 mm inside the sphere of {section.main_radius:g} m"
             )
@@ -268,7 +276,7 @@ def _wrong(section: FeatureSection) -> tuple[Loc, str] | None:
 def _wrong_points(section: FeatureSection) -> tuple[Loc, str] | None:
     """Returns place and message of what is wrong with points and normals, or None."""
     for where, direction in _directions(section):
-        if math.hypot(*direction) < SMALLEST_NORMAL:
+        if math.hypot(*direction) < READ.smallest_normal:
             return where, "a normal of no length points nowhere; give a direction such as [0, 0, 1]"
     if section.kind == "line" and _near(section.start, section.end):
         return ("end",), "the line ends where it begins"
@@ -294,7 +302,7 @@ def _directions(section: FeatureSection) -> list[tuple[Loc, list[float]]]:
 
 
 def _near(one: Sequence[float] | None, other: Sequence[float] | None) -> bool:
-    return math.dist(one or (), other or ()) < SHORTEST
+    return math.dist(one or (), other or ()) < READ.shortest
 
 
 def partners(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:

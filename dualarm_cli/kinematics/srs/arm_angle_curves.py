@@ -16,9 +16,6 @@ from dualarm_cli.records import dataclass
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-REACH_SLACK = 1e-11
-"""How far a wrist centre may be out of reach by rounding [m]."""
-
 
 @dataclass(frozen=True)
 class CurveTolerances:
@@ -45,6 +42,8 @@ class CurveTolerances:
     """
     singular: float = 1e-12
     """Sine of a middle joint below which its triple counts as singular: its first joint is then 0."""
+    slack: float = 1e-11
+    """How far a wrist centre may be out of reach by rounding [m]."""
 
 
 CURVES = CurveTolerances()
@@ -97,7 +96,7 @@ class ArmPlane:
         """
         distance = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
         reach, core = upper + fore, abs(upper - fore)
-        reachable = (distance <= reach + REACH_SLACK) & (distance >= core - REACH_SLACK)
+        reachable = (distance <= reach + CURVES.slack) & (distance >= core - CURVES.slack)
         d = np.where(distance < core + CURVES.stretched, core, distance)
         d = np.where(d > reach - CURVES.stretched, reach, d)
         product = 2.0 * upper * fore
@@ -105,7 +104,7 @@ class ArmPlane:
         sin_bend = np.sqrt((reach - d) * (reach + d) * (d - core) * (d + core)) / product
         bend = elementary.arctan2(sin_bend, cos_bend)
         along, beside = upper + fore * elementary.cos(bend), fore * elementary.sin(bend)
-        tiny = distance < REACH_SLACK
+        tiny = distance < CURVES.slack
         length = np.where(tiny, 1.0, distance)
         u = np.where(tiny, np.array([0.0, 0.0, 1.0]).reshape(3, *(1,) * tiny.ndim), w / length)
         r, t = reference_directions(u)

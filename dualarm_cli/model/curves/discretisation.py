@@ -12,11 +12,6 @@ from dualarm_cli.model.curves.contours import Contour
 from dualarm_cli.model.curves.feature_curve import MeasuredCurve
 from dualarm_cli.records import dataclass
 
-SHORTEST_STEP = 2e-6
-"""Least step [m]."""
-MOST_POINTS = 100_000
-"""Points of one curve."""
-
 
 @dataclass(frozen=True)
 class DiscretisationSettings:
@@ -28,12 +23,16 @@ class DiscretisationSettings:
     """Equal parts of a step's parameter between which its distance from the chord is measured."""
     rounding: float = 1.0 + 1e-9
     """Factor on proven bounds that covers rounding."""
+    cells: int = 16384
+    """Least number of stretches over which curvature is bounded."""
+    shortest_step: float = 2e-6
+    """Least step [m]."""
+    most_points: int = 100_000
+    """Points of one curve."""
 
 
 CURVE_STEPS = DiscretisationSettings()
 
-CELLS = 16384
-"""Least number of stretches over which curvature is bounded."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
@@ -140,7 +139,7 @@ def judge(curve: MeasuredCurve, points: Points) -> Quality:
     """
     contour, t = curve.contour, points.parameter
     # Steps are cut into cells, so that there are enough of them on coarse steps too.
-    parts = -(-CELLS // (len(t) - 1))
+    parts = -(-CURVE_STEPS.cells // (len(t) - 1))
     cells = np.linspace(t[:-1], t[1:], parts, endpoint=False, axis=1)
     edges = np.append(cells.ravel(), t[-1])
     spacing = _cell_lengths(contour, edges).reshape(-1, parts).sum(axis=1)

@@ -16,7 +16,7 @@ from dualarm_cli.geometry.rotations import from_quaternion, to_quaternion
 from dualarm_cli.model.curves.arc_length import ArcLength
 from dualarm_cli.model.curves.contours import Contour
 from dualarm_cli.model.curves.point_spline import (
-    SAME_NORMAL,
+    SPLINE,
     UNIT,
     PointSpline,
     chord_parameters,
@@ -126,7 +126,7 @@ class PoseCurve(MeasuredCurve):
         assert isinstance(self.contour, PointSpline)
         knots, q = self.contour.knots, _quaternions(self.rotations)
         sign = 1.0 if float(product(q[0], q[-1])) > 0.0 else -1.0
-        if not self.contour.closed or np.abs(q[-1] - sign * q[0]).max() > SAME_NORMAL:
+        if not self.contour.closed or np.abs(q[-1] - sign * q[0]).max() > SPLINE.same_normal:
             return quintic(knots, q, closed=False)
         # Twice round, the quaternions are themselves again.
         twice = np.concatenate([q[:-1], sign * q[:-1], q[:1]])

@@ -34,12 +34,12 @@ class SplineSettings:
 
     Rounding reduces nothing.
     """
+    same_normal: float = 1e-6
+    """Difference of the first and last normal of a closed spline below which they are one."""
 
 
 SPLINE = SplineSettings()
 
-SAME_NORMAL = 1e-6
-"""Difference of the first and last normal of a closed spline below which they are one."""
 UNIT = 0.2
 """Length that a unit vector counts as there [m]: rounded points also misplace vectors along the curve."""
 
@@ -98,7 +98,7 @@ class PointSpline:
             carried = _carried_along(self.up, self.point(nodes), self.rate(nodes))
             return quintic(nodes, carried, closed=False)
         up = _directions(self.up)
-        if self.closed and np.allclose(up[0], up[-1], rtol=0.0, atol=SAME_NORMAL):
+        if self.closed and np.allclose(up[0], up[-1], rtol=0.0, atol=SPLINE.same_normal):
             up[-1] = up[0]
             return quintic(self.knots, up, closed=True)
         return quintic(self.knots, up, closed=False)

@@ -31,13 +31,10 @@ from dualarm_cli.report.stage_parts import PLATFORM
 if TYPE_CHECKING:
     from dualarm_cli.planning.comparison import Outcome
 
-FORMAT = "dualarm.comparison/1"
 SOLVERS = ("method", "redundancy", "timing", "blend")
 """What tells one row from another."""
 ORDER = ("verified", "failed", "infeasible", "not served")
 """Rows by what came of them; each kind by cycle time."""
-REFERENCE = "fixed"
-"""The method that every winner is compared with: the platform stays where it is."""
 LEAST_SAVING = 0.01
 """Savings below this are not worth a word [s]."""
 SAME = 1e-6
@@ -106,7 +103,7 @@ def comparison_document(
         settings: what was asked for.
     """
     return {
-        "format": FORMAT,
+        "format": "dualarm.comparison/1",
         "settings": settings,
         "comparisons": sections,
         "wall_clock": clock,
@@ -195,7 +192,7 @@ def winner_sentence(rows: Sequence[dict[str, Any]]) -> str:
 
 def _reference(winner: dict[str, Any], good: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
     """Returns the best row of `fixed`, of the winner's own timing if there is one."""
-    found = [row for row in good if row["method"] == REFERENCE]
+    found = [row for row in good if row["method"] == "fixed"]
     alike = [row for row in found if row["timing"] == winner["timing"]]
     return next(iter(alike or found), None)
 

@@ -182,7 +182,6 @@ def _cause(a: Version, b: Version, joint: str, difference: float, moved: list[fl
     return max(shares, key=lambda name: np.sign(difference) * shares[name])
 
 
-FORMAT = "dualarm.schedule-comparison/1"
 SAME = 1e-6
 """Durations nearer than this are equal [s]."""
 SHOWN = 4
@@ -212,7 +211,7 @@ def compare_schedules(a: Schedule, b: Schedule, names: tuple[str, str]) -> dict[
     _refuse_strangers(versions, pairs, names)
     rows = [_row(versions[0], versions[1], pair) for pair in pairs]
     return {
-        "format": FORMAT,
+        "format": "dualarm.schedule-comparison/1",
         "a": _side(a, names[0]),
         "b": _side(b, names[1]),
         "difference": b.duration - a.duration,

@@ -17,7 +17,6 @@ MOST_ROWS = 25
 """Most rows that the table shows; files have all."""
 LONGEST_REASON = 300
 """Most characters of a reason on the terminal and in a cell."""
-ARROWS = {"minimise": "↓", "maximise": "↑"}
 STATUS_WORDS = {
     "fails_verification": "failed verification",
     "infeasible": "without a plan",
@@ -55,7 +54,7 @@ def rows_table(document: dict[str, Any]) -> Table:
         side: Any = "right" if parameter["numeric"] else "left"
         table.add_column(escape(parameter_label(parameter)), justify=side)
     for objective in named:
-        arrow = ARROWS[objective.sense]
+        arrow = {"minimise": "↓", "maximise": "↑"}[objective.sense]
         head = f"{objective_head(objective)} {arrow}"
         table.add_column(head, justify="right", style="bold" if objective is named[0] else "")
     for objective in others:

@@ -6,6 +6,7 @@ from pathlib import PurePath
 from typing import Any
 
 from dualarm_cli.kinds.drawing import new_figure, rendered
+from dualarm_cli.records import dataclass
 from dualarm_cli.report.comparison.comparison import (
     SHOWN,
     group_name,
@@ -16,11 +17,23 @@ from dualarm_cli.report.comparison.comparison import (
 from dualarm_cli.report.measures import DWELLS, LINES, NO_TRANSFERS, OTHER
 from dualarm_cli.report.stage_parts import PLATFORM
 
-WIDTH = 10.0
-BAR, PANEL = 0.3, 1.0
-"""Height of a bar's row and of a panel's title and axis [inch]."""
-CURVES = 3.2
-"""Height of the row of a path's curves [inch]."""
+
+@dataclass(frozen=True)
+class ComparisonStyle:
+    """Sizes and colours of the figure."""
+
+    bar: float = 0.3
+    panel: float = 1.0
+    """Height of a bar's row and of a panel's title and axis [inch]."""
+    curves: float = 3.2
+    """Height of the row of a path's curves [inch]."""
+    not_fully: str = "#b26a00"
+    """Amber of plans whose pass leaves something open, in a bar's outline and text."""
+
+
+STYLE = ComparisonStyle()
+
+
 COLOURS = {
     "left": "#1f5fbf",
     "right": "#c23b22",
@@ -32,9 +45,6 @@ COLOURS = {
     OTHER: "#f0e0a0",
 }
 """By what decides the time; the arms as in every other figure."""
-FAILED = "#ffffff"
-NOT_FULLY = "#b26a00"
-"""Amber of plans whose pass leaves something open, in a bar's outline and text."""
 
 
 def draw_comparison(document: dict[str, Any], kind: str) -> bytes:
@@ -48,14 +58,14 @@ def draw_comparison(document: dict[str, Any], kind: str) -> bytes:
         MissingDependencyError: matplotlib is not installed.
     """
     sections = document["comparisons"]
-    heights = [PANEL + BAR * max(1, len(section["rows"])) for section in sections]
+    heights = [STYLE.panel + STYLE.bar * max(1, len(section["rows"])) for section in sections]
     curves = [(section, task) for section in sections for task in _compared_paths(section)]
-    whole = new_figure(WIDTH, sum(heights) + 0.5 + CURVES * len(curves))
+    whole = new_figure(10.0, sum(heights) + 0.5 + STYLE.curves * len(curves))
     parts = whole.subfigures(
         1 + len(curves),
         1,
         squeeze=False,
-        height_ratios=[sum(heights) + 0.5, *[CURVES] * len(curves)],
+        height_ratios=[sum(heights) + 0.5, *[STYLE.curves] * len(curves)],
     )[:, 0]
     for part, (section, task) in zip(parts[1:], curves, strict=True):
         _draw_curves(part, section, task)
@@ -150,7 +160,7 @@ def _draw_section(panel: Any, section: dict[str, Any], name: str) -> dict[str, A
             _bar_text(row, best),
             va="center",
             weight="bold" if _is_best(row, best) else "normal",
-            color=NOT_FULLY if row["caveats"] else "black",
+            color=STYLE.not_fully if row["caveats"] else "black",
         )
     bound = section["lower_bound"]
     if bound is not None:
@@ -176,7 +186,7 @@ def _draw_bar(panel: Any, place: int, row: dict[str, Any]) -> dict[str, Any]:
     drawn: dict[str, Any] = {}
     if row["status"] == "failed":
         bar = panel.barh(
-            place, row["cycle_time"], 0.7, color=FAILED, edgecolor="#c23b22", hatch="///"
+            place, row["cycle_time"], 0.7, color="#ffffff", edgecolor="#c23b22", hatch="///"
         )
         return {"fails its verification": bar}
     left = 0.0
@@ -189,7 +199,7 @@ def _draw_bar(panel: Any, place: int, row: dict[str, Any]) -> dict[str, Any]:
             drawn[_label(name)] = bar
             left += time
     if row["caveats"]:
-        outline = {"facecolor": "none", "edgecolor": NOT_FULLY, "linewidth": 1.6}
+        outline = {"facecolor": "none", "edgecolor": STYLE.not_fully, "linewidth": 1.6}
         drawn["not fully checked"] = panel.barh(place, row["cycle_time"], 0.7, **outline)
     return drawn
 

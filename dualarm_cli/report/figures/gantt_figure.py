@@ -20,9 +20,6 @@ from dualarm_cli.motion.waiting import MOVES
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.report import plan_title, relative_gap
 
-SIZES = (8.0, 7.0, 6.0)
-"""Sizes in which words are tried [points]."""
-
 
 @dataclass(frozen=True)
 class GanttStyle:
@@ -57,17 +54,27 @@ class GanttStyle:
     """Shortest time axis [s]."""
     rounding: float = 1e-6
     """Shorter parts are not drawn [s]."""
+    word_sizes: tuple[float, float, float] = (8.0, 7.0, 6.0)
+    """Sizes in which words are tried [points]."""
+    padding: float = 3.0
+    """What is free beside a word in its bar, both sides together [points]."""
+    inks: tuple[str, str] = ("0.15", "white")
+    """Colours of words on bright and on dark bars."""
+    on_dark: tuple[str, ...] = ("transfer", "return", "path", "seam")
+    """Bars on which words are bright."""
+    number_size: float = 6.5
+    """Size of stage numbers [points]."""
+    number_colour: str = "0.4"
+    stops_a_row: int = 9
+    """Stops of an arm in one row of the time axis."""
+    most_rows: int = 12
+    """Maximum number of rows."""
 
 
 STYLE = GanttStyle()
 
-FREE = 3.0
-"""What is free beside a word in its bar, both sides together [points]."""
 POINTS = 72.0
 """Points in an inch."""
-DARK, BRIGHT = "0.15", "white"
-ON_DARK = ("transfer", "return", "path", "seam")
-"""Bars on which words are bright."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +142,12 @@ def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float
         for (task, action), run in groupby(own, key=lambda part: (part.task, part.action)):
             parts = [part for part in run if part.kind != "wait"]
             bars = tuple(
-                Bar(p.kind not in MOVES, max(p.start, start), min(p.end, end), p.kind in ON_DARK)
+                Bar(
+                    p.kind not in MOVES,
+                    max(p.start, start),
+                    min(p.end, end),
+                    p.kind in STYLE.on_dark,
+                )
                 for p in parts
             )
             if task and bars:
@@ -170,14 +182,14 @@ def labels(words: Sequence[Wanted], inch: float) -> list[Label]:
         inch: how long a second is [inch].
     """
     asked = sum(word.whole for word in words)
-    for size in SIZES:
+    for size in STYLE.word_sizes:
         placed = [_place(word.text, word, inch, size) for word in words]
         fit = sum(w.whole and bar is not None for w, bar in zip(words, placed, strict=True))
         if fit >= STYLE.most_fit * asked:
             break
     shown = [_longest(word, inch, size) for word in words]
     return [
-        Label((b.start + b.end) / 2.0, word.lane, text, size, BRIGHT if b.dark else DARK)
+        Label((b.start + b.end) / 2.0, word.lane, text, size, STYLE.inks[b.dark])
         for text, word, b in shown
         if b is not None
     ]
@@ -185,7 +197,7 @@ def labels(words: Sequence[Wanted], inch: float) -> list[Label]:
 
 def _place(text: str, word: Wanted, inch: float, size: float) -> Bar | None:
     """Returns the best of a word's bars that holds a text of a size, or None."""
-    room = text_width(text) * size + FREE
+    room = text_width(text) * size + STYLE.padding
     large = [bar for bar in word.bars if (bar.end - bar.start) * inch * POINTS >= room]
     return min(large, key=lambda bar: (bar.rank, round(bar.start - bar.end, 6)), default=None)
 
@@ -276,10 +288,6 @@ def place_text(value: float, slides: bool) -> str:
     return f"{text} mm" if slides else f"{text}°"
 
 
-NUMBER_SIZE, NUMBER_COLOUR = 6.5, "0.4"
-"""How stage numbers look [points]."""
-STOPS_A_ROW, MOST_ROWS = 9, 12
-"""An arm's stops in one row of the time axis, and how many rows there are at most."""
 KINDS = {
     "transfer": ("transfer", "#4c78a8"),
     "approach": ("approach", "#4fa39d"),
@@ -368,7 +376,7 @@ def row_count(schedule: Schedule) -> int:
         len({(s.task, s.action) for s in schedule.segments if s.arm == arm and s.task})
         for arm in schedule.robot.arms
     ]
-    return min(MOST_ROWS, max(1, math.ceil(max(stops, default=0) / STOPS_A_ROW)))
+    return min(STYLE.most_rows, max(1, math.ceil(max(stops, default=0) / STYLE.stops_a_row)))
 
 
 def _bars(schedule: Schedule, lanes: Sequence[str]) -> dict[tuple[int, _Style], list[Any]]:
@@ -431,9 +439,9 @@ def _number_stages(axes: Any, schedule: Schedule, start: float, end: float, inch
             continue
         axes.axvline(stage.start, color="0.75", linewidth=0.6, zorder=0.5)
         if stage.start >= free_from:
-            style = {"size": NUMBER_SIZE, "color": NUMBER_COLOUR, "clip_on": False}
+            style = {"size": STYLE.number_size, "color": STYLE.number_colour, "clip_on": False}
             axes.text(stage.start, -0.52, f"{number}", ha="left", va="bottom", **style)
-            width = text_width(f"{number}") * NUMBER_SIZE + FREE
+            width = text_width(f"{number}") * STYLE.number_size + STYLE.padding
             free_from = stage.start + width / POINTS / inch
 
 

@@ -27,7 +27,8 @@ from dualarm_cli.platform_angle.table import MethodRow
 COLOURS = ("#1f5fbf", "#c23b22")
 """Arm 1 and arm 2."""
 BALANCE = "#2a7f3f"
-SAMPLES = 1441
+REACH = {"left": ("#1f5fbf", "Blues"), "right": ("#c23b22", "Reds"), "both": ("#2a7f3f", "Greens")}
+"""Colours by the arms that reach a point, and scales for how much of the platform's way does."""
 
 
 def draw_move(
@@ -144,7 +145,7 @@ def _draw_targets(ax: Any, problem: PlatformProblem) -> None:
 
 def _turns(problem: PlatformProblem) -> tuple[FloatArray, FloatArray]:
     """Returns turns over half a turn either way [deg] and the platform angles there [rad]."""
-    turn = np.linspace(-np.pi, np.pi, SAMPLES)
+    turn = np.linspace(-np.pi, np.pi, 1441)
     return np.degrees(turn), problem.angle_0[0] + turn
 
 
@@ -197,17 +198,6 @@ def _draw_elbows(ax: Any, problem: PlatformProblem, rows: list[MethodRow]) -> No
     ax.set_ylabel("displacement [deg]")
 
 
-REACH_COLOURS = {"left": "#1f5fbf", "right": "#c23b22", "both": "#2a7f3f"}
-"""Colours by the arms that reach a point."""
-MAPS = {"left": "Blues", "right": "Reds", "both": "Greens"}
-"""Scales of colours for how much of the platform's way reaches a point."""
-LIGHTEST = 0.25
-"""Lower end of the used part of a colour scale.
-
-It is the colour of a point that is reached from one platform position only.
-"""
-
-
 def draw_reach(document: Mapping[str, Any], cell: Cell, kind: str) -> bytes:
     """Draw a reach map as PNG, SVG or PDF.
 
@@ -245,7 +235,7 @@ def draw_reach(document: Mapping[str, Any], cell: Cell, kind: str) -> bytes:
     for one, name in zip(who, names, strict=True):
         panel = panels[name]
         amount = np.array(document["positions"][one]) * step
-        drawn = _mesh(panel, document, np.where(amount > 0, amount, np.nan), _scale(MAPS[one]))
+        drawn = _mesh(panel, document, np.where(amount > 0, amount, np.nan), _scale(REACH[one][1]))
         drawn.set_clim(0.0, max(float(amount.max()), step, 1.0))
         panel.set_title("both arms, from one platform position" if one == "both" else f"{one} arm")
         _draw_cell(panel, document, cell)
@@ -260,7 +250,7 @@ def draw_reach(document: Mapping[str, Any], cell: Cell, kind: str) -> bytes:
         panels["areas"].plot(
             places,
             document["area"][one],
-            color=REACH_COLOURS[one],
+            color=REACH[one][0],
             marker="o",
             markersize=3,
             label="both arms" if one == "both" else f"{one} arm",
@@ -278,7 +268,8 @@ def _scale(name: str) -> Any:
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
 
-    return ListedColormap(colormaps[name](np.linspace(LIGHTEST, 1.0, 128)))
+    # The lightest quarter is left out: a point that one platform position reaches has the lower end's colour.
+    return ListedColormap(colormaps[name](np.linspace(0.25, 1.0, 128)))
 
 
 def _draw_sides(panel: Any, document: Mapping[str, Any]) -> None:
@@ -290,9 +281,9 @@ def _draw_sides(panel: Any, document: Mapping[str, Any]) -> None:
         shown = reached
         if one in ("left", "right") and "both" in document["positions"]:
             shown = reached & ~(np.array(document["positions"]["both"]) > 0)
-        _mesh(panel, document, np.where(shown, 1.0, np.nan), ListedColormap([REACH_COLOURS[one]]))
+        _mesh(panel, document, np.where(shown, 1.0, np.nan), ListedColormap([REACH[one][0]]))
         label = {"both": "both arms"}.get(one, f"{one} arm")
-        panel.plot([], [], "s", color=REACH_COLOURS[one], alpha=0.7, label=label)
+        panel.plot([], [], "s", color=REACH[one][0], alpha=0.7, label=label)
 
 
 def _mesh(panel: Any, document: Mapping[str, Any], values: Any, colours: Any) -> Any:

@@ -11,12 +11,6 @@ from dualarm_cli.model.study import OBJECTIVES, Objective
 from dualarm_cli.records import dataclass
 from dualarm_cli.report.comparison.study_table import parameter_label, value_text
 
-PARETO, OTHER, REFERENCE = "#c23b22", "#9a9a9a", "black"
-COLOURS = ("#1f5fbf", "#2a7f3f", "#c23b22", "#8a5fb0")
-"""By objective."""
-WORD_COLOURS = ("#1f5fbf", "#d98c2b", "#2a7f3f", "#8a5fb0", "#5fb0a8", "#8f6f4f")
-"""By value of a parameter that is a word."""
-
 
 @dataclass(frozen=True)
 class StudyStyle:
@@ -37,6 +31,13 @@ class StudyStyle:
     """Width from which a title has one line [in]."""
     longest: int = 24
     """Longest name in a figure [characters]."""
+    best: str = "#c23b22"
+    other: str = "#9a9a9a"
+    reference: str = "black"
+    colours: tuple[str, ...] = ("#1f5fbf", "#2a7f3f", "#c23b22", "#8a5fb0")
+    """By objective."""
+    words: tuple[str, ...] = ("#1f5fbf", "#d98c2b", "#2a7f3f", "#8a5fb0", "#5fb0a8", "#8f6f4f")
+    """By value of a parameter that is a word."""
 
 
 STYLE = StudyStyle()
@@ -89,7 +90,7 @@ def _draw_pair(
     mapped = _draw_rows(panel, rows, pair, colour, drawn)
     if best:
         drawn["Pareto set"] = panel.scatter(
-            _column(best, x), _column(best, y), s=90, facecolors="none", edgecolors=PARETO,
+            _column(best, x), _column(best, y), s=90, facecolors="none", edgecolors=STYLE.best,
             linewidths=1.6, zorder=3,
         )  # fmt: skip
         if len(document["objectives"]) == 2:
@@ -98,7 +99,7 @@ def _draw_pair(
     reference = document["reference"]
     if None not in (reference[x.name], reference[y.name]):
         drawn["the files as they are"] = panel.scatter(
-            _column([reference], x), _column([reference], y), s=70, marker="x", color=REFERENCE,
+            _column([reference], x), _column([reference], y), s=70, marker="x", color=STYLE.reference,
             linewidths=1.8, zorder=4,
         )  # fmt: skip
     for axis, objective in (("x", x), ("y", y)):
@@ -133,7 +134,7 @@ def _draw_rows(
     x, y = pair
     if colour is None or not rows:
         if rows:
-            drawn["plans"] = panel.scatter(_column(rows, x), _column(rows, y), s=34, c=OTHER)
+            drawn["plans"] = panel.scatter(_column(rows, x), _column(rows, y), s=34, c=STYLE.other)
         return None
     name = colour["name"]
     if colour["numeric"]:
@@ -145,7 +146,7 @@ def _draw_rows(
         own = [row for row in rows if row["values"][name] == value]
         label = _short(f"{name}: {value_text(value)}")
         drawn[label] = panel.scatter(
-            _column(own, x), _column(own, y), s=34, color=WORD_COLOURS[k], linewidths=0, zorder=2
+            _column(own, x), _column(own, y), s=34, color=STYLE.words[k], linewidths=0, zorder=2
         )
     return None
 
@@ -157,7 +158,7 @@ def _draw_front(panel: Any, best: list[dict[str, Any]], pair: tuple[Objective, O
     # Between two points the worse of both is had in y: with x rising, y as it was reached before.
     where = "post" if x.sense == "minimise" else "pre"
     panel.step(
-        _column(rows, x), _column(rows, y), where=where, color=PARETO, linewidth=1.0, alpha=0.6
+        _column(rows, x), _column(rows, y), where=where, color=STYLE.best, linewidth=1.0, alpha=0.6
     )
 
 
@@ -171,7 +172,7 @@ def _label(panel: Any, best: list[dict[str, Any]], pair: tuple[Objective, Object
     for place, words in places.items():
         text = ", ".join(words[:3]) + ("…" if len(words) > 3 else "")
         panel.annotate(
-            text, place, xytext=(7, 6), textcoords="offset points", fontsize=8, color=PARETO, zorder=5,
+            text, place, xytext=(7, 6), textcoords="offset points", fontsize=8, color=STYLE.best, zorder=5,
             bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.75, "linewidth": 0},
         )  # fmt: skip
 
@@ -184,7 +185,7 @@ def _colour_parameter(document: dict[str, Any]) -> dict[str, Any] | None:
     """Returns the parameter that matters most for the first objective, of those that colours can tell apart."""
     known = {parameter["name"]: parameter for parameter in document["parameters"]}
     ordered = [known[one["name"]] for one in document["sensitivity"][0]["parameters"]]
-    return next((p for p in ordered if p["numeric"] or len(p["values"]) <= len(WORD_COLOURS)), None)
+    return next((p for p in ordered if p["numeric"] or len(p["values"]) <= len(STYLE.words)), None)
 
 
 def draw_sensitivity(document: dict[str, Any], kind: str) -> bytes:
@@ -211,7 +212,7 @@ def draw_sensitivity(document: dict[str, Any], kind: str) -> bytes:
     for k, (section, panels) in enumerate(zip(sections, grid, strict=True)):
         objective = OBJECTIVES[section["objective"]]
         rows = [r for r in document["rows"] if r["rank"] and r[objective.name] is not None]
-        colour = COLOURS[k % len(COLOURS)]
+        colour = STYLE.colours[k % len(STYLE.colours)]
         _draw_shares(panels[0], section, objective, colour)
         for panel, name in zip(panels[1:], order, strict=True):
             _draw_effect(panel, rows, known[name], objective, colour)
@@ -236,7 +237,7 @@ def _draw_shares(panel: Any, section: dict[str, Any], objective: Objective, colo
     bars = [(_short(one["name"]), one["share"], colour) for one in section["parameters"]]
     together = sum(pair["share"] for pair in section["interactions"])
     if section["interactions"]:
-        bars.append(("pairs together", together, OTHER))
+        bars.append(("pairs together", together, STYLE.other))
     names = [bar[0] for bar in bars]
     panel.barh(
         range(len(bars)), [bar[1] or 0.0 for bar in bars], 0.62, color=[bar[2] for bar in bars]

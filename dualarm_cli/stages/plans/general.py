@@ -9,7 +9,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.geometry.products import product
-from dualarm_cli.kinematics.continuation import SKELETON, FlangeLines, moved_along
+from dualarm_cli.kinematics.continuation import CONTINUATION, FlangeLines, moved_along
 from dualarm_cli.kinematics.general_arm import GeneralArm, numeric_form
 from dualarm_cli.kinematics.self_motion import self_motions
 from dualarm_cli.postures.numeric import DENSE_SAMPLES
@@ -305,7 +305,7 @@ def _followed(
     path = np.broadcast_to(q, (samples, 2, *q.shape)).copy()
     which, k = np.nonzero(length > 0.0)
     lines = FlangeLines(R[k], p[k], -z[k] * length[which, k, None])
-    skeleton = END_SAMPLES if samples == LINE_SAMPLES else SKELETON
+    skeleton = END_SAMPLES if samples == LINE_SAMPLES else CONTINUATION.skeleton
     course = general.follow_lines(q[k], lines, drift[which, k], samples, skeleton)
     path[:, which, k] = course.q
     followed = np.ones(length.shape, dtype=np.bool_)

@@ -13,14 +13,22 @@ from dualarm_cli.kinds.seam.closed_chain.chain import Chain, Equations
 from dualarm_cli.model.curves.tool_path import Poses
 from dualarm_cli.records import dataclass
 
-CONVERGED = 1e-11
-"""Residual below which no more steps are taken [m, radians by TURN]."""
-LONGEST_STEP = 0.4
-"""Longest Newton step of a joint [rad]."""
-PULL = 0.15
-"""Share of the way to where joints should rather be that a step takes."""
-DAMPING = 1e-3
-"""Of steps far from closed, by the square of the residual: singular starts must not fly off."""
+
+@dataclass(frozen=True)
+class ClosingSettings:
+    """Newton steps that close a chain."""
+
+    converged: float = 1e-11
+    """Residual below which no more steps are taken [m, radians by TURN]."""
+    longest_step: float = 0.4
+    """Longest Newton step of a joint [rad]."""
+    pull: float = 0.15
+    """Share of the way to where joints should rather be that a step takes."""
+    damping: float = 1e-3
+    """Of steps far from closed, by the square of the residual: singular starts must not fly off."""
+
+
+CLOSING = ClosingSettings()
 
 
 @dataclass(frozen=True)
@@ -56,14 +64,14 @@ def close(
     for step in range(steps + 1):
         found = equations(q)
         left = found.size
-        if step == steps or left.max(initial=0.0) < CONVERGED:
+        if step == steps or left.max(initial=0.0) < CLOSING.converged:
             break
         wish = np.zeros_like(q)
         if towards is not None and step < pulls:
-            wish = (weight > 0.0) * (q - towards) * PULL
+            wish = (weight > 0.0) * (q - towards) * CLOSING.pull
         dq = wish + least_norm(found, weight, wish)
         longest = np.abs(dq).max(axis=1)
-        q -= dq * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, 1e-300))[:, None]
+        q -= dq * np.minimum(1.0, CLOSING.longest_step / np.maximum(longest, 1e-300))[:, None]
     return Closed(q, left)
 
 
@@ -91,7 +99,7 @@ def least_norm(equations: Equations, weight: FloatArray, wish: FloatArray) -> Fl
     J = equations.slope
     JW = J * weight
     gram = product(JW, np.swapaxes(J, -1, -2))
-    damp = 1e-12 + DAMPING * np.square(np.minimum(equations.size, 1.0))
+    damp = 1e-12 + CLOSING.damping * np.square(np.minimum(equations.size, 1.0))
     gram = gram + damp[:, None, None] * np.eye(gram.shape[-1])
     right = equations.left - product(J, wish[..., None])[..., 0]
     found: FloatArray = product(np.swapaxes(JW, -1, -2), solve(gram, right[..., None]))[..., 0]

@@ -15,7 +15,7 @@ from dualarm_cli.kinds.seam.closed_chain.chain import KEPT
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
 from dualarm_cli.kinds.seam.closed_chain.problem import SeamProblem
 from dualarm_cli.kinds.seam.closed_chain.starts import part_poses
-from dualarm_cli.kinds.seam.closed_chain.ways import ROOM
+from dualarm_cli.kinds.seam.closed_chain.ways import WAYS
 from dualarm_cli.records import dataclass
 
 
@@ -260,7 +260,7 @@ class SeamProgram:
         low, high = (
             np.tile(bound[self.decided], self.problem.nodes) for bound in self.problem.bounds
         )
-        found: FloatArray = ROOM * (high - low)
+        found: FloatArray = WAYS.room * (high - low)
         return found
 
     def _near(self, y: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from dualarm_cli.kinds.seam.closed_chain.problem import NoSeam, SeamMotion, Seam
 from dualarm_cli.kinds.seam.closed_chain.program import SeamProgram
 from dualarm_cli.kinds.seam.closed_chain.starts import (
     CLOSED,
-    DEAR,
+    STARTS,
     beyond_limits,
     part_poses,
     seam_starts,
@@ -22,8 +22,7 @@ from dualarm_cli.kinds.seam.closed_chain.starts import (
     why_impossible,
 )
 from dualarm_cli.kinds.seam.closed_chain.ways import (
-    AMPLE,
-    REGULAR,
+    WAYS,
     least_singular_value,
     steady_time,
     way_cost,
@@ -65,14 +64,13 @@ class ProgramSettings:
     """Share of what a motion costs whose gain in a step ends that."""
     first_rounds: int = 16
     """Steps by which starts are compared before the best is improved further."""
+    leant: float = (1.0 + KEPT) / 2.0
+    """Share of what tool and surface may lean up to which a step is taken."""
+    spare_time: float = 1.003
+    """Factor on a way's own time within which it is smoothed: at the required time, effort may mean nothing."""
 
 
 PROGRAM = ProgramSettings()
-
-LEANT = (1.0 + KEPT) / 2.0
-"""Share of what tool and surface may lean up to which a step is taken."""
-SPARE_TIME = 1.003
-"""Factor on a way's own time within which it is made easy: at the time that is asked for, effort may mean nothing."""
 
 
 def improved(
@@ -119,7 +117,7 @@ def _descended(
     program = SeamProgram(problem, stands)
     best, time = position, steady_time(position, problem.limits)
     beyond = float(beyond_limits(problem, best).max())
-    enough = AMPLE * problem.time
+    enough = WAYS.ample * problem.time
     radius, history = PROGRAM.first_radius, [_cost(time, beyond)]
     for _ in range(rounds):
         if (time <= enough and beyond == 0.0) or radius < PROGRAM.narrowest:
@@ -156,13 +154,13 @@ def _descended(
             break
     if beyond > 0.0 or not easy:
         return best
-    smooth = _smoothed(problem, program, best, time * SPARE_TIME)
+    smooth = _smoothed(problem, program, best, time * PROGRAM.spare_time)
     return best if touches(smooth) else smooth
 
 
 def _cost(time: float, beyond: float) -> float:
     """Returns what a way costs that takes a time [s] and is beyond limits by so much [rad]."""
-    return time * (1.0 + DEAR * beyond)
+    return time * (1.0 + STARTS.dear * beyond)
 
 
 def _smoothed(
@@ -172,7 +170,7 @@ def _smoothed(
     best, radius = position, PROGRAM.first_radius
     unease = program.unease(best, time)
     # Where little is to be moved an arm that is stretched has the least to do.
-    regular = min(least_singular_value(problem, best), REGULAR) / 2.0
+    regular = min(least_singular_value(problem, best), WAYS.regular) / 2.0
     for _ in range(PROGRAM.smoothing):
         found = program.step(best, time, radius, pace=0.0)
         tried = None if found is None else _closed(problem, found[0], program.stands)
@@ -221,7 +219,7 @@ def _closed(problem: SeamProblem, position: FloatArray, stands: BoolArray) -> Fl
     # What one step leans beyond what is kept the next one takes back; a still part cannot while its tool is moved.
     bodies = chain.bodies(found.position)
     exact = chain.equations(bodies, problem.shares).exact.size
-    too_far = chain.leans_too_far(bodies, problem.shares, LEANT)
+    too_far = chain.leans_too_far(bodies, problem.shares, PROGRAM.leant)
     return found.position if exact.max() < CLOSED and not too_far else None
 
 
@@ -256,7 +254,7 @@ def work_moving(problem: SeamProblem) -> SeamMotion | NoSeam:
     """
     found = _ways(problem, moving=False)
     if not isinstance(found, NoSeam):
-        if steady_time(found[0], problem.limits) <= AMPLE * problem.time:
+        if steady_time(found[0], problem.limits) <= WAYS.ample * problem.time:
             return _motion(problem, found[0])
         stands = standing_joints(problem, moving=True)
         moving = [improved(problem, way, stands) for way in found]

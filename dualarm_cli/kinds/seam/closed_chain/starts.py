@@ -43,16 +43,16 @@ class SeamStartSettings:
     """
     farthest: float = 0.7
     """Joints that differ by more from node to node jump [rad]."""
+    rounded: float = 5e-3
+    """How far joints may be beyond the bounds for decisions, which lie inside the limits [rad]."""
+    dear: float = 5.0
+    """What a radian beyond limits counts, as a share of the time."""
 
 
 STARTS = SeamStartSettings()
 
 CLOSED = 1e-8
 """Residual of a chain that counts as closed [m, radians by TURN]."""
-ROUNDED = 5e-3
-"""How far joints may be beyond the bounds for decisions, which lie inside the limits [rad]."""
-DEAR = 5.0
-"""What a radian beyond limits counts, as a share of the time."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def seam_starts(problem: SeamProblem, *, moving: bool = False) -> SeamStarts:
     if problem.begin is None:
         ways = turned_back(problem, ways)
     costs = np.array([way_cost(problem, way) for way in ways])
-    costs *= 1.0 + DEAR * beyond_limits(problem, ways).max(axis=-1, initial=0.0)
+    costs *= 1.0 + STARTS.dear * beyond_limits(problem, ways).max(axis=-1, initial=0.0)
     return SeamStarts(ways[np.argsort(costs, kind="stable")], None)
 
 
@@ -217,7 +217,7 @@ def beyond_limits(problem: SeamProblem, position: FloatArray) -> FloatArray:
     """Returns how far the chain's joints (..., n) are beyond their bounds, the farthest of them, shape (...) [rad]."""
     low, high = problem.bounds
     # Closing the chain moves joints a little from where they were decided; the margin to the limits has room for it.
-    beyond = np.maximum(np.maximum(low - position, position - high) - ROUNDED, 0.0)
+    beyond = np.maximum(np.maximum(low - position, position - high) - STARTS.rounded, 0.0)
     found: FloatArray = (beyond * problem.chain.closes).max(axis=-1)
     return found
 

@@ -34,10 +34,6 @@ def steady_time(position: FloatArray, limits: JointLimits) -> float:
     return float(steady_times(position, limits).max())
 
 
-ROOM = 0.25
-"""Distance from limits, as a share of a joint's range, beyond which more is no better."""
-
-
 @dataclass(frozen=True)
 class WaySettings:
     """Numbers that choose between branches of a seam."""
@@ -48,14 +44,17 @@ class WaySettings:
     """Time beyond which limits and singular postures count no more [s]: the way to where the seam begins counts too."""
     arm: float = 0.5
     """Length by which singular values count metres [m]: about an arm's."""
+    room: float = 0.25
+    """Distance from limits, as a share of a joint's range, beyond which more is no better."""
+    regular: float = 0.15
+    """Least singular value above which more is no better."""
+    singular: float = 0.5
+    """Cost of a singular posture, as a share of the time."""
+    ample: float = 0.93
+    """Share of the required time at which a seam is fast enough; motion between nodes takes a little more."""
 
 
 WAYS = WaySettings()
-
-REGULAR, SINGULAR = 0.15, 0.5
-"""Least singular value above which more is no better, and what a singular posture counts, as a share of the time."""
-AMPLE = 0.93
-"""Share of the time that is asked for at which a seam is fast enough: the motion between nodes is a little dearer."""
 
 
 def turned_back(problem: SeamProblem, ways: FloatArray) -> FloatArray:
@@ -75,11 +74,11 @@ def way_cost(problem: SeamProblem, way: FloatArray) -> float:
     """
     limits = problem.limits
     room = np.minimum(way - limits.lower, limits.upper - way) / (limits.upper - limits.lower)
-    crowded = 1.0 - min(max(float(room[:, problem.chain.closes].min()) / ROOM, 0.0), 1.0)
-    time = max(steady_time(way, limits), AMPLE * problem.time)
-    singular = 1.0 - min(least_singular_value(problem, way) / REGULAR, 1.0)
+    crowded = 1.0 - min(max(float(room[:, problem.chain.closes].min()) / WAYS.room, 0.0), 1.0)
+    time = max(steady_time(way, limits), WAYS.ample * problem.time)
+    singular = 1.0 - min(least_singular_value(problem, way) / WAYS.regular, 1.0)
     coming = 0.0 if problem.coming is None else float(problem.coming(way[:1])[0])
-    near = (WAYS.crowded * crowded + SINGULAR * singular) * min(time, WAYS.long)
+    near = (WAYS.crowded * crowded + WAYS.singular * singular) * min(time, WAYS.long)
     return time + near + coming
 
 
