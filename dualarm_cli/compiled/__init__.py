@@ -1,4 +1,4 @@
-"""The compiled functions: loops over so many small numbers that calling numpy for each would take longer than they do.
+"""Bindings of the compiled functions: loops over small numbers that would be slow in numpy.
 
-Each module here calls the functions of one file of `src`; `dualarm_cli.native` loads the library.
+Each module calls the functions of one file or group of files in `src`; `dualarm_cli.native` loads the library.
 """

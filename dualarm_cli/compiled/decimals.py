@@ -1,4 +1,4 @@
-"""The compiled function of `src/decimals.c`: tables of decimal numbers as text."""
+"""Binding of `src/decimals.c`: formatting of tables of decimal numbers."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.native import library, numbers, pointer, whole
 
 PLACES = 9
-"""Most digits after the point."""
+"""Maximum number of decimal places."""
 LARGEST = 999_999.0
-"""Larger numbers are not written: up to it they have six digits before the point, and a double holds all."""
+"""Largest magnitude that is written: a double holds all of its digits."""
 WIDTH = 18
-"""Most characters of a number, with what follows it."""
+"""Maximum number of characters of a number with its separator."""
 
 
 def table_text(rows: FloatArray, digits: Sequence[int]) -> bytes:
-    """Returns numbers as lines, with commas between them, without zeros at the end and without -0.
+    """Format numbers as comma-separated lines, without trailing zeros and without -0.
 
     Args:
-        rows: the numbers, of LARGEST at most, shape (m, n).
-        digits: of each column, how many are written after the point, from 1 to PLACES, shape (n,).
+        rows: numbers of magnitude up to LARGEST, shape (m, n).
+        digits: decimal places of each column, from 1 to PLACES, shape (n,).
     """
     m, n = rows.shape
     text = np.empty(m * n * WIDTH, dtype=np.uint8)
     places = np.array(digits, dtype=np.int64)
-    given, scale, rest = numbers(rows), 10.0**places, whole(10 ** (PLACES - places))
+    table, scale, to_units = numbers(rows), 10.0**places, whole(10 ** (PLACES - places))
     write = library().table_text
     write.restype = ctypes.c_int64
     size = write(
-        pointer(given),
+        pointer(table),
         pointer(scale),
-        pointer(rest),
+        pointer(to_units),
         ctypes.c_int64(m),
         ctypes.c_int64(n),
         pointer(text),

@@ -1,4 +1,4 @@
-"""The compiled functions of `src/pair_margins.c`: how far pairs of a robot's solids are apart in many postures."""
+"""Binding of `src/pair_margins.c`: margins of pairs of a robot's solids in many postures."""
 
 from __future__ import annotations
 
@@ -15,62 +15,64 @@ from dualarm_cli.records import dataclass
 
 _pointer, _int64, _double = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 CAPSULE, PLANE, BOX = range(3)
-"""What the second solid of a pair is."""
+"""Kinds of the second solid of a pair."""
 FRAME, SEGMENT = 12, 6
-"""Numbers of a frame and of a capsule."""
+"""Sizes of a frame and of a capsule in doubles."""
 
 
 class _Arrays(PointerStruct):
-    """Members by their names."""
+    """Structure with array members that are set by name."""
 
     def put(self, **arrays: NDArray[np.float64] | NDArray[np.int64]) -> None:
-        """Points members at arrays."""
-        assert set(arrays) <= {name for name, *_ in self._fields_}  # others would be no pointers
-        own = {
+        """Set members to the addresses of arrays, which are kept alive."""
+        assert set(arrays) <= {
+            name for name, *_ in self._fields_
+        }  # an unknown name would set an attribute that C does not see
+        converted = {
             name: whole(array) if array.dtype.kind in "ib" else numbers(array)
             for name, array in arrays.items()
         }
-        for name, array in own.items():
+        for name, array in converted.items():
             setattr(self, name, pointer(array).value)
-        self.held = tuple(own.values())
+        self.held = tuple(converted.values())
 
 
 class JointSteps(_Arrays):
-    """A robot's joints: `Tree` in C."""
+    """Joints of a robot: `Tree` in C."""
 
     _fields_ = tuple((name, _pointer) for name in ("parent", "column", "slides", "R", "p"))
     count: int
     """Number of joints."""
     last: int
-    """The highest column of one."""
+    """Highest column of a joint."""
 
     @classmethod
     def of(
         cls, parent: IntArray, column: IntArray, slides: IntArray, R: FloatArray, p: FloatArray
     ) -> JointSteps:
-        """Returns j joints, the root link first; see `JointTree`.
+        """Build the structure of j joints, the root link first; see `JointTree`.
 
         Args:
-            parent: the joint before each, shape (j,).
-            column: of its position, shape (j,).
-            slides: whether it slides, shape (j,).
-            R: rotation before its motion, shape (j, 3, 3).
-            p: translation before its motion [m], shape (j, 3).
+            parent: parent joints, shape (j,).
+            column: columns of the joint positions, shape (j,).
+            slides: whether joints are prismatic, shape (j,).
+            R: rotations in the parent at zero, shape (j, 3, 3).
+            p: translations in the parent at zero [m], shape (j, 3).
         """
-        own = cls()
-        own.put(parent=parent, column=column, slides=slides, R=R, p=p)
-        own.count, own.last = len(parent), int(column.max())
-        return own
+        steps = cls()
+        steps.put(parent=parent, column=column, slides=slides, R=R, p=p)
+        steps.count, steps.last = len(parent), int(column.max())
+        return steps
 
 
 class SolidPairs(_Arrays):
-    """Pairs of solids: `Group` in C."""
+    """Pairs of solids: `Pairs` in C."""
 
     _fields_ = (
         *(
             (name, _pointer)
             for name in (
-                *("joint", "capsule_joint", "center", "half", "one", "kind", "other"),
+                *("joint", "capsule_joint", "center", "half", "capsule", "kind", "solid"),
                 *("slack", "ball", "rough", "normal"),
                 *("box_joint", "axes", "box_center", "box_half"),
             )
@@ -80,37 +82,37 @@ class SolidPairs(_Arrays):
 
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[np.float64] | NDArray[np.int64]]) -> SolidPairs:
-        """Returns pairs.
+        """Build the structure of pairs.
 
         Args:
-            arrays: c capsules, `capsule_joint` (c,), `center` and `half` (c, 3); q pairs of a capsule `one` and an
-                `other` of a `kind` (CAPSULE, PLANE, BOX), with `slack`, `ball` [m] and `rough`, (q,); planes' `normal`
-                (…, 3); boxes' `box_joint`, `axes` (…, 3, 3), `box_center` and `box_half` (…, 3) [m]; `joint` has those
-                whose frames are needed, rising, without the root link.
+            arrays: c capsules, `capsule_joint` (c,), `center` and `half` (c, 3); q pairs of a `capsule` and a `solid`
+                of a `kind` (CAPSULE, PLANE, BOX), with `slack`, `ball` [m] and `rough`, (q,); planes' `normal`
+                (…, 3); boxes' `box_joint`, `axes` (…, 3, 3), `box_center` and `box_half` (…, 3) [m]; `joint` lists the
+                joints whose frames are required, ascending, without the root link.
         """
-        own = cls(
+        pairs = cls(
             joints=len(arrays["joint"]),
             capsules=len(arrays["capsule_joint"]),
-            pairs=len(arrays["one"]),
+            pairs=len(arrays["capsule"]),
             roughs=int(arrays["rough"].max(initial=-1)) + 1,
         )
-        own.put(**arrays)
-        return own
+        pairs.put(**arrays)
+        return pairs
 
 
 @dataclass(frozen=True)
 class Scenes:
-    """Pairs of a group that count, by scene."""
+    """Checked pairs of a group by scene."""
 
     first: IntArray
-    """Offsets of each scene's pairs in `listed`, and its length, shape (s + 1,)."""
+    """Offsets of the scenes in `listed`, and its length, shape (s + 1,)."""
     listed: IntArray
-    """Numbers of pairs, scene by scene."""
+    """Indices of pairs, scene by scene."""
 
     def of(self, scene: int) -> list[int]:
-        """Return the numbers of the pairs of a scene."""
-        found: list[int] = self.listed[self.first[scene] : self.first[scene + 1]].tolist()
-        return found
+        """Return the indices of the pairs of a scene."""
+        pairs: list[int] = self.listed[self.first[scene] : self.first[scene + 1]].tolist()
+        return pairs
 
 
 def pair_margins(
@@ -120,38 +122,41 @@ def pair_margins(
     enough: float,
     scenes: tuple[Scenes, IntArray] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns the least margin of all pairs that are not rough, shape (n,), and those of rough ones, (rough, n) [m].
+    """Compute the least margin of the exact pairs and the margins of the rough pairs [m].
 
     Args:
-        joints: the robot's.
-        pairs: of its solids.
-        position: all joints [rad, m], shape (n, columns).
-        enough: margins that balls around capsules show to be greater are not computed closely [m].
-        scenes: which pairs count in which scene, and the scene of each row, shape (n,); None: all pairs. Margins of
-            rough pairs that do not count are infinite.
+        joints: joints of the robot.
+        pairs: pairs of its solids.
+        position: joint positions [rad, m], shape (n, columns).
+        enough: margin from bounding balls from which on no closer one is computed [m].
+        scenes: pairs of each scene, and the scene of each row, shape (n,); None checks all pairs.
+
+    Returns:
+        Least margins of the pairs that are not rough, shape (n,); margins of the rough pairs, shape (rough, n),
+        infinite for pairs that are not in the row's scene.
     """
-    given = numbers(position)
-    n, columns = given.shape
-    assert columns > joints.last  # or columns would be read that there are not
-    least, closer = np.empty(n), np.empty((pairs.roughs, n))
+    rows = numbers(position)
+    n, columns = rows.shape
+    assert columns > joints.last  # C does not check its bounds
+    least, rough = np.empty(n), np.empty((pairs.roughs, n))
     frames = np.empty((joints.count, FRAME))
     capsules = np.empty((max(1, pairs.capsules), SEGMENT))
-    own: list[IntArray] = []
+    selection: list[IntArray] = []
     if scenes is not None:
         lists, scene = scenes
         assert not n or 0 <= scene.min() <= scene.max() < len(lists.first) - 1
-        own = [whole(array) for array in (scene, lists.first, lists.listed)]
+        selection = [whole(array) for array in (scene, lists.first, lists.listed)]
     library().pair_margins(
         byref(joints),
         byref(pairs),
-        pointer(given),
+        pointer(rows),
         _int64(columns),
         _int64(n),
-        *([pointer(array) for array in own] or [_pointer()] * 3),
+        *([pointer(array) for array in selection] or [_pointer()] * 3),
         _double(enough),
         pointer(frames),
         pointer(capsules),
         pointer(least),
-        pointer(closer),
+        pointer(rough),
     )
-    return least, closer
+    return least, rough

@@ -1,4 +1,4 @@
-"""The compiled function of `src/posture_cells.c`: cells that hold every posture of a flange pose."""
+"""Binding of `src/posture_cells.c`: cells that enclose every posture of a flange pose."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray, distinct
 from dualarm_cli.native import library, numbers, pointer, whole
 
 _pointer, _int64 = ctypes.c_void_p, ctypes.c_int64
-PER_PART = 4
-"""So many cells of each platform cell, branch and part of the circle there is room for at first."""
+CELLS_PER_PART = 4
+"""Initial capacity in cells per platform cell, branch and part of the circle."""
 
 
 class _Intervals(ctypes.Structure):
-    """`Intervals` in C."""
+    """Intervals of the platform angle: `Intervals` in C."""
 
     _fields_ = (
         *((name, _pointer) for name in ("cell", "low", "high", "line")),
@@ -26,17 +26,17 @@ class _Intervals(ctypes.Structure):
 
 
 class _LineLaw(ctypes.Structure):
-    """`LineLaw` in C."""
+    """Least times of joints on lines: `LineLaw` in C."""
 
-    _fields_ = (("time", _pointer), ("per_step", ctypes.c_double), ("steps", _int64))
+    _fields_ = (("time", _pointer), ("steps_per_rad", ctypes.c_double), ("steps", _int64))
 
 
 class _Cells(ctypes.Structure):
-    """`Cells` in C."""
+    """Output cells: `Cells` in C."""
 
     _fields_ = (
         *((name, _pointer) for name in ("cell", "branch", "low", "high", "line")),
-        ("most", _int64),
+        ("capacity", _int64),
         ("count", _int64),
     )
 
@@ -49,39 +49,39 @@ def posture_cells(
     circle: tuple[int, int],
     free_last: bool,
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
-    """Returns cells around all postures, in order of their platform cell, branch and part of the circle; n of them.
+    """Compute n cells around all postures, ordered by platform cell, branch and part of the circle.
 
     Args:
         arm: `SrsArm.numbers`.
         pose: flange rotation, (3, 3), and position [m], (3,), in the carried frame at platform angle zero.
         line: flange position at the other end of the line [m], (3,), and `RestToRest.time_table`; None without a line.
-        intervals: platform cell of each of c intervals of its angle, ascending, where they begin and end [rad], and a
-            floor of the line's time over each of them [s], shape (c,) each.
-        circle: into how many parts the circle of elbows is cut, and each of these for enclosures.
+        intervals: platform cells of c intervals of the platform angle, ascending, their starts and ends [rad], and
+            lower bounds of the line's time [s], shape (c,) each.
+        circle: number of parts of the circle of arm angles, and of fine cells per part.
         free_last: whether joint 7 is free.
 
     Returns:
-        Platform cell and branch, shape (n,) each; lowest and highest joints and, last, platform angle [rad], shape
-        (n, 8) each; least time of the line [s], shape (n,).
+        Platform cells and branches, shape (n,) each; lowest and highest joints, and platform angle [rad], shape
+        (n, 8) each; least times of the line [s], shape (n,).
 
     Raises:
-        MemoryError: there is none.
+        MemoryError: out of memory.
     """
-    target, per_step, times = line or (pose[1], 1.0, np.zeros((7, 0), dtype=np.float32))
-    whose = [numbers(x) for x in (arm, *pose, target)]
-    law = _LineLaw(pointer(times), per_step, times.shape[1])
+    target, steps_per_rad, times = line or (pose[1], 1.0, np.zeros((7, 0), dtype=np.float32))
+    geometry = [numbers(x) for x in (arm, *pose, target)]
+    law = _LineLaw(pointer(times), steps_per_rad, times.shape[1])
     held = whole(intervals[0]), *map(numbers, intervals[1:])
-    given = _Intervals(*map(pointer, held), len(held[0]))
+    platform = _Intervals(*map(pointer, held), len(held[0]))
     parts = *map(_int64, circle), _int64(free_last)
-    most = PER_PART * len(distinct(intervals[0])) * 8 * circle[0]
+    capacity = CELLS_PER_PART * len(distinct(intervals[0])) * 8 * circle[0]
     while True:
-        index, branch = (np.empty(most, dtype=np.int64) for _ in range(2))
-        low, high, least = np.empty((most, 8)), np.empty((most, 8)), np.empty(most)
+        index, branch = (np.empty(capacity, dtype=np.int64) for _ in range(2))
+        low, high, least = np.empty((capacity, 8)), np.empty((capacity, 8)), np.empty(capacity)
         arrays = (index, branch, low, high, least)
-        found = _Cells(*map(pointer, arrays), most, 0)
-        call = *map(pointer, whose), byref(law), byref(given), *parts, byref(found)
+        cells = _Cells(*map(pointer, arrays), capacity, 0)
+        call = *map(pointer, geometry), byref(law), byref(platform), *parts, byref(cells)
         if library().posture_cells(*call):
             raise MemoryError
-        if found.count <= most:
-            return tuple(x[: found.count].copy() for x in arrays)  # type: ignore[return-value]
-        most = found.count
+        if cells.count <= capacity:
+            return tuple(x[: cells.count].copy() for x in arrays)  # type: ignore[return-value]
+        capacity = cells.count

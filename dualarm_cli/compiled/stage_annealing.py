@@ -1,4 +1,4 @@
-"""The compiled function of `src/stage_annealing.c`: rounds of annealing of an order of two arms' stages."""
+"""Binding of `src/stage_annealing.c`: simulated annealing of the order of two arms' stages."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray, SingleArray
 from dualarm_cli.native import PointerStruct, library, pointer, whole
 
 _pointer, _int64, _double = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
-MOST_STAGES = 16
-"""Stages that one change may replace, as in C."""
+MAX_STAGES = 16
+"""Maximum number of stages that a change replaces, as in C."""
 
 
 def _singles(array: NDArray[np.floating]) -> SingleArray:
     return np.ascontiguousarray(array, dtype=np.float32)
 
 
-class PairedLengths(PointerStruct):
-    """Lengths of stages: `Problem` in C."""
+class PairedStageTimes(PointerStruct):
+    """Times of stages of two arms: `Problem` in C."""
 
     _fields_ = (
         ("length", _pointer * 2),
         ("least", _pointer * 2),
-        ("apart", _pointer),
-        ("turns_back", _pointer),
+        ("pair_cost", _pointer),
+        ("platform_return", _pointer),
         ("stops", _int64),
         ("angles", _int64),
         ("free_start", _int64),
@@ -39,60 +39,60 @@ class PairedLengths(PointerStruct):
         cls,
         length: tuple[FloatArray, FloatArray],
         least: tuple[FloatArray, FloatArray],
-        apart: NDArray[np.floating] | None,
-        turns_back: FloatArray,
+        pair_cost: NDArray[np.floating] | None,
+        platform_return: FloatArray,
         *,
         free_start: bool,
-    ) -> PairedLengths:
-        """Returns the lengths, in single precision.
+    ) -> PairedStageTimes:
+        """Convert the times to single precision.
 
         Args:
-            length: by arm, as `StageProblem.length` has them [s], shape (s + 1, s + 2, f, f).
-            least: the least of them over both angles [s], shape (s + 1, s + 2).
-            apart: as `StageProblem.apart` has it [s], shape (s + 2, s + 2, f).
-            turns_back: how long the platform takes back from each angle [s], shape (f,).
-            free_start: whether the platform may stand at any angle to begin with.
+            length: times of each arm, as in `StageProblem.length` [s], shape (s + 1, s + 2, f, f).
+            least: their minima over both angles [s], shape (s + 1, s + 2).
+            pair_cost: costs of simultaneous stops, as in `StageProblem.apart` [s], shape (s + 2, s + 2, f).
+            platform_return: times of the platform back from each angle [s], shape (f,).
+            free_start: whether the platform may start at any angle.
         """
         tables = tuple(_singles(x) for x in (*length, *least))
-        back = np.ascontiguousarray(turns_back, dtype=np.float64)
-        near = None if apart is None else _singles(apart)
-        one, other, low, high = (pointer(x).value for x in tables)
-        own = cls(
-            (_pointer * 2)(one, other),
-            (_pointer * 2)(low, high),
-            None if near is None else pointer(near).value,
+        back = np.ascontiguousarray(platform_return, dtype=np.float64)
+        cost = None if pair_cost is None else _singles(pair_cost)
+        first, second, least_first, least_second = (pointer(x).value for x in tables)
+        times = cls(
+            (_pointer * 2)(first, second),
+            (_pointer * 2)(least_first, least_second),
+            None if cost is None else pointer(cost).value,
             pointer(back).value,
             len(length[0]) - 1,
             len(back),
             free_start,
         )
-        own.held = (*tables, near, back)
-        return own
+        times.held = (*tables, cost, back)
+        return times
 
 
 class AnnealedTasks(PointerStruct):
-    """What tasks consist of: `Tasks` in C."""
+    """Tasks and their stops: `Tasks` in C."""
 
     _fields_ = (
         *(
             (name, _pointer)
-            for name in ("begin", "stop", "task", "inner", "sorted", "alike", "near")
+            for name in ("begin", "stop", "task", "inner", "sorted", "same_size", "neighbours")
         ),
         ("tasks", _int64),
-        ("nears", _int64),
+        ("neighbour_count", _int64),
         ("singles", _int64),
     )
 
     @classmethod
-    def of(cls, tasks: Sequence[Sequence[int]], near: IntArray) -> AnnealedTasks:
-        """Returns the tasks.
+    def of(cls, tasks: Sequence[Sequence[int]], neighbours: IntArray) -> AnnealedTasks:
+        """Build the structure of t tasks.
 
         Args:
-            tasks: stops of each, numbered from 0 on; t of them.
-            near: other tasks that are near each, shape (t, k); k is 1 or more.
+            tasks: stops of each task, numbered from 0 on.
+            neighbours: other tasks near each task, shape (t, k), k at least 1.
         """
-        sizes = np.array([len(own) for own in tasks])
-        stop = np.concatenate([np.array(own, dtype=np.int64) for own in tasks])
+        sizes = np.array([len(stops) for stops in tasks])
+        stop = np.concatenate([np.array(stops, dtype=np.int64) for stops in tasks])
         task, inner = np.zeros(len(stop) + 1, np.int64), np.zeros(len(stop) + 1, np.int64)
         for t, stops in enumerate(tasks):
             task[list(stops)], inner[list(stops[:-1])] = t, 1
@@ -105,19 +105,19 @@ class AnnealedTasks(PointerStruct):
             inner,
             whole(order),
             whole(np.stack(sides, axis=1)),
-            whole(near),
+            whole(neighbours),
         )
-        places = (pointer(x).value for x in held)
-        own = cls(*places, len(sizes), near.shape[1], bool((sizes == 1).all()))
-        own.held = held
-        return own
+        addresses = (pointer(x).value for x in held)
+        structure = cls(*addresses, len(sizes), neighbours.shape[1], bool((sizes == 1).all()))
+        structure.held = held
+        return structure
 
 
-class AnnealingShares(PointerStruct):
-    """How much of what is tried: `Shares` in C."""
+class AnnealingSettings(PointerStruct):
+    """Settings of the annealing: `Settings` in C."""
 
     _fields_ = (
-        *((name, _int64) for name in ("exchanges", "changes", "moves", "widths")),
+        *((name, _int64) for name in ("exchanges", "permutations", "moves", "widths")),
         ("width", _pointer),
         *((name, _double) for name in ("far", "idle", "alone")),
     )
@@ -127,106 +127,114 @@ class AnnealingShares(PointerStruct):
         cls,
         counts: tuple[int, int, int],
         widths: Sequence[int],
-        shares: tuple[float, float, float],
-    ) -> AnnealingShares:
-        """Returns the numbers.
+        fractions: tuple[float, float, float],
+    ) -> AnnealingSettings:
+        """Build the settings.
 
         Args:
-            counts: exchanges of tasks, changes within a few stages, and moves of runs of stages, in each round.
-            widths: so many stages those changes are, round after round; up to MOST_STAGES.
-            shares: of exchanges that are with a task that is not near, with an idle arm, and with stages of its own.
+            counts: exchanges of tasks, permutations of stops, and moves of runs of stages per round.
+            widths: stages of a permutation, taken in turn by the rounds, up to MAX_STAGES.
+            fractions: fractions of exchanges with a distant task, with an idle arm, and with new stages.
         """
         held = np.array(widths, dtype=np.int64)
-        own = cls(*counts, len(held), pointer(held).value, *shares)
-        own.held = (held,)
-        return own
+        settings = cls(*counts, len(held), pointer(held).value, *fractions)
+        settings.held = (held,)
+        return settings
 
 
-class StageLine(PointerStruct):
-    """An order with a platform angle for each stage: `Line` in C. Stage 0 is the start, the last one the way back.
+class AnnealedOrder(PointerStruct):
+    """Order of stages with platform angles: `Order` in C.
 
-    All other angles stay as they are when a change is priced, so that an order is never longer than its changes say.
+    Stage 0 is the start, the last one the return. A change is evaluated with all other angles fixed, so the total time
+    is never longer than the sum of the predicted changes.
     """
 
     _fields_ = (
-        *((name, _pointer) for name in ("_rows", "_came", "_next", "_angle")),
-        *((name, _pointer) for name in ("_cost", "_turned", "_sum", "_turned_sum")),
-        *((name, _pointer) for name in ("_halves", "_place", "_idle", "_cut", "_best_rows")),
-        *((name, _int64) for name in ("count", "_idles", "_cuts", "_best_count")),
+        *((name, _pointer) for name in ("_stops", "_previous", "_next", "_angle")),
+        *((name, _pointer) for name in ("_cost", "_reversed", "_sum", "_reversed_sum")),
+        *((name, _pointer) for name in ("_idle_sum", "_place", "_idle", "_cut", "_best_stops")),
+        *((name, _int64) for name in ("count", "_idle_count", "_cut_count", "_best_count")),
         ("best", _double),
-        ("claimed", _double),
+        ("predicted", _double),
         ("_random", ctypes.c_uint64),
     )
 
     @classmethod
-    def of(cls, lengths: PairedLengths, slots: IntArray, seed: int) -> StageLine:
-        """Returns an order with the best angles for it.
+    def of(cls, times: PairedStageTimes, slots: IntArray, seed: int) -> AnnealedOrder:
+        """Build an order, at platform angle 0 throughout.
 
         Args:
-            lengths: of its stages.
-            slots: the order, shape (n, 2); n is 1 or more.
-            seed: of all that is drawn, of 64 bits.
+            times: times of its stages.
+            slots: stops of both arms by stage, shape (n, 2), n at least 1.
+            seed: 64-bit seed of the random numbers.
         """
-        stops = lengths.stops
-        # There is a stop in each stage; more of them only while a task goes to others.
-        room = max(len(slots), stops) + MOST_STAGES + 3
-        stages = np.full((room, 2), stops, dtype=np.int64)
+        stops = times.stops
+        # There is a stop in each stage, and there are more stages only while a change is applied.
+        capacity = max(len(slots), stops) + MAX_STAGES + 3
+        stages = np.full((capacity, 2), stops, dtype=np.int64)
         stages[1 : len(slots) + 1] = slots
-        pairs = [np.full((room, 2), stops, dtype=np.int64) for _ in range(2)]
-        numbers = [np.zeros(room) for _ in range(4)]
-        places = [np.zeros(2 * room, dtype=np.int64) for _ in range(4)]
-        held = (stages, *pairs, np.zeros(room, np.int64), *numbers, *places, np.zeros_like(stages))
-        own = cls(*(pointer(x).value for x in held), len(slots) + 2, 0, 0, 0, np.inf, 0.0, seed)
-        own.held = (*held, np.empty((room, lengths.angles)))
-        return own
+        pairs = [np.full((capacity, 2), stops, dtype=np.int64) for _ in range(2)]
+        numbers = [np.zeros(capacity) for _ in range(4)]
+        places = [np.zeros(2 * capacity, dtype=np.int64) for _ in range(4)]
+        held = (
+            stages,
+            *pairs,
+            np.zeros(capacity, np.int64),
+            *numbers,
+            *places,
+            np.zeros_like(stages),
+        )
+        order = cls(*(pointer(x).value for x in held), len(slots) + 2, 0, 0, 0, np.inf, 0.0, seed)
+        order.held = (*held, np.empty((capacity, times.angles)))
+        return order
 
     @property
     def slots(self) -> IntArray:
-        """The order, shape (n, 2)."""
-        found: IntArray = np.array(self.held[0][1 : self.count - 1])
-        return found
+        """Stops of both arms by stage, shape (n, 2)."""
+        slots: IntArray = np.array(self.held[0][1 : self.count - 1])
+        return slots
 
     @property
     def angles(self) -> IntArray:
-        """The angle at the start, and of each stage, shape (n + 1,)."""
-        found: IntArray = np.array(self.held[3][: self.count - 1])
-        return found
+        """Angle indices at the start and of each stage, shape (n + 1,)."""
+        angles: IntArray = np.array(self.held[3][: self.count - 1])
+        return angles
 
     @property
     def total(self) -> float:
-        """When all is done [s]."""
+        """Total time [s]."""
         return float(self.held[6][self.count])
 
     @property
     def best_slots(self) -> IntArray:
-        """The best order so far, of which `best` is the total [s], shape (m, 2)."""
-        found: IntArray = np.array(self.held[12][1 : self._best_count - 1])
-        return found
+        """Stops of the best order so far, with total time `best`, shape (m, 2)."""
+        slots: IntArray = np.array(self.held[12][1 : self._best_count - 1])
+        return slots
 
 
 def anneal_stages(
-    lengths: PairedLengths,
+    times: PairedStageTimes,
     tasks: AnnealedTasks,
-    shares: AnnealingShares,
-    line: StageLine,
+    settings: AnnealingSettings,
+    order: AnnealedOrder,
     rounds: range,
-    heat: tuple[float, float],
+    cooling: tuple[float, float],
 ) -> None:
-    """Makes some rounds of annealing, and then chooses all angles anew.
+    """Anneal an order for some rounds, then choose all its angles again.
 
     Args:
-        lengths: of stages.
-        tasks: what they consist of.
-        shares: how much of what is tried in each round.
-        line: the order, which is changed.
-        rounds: their numbers.
-        heat: temperature in the first of them [s], and by which factor it changes with each.
+        times: times of the stages.
+        tasks: tasks and their stops.
+        settings: settings of the annealing.
+        order: the order, which is changed.
+        rounds: indices of the rounds.
+        cooling: temperature of the first round [s], and the factor from round to round.
 
     Raises:
-        ValueError: there are more angles than the function has room for.
+        ValueError: more angles than the compiled function supports.
     """
-    structures = (byref(one) for one in (lengths, tasks, shares, line))
-    numbers = _int64(rounds.start), _int64(len(rounds)), *(_double(x) for x in heat)
-    over = pointer(line.held[-1])
-    if library().anneal_stages(*structures, *numbers, over):
-        raise ValueError(f"{lengths.angles} angles")
+    structures = (byref(x) for x in (times, tasks, settings, order))
+    numbers = _int64(rounds.start), _int64(len(rounds)), *(_double(x) for x in cooling)
+    buffer = pointer(order.held[-1])
+    if library().anneal_stages(*structures, *numbers, buffer):
+        raise ValueError(f"{times.angles} angles")

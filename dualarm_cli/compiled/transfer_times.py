@@ -1,4 +1,4 @@
-"""Interface of the compiled functions in `src/transfer_times.c`."""
+"""Binding of `src/transfer_times.c`: least transfer times between boxes of joint coordinates."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _pointer, _int32, _int64 = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64
 
 
 class Laws(PointerStruct):
-    """Tables of times: `Laws` in C."""
+    """Tables of rest-to-rest times: `Laws` in C."""
 
     _fields_ = (
         ("table", _pointer),
@@ -28,16 +28,16 @@ class Laws(PointerStruct):
     def of(
         cls, table: NDArray[np.float32], column: NDArray[np.int32], end: NDArray[np.int32]
     ) -> Laws:
-        """Returns the tables of classes of joints.
+        """Build the structure of tables, one per class of joints.
 
         Args:
-            table: time of every number of steps [s], class by class, shape (classes, steps).
-            column: coordinates of all classes, one class after the other.
-            end: where each class ends in `column`, shape (classes,).
+            table: times by number of steps [s], shape (classes, steps).
+            column: coordinates of all classes, in order of the classes.
+            end: end of each class in `column`, shape (classes,).
         """
-        own = cls(pointer(table), pointer(column), pointer(end), *table.shape)
-        own.held = table, column, end
-        return own
+        laws = cls(pointer(table), pointer(column), pointer(end), *table.shape)
+        laws.held = table, column, end
+        return laws
 
 
 class CoordinateBoxes(PointerStruct):
@@ -47,20 +47,20 @@ class CoordinateBoxes(PointerStruct):
 
 
 def boxes(low: NDArray[np.int16], high: NDArray[np.int16]) -> CoordinateBoxes:
-    """Returns boxes.
+    """Build the structure of n boxes in c coordinates.
 
     Args:
         low: lowest coordinates, shape (c, n).
-        high: highest ones, shape (c, n).
+        high: highest coordinates, shape (c, n).
     """
     held = tuple(np.ascontiguousarray(x, dtype=np.int16) for x in (low, high))
-    own = CoordinateBoxes(pointer(held[0]), pointer(held[1]), low.shape[1])
-    own.held = held
-    return own
+    structure = CoordinateBoxes(pointer(held[0]), pointer(held[1]), low.shape[1])
+    structure.held = held
+    return structure
 
 
 class CellRuns(PointerStruct):
-    """Cells in runs, where transfers begin or end: `Side` in C."""
+    """Cells at which transfers begin or end, in runs: `CellRuns` in C."""
 
     _fields_ = (
         ("cells", CoordinateBoxes),
@@ -77,21 +77,21 @@ class CellRuns(PointerStruct):
         runs: CoordinateBoxes,
         first: NDArray[np.int64],
     ) -> CellRuns:
-        """Returns cells in runs.
+        """Build the structure of n cells in b runs.
 
         Args:
             cells: n boxes.
-            group: group of each of them, ascending, shape (n,).
-            runs: b boxes around cells next to each other, each within one group.
+            group: platform cell of each cell, ascending, shape (n,).
+            runs: b boxes around consecutive cells, each within one group.
             first: first cell of each run, and n, shape (b + 1,).
         """
-        own = cls(cells, pointer(group), runs, pointer(first))
-        own.held = cells, group, runs, first
-        return own
+        structure = cls(cells, pointer(group), runs, pointer(first))
+        structure.held = cells, group, runs, first
+        return structure
 
 
 class LineEnds(PointerStruct):
-    """Cells at one end of a stop's lines: `End` in C."""
+    """Cells at one end of a stop's lines: `LineEnds` in C."""
 
     _fields_ = (("cells", CoordinateBoxes), ("first", _pointer), ("line", _pointer))
 
@@ -99,50 +99,50 @@ class LineEnds(PointerStruct):
     def of(
         cls, cells: CoordinateBoxes, first: NDArray[np.int64], line: NDArray[np.float32]
     ) -> LineEnds:
-        """Returns cells in groups.
+        """Build the structure of n cells in g groups.
 
         Args:
             cells: n boxes, in order of their groups.
-            first: first cell of each of g groups, and n, shape (g + 1,).
+            first: first cell of each group, and n, shape (g + 1,).
             line: least time of the line at each cell [s], shape (n,).
         """
-        own = cls(cells, pointer(first), pointer(line))
-        own.held = cells, first, line
-        return own
+        structure = cls(cells, pointer(first), pointer(line))
+        structure.held = cells, first, line
+        return structure
 
 
 def least_work(
-    laws: Laws, approach: LineEnds, retract: LineEnds, groups: int, rest: NDArray[np.float32]
+    laws: Laws, approach: LineEnds, retract: LineEnds, groups: int, remaining: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Returns the least of max(way, both lines) + rest from every cell to all others of its group [s], shape (n,).
+    """Minimise max(transfer, both lines) + remaining over the retract cells of each group [s], shape (n,).
 
     Args:
         laws: tables of times.
-        approach: n cells where the approach begins.
-        retract: m cells where the retract ends.
+        approach: n cells at which the approach begins.
+        retract: m cells at which the retract ends.
         groups: number of groups.
-        rest: from each of the latter [s], shape (m,).
+        remaining: time after each retract cell [s], shape (m,).
 
     Raises:
-        MemoryError: there is none.
+        MemoryError: out of memory.
     """
     least = np.full(approach.cells.count, np.inf, dtype=np.float32)
-    arguments = *map(byref, (laws, approach, retract)), _int64(groups), pointer(rest)
-    _checked(library().least_work(*arguments, pointer(least)))
+    arguments = *map(byref, (laws, approach, retract)), _int64(groups), pointer(remaining)
+    _check(library().least_work(*arguments, pointer(least)))
     return least
 
 
 def gap_times(laws: Laws, before: CoordinateBoxes, after: CoordinateBoxes) -> NDArray[np.float32]:
-    """Returns the least times between all pairs of boxes [s], shape (n, m).
+    """Compute the least times between all pairs of boxes [s], shape (n, m).
 
     Args:
         laws: tables of times.
-        before: n boxes where transfers begin.
-        after: m boxes where they end.
+        before: n boxes at which transfers begin.
+        after: m boxes at which they end.
     """
-    found = np.empty((before.count, after.count), dtype=np.float32)
-    library().gap_times(byref(laws), byref(before), byref(after), pointer(found))
-    return found
+    times = np.empty((before.count, after.count), dtype=np.float32)
+    library().gap_times(byref(laws), byref(before), byref(after), pointer(times))
+    return times
 
 
 def work_times(
@@ -152,24 +152,26 @@ def work_times(
     work: NDArray[np.float32],
     groups: tuple[NDArray[np.int64], NDArray[np.int64], int],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Returns the times of all transfers with the work after them [s], (n, m), and the least for every pair of groups.
+    """Compute the times of all transfers including work, and their minima for each pair of groups [s].
 
     Args:
         laws: tables of times.
-        before: coordinates where transfers begin, shape (c, n).
-        after: where they end, shape (c, m).
-        work: of each of these [s], shape (m,).
-        groups: group of each coordinate where transfers begin, (n,), and end, ascending, (m,), and their number g; the
-            second answer is of shape (g, g), infinite for none.
+        before: coordinates at which transfers begin, shape (c, n).
+        after: coordinates at which they end, shape (c, m).
+        work: time added at each end [s], shape (m,).
+        groups: groups of the begins, (n,), and of the ends, ascending, (m,), and their number g.
+
+    Returns:
+        Times, shape (n, m); minima, infinite for pairs of groups without transfers, shape (g, g).
     """
-    *each, count = groups
-    rows, columns = (_groups(own, count) for own in each)
+    *both, count = groups
+    rows, columns = (_groups(group, count) for group in both)
     first = np.searchsorted(columns, np.arange(count + 1)).astype(np.int64)
-    own = np.ascontiguousarray(work, dtype=np.float32)
+    added = np.ascontiguousarray(work, dtype=np.float32)
     times = np.empty((before.shape[1], after.shape[1]), dtype=np.float32)
-    assert (len(rows), len(columns), len(own)) == (*times.shape, times.shape[1])
+    assert (len(rows), len(columns), len(added)) == (*times.shape, times.shape[1])
     least = np.full((count, count), np.inf, dtype=np.float32)
-    ends = *map(byref, (boxes(before, before), boxes(after, after))), pointer(own)
+    ends = *map(byref, (boxes(before, before), boxes(after, after))), pointer(added)
     cells = pointer(rows), pointer(first), _int64(count)
     library().work_times(byref(laws), *ends, *cells, pointer(times), pointer(least))
     return times, least
@@ -179,34 +181,36 @@ def least_through(
     times: NDArray[np.float32],
     groups: tuple[NDArray[np.int64], NDArray[np.int64]],
     floor: NDArray[np.float32],
-    left: NDArray[np.float32],
+    remaining: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Returns the least of max(time, floor) + left from every row [s], shape (n,).
+    """Minimise max(time, floor) + remaining over the columns of each row [s], shape (n,).
 
     Args:
-        times: of stages [s], shape (n, m).
-        groups: of the rows, those of one next to each other, (n,), and of the columns, (m,).
-        floor: least length of the stage for every pair of groups [s], shape (g, g).
-        left: what is left after every column [s], shape (m,).
+        times: stage times [s], shape (n, m).
+        groups: groups of the rows, equal ones consecutive, (n,), and of the columns, (m,).
+        floor: least stage time of each pair of groups [s], shape (g, g).
+        remaining: time after each column [s], shape (m,).
 
     Raises:
-        MemoryError: there is none.
+        MemoryError: out of memory.
     """
-    rows, columns = (_groups(own, len(floor)) for own in groups)
-    time, table, rest = (np.ascontiguousarray(x, dtype=np.float32) for x in (times, floor, left))
-    assert (len(rows), len(columns), len(rest)) == (*time.shape, time.shape[1])
+    rows, columns = (_groups(group, len(floor)) for group in groups)
+    time, table, after = (
+        np.ascontiguousarray(x, dtype=np.float32) for x in (times, floor, remaining)
+    )
+    assert (len(rows), len(columns), len(after)) == (*time.shape, time.shape[1])
     least = np.empty(len(time), dtype=np.float32)
     pairs = pointer(time), *map(_int64, time.shape), pointer(rows), pointer(columns)
-    others = _int64(len(table)), pointer(table), pointer(rest)
-    _checked(library().least_through(*pairs, *others, pointer(least)))
+    others = _int64(len(table)), pointer(table), pointer(after)
+    _check(library().least_through(*pairs, *others, pointer(least)))
     return least
 
 
-def _groups(given: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Returns groups, of so many, as compiled functions read them."""
-    found = whole(given)
-    assert not len(found) or (found.min() >= 0 and found.max() < count)
-    return found
+def _groups(index: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Convert group indices below `count` for compiled functions."""
+    groups = whole(index)
+    assert not len(groups) or (groups.min() >= 0 and groups.max() < count)
+    return groups
 
 
 def least_by_groups(
@@ -216,51 +220,52 @@ def least_by_groups(
     work: NDArray[np.float32],
     least: NDArray[np.float32],
 ) -> None:
-    """Lowers `least` to the least of transfer and work for every pair of groups.
+    """Lower `least` to the minima of transfer plus work for each pair of groups.
 
     Args:
         laws: tables of times.
-        before: where transfers begin.
-        after: where they end, m cells.
-        work: of each of these [s], shape (m,).
-        least: [s], shape (g, g).
+        before: cells at which transfers begin.
+        after: m cells at which they end.
+        work: time added at each end [s], shape (m,).
+        least: times [s], shape (g, g).
 
     Raises:
-        MemoryError: there is none.
+        MemoryError: out of memory.
     """
     work = np.ascontiguousarray(work, dtype=np.float32)
     arguments = byref(laws), byref(before), byref(after), pointer(work), _int64(len(least))
-    _checked(library().least_by_groups(*arguments, pointer(least)))
+    _check(library().least_by_groups(*arguments, pointer(least)))
 
 
 def least_from(
     laws: Laws,
     before: CellRuns,
     after: CellRuns,
-    own: NDArray[np.float32],
+    arrival: NDArray[np.float32],
     floor: NDArray[np.float32],
-    beyond: NDArray[np.float32],
+    remaining: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Minimise max(transfer + own, floor + beyond) over the cells of `after` [s], shape (n,).
+    """Minimise max(transfer + arrival, floor + remaining) over the cells of `after` [s], shape (n,).
 
     Args:
         laws: tables of times.
-        before: where transfers begin, n cells.
-        after: where they end, m cells.
-        own: of each of these [s], shape (m,).
-        floor: of each pair of groups [s], shape (g, g).
-        beyond: of each cell of `after` [s], shape (m,).
+        before: n cells at which transfers begin.
+        after: m cells at which they end.
+        arrival: time added to a transfer to each end [s], shape (m,).
+        floor: least stage time of each pair of groups [s], shape (g, g).
+        remaining: time after the stage at each end [s], shape (m,).
 
     Raises:
-        MemoryError: there is none.
+        MemoryError: out of memory.
     """
-    held = tuple(np.ascontiguousarray(x, dtype=np.float32) for x in (own, floor, beyond))
+    held = tuple(np.ascontiguousarray(x, dtype=np.float32) for x in (arrival, floor, remaining))
     arguments = *map(byref, (laws, before, after)), *map(pointer, held), _int64(len(floor))
     least = np.empty(before.cells.count, dtype=np.float32)
-    _checked(library().least_from(*arguments, pointer(least)))
+    _check(library().least_from(*arguments, pointer(least)))
     return least
 
 
-def _checked(failed: int) -> None:
+def _check(failed: int) -> None:
+    """Raise a MemoryError if a compiled function reports it."""
     if failed:
         raise MemoryError

@@ -62,12 +62,12 @@ def test_changes_are_worth_what_the_order_then_takes_less(in_stages, seed, one_s
     start = length_of(problem, line.slots, line.angles[1:], int(line.angles[0]))
     assert start == pytest.approx(line.total, rel=1e-12)
     for k in range(6):
-        before, claimed = line.total, line.claimed
+        before, claimed = line.total, line.predicted
         annealing.anneal(line, range(k, k + 1), (hot, 1.0))
         now = length_of(problem, line.slots, line.angles[1:], int(line.angles[0]))
         assert now == pytest.approx(line.total, rel=1e-12)
         # At last all angles are chosen anew, which makes it no longer.
-        assert now <= before + line.claimed - claimed + 1e-9
+        assert now <= before + line.predicted - claimed + 1e-9
         assert now == pytest.approx(with_angles(problem, line.slots).total, rel=1e-12)
     best = with_angles(problem, line.best_slots).total
     assert best <= line.best + 1e-9
@@ -85,9 +85,9 @@ def test_at_one_angle_changes_are_worth_exactly_that(in_stages, one_stop):
         annealing = StageAnnealing(problem, seed)
         line = annealing.line(first.slots)
         for k in range(8):
-            before, claimed, slots = line.total, line.claimed, line.slots.tolist()
+            before, claimed, slots = line.total, line.predicted, line.slots.tolist()
             annealing.anneal(line, range(k, k + 1), (1.0, 1.0))
-            assert line.total == pytest.approx(before + line.claimed - claimed, abs=1e-9)
+            assert line.total == pytest.approx(before + line.predicted - claimed, abs=1e-9)
             changed += line.slots.tolist() != slots
     assert changed > 20
 

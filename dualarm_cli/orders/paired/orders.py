@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dualarm_cli.compiled.stage_annealing import (
+    AnnealedOrder,
     AnnealedTasks,
-    AnnealingShares,
-    PairedLengths,
-    StageLine,
+    AnnealingSettings,
+    PairedStageTimes,
     anneal_stages,
 )
 from dualarm_cli.effort import StageEffort
@@ -390,7 +390,7 @@ def never_touching(problem: StageProblem, slots: IntArray) -> IntArray:
     return apart(slots, never)
 
 
-SHARES = AnnealingShares.of((384, 48, 128), (1, 2, 3, 2, 4, 2, 3, 5), (0.15, 0.1, 0.02))
+SHARES = AnnealingSettings.of((384, 48, 128), (1, 2, 3, 2, 4, 2, 3, 5), (0.15, 0.1, 0.02))
 """Exchanges, changes within a few stages and moves of runs in each round; how many stages those are, round after round;
 shares of exchanges with a task that is not near, with an idle arm, and with stages of its own."""
 
@@ -423,17 +423,19 @@ class StageAnnealing:
         turns = problem.returns and not problem.free_start
         back = problem.turn[:, 0] if turns else np.zeros(len(problem.turn))
         start = problem.free_start
-        self._lengths = PairedLengths.of((one, other), least, problem.apart, back, free_start=start)
+        self._lengths = PairedStageTimes.of(
+            (one, other), least, problem.apart, back, free_start=start
+        )
         self._tasks = AnnealedTasks.of(problem.tasks, _near_tasks(problem, least))
 
-    def line(self, slots: IntArray) -> StageLine:
+    def line(self, slots: IntArray) -> AnnealedOrder:
         """Prepare an order for annealing, with the best angles for it."""
         seed = int(self._random.integers(2**64, dtype=np.uint64))
-        line = StageLine.of(self._lengths, slots, seed)
+        line = AnnealedOrder.of(self._lengths, slots, seed)
         self.anneal(line, range(0), (0.0, 1.0))
         return line
 
-    def anneal(self, line: StageLine, rounds: range, heat: tuple[float, float]) -> None:
+    def anneal(self, line: AnnealedOrder, rounds: range, heat: tuple[float, float]) -> None:
         """Makes some rounds, see `anneal_stages`."""
         anneal_stages(self._lengths, self._tasks, SHARES, line, rounds, heat)
 
