@@ -30,7 +30,7 @@ from dualarm_cli.stages.plans.candidates import Grid, Nodes
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.source import grid_nodes
 from dualarm_cli.stages.search.node_plans import grid_angles
-from dualarm_cli.stages.search.own_stages import LOOKED_AT, ExactStages, free_nodes
+from dualarm_cli.stages.search.own_stages import ExactStages, free_nodes
 from dualarm_cli.stages.sequence_problem import sequence_problem
 
 LINE = 0.08
@@ -125,7 +125,7 @@ def impossible_stages(job: Job, stages: Iterable[int]) -> list[int]:
         nodes = [grid_nodes(problem, a, k, grid) for a in range(len(problem.arms))]
         if _share_angle(problem, k, grid.angles, nodes):
             continue
-        angles, own = exact.nodes(k, LOOKED_AT, mesh.most_nodes)
+        angles, own = exact.nodes(k, problem.settings.own_angles, mesh.most_nodes)
         if not _share_angle(problem, k, angles, own):
             found.append(k)
     return found

@@ -65,12 +65,12 @@ def one_process() -> Iterator[None]:
         yield
 
 
-SCALING, FULL = effort.SCALING, dict(effort.EFFORTS)
+SCALING, FULL = effort.stages.SCALING, dict(effort.EFFORTS)
 
 
 def _searching(patch: pytest.MonkeyPatch, *, brief: bool) -> None:
     """Lets short jobs be searched as briefly as long ones, without simpler methods' plans beside, or as for users."""
-    patch.setattr(effort, "SCALING", replace(SCALING, max_factor=1) if brief else SCALING)
+    patch.setattr(effort.stages, "SCALING", replace(SCALING, max_factor=1) if brief else SCALING)
     for name in ("quick", "normal"):
         full = FULL[name]
         own = replace(full, search=replace(full.search, begun=0)) if brief else full

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
-from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.job import Job
 from dualarm_cli.motion.bent_passing import bent_ways, with_bent_ways
@@ -92,7 +91,7 @@ def blended_plan(
     before = found.cleared.motion
     through = passed_targets(drive, found.cleared.plans, stopping)
     passing = with_passed_targets(drive, found.cleared.plans, through)
-    widths = EFFORTS[problem.effort].widths
+    widths = problem.settings.widths
     ways = dict(passing_ways(drive, passing, stopping, widths))
     touching: list[int] = []
     while ways or through:

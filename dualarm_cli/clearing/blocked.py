@@ -16,8 +16,6 @@ from dualarm_cli.refusals import Refusal
 
 MOST_PAIRS = 30
 """Most pairs of bodies that a message lists, worst first."""
-MANY = 0.02
-"""Share of stages; where lines touch in more of them, another order is better than repairing."""
 
 
 def start_faults(job: Job, holding: Holding) -> list[Refusal]:
@@ -99,7 +97,7 @@ def refuse_touching_lines(clearing: Clearing, plan: TimedPlan) -> None:
         BlockedError: with those stages.
     """
     apart = tuple(clearing.side_by_side(plan.plans, clearing.touching(plan.plans, plan.motion)))
-    if len(apart) > max(1.0, MANY * len(plan.plans)):
+    if len(apart) > max(1.0, clearing.settings.crowded_stages * len(plan.plans)):
         raise BlockedError(*why_blocked(clearing, replace(plan, blocked=apart)), stages=apart)
 
 

@@ -29,7 +29,7 @@ from dualarm_cli.clearing.blocked import (
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.clearing.stage_samples import StageSamples, alone_clear, stage_samples
-from dualarm_cli.effort import less_effort
+from dualarm_cli.effort import ClearanceSettings, less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.blending import STOPPING
 from dualarm_cli.motion.motion import realise
@@ -41,37 +41,6 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.plans.clearance import Barred
 from dualarm_cli.timing import TimingSolver
-
-
-@dataclass(frozen=True)
-class ClearanceSettings:
-    """Thresholds of the clearance loop.
-
-    Costs of clearance are fractions of the unchecked plan's duration.
-    """
-
-    negligible_cost: float = 0.005
-    """Cost of clearance up to which the repaired unchecked plan is final [fraction]."""
-    repairable_stages: float = 0.34
-    """Largest fraction of colliding stages at which an unchecked plan is repaired."""
-    rounds: int = 3
-    """Rounds with collision checking."""
-    rounds_while_blocked: int = 12
-    """Maximum number of rounds as long as no plan is collision-free."""
-    expensive_repair: float = 1.5
-    """Added time from which a repaired stage becomes a no-good, at full speed [s]."""
-    compare_less_effort: float = 0.03
-    """Cost of clearance above which the plan of the next lower effort competes [fraction]."""
-    compare_simpler: float = 0.08
-    """Cost of clearance above which plans of simpler methods compete [fraction]."""
-    blending_rival: float = 0.03
-    """Largest lag of an unchecked plan that may be the shortest when blended [fraction]."""
-    sufficient_gain: float = 0.03
-    """Blending gain above which postures chosen for stops do not compete [fraction]. It is a fraction of the blended
-    plan's duration."""
-
-
-SETTINGS = ClearanceSettings()
 
 
 def quickest_clear(
@@ -118,7 +87,7 @@ def quickest_clear(
     progress("blending lines and transfers")
     blended = shortest_blended(problem, stopping, timing)
     plan = blended.cleared
-    if (plan.motion.gain or 0.0) > SETTINGS.sufficient_gain * plan.duration:
+    if (plan.motion.gain or 0.0) > problem.settings.clearing.sufficient_gain * plan.duration:
         return blended
     # Where blending gains little, postures chosen for stops may be quicker.
     rival = shortest_blended(problem, chosen_for_stops(), timing)
@@ -171,6 +140,11 @@ class ClearanceLoop:
     proposals: list[TimedPlan] = field(init=False)
     """That proposal and its alternatives, timed, fastest first."""
 
+    @property
+    def settings(self) -> ClearanceSettings:
+        """Numbers of the loop."""
+        return self.problem.settings.clearing
+
     def run(self) -> ClearedPlan:
         """Run all steps and return the shortest plan.
 
@@ -197,7 +171,8 @@ class ClearanceLoop:
         """Collision checks and repairs."""
         assert self.holding is not None  # else `run` has ended
         model, job, seed = self.problem.model, self.problem.job, self.problem.seed
-        return Clearing(model, job, self.holding, self.timing, seed, self.known)
+        timing, known = self.timing, self.known
+        return Clearing(model, job, self.holding, timing, seed, known, settings=self.settings)
 
     def _time(self, decided: Decided) -> list[TimedPlan]:
         """Time a proposal and its alternatives; sort them by duration."""
@@ -222,7 +197,7 @@ class ClearanceLoop:
 
     def _may_win_blended(self, plan: TimedPlan) -> bool:
         """Return whether an unchecked plan may be the shortest one when blended."""
-        limit = (1.0 + SETTINGS.blending_rival) * self.proposals[0].duration
+        limit = (1.0 + self.settings.blending_rival) * self.proposals[0].duration
         return self.problem.blends and plan.duration <= limit
 
     def _repair_unchecked(self) -> ClearedPlan | None:
@@ -233,7 +208,9 @@ class ClearanceLoop:
             if is_slower and not self._may_win_blended(plan):
                 break
             touching = self._touching(plan)
-            is_repairable = len(touching) <= max(1, SETTINGS.repairable_stages * len(plan.plans))
+            is_repairable = len(touching) <= max(
+                1, self.settings.repairable_stages * len(plan.plans)
+            )
             if not touching:
                 collision_free.append(plan)
                 best = _better(best, plan)
@@ -243,7 +220,7 @@ class ClearanceLoop:
         if best is None:
             return None
         self.best = self._cleared(self.unchecked, best)
-        if self.best.costs_more_than(SETTINGS.negligible_cost):
+        if self.best.costs_more_than(self.settings.negligible_cost):
             return None
         return replace(self.best, rivals=tuple(plan for plan in collision_free if plan is not best))
 
@@ -254,11 +231,13 @@ class ClearanceLoop:
             The method's last proposal, and its refusal if the last round failed.
         """
         decided, asked = self.unchecked, self._near(self.problem, self.proposals[0])
-        for round_ in range(SETTINGS.rounds_while_blocked):
-            if round_ >= SETTINGS.rounds and self.best and not self.best.cleared.blocked:
+        for round_ in range(self.settings.rounds_while_blocked):
+            if round_ >= self.settings.rounds and self.best and not self.best.cleared.blocked:
                 break
             self.progress("choosing postures again, avoiding collisions")
-            is_cheap = self.best and not self.best.costs_more_than(SETTINGS.compare_less_effort)
+            is_cheap = self.best and not self.best.costs_more_than(
+                self.settings.compare_less_effort
+            )
             try:
                 decided = self.solve(replace(asked, only_near=bool(is_cheap)))
             except InfeasibleError as failure:
@@ -321,7 +300,7 @@ class ClearanceLoop:
                 continue
             straight = self.clearing.alone(replace(stage, detours={}, waits={}))
             cost = span.end - span.start - straight.trajectory.duration
-            if cost > SETTINGS.expensive_repair * pace:
+            if cost > self.settings.expensive_repair * pace:
                 yield Barred(k, all_joints, stage.start, stage.arrival, cost)
 
     def _blocked_stages(self, plan: TimedPlan) -> Iterator[Barred]:
@@ -352,7 +331,11 @@ class ClearanceLoop:
     def _compare_simpler(self, decided: Decided) -> ClearedPlan | None:
         """Return the best plan, of simpler methods as well if it is blocked or expensive."""
         best = self.best
-        if not best or not decided.simpler or not best.costs_more_than(SETTINGS.compare_simpler):
+        if (
+            not best
+            or not decided.simpler
+            or not best.costs_more_than(self.settings.compare_simpler)
+        ):
             return best
         self.progress("comparing with simpler plans")
         plans = self._time(Decided([], alternatives=tuple(decided.simpler())))
@@ -371,7 +354,7 @@ class ClearanceLoop:
     def _compare_less_effort(self, best: ClearedPlan) -> ClearedPlan:
         """Return the best plan, of the next lower effort as well if clearance is expensive."""
         less = less_effort(self.problem.effort)
-        if less is None or not best.costs_more_than(SETTINGS.compare_less_effort):
+        if less is None or not best.costs_more_than(self.settings.compare_less_effort):
             return best
         self.progress("comparing with the plan of less effort")
         try:

@@ -14,10 +14,6 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.timing import TimingSolver
 
-DEAR = 0.25
-"""Share of the cycle time; where avoiding collisions costs more, a note says so."""
-SHOWN = 5e-4
-"""Costs that are shown as more than nothing [s]."""
 SENTENCES: Mapping[str, str] = {
     "done": "clearance: {done:*, }; with stops at all lines' ends, compared with the plan without collision "
     "checking ({unchecked:.3f} s), {effect}",
@@ -66,7 +62,9 @@ class ClearedPlan:
         """Returns what other plans of the same problem are tested with; None where nothing has to be collision-free."""
         if self.holding is None:
             return None
-        return Clearing(problem.model, problem.job, self.holding, timing, problem.seed, self.known)
+        known, settings = self.known, problem.settings.clearing
+        given = problem.model, problem.job, self.holding, timing, problem.seed, known
+        return Clearing(*given, settings=settings)
 
     @property
     def cost(self) -> float | None:
@@ -103,12 +101,12 @@ def clearance_notes(parts: Sequence[tuple[ClearedPlan, int]]) -> list[Note]:
     done = [_note("replanned"), *changed] if replanned else changed
     costs = [found.cost for found, _ in parts if found.cost is not None]
     cost, unchecked = sum(costs), sum(found.unchecked for found, _ in parts)
-    if not costs or (not done and abs(cost) < SHOWN):
+    if not costs or (not done and abs(cost) < 5e-4):
         return []
     effect = _note("shorter" if cost < 0.0 else "longer", seconds=abs(cost))
     more = {"done": done or [_note("slower")], "unchecked": unchecked}
     notes = [_note("done", **more, effect=effect)]
-    if cost > DEAR * unchecked:
+    if cost > 0.25 * unchecked:
         notes.append(_note("dear", share=cost / unchecked))
     if changed:
         notes.append(DETOURS_STRAIGHT)

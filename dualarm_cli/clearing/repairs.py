@@ -22,6 +22,7 @@ from dualarm_cli.clearing.stage_samples import (
     tool_times,
     which_are_clear,
 )
+from dualarm_cli.effort import ClearanceSettings
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
@@ -33,11 +34,6 @@ from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import Detour, StagePlan
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing import TimingSolver
-
-TIMED = 3
-"""So many curves, quickest first, are timed."""
-ROUNDS = (17, 49, 49)
-"""Points at which curves are looked at, round by round: more, and with a better idea of what the others do then."""
 
 
 def quickest_curve(
@@ -59,14 +55,15 @@ def quickest_curve(
     limits = context.job.limits.select(arm.arm.joints)
     pace = 1.0 / context.job.speed
     least = way.arrival * context.samples.step
-    points = start + np.linspace(0.0, 1.0, ROUNDS[0])[:, None] * (goal - start)
-    for samples, later in pairwise((*ROUNDS, ROUNDS[-1])):
+    rounds = context.settings.curve_rounds
+    points = start + np.linspace(0.0, 1.0, rounds[0])[:, None] * (goal - start)
+    for samples, later in pairwise((*rounds, rounds[-1])):
         missing = missing_clearance(context, name, way, points, with_other)
         tool = tool_times(context, name, way, points)
         cost = CurveCost(limits, least, missing, samples, pace, tool)
         found = quick_curves(start, goal, cost, context.seed)
         timed = []
-        for controls in found[:TIMED]:
+        for controls in found[: context.settings.timed_curves]:
             detour = Detour(controls)
             try:
                 timed.append(context.way_by(name, detour))
@@ -81,14 +78,6 @@ def quickest_curve(
         # What the others do while the arm is where is known better now.
         way, points = timed[0], curve(start, found[0], goal, later)
     return None
-
-
-DELAY_STEP = 0.02
-"""Delays are multiples of this at full speed [s]."""
-SHORT_DELAY = 0.1
-"""No curve is looked for where a delay of so much, at full speed, serves [s]."""
-REPAIRS = 4
-"""A stage is repaired so many times: one arm after the other, then both."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +126,8 @@ class Clearing:
     """Which stages are collision-free, as far as known, by their number and all that their motion depends on."""
     tried: set[str] = field(default_factory=set)
     """Repairs that were tried: `delays`, `detours`."""
+    settings: ClearanceSettings = ClearanceSettings()
+    """Numbers of the repairs."""
 
     def timed(self, plans: list[StagePlan]) -> Motion:
         """Returns the motion of all stages."""
@@ -209,7 +200,7 @@ class Clearing:
         tried, first = plan, self._context(plan, k, before)
         if not all(_repairable(first, a) for a in range(len(first.cell.arms))):
             return None
-        for _ in range(REPAIRS):
+        for _ in range(self.settings.repairs):
             context = first if tried is plan else self._context(tried, k, before)
             found = self._next(context)
             if found is tried and (tried is plan or self._within_cap(tried)):
@@ -245,6 +236,7 @@ class Clearing:
             platform,
             self.timing,
             self.seed,
+            self.settings,
         )
 
     def _next(self, context: StageContext) -> StagePlan | None:
@@ -271,7 +263,8 @@ class Clearing:
         """Returns the shortest stage found in which the arms are clear of each other."""
         self.tried.add("delays")
         delayed = _least_delay(context)
-        if delayed is not None and sum(delayed.waits.values()) <= SHORT_DELAY * self.holding.pace:
+        short = self.settings.short_delay * self.holding.pace
+        if delayed is not None and sum(delayed.waits.values()) <= short:
             return delayed
         tries = [delayed] if delayed is not None else []
 
@@ -349,7 +342,7 @@ def _least_delay(context: StageContext) -> StagePlan | None:
 
 def _delays(context: StageContext) -> Iterator[tuple[int, str]]:
     """Yields delays and arms, those that make the stage shortest first."""
-    shift = max(1, round(DELAY_STEP / (context.job.speed * context.samples.step)))
+    shift = max(1, round(context.settings.delay_step / (context.job.speed * context.samples.step)))
     tries = []
     for name, way in context.ways.items():
         others = max((w.end for other, w in context.ways.items() if other != name), default=0)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.collision.clearance import CellClearance
+from dualarm_cli.effort import ClearanceSettings
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.geometry.products import norm
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -25,19 +26,11 @@ from dualarm_cli.timing import TimingSolver
 
 STEP = 0.004
 """Time between the instants at full speed, but for stages of minutes [s]."""
-MOST = 20_000
-"""Instants of a stage at most."""
 KEPT = 0.0005
 """What is asked for beyond the required clearance, for what is between the instants [m]."""
 NEAR = 0.008
 """Between two instants of which one has less than this to spare it is looked at more closely [m]; times their number
 where instants have been left out between the two."""
-COARSE = 8
-"""Every so many instants are looked at first."""
-SHIFT = 4
-"""Greatest number of instants between two delays of an arm that are looked at."""
-BETWEEN = 8
-"""Instants that are looked at there."""
 
 Margins = Callable[[FloatArray, IntArray], FloatArray]
 """Margins [m], shape (n,), of joints (n, columns) [rad] with what the arms hold, shape (n, arms)."""
@@ -104,7 +97,7 @@ def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> 
         holding: what the arms hold.
     """
     this = motion.stages[number]
-    step = max(STEP * holding.pace, (this.end - this.start) / MOST)
+    step = max(STEP * holding.pace, (this.end - this.start) / 20_000)
     count = max(2, int(np.ceil((this.end - this.start) / step - 1e-9)) + 1)
     time = np.minimum(this.start + step * np.arange(count), this.end)
     held = np.empty((count, len(holding.cell.arms)), dtype=np.int64)
@@ -241,7 +234,7 @@ def _which_are_apart(cell: CellClearance, stages: Sequence[StageSamples]) -> Boo
     kept = _kept(cell, stages, cell.cross_margins)
     for k in np.flatnonzero(kept & (cell.skew > 0.0)).tolist():
         rows = int(np.ceil(cell.skew / stages[k].step))
-        shifts = distinct(np.ceil(np.linspace(0.0, rows, -(-rows // SHIFT) + 1))[1:])
+        shifts = distinct(np.ceil(np.linspace(0.0, rows, -(-rows // 4) + 1))[1:])
         kept[k] = all(
             _kept(cell, [stages[k].delayed(columns, a, int(shift))], cell.cross_margins)[0]
             for shift in shifts[::-1]
@@ -265,10 +258,10 @@ def _own(cell: CellClearance, a: int) -> Margins:
 def _kept(cell: CellClearance, stages: Sequence[StageSamples], margins: Margins) -> BoolArray:
     """Returns in which of s stages all margins are kept, shape (s,).
 
-    At every COARSE-th instant first, then at all of them about those that have little to spare, or between which what
+    At every eighth instant first, then at all of them about those that have little to spare, or between which what
     is held changes, and then between these.
     """
-    kept = np.ones(len(stages), dtype=np.bool_)
+    kept, coarse, between = np.ones(len(stages), dtype=np.bool_), 8, 8
     if not len(stages):
         return kept
     position = np.concatenate([stage.position for stage in stages])
@@ -283,7 +276,7 @@ def _kept(cell: CellClearance, stages: Sequence[StageSamples], margins: Margins)
         kept[stage[rows[found < KEPT]]] = False
         return found
 
-    rows = np.flatnonzero((within % COARSE == 0) | (within == length[stage] - 1))
+    rows = np.flatnonzero((within % coarse == 0) | (within == length[stage] - 1))
     margin = np.full(len(position), np.inf)
     margin[rows] = looked_at(rows, position[rows], held[rows])
     first, second = rows[:-1], rows[1:]
@@ -291,15 +284,15 @@ def _kept(cell: CellClearance, stages: Sequence[StageSamples], margins: Margins)
     # What may touch counts only where it reaches into something: how far it is from that says nothing.
     close |= (held[first] != held[second]).any(axis=1) | cell.may_only_touch(held[first])
     close &= (stage[first] == stage[second]) & kept[stage[first]]
-    steps = (first[close, None] + np.arange(1, COARSE)).ravel()
-    rows = steps[steps < np.repeat(second[close], COARSE - 1)]
+    steps = (first[close, None] + np.arange(1, coarse)).ravel()
+    rows = steps[steps < np.repeat(second[close], coarse - 1)]
     margin[rows] = looked_at(rows, position[rows], held[rows])
     tight = np.flatnonzero(np.minimum(margin[:-1], margin[1:]) < NEAR)
     tight = tight[(stage[tight] == stage[tight + 1]) & kept[stage[tight]]]
     # Between two instants joints are taken to go straight.
-    share = ((np.arange(BETWEEN) + 1.0) / (BETWEEN + 1.0))[None, :, None]
+    share = ((np.arange(between) + 1.0) / (between + 1.0))[None, :, None]
     way = position[tight, None] + share * (position[tight + 1] - position[tight])[:, None]
-    rows = np.repeat(tight, BETWEEN)
+    rows = np.repeat(tight, between)
     looked_at(rows, way.reshape(-1, position.shape[1]), held[rows])
     return kept
 
@@ -308,10 +301,6 @@ def last_motion(position: FloatArray) -> int:
     """Returns the number of the instant after which nothing moves, of joints (t, columns)."""
     moves = np.flatnonzero(np.abs(np.diff(position, axis=0)).max(axis=1, initial=0.0) > 0.0)
     return int(moves[-1]) + 1 if len(moves) else 0
-
-
-SPARE = 0.004
-"""What curves keep beyond the required clearance, for what is between their points [m]."""
 
 
 @dataclass(frozen=True)
@@ -336,6 +325,8 @@ class StageContext:
     """How transfers and curves are timed."""
     seed: int
     """Of what is tried at random."""
+    settings: ClearanceSettings
+    """Numbers of the repairs."""
 
     def way_by(self, name: str, detour: Detour) -> ArmWay:
         """Returns an arm's way along a curve."""
@@ -381,7 +372,9 @@ def missing_clearance(
         margin = context.cell.own_margins(a, rows, held[:, a])
         if with_other:
             margin = np.minimum(margin, context.cell.cross_margins(rows, held))
-        lack: FloatArray = np.maximum(SPARE - margin, 0.0).reshape(curves.shape[:2])
+        lack: FloatArray = np.maximum(context.settings.curve_spare - margin, 0.0).reshape(
+            curves.shape[:2]
+        )
         # The ends are what they are.
         return lack[:, 1:-1].mean(axis=1)
 

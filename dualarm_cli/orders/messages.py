@@ -19,9 +19,6 @@ from dualarm_cli.postures.reach import explain_reach
 from dualarm_cli.postures.stage_problems import stop_problems
 from dualarm_cli.refusals import Refusal
 
-PROOF = 4.0
-"""How long a proof that rules contradict each other may take, in CP-SAT's deterministic seconds."""
-
 
 def grid_gap(bound: float | None, total: float) -> float | None:
     """Returns by what share another order may be quicker than one of a total [s], both on the grid of the search.
@@ -215,4 +212,4 @@ def _only(problem: Relaxation, rules: list[Rule]) -> Relaxation:
 
 
 def _is_impossible(problem: Relaxation) -> bool:
-    return prove(problem, None, PROOF, 0).impossible
+    return prove(problem, None, 4.0, 0).impossible

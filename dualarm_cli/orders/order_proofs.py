@@ -19,9 +19,6 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.clearance import SAMPLES
 from dualarm_cli.stages.search.plan_clearance import move_waits
 
-AT_ONCE = 20_000
-"""Moves that are looked at together."""
-
 
 @dataclass(frozen=True)
 class OrderMoves:
@@ -62,8 +59,9 @@ class OrderMoves:
         asked = np.flatnonzero(~idle[moves].any(axis=1))
         if not self.order.job.returns:
             asked = asked[moves[asked, 1] != ENDS]
-        for k in range(0, len(asked), AT_ONCE):
-            rows = asked[k : k + AT_ONCE]
+        size = 20_000
+        for k in range(0, len(asked), size):
+            rows = asked[k : k + size]
             found[rows] = self._costs(graph, moves[rows])
         return found
 
@@ -105,10 +103,6 @@ class OrderMoves:
         for a, (arm, table) in enumerate(zip(model.arms.values(), tables, strict=True)):
             found[there[:, None], arm.columns] = table[stops[:, a], angle]
         return found
-
-
-MOST_TASKS = 60
-"""Of so many tasks at most CP-SAT looks for a bound."""
 
 
 def is_provable(problem: StageProblem, effort: str) -> bool:
@@ -188,8 +182,8 @@ def least_total(
         # While one arm changes its tool the other one may work: that is in no pair of stops.
         found = pair_bound(problem)
         watch.bounded(found)
-    if len(problem.tasks) <= MOST_TASKS:
-        seconds = EFFORTS[effort].order_bound.seconds
+    how = EFFORTS[effort].order_bound
+    if len(problem.tasks) <= how.most_tasks:
         relaxed = of_stages(problem)
-        found = max(found, prove(relaxed, None, seconds, seed, watch.stop, watch.bounded).bound)
+        found = max(found, prove(relaxed, None, how.seconds, seed, watch.stop, watch.bounded).bound)
     return found

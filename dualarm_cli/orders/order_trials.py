@@ -21,9 +21,6 @@ from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.polish import Polishing
 from dualarm_cli.stages.sequence_problem import sequence_problem
 
-MOST_TRIED = 120
-"""No orders of more stages are tried."""
-
 
 @dataclass(frozen=True)
 class TrialSettings:
@@ -41,12 +38,11 @@ class TrialSettings:
     """Upper bound on an order's collision penalty [s]. Such orders are tried last."""
     swings: tuple[float, ...] = (1.0, 0.95, 0.8, 0.5, 0.0)
     """Shares of the arm angle's change along the lines."""
+    shifts: tuple[float, ...] = (0.003, 0.01, 0.03, 0.1, 0.3)
+    """Shifts of a stop's arm angles, to either side, that repairs try [rad]."""
 
 
 TRIALS = TrialSettings()
-
-SHIFTS = np.concatenate([[0.0], np.outer([0.003, 0.01, 0.03, 0.1, 0.3], [1.0, -1.0]).ravel()])
-"""Shifts of a stop's arm angles that repairs try [rad]."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +175,8 @@ def repaired(problem: SequenceProblem, plan: Decisions) -> Evaluated | None:
 
 def _near(plan: Decisions, a: int, stages: IntArray) -> list[Decisions]:
     """Returns plans with other arm angles of one arm in some stages."""
-    return [_changed(plan, a, stages, shift, swing) for swing in TRIALS.swings for shift in SHIFTS]
+    shifts = [0.0, *(side * shift for shift in TRIALS.shifts for side in (1.0, -1.0))]
+    return [_changed(plan, a, stages, shift, swing) for swing in TRIALS.swings for shift in shifts]
 
 
 def _changed(plan: Decisions, a: int, stages: IntArray, shift: float, swing: float) -> Decisions:

@@ -38,24 +38,16 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.plans.problem import Decisions
 
-LONG = 60
-"""Orders of more stages are long: most of one is as good as it was when something is taken apart."""
 NO_ORDER_FOUND = "no_order_found"
 """What is refused where the search finds no order, and nothing is proven."""
 PROVEN = "proven by dynamic programming to be the best of all orders on the grid of the search"
 """How orders of few tasks of one arm are found."""
-PROOF_SHARE = 0.2
-"""Share of a time limit that is kept for the bound."""
 DYNAMIC = (
     "found by dynamic programming over partial orders, with lower bounds on the remaining time"
 )
 """How orders are found on the way to a bound."""
 SEARCHED = "found by removing tasks and inserting them again where the plan is then shortest"
 """How orders of many tasks are found."""
-
-
-SHORTER = 4
-"""Where what bounds orders finds good ones as well, searches take so many times fewer steps."""
 
 
 @dataclass(frozen=True)
@@ -149,10 +141,11 @@ class PairedSearch:
             return _alone(self.order, self.effort, self.seed, watch)
         watch.tell("putting tasks in order")
         tasks = len(self.problem.tasks)
-        kept = PROOF_SHARE * (watch.limit or 0.0)
+        kept = EFFORTS[self.effort].order_bound.time_share * (watch.limit or 0.0)
         effort, provable = EFFORTS[self.effort].orders, is_provable(self.problem, self.effort)
         if provable:
-            effort = effort.shorter(SHORTER)
+            # What bounds orders finds good ones as well.
+            effort = effort.shorter(4)
         wanted = (
             self.problem,
             effort,
@@ -261,7 +254,8 @@ class PairedSearch:
         cuts = {(one, other) for one, other in cuts if max(one, other) < stops}
         slots = self._slots(near)
         problem = _left_to_the_other(_kept_apart(self.problem, cuts), self._barred(others))
-        effort = "quick" if len(slots) > LONG else self.effort
+        # Most of a long order is as good as it was.
+        effort = "quick" if len(slots) > 60 else self.effort
         done = {(task.arm, task.id) for task in near.tasks}
         start = apart(slots, cuts) if done.isdisjoint(others) else None
         return replace(self, problem=problem, effort=effort, start=start, stands=stands)

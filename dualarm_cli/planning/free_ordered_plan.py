@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dualarm_cli.effort import EffortSettings
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
@@ -28,19 +29,6 @@ from dualarm_cli.planning.notes import planning_note
 from dualarm_cli.planning.ordered_plan import plan_in_best_order
 from dualarm_cli.planning.planned_job import PlannedJob
 
-LONG = 40
-"""Of orders of more tasks only one is planned."""
-PROMISING = 0.04
-"""Orders are planned that are estimated to be slower than the best one by less than this share."""
-WAITED = 0.1
-"""Without a platform paired arms are looked at where each waits more than this share of the time by its own clock."""
-ANGLES = 3
-"""So many orders are planned, if one of them can be."""
-EPOCHS = 2
-"""So many orders with several platform angles are planned."""
-TRIES = 6
-"""So many are tried until one can be."""
-
 
 def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
     """Plan asynchronous arms in the best orders found; return the quickest plan.
@@ -55,7 +43,7 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
     Raises:
         InfeasibleError: neither is possible.
     """
-    problem, settings = work.problem, work.settings
+    problem, settings, effort = work.problem, work.settings, work.effort
     planner = FreePlanner(problem, work.method.solve, work.timing, watch.tell, work.clear)
     watch.begin()
     watch.tell("timing each task at every platform angle")
@@ -65,9 +53,9 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
     turns = bool(problem.model.platform_columns)
     best: Schedule | None = None
     total = np.inf
-    for number, one in enumerate(_worth_planning(orders)):
-        enough = watch.stop() or number >= ANGLES or (number and len(one.job.tasks) > LONG)
-        if best is not None and enough:
+    for number, one in enumerate(_worth_planning(orders, effort)):
+        most = 1 if len(one.job.tasks) > effort.trials.long else effort.clocks.planned
+        if best is not None and (watch.stop() or number >= most):
             break
         try:
             decided = with_changes(one.job)
@@ -81,11 +69,12 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
             watch.keep(_noted(best, free_notes(orders, total, None, turns=turns)))
     epochs, rail = None, problem.model.platform.is_rail
     if (best is None or not watch.stop()) and _turns(problem.model):
-        most = np.inf if best is None else (1.0 + PROMISING) * orders.found[0].total
-        for several in epoch_orders(order, settings.effort, settings.seed, watch, EPOCHS):
+        most, excess = effort.clocks.planned_epochs, effort.trials.promising
+        longest = np.inf if best is None else (1.0 + excess) * orders.found[0].total
+        for several in epoch_orders(order, settings.effort, settings.seed, watch, most):
             if best is not None and watch.stop():
                 break
-            if several.total > most:
+            if several.total > longest:
                 continue
             try:
                 watch.tell(f"planning with {len(several.epochs)} platform angles")
@@ -97,7 +86,7 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
                 watch.keep(_noted(best, epoch_notes(several, None, rail=rail)))
     together = None
     why = [_why_together(best, turns=turns)]
-    if best is None or (not watch.enough() and _may_be_quicker(problem.model, best)):
+    if best is None or (not watch.enough() and _may_be_quicker(work, best)):
         watch.tell("planning both arms in synchronous stages")
         try:
             job = stage_by_stage(with_changes(problem.job))
@@ -138,9 +127,9 @@ def _why_together(own: Schedule | None, *, turns: bool) -> str:
     return planning_note("mode", "together", turns=turns, duration=own.duration)
 
 
-def _may_be_quicker(model: CellModel, found: Schedule) -> bool:
+def _may_be_quicker(work: PlannedJob, found: Schedule) -> bool:
     """Returns whether paired arms may be quicker: a platform's turns help them, or the others wait much."""
-    if _turns(model):
+    if _turns(work.model):
         return True
     waits = [
         sum(
@@ -148,23 +137,23 @@ def _may_be_quicker(model: CellModel, found: Schedule) -> bool:
             for part in found.segments
             if part.arm == arm and part.kind == "wait"
         )
-        for arm in model.arms
+        for arm in work.model.arms
     ]
-    return min(waits) > WAITED * found.duration
+    return min(waits) > work.effort.clocks.waited * found.duration
 
 
-def _worth_planning(orders: FreeOrders) -> list[FreeOrder]:
+def _worth_planning(orders: FreeOrders, effort: EffortSettings) -> list[FreeOrder]:
     """Returns the orders at the best angles."""
     if not orders.found:
         return []
-    if len(orders.found[0].job.tasks) > LONG:
-        return list(orders.found[:TRIES])
-    least = orders.found[0].total
+    most, limit = effort.clocks.tried, (1.0 + effort.trials.promising) * orders.found[0].total
+    if len(orders.found[0].job.tasks) > effort.trials.long:
+        return list(orders.found[:most])
     # Found orders come the quickest first.
     return [
-        *(one for one in orders.found if one.total <= (1.0 + PROMISING) * least),
-        *(one for one in orders.found if one.total > (1.0 + PROMISING) * least),
-    ][:TRIES]
+        *(one for one in orders.found if one.total <= limit),
+        *(one for one in orders.found if one.total > limit),
+    ][:most]
 
 
 def epoch_notes(found: FreeEpochs, together: Schedule | None, *, rail: bool) -> list[str]:

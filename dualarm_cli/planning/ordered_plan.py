@@ -12,7 +12,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders.model.tool_changes import stop_name
-from dualarm_cli.orders.order_trials import MOST_TRIED, most_promising
+from dualarm_cli.orders.order_trials import most_promising
 from dualarm_cli.orders.orders import (
     NO_ORDER_FOUND,
     ArmTask,
@@ -28,17 +28,6 @@ from dualarm_cli.planning.planned_job import PlannedJob
 from dualarm_cli.planning.room_rules import planned_around
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.serving import SEQUENCE
-
-SEARCHES, SEARCHES_OF_LONG = 2, 1
-"""So often orders are searched for anew without pairs of stops that turned out to touch; fewer of long ones."""
-TAKEN_APART = 3
-"""So often after that only what touches is taken apart."""
-LONG = 40
-"""Of orders with more stages only the most promising one is planned, unless its plan is slower than expected."""
-CLOSE = 0.002
-"""A plan is quicker than its order was expected to be by about this share."""
-PROMISING = 0.04
-"""Orders are planned that are estimated to be slower than the best one by less than this share."""
 
 
 def plan_in_best_order(
@@ -108,9 +97,10 @@ def _searched(
         watch: receives progress, and may end the search.
         planned: plans an order, `of` those found; `patient` where what collides is decided again.
     """
-    tried = _Tried(EFFORTS[settings.effort].hopeless_orders, search.of_either_arm())
-    long = len(orders.found[0].job.stages()) > LONG
-    searches = SEARCHES_OF_LONG if long else SEARCHES
+    effort = EFFORTS[settings.effort]
+    tried, trials = _Tried(effort.hopeless_orders, search.of_either_arm()), effort.trials
+    long = len(orders.found[0].job.stages()) > trials.long
+    searches = trials.searches_of_long if long else trials.searches
     tries = 0
     while True:
         known = tried.known
@@ -122,7 +112,7 @@ def _searched(
             # What touches in a long order is better kept apart in it than tried in another one.
             return _quickest(promising, watch, one_by_one, tried, only_first=long)
         except BlockedError as error:
-            last = tries == searches + TAKEN_APART
+            last = tries == searches + trials.separations
             if last or tried.known == known or tried.is_hopeless:
                 raise
             # What turned out to touch is kept apart, and the search goes on from there.
@@ -259,15 +249,15 @@ def _promising(
     search: PairedSearch, found: tuple[DecidedOrder, ...], settings: PlanSettings, watch: Watch
 ) -> list[DecidedOrder]:
     """Returns the orders that are worth planning, the most promising one first."""
-    stages = len(found[0].job.stages())
-    if stages > MOST_TRIED:
+    trials = EFFORTS[settings.effort].trials
+    if len(found[0].job.stages()) > trials.most_stages:
         return [found[0]]
     windows = search.problem.not_before is not None or search.problem.not_after is not None
     if settings.platform == SEQUENCE and not windows:
         found = most_promising(search, found, settings.effort, watch)
     least = min(_expected(one) for one in found)
-    promising = [one for one in found if _expected(one) <= (1.0 + PROMISING) * least]
-    return promising[: EFFORTS[settings.effort].trials.planned]
+    promising = [one for one in found if _expected(one) <= (1.0 + trials.promising) * least]
+    return promising[: trials.planned]
 
 
 def _expected(order: DecidedOrder) -> float:
@@ -278,7 +268,8 @@ def _expected(order: DecidedOrder) -> float:
 def _is_as_quick(best: Schedule, order: DecidedOrder) -> bool:
     """Returns whether a plan is as quick as one in another order is expected to be, both with all stops."""
     stopping = best.duration + (best.blend_gain or 0.0)
-    return order.expected is not None and stopping <= (1.0 - CLOSE) * order.expected
+    # Plans are quicker than expected by about 0.2 %.
+    return order.expected is not None and stopping <= 0.998 * order.expected
 
 
 def order_notes(orders: Orders, total: float) -> list[str]:

@@ -10,7 +10,7 @@ from typing import TypeVar
 from dualarm_cli.beside import Beside
 from dualarm_cli.bound.bound import no_bound
 from dualarm_cli.bound.job_bound import JobBound
-from dualarm_cli.effort import less_effort
+from dualarm_cli.effort import TrialEffort, less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import SAME_TIME
@@ -23,13 +23,6 @@ from dualarm_cli.planning.decided_plan import decided_plan
 from dualarm_cli.planning.notes import planning_note
 from dualarm_cli.planning.planned_job import PlannedJob, Route, resolve
 
-SHORT_STOPS = 24
-"""Maximum number of stops of a job that is also planned with less effort.
-
-That plan is made in another process.
-"""
-FAR_SLOWER = 0.08
-"""By more than this share the file's order is slower by far, as the search times it."""
 T = TypeVar("T")
 
 
@@ -132,7 +125,7 @@ def _by_route(work: PlannedJob, watch: Watch) -> Schedule:
     filed = file_order(work.job)
     if filed is not None and not filed.is_decided and isinstance(failure, BlockedError):
         filed = None  # the search for its arms would meet the same again
-    if best is not None and _is_slower_as_filed(best, watch):
+    if best is not None and _is_slower_as_filed(best, watch, work.effort.trials):
         filed = None
     if filed is not None and (best is None or not watch.stop()):
         watch.tell("planning the file's order")
@@ -149,7 +142,7 @@ def _by_route(work: PlannedJob, watch: Watch) -> Schedule:
     return best
 
 
-def _is_slower_as_filed(found: Schedule, watch: Watch) -> bool:
+def _is_slower_as_filed(found: Schedule, watch: Watch, trials: TrialEffort) -> bool:
     """Returns whether the file's order cannot be expected to be quicker than a plan that was found of an open one.
 
     It cannot where the search for stages found it to be slower by far, and the plan is as quick as the search promised.
@@ -157,7 +150,7 @@ def _is_slower_as_filed(found: Schedule, watch: Watch) -> bool:
     if watch.best is None or watch.filed is None:
         return False
     stopping = found.duration + (found.blend_gain or 0.0)
-    return stopping <= watch.best and watch.filed > (1.0 + FAR_SLOWER) * watch.best
+    return stopping <= watch.best and watch.filed > (1.0 + trials.far_slower) * watch.best
 
 
 def _by_sections(work: PlannedJob, watch: Watch) -> Schedule:
@@ -194,7 +187,7 @@ ROUTES: Mapping[Route, Callable[[PlannedJob, Watch], Schedule]] = {
 
 def _less_efforts(work: PlannedJob) -> list[str]:
     """List the words of `--effort` with which a short job is planned as well; none where a time limit ends searches."""
-    if sum(len(task.stops) for task in work.job.tasks) > SHORT_STOPS:
+    if sum(len(task.stops) for task in work.job.tasks) > work.effort.short_stops:
         return []
     if work.settings.time_limit is not None and not work.job.is_decided:
         return []

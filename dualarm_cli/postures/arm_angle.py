@@ -11,40 +11,12 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinc
 from dualarm_cli.geometry.elementary import power
 from dualarm_cli.kinematics.srs.srs_limits import wrap
 from dualarm_cli.postures.line_following import FollowedLines, Lines
-from dualarm_cli.postures.problem import NoPosture, Place, StopPosture, StopProblem
+from dualarm_cli.postures.problem import POSTURES, NoPosture, Place, StopPosture, StopProblem
 from dualarm_cli.postures.stop_batch import StopBatch, batches
 from dualarm_cli.postures.target_grid import target_postures
-from dualarm_cli.postures.ways import LINE_SAMPLES, SURE, StopWays, transfer_cost
+from dualarm_cli.postures.ways import StopWays, transfer_cost
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
-
-SWINGS = np.array([0.0, -0.2, 0.2, -0.5, 0.5])
-"""Changes of the arm angle along a line that are tried [rad]."""
-FAR = 0.4
-"""Difference of arm angle or yaw from which on another way may lead elsewhere when it is refined [rad]."""
-
-
-@dataclass(frozen=True)
-class ArmAngleSettings:
-    """Numbers that steer the search over arm angles."""
-
-    looked_at_first: int = 4
-    """Postures of each problem, by what no motion can beat, whose lines are timed first."""
-    near: float = 1.02
-    """Factor on the best first time up to which other lines are timed."""
-    all_ways: int = 2
-    """Rounds in which all ways of a problem are refined."""
-    first_width: float = 0.25
-    """Half-width of the first round of refinement [rad]."""
-    dense_samples: int = 33
-    """Samples of a line at which the posture that is taken must keep its limits."""
-    end_samples: int = 3
-    """Samples of a line where only its end matters."""
-    starts: int = 2
-    """Ways of a stop that are refined; what becomes of the best of them is taken."""
-
-
-ARM_ANGLE = ArmAngleSettings()
 
 
 def coarse_ways(
@@ -64,13 +36,13 @@ def coarse_ways(
         complete: whether all ways are timed.
     """
     ways = StopWays.together([one for row in rows if isinstance(one := grid[row], StopWays)])
-    swings = SWINGS if batch.length.any() else SWINGS[:1]
+    swings = np.array(POSTURES.swings if batch.length.any() else (0.0,))
     sides = _sides(batch, ways, swings)
     transfer, travel = transfer_cost(batch, ways.row, sides[0][1].at(-1))
     least = np.empty((2, *transfer.shape))
     for side in (0, 1):
         lines, followed = sides[side % len(sides)]
-        least[side] = SURE * lines.least_times(followed)
+        least[side] = POSTURES.sure * lines.least_times(followed)
     least[0] += transfer + travel
     wanted = np.isfinite(least)
     if complete:
@@ -84,9 +56,7 @@ def coarse_ways(
         # The two lines share what the best takes: one has what the other, at its least, leaves.
         other = least.min(axis=2)[::-1, :, None]
         worth = wanted & np.isfinite(other)
-        worth[worth] = (least + np.where(worth, other, 0.0) <= ARM_ANGLE.near * best[:, None])[
-            worth
-        ]
+        worth[worth] = (least + np.where(worth, other, 0.0) <= POSTURES.near * best[:, None])[worth]
         line = np.minimum(line, _line_times(sides, worth & ~first))
     cost_in, own = transfer + travel + line[0], np.arange(len(ways.row))
     k_in, k_out = cost_in.argmin(axis=1), line[1].argmin(axis=1)
@@ -103,11 +73,11 @@ def coarse_ways(
 
 
 def _spread(ways: StopWays) -> StopWays:
-    """Returns sorted ways with the best one of each problem that is FAR from its very best in second place."""
+    """Returns sorted ways with the best one of each problem that is far from its very best in second place."""
     first = np.flatnonzero(np.diff(ways.row, prepend=-1))
     best = np.repeat(first, np.diff(np.append(first, len(ways.row))))
     turned = np.stack([ways.psi - ways.psi[best], ways.yaw - ways.yaw[best]])
-    far = (np.abs(wrap(turned)) > FAR).any(axis=0) | (ways.branch != ways.branch[best])
+    far = (np.abs(wrap(turned)) > POSTURES.far).any(axis=0) | (ways.branch != ways.branch[best])
     place = np.arange(len(ways.row), dtype=np.float64)
     far_ones = np.flatnonzero(far)
     second = far_ones[np.diff(ways.row[far_ones], prepend=-1) > 0]
@@ -124,7 +94,7 @@ def _sides(
     poses, reference = ways.poses(batch), ways.reference(batch)
     sides = []
     for side in (0,) if alike else (0, 1):
-        lines = Lines.of(batch, poses, batch.length[ways.row, side], LINE_SAMPLES)
+        lines = Lines.of(batch, poses, batch.length[ways.row, side], POSTURES.line_samples)
         sides.append((lines, lines.follow(psi, psi + swings, ways.branch, reference)))
     return sides
 
@@ -145,7 +115,7 @@ def _first(row: IntArray, least: FloatArray) -> BoolArray:
     order = np.lexsort((least, row))
     place = np.arange(len(row)) - np.searchsorted(row[order], row[order], side="left")
     first = np.zeros(len(row), dtype=np.bool_)
-    first[order[place < ARM_ANGLE.looked_at_first]] = True
+    first[order[place < POSTURES.looked_at_first]] = True
     return first
 
 
@@ -209,8 +179,8 @@ def refinements(batch: StopBatch, ways: StopWays) -> list[StopWays]:
     found = [ways]
     lines: Lines | None = None
     for k in range(pattern.rounds):
-        width = ARM_ANGLE.first_width * power(pattern.shrink, k)
-        if k == ARM_ANGLE.all_ways:
+        width = POSTURES.first_width * power(pattern.shrink, k)
+        if k == POSTURES.all_ways:
             best = leading(found[-1])
             if len(best) < len(ways.row):
                 found, lines = [stage.take(best) for stage in found], None
@@ -242,7 +212,7 @@ def _lines(batch: StopBatch, ways: StopWays, yaw: FloatArray) -> Lines:
     row, target = np.repeat(ways.row, y), np.repeat(ways.target, y)
     poses = batch.poses(row, target, yaw.ravel())
     twice = np.repeat(np.arange(len(row)), 2)
-    return Lines.of(batch, poses.take(twice), batch.length[row].ravel(), LINE_SAMPLES)
+    return Lines.of(batch, poses.take(twice), batch.length[row].ravel(), POSTURES.line_samples)
 
 
 def _better(
@@ -264,7 +234,7 @@ def _better(
     )
     end = followed.at(-1).reshape(*shape, 7)[:, :, 0]
     transfer, travel = transfer_cost(batch, ways.row, end)
-    least = lines.least_times(followed).reshape(shape) * SURE
+    least = lines.least_times(followed).reshape(shape) * POSTURES.sure
     least[:, :, 0] += transfer + travel
     # Of the two lines one cannot be worth more than what the other leaves.
     room = (ways.cost[:, None, None, None] - least.min(axis=4))[:, :, ::-1]
@@ -386,12 +356,12 @@ def _first_that_hold(batch: StopBatch, coarse: StopWays) -> dict[int, StopPostur
     left = {int(row): (int(a), int(b)) for row, a, b in zip(rows, first, last, strict=True)}
     found: dict[int, StopPosture] = {}
     while left:
-        index = [np.arange(low, min(low + ARM_ANGLE.starts, high)) for low, high in left.values()]
+        index = [np.arange(low, min(low + POSTURES.starts, high)) for low, high in left.values()]
         found |= _settled(batch, coarse.take(np.concatenate(index)))
         left = {
-            row: (low + ARM_ANGLE.starts, high)
+            row: (low + POSTURES.starts, high)
             for row, (low, high) in left.items()
-            if row not in found and low + ARM_ANGLE.starts < high
+            if row not in found and low + POSTURES.starts < high
         }
     return found
 
@@ -400,7 +370,7 @@ def _with_clear_ends(batch: StopBatch, ways: StopWays) -> StopWays:
     """Returns the ways that are collision-free where their lines begin and end."""
     if not len(ways.row) or all(problem.clear is None for problem in batch.problems):
         return ways
-    ends = ways.follow(batch, ARM_ANGLE.end_samples).q[-1, ..., 0].T
+    ends = ways.follow(batch, POSTURES.end_samples).q[-1, ..., 0].T
     sides: dict[Place, FloatArray] = {
         "approach": ends[: len(ways.row)],
         "retract": ends[len(ways.row) :],
@@ -425,7 +395,7 @@ def _no_lines(batch: StopBatch) -> NoPosture:
 def _settled(batch: StopBatch, ways: StopWays) -> dict[int, StopPosture]:
     """Returns the best posture of each problem that ways lead to and that holds at many more samples."""
     history = refinements(batch, ways) if batch.refine else [ways.take(leading(ways))]
-    samples = ARM_ANGLE.dense_samples if batch.refine else LINE_SAMPLES
+    samples = POSTURES.dense_samples if batch.refine else POSTURES.line_samples
     answers: dict[int, StopPosture] = {}
     left = np.arange(len(history[0].row))
     for stage in reversed(history):
@@ -439,7 +409,7 @@ def _settled(batch: StopBatch, ways: StopWays) -> dict[int, StopPosture]:
 
 
 def _held(
-    batch: StopBatch, ways: StopWays, samples: int = ARM_ANGLE.dense_samples
+    batch: StopBatch, ways: StopWays, samples: int = POSTURES.dense_samples
 ) -> dict[int, StopPosture]:
     """Returns by problem the postures of those ways (one of each) that keep all limits at so many samples."""
     if not len(ways.row):

@@ -11,14 +11,12 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.postures import StopProblem
 from dualarm_cli.postures.holding import Holding
-from dualarm_cli.postures.problem import Place, StopPosture
+from dualarm_cli.postures.problem import POSTURES, Place, StopPosture
 from dualarm_cli.postures.stop_batch import StopBatch
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 PLACES: tuple[Place, ...] = ("approach", "target", "retract")
-LAST: tuple[Place, ...] = ("retract",)
-"""Where both arms are in the end, even if one of them has waited for the other; in a hand-over they do not."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class KeepClear:
     @property
     def at_once(self) -> tuple[Place, ...]:
         """Places of their stops at which both arms are at the same time, whoever has waited."""
-        return PLACES if self.holding.handing[self.stage] else LAST
+        return PLACES if self.holding.handing[self.stage] else ("retract",)
 
     def test(
         self,
@@ -133,10 +131,6 @@ def _joints(posture: StopPosture, place: Place) -> FloatArray:
     return joints
 
 
-ANGLE_STEP = np.radians(10.0)
-"""Spacing of the platform angles that are looked at [rad]; of a rail as `PlatformChain.spacing` has it."""
-YAWS = 8
-"""Yaws that are looked at where any will do."""
 NAMES = {
     "approach": "where its approach starts",
     "target": "at the target",
@@ -159,7 +153,7 @@ def angles_looked_at(model: CellModel, position: FloatArray) -> FloatArray:
     if not model.platform.is_chosen:
         return here[None]
     _, low, high = model.platform_around(position)
-    step = model.platform.spacing(ANGLE_STEP, low, high)
+    step = model.platform.spacing(POSTURES.clear_scan_step, low, high)
     return np.concatenate([here, np.arange(low, high + 1e-9, step)])[:, None]
 
 
@@ -216,7 +210,7 @@ def _postures(problem: StopProblem, place: Place) -> FloatArray:
     batch = StopBatch((problem,))
     if problem.configurations is not None:
         return problem.configurations if place == "target" else np.empty((0, len(problem.start)))
-    yaw = problem.yaw[:: max(1, len(problem.yaw) // YAWS)]
+    yaw = problem.yaw[:: max(1, len(problem.yaw) // POSTURES.scan_yaws)]
     depth = {"approach": problem.approach, "target": 0.0, "retract": problem.retract}[place]
     zero = np.zeros(len(yaw), dtype=np.int64)
     poses = batch.poses(zero, zero, yaw)

@@ -15,26 +15,9 @@ from dualarm_cli.postures.numeric_ways import (
     followed,
     target_ways,
 )
-from dualarm_cli.postures.problem import NoPosture, StopPosture, StopProblem
+from dualarm_cli.postures.problem import POSTURES, NoPosture, StopPosture, StopProblem
 from dualarm_cli.postures.stop_batch import StopBatch
 from dualarm_cli.refusals import Refusal
-
-LINE_SAMPLES = 7
-"""Samples of a line while postures are compared."""
-DENSE_SAMPLES = 65
-"""Samples of a line at which the posture that is taken must keep its limits."""
-LOOKED_AT = 32
-"""Postures at the target, quickest to get to first, whose lines are followed together."""
-STARTS = 3
-"""Ways that are refined, best first, of as many branches as there are."""
-DRIFTS = np.array([0.0, -0.3, 0.3])
-"""Drifts along lines that are tried first [rad]."""
-FIRST_WIDTH, SHRINK, ROUNDS = 0.3, 0.55, 6
-"""Half-width of the first round of refinement [rad], that of each other one as a share, and how many there are."""
-AROUND = np.array([0.0, -1.0, -0.4, 0.4, 1.0])
-"""Variations along the self-motion in a round, as shares of the half-width."""
-SIDES = np.array([0.0, -1.0, 1.0])
-"""Variations of yaw and drifts in a round."""
 
 
 def choose_numeric(problem: StopProblem) -> StopPosture | NoPosture:
@@ -54,8 +37,9 @@ def choose_numeric(problem: StopProblem) -> StopPosture | NoPosture:
     moved = ways.q - problem.start
     ways = ways.take(np.argsort(problem.transfer_time(moved), kind="stable"))
     clear = False
-    for first in range(0, len(ways), LOOKED_AT):
-        some = clear_ones(batch, ways.take(np.arange(first, min(first + LOOKED_AT, len(ways)))))
+    size = POSTURES.general_batch
+    for first in range(0, len(ways), size):
+        some = clear_ones(batch, ways.take(np.arange(first, min(first + size, len(ways)))))
         clear |= len(some) > 0
         some = _sorted(batch, clear_ones(batch, _drifted(batch, some)))
         for k in _leading(some):
@@ -76,7 +60,8 @@ def _nowhere(miss: FloatArray) -> Refusal:
 
 def _drifted(batch: StopBatch, ways: NumericWays) -> NumericWays:
     """Returns ways that can be gone, each with the drift of either line that makes it quickest."""
-    drifts = DRIFTS if batch.numeric_arm.spare and batch.length.any() else DRIFTS[:1]
+    varies = batch.numeric_arm.spare and batch.length.any()
+    drifts = POSTURES.general_drifts if varies else (0.0,)
     return _best_drifts(batch, ways, np.broadcast_to(drifts, (len(ways), 2, len(drifts))))
 
 
@@ -91,7 +76,7 @@ def _best_drifts(batch: StopBatch, ways: NumericWays, drifts: FloatArray) -> Num
     k, d = len(ways), drifts.shape[2]
     each = ways.take(np.repeat(np.arange(k), d))
     each = replace(each, drift=np.swapaxes(drifts, 1, 2).reshape(-1, 2))
-    each = followed(batch, each, LINE_SAMPLES)
+    each = followed(batch, each, POSTURES.line_samples)
     transfer = replace(each, line=np.zeros_like(each.line)).cost(batch)[1]
     line = each.line.reshape(k, d, 2)
     best_in = (transfer.reshape(k, d) + line[:, :, 0]).argmin(axis=1)
@@ -121,13 +106,13 @@ def _leading(ways: NumericWays) -> list[int]:
 
 
 def _best_of(batch: StopBatch, ways: NumericWays, first: int, found: StopPosture) -> StopPosture:
-    """Returns the quickest that the STARTS leading ways come to, one of which is known already."""
+    """Returns the quickest that the leading ways come to, one of which is known already."""
     if not batch.refine:
         return found
     best = found
     order = _leading(ways)
     place = order.index(first)
-    for k in order[place + 1 : place + STARTS]:
+    for k in order[place + 1 : place + POSTURES.general_starts]:
         other = _settled(batch, ways.take(np.array([k])))
         if other is not None and other.cost < best.cost:
             best = other
@@ -147,8 +132,8 @@ def _settled(batch: StopBatch, way: NumericWays) -> StopPosture | None:
 
 
 def holds(batch: StopBatch, way: NumericWays) -> bool:
-    """Returns whether one way's lines can be followed at DENSE_SAMPLES samples and its postures are collision-free."""
-    dense = followed(batch, way, DENSE_SAMPLES)
+    """Returns whether one way's lines can be followed at many samples and its postures are collision-free."""
+    dense = followed(batch, way, POSTURES.general_dense_samples)
     return bool(np.isfinite(dense.line).all()) and len(clear_ones(batch, dense)) == 1
 
 
@@ -156,8 +141,9 @@ def refined(batch: StopBatch, way: NumericWays) -> list[NumericWays]:
     """Returns ever better variations of one way, in their order."""
     found: list[NumericWays] = []
     best = way
-    for k in range(ROUNDS):
-        tried = _drifts_around(batch, varied(batch, best, FIRST_WIDTH * power(SHRINK, k)), k)
+    for k in range(POSTURES.general_rounds):
+        width = POSTURES.general_width * power(POSTURES.general_shrink, k)
+        tried = _drifts_around(batch, varied(batch, best, width), width)
         if not len(tried):
             continue
         cost = tried.cost(batch)[1]
@@ -170,8 +156,9 @@ def refined(batch: StopBatch, way: NumericWays) -> list[NumericWays]:
 
 def varied(batch: StopBatch, way: NumericWays, width: float) -> NumericWays:
     """Returns one way and its neighbours along self-motion and free yaw, up to a half-width [rad]."""
-    along = width * (AROUND if batch.numeric_arm.spare and not batch.given else AROUND[:1])
-    turn = width * (SIDES if batch.free_yaw else SIDES[:1])
+    spare = batch.numeric_arm.spare and not batch.given
+    along = width * np.array(POSTURES.along_self_motion if spare else (0.0,))
+    turn = width * np.array(POSTURES.to_sides if batch.free_yaw else (0.0,))
     count = len(along) * len(turn)
     near = way.take(np.zeros(count, dtype=np.int64))
     near = replace(near, yaw=near.yaw + np.repeat(turn, len(along)))
@@ -182,8 +169,8 @@ def varied(batch: StopBatch, way: NumericWays, width: float) -> NumericWays:
     return replace(near, q=q).take(met)
 
 
-def _drifts_around(batch: StopBatch, ways: NumericWays, round_: int) -> NumericWays:
-    """Returns ways with the best of a few drifts about their own."""
-    steps = SIDES if batch.numeric_arm.spare and batch.length.any() else SIDES[:1]
-    width = FIRST_WIDTH * power(SHRINK, round_)
+def _drifts_around(batch: StopBatch, ways: NumericWays, width: float) -> NumericWays:
+    """Returns ways with the best of a few drifts about their own, up to a half-width [rad]."""
+    varies = batch.numeric_arm.spare and batch.length.any()
+    steps = np.array(POSTURES.to_sides if varies else (0.0,))
     return _best_drifts(batch, ways, ways.drift[:, :, None] + width * steps)

@@ -10,12 +10,9 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, distinct
 from dualarm_cli.kinematics.continuation import FlangeLines
 from dualarm_cli.kinematics.self_motion import branches, self_motions
-from dualarm_cli.postures.problem import StopPosture
+from dualarm_cli.postures.problem import POSTURES, StopPosture
 from dualarm_cli.postures.stop_batch import StopBatch, ToolPoses
 from dualarm_cli.records import dataclass
-
-TRAVEL_WEIGHT = 1e-3
-"""What a way costs for every radian of its transfer [s/rad]: of equals, the one that moves least."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +67,7 @@ class NumericWays:
         moved = self.ends[:, 0] - batch.start[self.row]
         transfer = np.maximum(batch.problems[0].transfer_time(moved), batch.waiting[self.row])
         time = transfer + self.line.sum(axis=1)
-        return time, time + TRAVEL_WEIGHT * np.abs(moved).sum(axis=1)
+        return time, time + POSTURES.travel_weight * np.abs(moved).sum(axis=1)
 
     def posture(self, k: int, time: float) -> StopPosture:
         """Returns one way as the solution."""

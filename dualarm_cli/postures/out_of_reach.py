@@ -13,20 +13,14 @@ from dualarm_cli.geometry.elementary import TURN
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.posture_source import PROVEN_MISS
-from dualarm_cli.postures.problem import StopProblem
+from dualarm_cli.postures.problem import POSTURES, StopProblem
 from dualarm_cli.postures.reach import (
-    SCAN_YAWS,
     best_place,
     moved_flanges,
     point_names,
     scanned_positions,
 )
 from dualarm_cli.refusals import Refusal
-
-SAMPLES = 64
-"""Poses whose bends are examined first."""
-COARSE, FINE = np.radians(6.0), np.radians(0.5)
-"""Coarse and fine spacing of the platform positions examined [rad]."""
 
 
 def out_of_reach(
@@ -82,7 +76,7 @@ def _platform_moves(model: CellModel, position: FloatArray) -> list[tuple[FloatA
     low, high = float(limits.lower[0]), float(limits.upper[0])
     if not model.platform.is_rail and not high - low < TURN:
         low, high = here - np.pi, here + np.pi
-    steps = (model.platform.spacing(step, low, high) for step in (COARSE, FINE))
+    steps = (model.platform.spacing(step, low, high) for step in POSTURES.proof_steps)
     moves = [np.linspace(low, high, 2 + int((high - low) / step)) - here for step in steps]
     return [(moved, 0.5 * float(moved[1] - moved[0])) for moved in moves]
 
@@ -104,7 +98,7 @@ def _how_far(
 
 def _turns(stop: StopProblem) -> bool:
     """Return whether a tool may also be turned otherwise than is looked at."""
-    return stop.free_yaw or len(stop.yaw) > SCAN_YAWS
+    return stop.free_yaw or len(stop.yaw) > POSTURES.scan_yaws
 
 
 def _beyond(
@@ -132,7 +126,7 @@ def _beyond(
     point, miss = arm.fixed_point(R, p), arm.reach_miss(R, p)
     near = np.argwhere(miss <= slack)
     if len(near):
-        a, y = near[:: 1 + len(near) // SAMPLES].T
+        a, y = near[:: 1 + len(near) // POSTURES.proof_poses].T
         if arm.may_bend(R[a, y], p[a, y], *np.zeros((2, len(a)))).any():
             return False
     moved = np.full(miss.shape, slack)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal
 
+import numpy as np
+
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.kinematics.posture_source import Posture, PostureSource
 from dualarm_cli.records import dataclass
@@ -12,6 +14,79 @@ from dualarm_cli.refusals import Refusal
 
 Place = Literal["approach", "target", "retract"]
 """Where on a stop an arm is: where its approach starts, at its target, or where its retract ends."""
+
+
+@dataclass(frozen=True)
+class PostureSettings:
+    """Numbers of the choice of postures at stops."""
+
+    line_samples: int = 7
+    """Samples of a line while postures are compared."""
+    sure: float = 0.99
+    """Share of a line's least time that its estimate, taken at a few instants, does not fall below."""
+    travel_weight: float = 1e-3
+    """Cost of a transfer's travel [s/rad]: of equals, the one that moves least."""
+    scan_yaws: int = 8
+    """Yaws that are scanned where any will do."""
+    first_scanned: int = 12
+    """Platform angles, nearest first, that are scanned together at first; then twice as many, and so on."""
+    tried_angles: int = 24
+    """Reachable angles, nearest first, at which the whole stage is tried."""
+    clear_scan_step: float = float(np.radians(10.0))
+    """Spacing of the platform angles scanned for what a posture touches [rad]."""
+    proof_steps: tuple[float, float] = (float(np.radians(6.0)), float(np.radians(0.5)))
+    """Coarse and fine spacing of the platform positions examined in proofs of reach [rad]."""
+    proof_poses: int = 64
+    """Poses whose bends such a proof examines first."""
+    target_arm_angles: int = 48
+    """Arm angles tried at each target: 7.5 degrees apart."""
+    rough_arm_angles: int = 24
+    """Arm angles for a rough estimate of a time: 15 degrees apart."""
+    kept_targets: int = 48
+    """Target postures, quickest transfer first, whose lines are examined."""
+    tested_targets: int = 192
+    """Target postures whose clearance is tested together, quickest first, until `kept_targets` are clear."""
+
+    swings: tuple[float, ...] = (0.0, -0.2, 0.2, -0.5, 0.5)
+    """Changes of the arm angle along a line that are tried [rad]."""
+    far: float = 0.4
+    """Difference of arm angle or yaw from which refinement may lead elsewhere [rad]."""
+    looked_at_first: int = 4
+    """Postures of each problem, by what no motion can beat, whose lines are timed first."""
+    near: float = 1.02
+    """Factor on the best first time up to which other lines are timed."""
+    all_ways: int = 2
+    """Rounds in which all ways of a problem are refined."""
+    first_width: float = 0.25
+    """Half-width of the first round of refinement [rad]."""
+    dense_samples: int = 33
+    """Samples of a line at which the posture that is taken must keep its limits."""
+    end_samples: int = 3
+    """Samples of a line where only its end matters."""
+    starts: int = 2
+    """Ways of a stop that are refined; what becomes of the best of them is taken."""
+
+    general_dense_samples: int = 65
+    """Samples of the lines of arms without closed forms at which the posture that is taken must keep its limits."""
+    general_batch: int = 32
+    """Postures of these arms, quickest transfer first, whose lines are followed together."""
+    general_starts: int = 3
+    """Ways of these arms that are refined, best first, of as many branches as there are."""
+    general_drifts: tuple[float, ...] = (0.0, -0.3, 0.3)
+    """Drifts along lines that are tried first for these arms [rad]."""
+    general_width: float = 0.3
+    """Half-width of the first round of these arms' refinement [rad]."""
+    general_shrink: float = 0.55
+    """Ratio of a round's half-width to that of the round before."""
+    general_rounds: int = 6
+    """Rounds of these arms' refinement."""
+    along_self_motion: tuple[float, ...] = (0.0, -1.0, -0.4, 0.4, 1.0)
+    """Variations along the self-motion in a round, as shares of the half-width."""
+    to_sides: tuple[float, ...] = (0.0, -1.0, 1.0)
+    """Variations of yaw and drifts in a round, as shares of the half-width."""
+
+
+POSTURES = PostureSettings()
 
 
 @dataclass(frozen=True)

@@ -10,20 +10,12 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import PlatformChain, rotation_z
-from dualarm_cli.postures import StopProblem
+from dualarm_cli.postures.problem import POSTURES, StopProblem
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
-SCAN_YAWS = 8
-"""Yaws that are looked at where any will do."""
-SCAN_BLOCK = 12
-"""Angles, nearest first, that are looked at together at first; then twice as many, and so on."""
 REACH_SLACK = 1e-9
 """How far a wrist may be beyond the reach by rounding before the arm angles are looked at [m]."""
-SCAN_TRIES = 24
-"""Reachable angles, nearest first, at which the whole stage is tried."""
-ROTATION_MISSED = ("flange_not_there", "point_not_turned")
-"""Refusals that another yaw of the target may remedy."""
 
 
 @dataclass(frozen=True)
@@ -60,16 +52,16 @@ def reachable_positions(
             near &= (np.abs(stop.arm.signed_miss(R, p)) <= REACH_SLACK).any(axis=1)
     order = np.argsort(np.abs(turn), kind="stable")
     order = order[near[order]]
-    tried, first, size = 0, 0, SCAN_BLOCK
+    tried, first, size = 0, 0, POSTURES.first_scanned
     while first < len(order):
         block = order[first : first + size]
         usable = np.logical_and.reduce(
             [_together(_points(stop, model.platform, turn[block])) for stop in stops.values()]
         )
-        for k in block[usable][: SCAN_TRIES - tried]:
+        for k in block[usable][: POSTURES.tried_angles - tried]:
             yield angles[[k]]
         tried += int(usable.sum())
-        if tried >= SCAN_TRIES:
+        if tried >= POSTURES.tried_angles:
             return
         first, size = first + size, 2 * size
 
@@ -93,7 +85,7 @@ def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> 
         miss = float(point.miss[a, y])
         where = best_place(model.platform, angles[a])
         what, remedy = stop.arm.why_missed(miss), tuple[str, ...]()
-        if what in ROTATION_MISSED:
+        if what in ("flange_not_there", "point_not_turned"):
             remedy = ("move_target" if stop.free_yaw else "move_target_or_free_yaw",)
         more = {"point": point.name, "where": where}
         return Refusal(what, measured=abs(miss), remedy=remedy, more=more)
@@ -164,7 +156,7 @@ def moved_flanges(
     if stop.configurations is not None:
         # Joint targets move with the platform: what holds at one position holds at all.
         moved = np.zeros(len(moved))
-    yaws = stop.yaw[:: max(1, len(stop.yaw) // SCAN_YAWS)]
+    yaws = stop.yaw[:: max(1, len(stop.yaw) // POSTURES.scan_yaws)]
     R_moved, p_moved = platform.shifted(moved)
     R_tool = product(R_moved[:, None], product(stop.R_base_tool[0], rotation_z(yaws))[None])
     target = (product(R_moved, stop.p_base_tool[0]) + p_moved)[:, None]

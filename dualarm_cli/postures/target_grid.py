@@ -12,26 +12,14 @@ from dualarm_cli.geometry.elementary import cos, sin
 from dualarm_cli.kinematics.srs.srs_limits import LIMIT_SLACK
 from dualarm_cli.kinematics.srs_arm import closed_form
 from dualarm_cli.postures.line_following import FLIPPED
-from dualarm_cli.postures.problem import NoPosture, StopProblem
+from dualarm_cli.postures.problem import POSTURES, NoPosture, StopProblem
 from dualarm_cli.postures.stop_batch import StopBatch
 from dualarm_cli.postures.ways import StopWays
 from dualarm_cli.refusals import Refusal
 
-ARM_ANGLE_STEPS = 48
-"""Arm angles tried at each target: 7.5 degrees apart."""
-KEPT = 48
-"""Target postures, quickest transfer first, whose lines are looked at."""
-LOOKED_AT = 4 * KEPT
-"""Target postures whose clearance is looked at together, quickest first, until KEPT are clear."""
-"""Why there is none where what is clear matters."""
-ROUGH_STEPS = 24
-"""Arm angles where only a first idea of a time is wanted: 15 degrees apart."""
-_ARM_ANGLES = np.linspace(-np.pi, np.pi, ARM_ANGLE_STEPS, endpoint=False)
-_SECOND = FLIPPED.astype(np.int64)
-
 
 def target_postures(batch: StopBatch) -> list[StopWays | NoPosture]:
-    """Returns for every problem the KEPT quickest postures at its target, best first, or why there is none.
+    """Returns for every problem the quickest postures at its target, best first, or why there is none.
 
     Quickest to get to, that is, by the closed form of the slowest joint.
     """
@@ -39,7 +27,8 @@ def target_postures(batch: StopBatch) -> list[StopWays | NoPosture]:
         return [_given(batch, row) for row in range(len(batch.problems))]
     owner, target, yaw = batch.turned_targets()
     poses = batch.poses(owner, target, yaw)
-    slowest = _transfer_times(batch.problems[0], poses.R, poses.p, batch.start[owner], _ARM_ANGLES)
+    angles = np.linspace(-np.pi, np.pi, POSTURES.target_arm_angles, endpoint=False)
+    slowest = _transfer_times(batch.problems[0], poses.R, poses.p, batch.start[owner], angles)
     edges = np.searchsorted(owner, np.arange(len(batch.problems) + 1))
     found: list[StopWays | NoPosture] = []
     for row, (low, high) in enumerate(pairwise(edges.tolist())):
@@ -48,11 +37,9 @@ def target_postures(batch: StopBatch) -> list[StopWays | NoPosture]:
         def postures(index: IntArray, low: int = low, high: int = high) -> StopWays:
             pose, angle, branch = np.unravel_index(index, (high - low, *slowest.shape[1:]))
             pose = pose + low
-            return StopWays.at_targets(
-                owner[pose], target[pose], yaw[pose], branch, _ARM_ANGLES[angle]
-            )
+            return StopWays.at_targets(owner[pose], target[pose], yaw[pose], branch, angles[angle])
 
-        best = _quickest(time, KEPT)
+        best = _quickest(time, POSTURES.kept_targets)
         if not len(best):
             these = slice(low, high)
             found.append(_between_the_grid(batch, owner[these], target[these], yaw[these]))
@@ -69,7 +56,7 @@ def _clear_ones(
     time: FloatArray,
     postures: Callable[[IntArray], StopWays],
 ) -> StopWays | NoPosture:
-    """Returns the KEPT quickest postures of a problem that are collision-free, best first, or why there is none.
+    """Returns the quickest postures of a problem that are collision-free, best first, or why there is none.
 
     Args:
         batch: the problems.
@@ -79,16 +66,16 @@ def _clear_ones(
     """
     order = _quickest(time, len(time))
     kept: list[IntArray] = []
-    for first in range(0, len(order), LOOKED_AT):
-        some = order[first : first + LOOKED_AT]
+    for first in range(0, len(order), POSTURES.tested_targets):
+        some = order[first : first + POSTURES.tested_targets]
         found = postures(some)
         poses = found.poses(batch)
         q, _ = batch.arm.solve_branch(poses.R, poses.p, found.psi, found.branch)
         q = batch.arm.nearest_turns(q, batch.start[row])
         kept.append(some[_clear(batch, row, q)])
-        if sum(map(len, kept)) >= KEPT:
+        if sum(map(len, kept)) >= POSTURES.kept_targets:
             break
-    clear = np.concatenate(kept)[:KEPT]
+    clear = np.concatenate(kept)[: POSTURES.kept_targets]
     return postures(clear) if len(clear) else NoPosture(Refusal("target_touches"))
 
 
@@ -101,7 +88,7 @@ def _clear(batch: StopBatch, row: int, q: FloatArray) -> BoolArray:
 def least_transfer_times(problem: StopProblem, R: FloatArray, p: FloatArray) -> FloatArray:
     """Returns how long the quickest transfer to each of many flange poses takes, nearly [s], shape (m,).
 
-    Over ROUGH_STEPS arm angles and all branches, the platform's own time left out; infinite where none of them is
+    Over few arm angles and all branches, the platform's own time left out; infinite where none of them is
     within limits. Where configurations are given they are the only poses there are.
 
     Args:
@@ -112,7 +99,7 @@ def least_transfer_times(problem: StopProblem, R: FloatArray, p: FloatArray) -> 
     if problem.configurations is not None:
         least = float(problem.transfer_time(problem.configurations - problem.start).min())
         return np.full(len(p), least)
-    angles = np.linspace(-np.pi, np.pi, ROUGH_STEPS, endpoint=False)
+    angles = np.linspace(-np.pi, np.pi, POSTURES.rough_arm_angles, endpoint=False)
     flat = R.reshape(-1, 3, 3), p.reshape(-1, 3)
     slowest = _transfer_times(
         problem, *flat, np.broadcast_to(problem.start, (len(flat[1]), 7)), angles
@@ -143,9 +130,10 @@ def _transfer_times(
     time = problem.joint_times(values - start[:, None])
     inside = (values >= arm.lower - LIMIT_SLACK) & (values <= arm.upper + LIMIT_SLACK)
     time = np.where(inside & curves.plane.reachable[..., None], time, np.inf)
-    slowest = time[_SECOND[:, 0], :, :, 0]
+    second = FLIPPED.astype(np.int64)
+    slowest = time[second[:, 0], :, :, 0]
     for joint in range(1, 7):
-        np.maximum(slowest, time[_SECOND[:, joint], :, :, joint], out=slowest)
+        np.maximum(slowest, time[second[:, joint], :, :, joint], out=slowest)
     return np.moveaxis(slowest, 0, -1)
 
 

@@ -9,15 +9,9 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.postures.line_following import FollowedLines, Lines
+from dualarm_cli.postures.problem import POSTURES
 from dualarm_cli.postures.stop_batch import StopBatch, ToolPoses
 from dualarm_cli.records import dataclass
-
-LINE_SAMPLES = 7
-"""Samples of a line while postures are compared."""
-SURE = 0.99
-"""Share of a line's least time that its estimate, taken at a few instants, does not fall below."""
-TRAVEL_WEIGHT = 1e-3
-"""What a way costs for every radian of its transfer [s/rad]: of equals, the one that moves least."""
 
 
 @dataclass(frozen=True)
@@ -90,4 +84,4 @@ def transfer_cost(batch: StopBatch, row: IntArray, q: FloatArray) -> tuple[Float
     between = (slice(None), *[None] * (q.ndim - 2))
     moved = q - batch.start[row][between]
     time = np.maximum(batch.problems[0].transfer_time(moved), batch.waiting[row][between])
-    return time, TRAVEL_WEIGHT * np.abs(moved).sum(axis=-1)
+    return time, POSTURES.travel_weight * np.abs(moved).sum(axis=-1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from dualarm_cli.effort import EFFORTS, EffortSettings
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.blending import STOPPING, Blending
 from dualarm_cli.model.job import Job
@@ -49,6 +50,11 @@ class MethodProblem:
     patient: bool = True
     """Whether stages in which arms touch at their stops are repaired and decided once more; else the order
     will be changed, which is what helps most."""
+
+    @property
+    def settings(self) -> EffortSettings:
+        """Settings of the effort."""
+        return EFFORTS[self.effort]
 
     @property
     def blends(self) -> bool:

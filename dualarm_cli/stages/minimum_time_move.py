@@ -44,6 +44,8 @@ class MoveSettings:
     """Yaws that are looked at for it where any will do."""
     promising: int = 3
     """Platform angles besides the simpler solvers' at which postures are chosen."""
+    zoom: tuple[float, ...] = tuple(np.linspace(-1.0, 1.0, 7).tolist())
+    """Platform angles tried in a bracket, as shares of its half-width, which is `grid_step` in the first round."""
     zoom_rounds: int = 3
     """Rounds of ever narrower brackets."""
     zoom_shrink: float = 0.35
@@ -58,9 +60,6 @@ class MoveSettings:
 
 
 MOVE = MoveSettings()
-
-ZOOM = np.linspace(-1.0, 1.0, 7)
-"""Platform angles that are tried in a bracket, as shares of its half-width; the first one is `grid_step` wide."""
 
 
 def choose_quickest(stage: OpenStage, position: FloatArray) -> StagePlan | InfeasibleError:
@@ -179,7 +178,7 @@ def _zoomed(stage: OpenStage, position: FloatArray, best: StagePlan) -> StagePla
     limits = stage.model.cell.robot.limits
     for k in range(MOVE.zoom_rounds):
         shrink = power(MOVE.zoom_shrink, k)
-        angles = _angle(stage, best) + _step(stage) * shrink * ZOOM
+        angles = _angle(stage, best) + _step(stage) * shrink * np.array(MOVE.zoom)
         angles = np.clip(angles, limits.lower[column], limits.upper[column])
         made = _stages_near(stage, position, angles, best, MOVE.posture_width * shrink)
         best = _quickest(stage, [best, *made])

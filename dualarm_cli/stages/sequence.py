@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.effort import EFFORTS, SCALING
+from dualarm_cli.effort.stages import SCALING
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -26,13 +26,7 @@ from dualarm_cli.stages.plans.times import (
     start_joints,
 )
 from dualarm_cli.stages.plans.ways import middling_ways
-from dualarm_cli.stages.search.search import (
-    FEWEST_IN_PARTS,
-    FoundSequence,
-    search,
-    search_in_parts,
-    search_near,
-)
+from dualarm_cli.stages.search.search import FoundSequence, search, search_in_parts, search_near
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.serving import FIXED
 from dualarm_cli.stages.stage_by_stage import choose_stages, choose_stages_with
@@ -142,23 +136,6 @@ def _posture(found: Evaluated, arm: int, stage: int) -> StopPosture:
     )
 
 
-ALIKE = 0.08
-"""A simpler method's plan that is estimated to be slower by less than this share is timed exactly as well: estimates of
-lines are a few percent off, and a third of a cycle is lines. In longer sequences what is wrong with single lines
-evens out."""
-REFINED = 0.08
-"""A simpler method's plan is refined only if it is slower by less than this share: refining gains 1 to 7 percent."""
-FEW_STAGES = 12
-"""Up to so many stages, and with thorough effort, the refined plan of `minimum_time` competes in any case where all
-stop at lines' ends, and in repairs."""
-REFINED_MOVES = 0.03
-"""Else it does only if its rough plan is slower by less than this share: refining it takes as long as the search."""
-LONG = 50
-"""Orders of more stages than so many are planned from the plan that they were chosen by alone."""
-NEARLY_EXACT = "linearised"
-"""In long sequences the search does not start from this method's plan, which is nearly that of `exact`."""
-
-
 def solve_sequence(problem: MethodProblem) -> Decided:
     """Returns the plan of the search over the whole sequence, and simpler ones that may turn out to be as fast.
 
@@ -170,8 +147,8 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     """
     model, job = problem.model, problem.job
     numbers = _numbers(problem)
-    spares = EFFORTS[problem.effort].spares
-    long = numbers.stages >= FEWEST_IN_PARTS and not numbers.returns
+    spares = problem.settings.spares
+    long = numbers.stages >= numbers.settings.in_parts and not numbers.returns
     # Greedy plans of arms without an arm angle take as long as the search: only where that finds none.
     general = not problem.model.has_arm_angles
     in_parts = spares and not general and long
@@ -182,7 +159,8 @@ def solve_sequence(problem: MethodProblem) -> Decided:
         problem = replace(problem, model=model, job=job, own=None)
         numbers = replace(_numbers(problem), roomy=roomy)
     # Long orders were chosen by a plan that simpler methods, which take long themselves, do not come near.
-    given = problem.start is not None and len(job.stages()) > LONG and spares
+    long = len(job.stages()) > numbers.settings.given_stages
+    given = problem.start is not None and long and spares
     nearby = _near_unchecked(problem, numbers)
     if problem.unchecked and spares:
         # Simpler methods, which take long with clearance, are then asked only where that turns out to be dear.
@@ -192,7 +170,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
             raise InfeasibleError(Refusal("no_plan_on_grid"))
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
-    begun = len(job.stages()) <= EFFORTS[problem.effort].search.begun
+    begun = len(job.stages()) <= problem.settings.search.begun
 
     def simpler_starts(on_grid: bool) -> list[Decisions]:
         nonlocal starts, failure
@@ -218,7 +196,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
         return Decided(stages, hopeless=True)
     # Where the search is begun again from its plan it seldom loses against simpler ones.
     blends = numbers.ways is not None
-    few = EFFORTS[problem.effort].search.refined if blends else FEW_STAGES
+    few = problem.settings.search.refined if blends else numbers.settings.few_stages
     roomy_ones = (stage_plans(model, job, numbers, one, "sequence") for one in found.roomy)
     alternatives = *_rivals(problem, starts, found, few), *roomy_ones
     # With clearance the plan on the grid counts what that costs, which the grid's bound does not know.
@@ -253,6 +231,7 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
     known = job.tool_speed is None and all(stop.belt is None for stop in stops)
     lines = any(stop.approach or stop.retract for stop in stops)
     numbers = sequence_problem(problem.model, job, problem.holding, problem.barred)
+    numbers = replace(numbers, settings=problem.settings.sequence)
     if not (problem.blends and known and lines):
         return numbers
     if problem.own is not None:
@@ -265,7 +244,7 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
 
 def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:
     """Returns the simpler methods' plans."""
-    few = len(problem.job.stages()) <= FEW_STAGES
+    few = len(problem.job.stages()) <= problem.settings.sequence.few_stages
     names = [*problem.simpler, *([MINIMUM_TIME] if few and problem.model.has_arm_angles else [])]
     found: list[list[StagePlan]] = []
     for plan in choose_stages_with(problem, names).values():
@@ -282,7 +261,8 @@ def _starts(
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
     long = len(problem.job.stages()) > SCALING.long
-    names = [name for name in problem.simpler if not (long and name == NEARLY_EXACT)]
+    # In long sequences the plan of `linearised` is nearly that of `exact`.
+    names = [name for name in problem.simpler if not (long and name == "linearised")]
     rough = choose_stages_with(problem, [*names, MINIMUM_TIME], refine=False)
     for name, plan in rough.items():
         if isinstance(plan, InfeasibleError):
@@ -309,18 +289,19 @@ def _rivals(
         found: the search's.
         most: stages up to which that of `minimum_time` is refined in any case.
     """
-    total = found.best.total
-    few = len(problem.job.stages()) <= most or not EFFORTS[problem.effort].spares
+    total, settings = found.best.total, problem.settings.sequence
+    few = len(problem.job.stages()) <= most or not problem.settings.spares
     capped = problem.job.tool_speed is not None
     even = SCALING.damping(len(problem.job.stages()))
-    worth = dict.fromkeys(starts, np.inf if capped else REFINED * even)
+    worth = dict.fromkeys(starts, np.inf if capped else settings.refined * even)
     if MINIMUM_TIME in worth:
-        worth[MINIMUM_TIME] = np.inf if few or capped else REFINED_MOVES * even
+        worth[MINIMUM_TIME] = np.inf if few or capped else settings.refined_moves * even
     near = [name for name, rough in starts.items() if _length(rough) <= (1.0 + worth[name]) * total]
     refined = choose_stages_with(problem, near)
     plans = [plan for plan in refined.values() if not isinstance(plan, InfeasibleError)]
     # What a cap on the tools' speed costs is not known before a plan is timed exactly.
-    return tuple(plan for plan in plans if capped or _length(plan) <= (1.0 + ALIKE * even) * total)
+    longest = (1.0 + settings.alike * even) * total
+    return tuple(plan for plan in plans if capped or _length(plan) <= longest)
 
 
 def _length(plan: list[StagePlan]) -> float:

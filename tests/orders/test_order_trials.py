@@ -25,7 +25,7 @@ from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.plans.times import evaluate
-from dualarm_cli.stages.search.plan_clearance import TURNS, plan_clearance
+from dualarm_cli.stages.search.plan_clearance import PENALTY, plan_clearance
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification import verify
 
@@ -78,7 +78,7 @@ def test_moves_cost_what_the_plan_of_the_same_postures_is_said_to_cost(search):
         skipped = np.append(False, idle[:-1]) | idle
         np.testing.assert_array_equal(found[skipped], 0.0)
         # Arms that meet on their lines are another matter.
-        lines = np.isclose(said - found, TURNS, atol=5e-3)
+        lines = np.isclose(said - found, PENALTY.turns, atol=5e-3)
         np.testing.assert_allclose(found[~skipped & ~lines], said[~skipped & ~lines], atol=5e-3)
         dear += int((found > 0.05).sum())
         looked += int((~skipped).sum())

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
@@ -183,4 +184,4 @@ def test_it_is_left_out_where_the_plan_is_as_quick_as_the_search_said(duration, 
         SimpleNamespace(duration=duration, blend_gain=None),
         SimpleNamespace(duration=duration - 2.0, blend_gain=2.0),
     ):
-        assert planner._is_slower_as_filed(plan, watch) == left_out
+        assert planner._is_slower_as_filed(plan, watch, EFFORTS["quick"].trials) == left_out

@@ -16,7 +16,6 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders.orders import DecidedOrder, Orders, PairedSearch
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning import ordered_plan
-from dualarm_cli.planning.ordered_plan import SEARCHES, TAKEN_APART
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.refusals import Refusal
@@ -75,7 +74,8 @@ def test_where_an_arm_touches_by_itself_other_orders_are_soon_given_up(alone, ef
     settings = PlanSettings(effort=effort)
     with pytest.raises(BlockedError, match="no collision-free plan"):
         ordered_plan._searched(search, search.orders(), settings, Watch(), search.planned)
-    most = SEARCHES + TAKEN_APART + 1
+    trials = EFFORTS[effort].trials
+    most = trials.searches + trials.separations + 1
     assert search.tries == (min(most, EFFORTS[effort].hopeless_orders) if alone else most)
 
 

@@ -11,9 +11,7 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.postures import NoPosture, solve_stops
 from dualarm_cli.postures import arm_angle as member
-from dualarm_cli.postures import arm_angle as refinement
 from dualarm_cli.postures.arm_angle import (
-    FAR,
     choose_near,
     choose_posture,
     choose_postures,
@@ -21,6 +19,7 @@ from dualarm_cli.postures.arm_angle import (
     refinements,
 )
 from dualarm_cli.postures.candidates import line_path
+from dualarm_cli.postures.problem import POSTURES
 from dualarm_cli.postures.stage_problems import stop_problems
 from dualarm_cli.postures.stop_batch import StopBatch, batches
 from dualarm_cli.postures.target_grid import target_postures
@@ -189,12 +188,12 @@ def test_the_next_best_way_is_taken_where_the_best_does_not_hold_between_samples
 
     monkeypatch.setattr(member, "_settled", refuse_first)
     second = choose_posture(problem)
-    assert len(refused[0].row) == member.ARM_ANGLE.starts
+    assert len(refused[0].row) == POSTURES.starts
     monkeypatch.undo()
     # The ways that come next, by a look at all of them.
     (batch,) = [batch for _, batch in batches([problem])]
     ways = coarse_ways(batch, target_postures(batch), [0], False)
-    following = ways.take(np.arange(member.ARM_ANGLE.starts, 2 * member.ARM_ANGLE.starts))
+    following = ways.take(np.arange(POSTURES.starts, 2 * POSTURES.starts))
     expected = refinements(batch, following)[-1]
     assert second.cost == pytest.approx(float(expected.time[0]), rel=1e-9)
     assert second.psi_target == pytest.approx(float(expected.psi[0]), abs=1e-9)
@@ -209,16 +208,18 @@ def test_of_several_ways_the_one_that_refines_best_is_taken(problems):
         together = refinements(batch, two)
         assert {len(stage.row) for stage in together} == {1}
         alone = [refinements(batch, two.take(np.array([k]))) for k in (0, 1)]
-        leader = min(alone, key=lambda rounds: rounds[refinement.ARM_ANGLE.all_ways].cost[0])
+        leader = min(alone, key=lambda rounds: rounds[POSTURES.all_ways].cost[0])
         assert together[-1].cost[0] == pytest.approx(leader[-1].cost[0], rel=1e-9)
 
 
 def test_the_second_way_is_far_from_the_first(problems):
-    """Another branch, or arm angle or yaw at least FAR away, and the best of all such."""
+    """Another branch, or arm angle or yaw at least POSTURES.far away, and the best of all such."""
     for problem in problems[:6]:
         (batch,) = [batch for _, batch in batches([problem])]
         ways = coarse_ways(batch, target_postures(batch), [0], True)
-        psi, yaw = (np.abs(np.angle(np.exp(1j * (v - v[0])))) > FAR for v in (ways.psi, ways.yaw))
+        psi, yaw = (
+            np.abs(np.angle(np.exp(1j * (v - v[0])))) > POSTURES.far for v in (ways.psi, ways.yaw)
+        )
         far = psi | yaw | (ways.branch != ways.branch[0])
         assert ways.cost[0] == ways.cost.min()
         if far.any():

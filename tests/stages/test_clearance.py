@@ -14,7 +14,7 @@ from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.plans.clearance import LIKE, Barred
 from dualarm_cli.stages.plans.times import evaluate
-from dualarm_cli.stages.search.plan_clearance import TURNS, plan_clearance, step_waits
+from dualarm_cli.stages.search.plan_clearance import PENALTY, plan_clearance, step_waits
 from dualarm_cli.stages.search.search import search_near
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
@@ -45,7 +45,7 @@ def test_steps_cost_what_the_plan_of_which_they_are_is_charged(shelves):
         rows = (plan.start, plan.arrival, target, plan.end)
         [waits] = step_waits(problem.clearance, k, *(row[None] for row in rows))
         more = clear.waits[k] - waits
-        assert abs(more) < 1e-3 or more == pytest.approx(TURNS, abs=1e-3)
+        assert abs(more) < 1e-3 or more == pytest.approx(PENALTY.turns, abs=1e-3)
         touched += waits > 0.0
     assert 2 < touched < problem.stages
 
@@ -66,7 +66,7 @@ def test_who_touches_at_a_target_may_come_after_the_other_but_not_in_a_hand_over
     settled = frozenset({0})
     [turns] = step_waits(dataclasses.replace(taken, settled=settled), 0, *rows)
     assert np.isfinite(turns)
-    assert turns >= TURNS
+    assert turns >= PENALTY.turns
     [never] = step_waits(given, 0, *rows)
     assert np.isinf(never)
     [known] = step_waits(dataclasses.replace(given, settled=settled), 0, *rows)

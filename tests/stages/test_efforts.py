@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from dualarm_cli.effort import EFFORTS, SCALING
+from dualarm_cli.effort import EFFORTS
+from dualarm_cli.effort.stages import SCALING
 
 
 def test_long_sequences_get_fewer_nodes_but_for_thorough_effort():

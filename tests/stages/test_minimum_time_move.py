@@ -232,6 +232,6 @@ def test_brackets_gain_and_never_lose(packing, model, monkeypatch):
     assert min(gained) >= 0.0
     assert np.mean(np.array(gained) > 1e-3) > 0.5
     for places in ([0.2], [1.0], [-1.0]):
-        monkeypatch.setattr(move, "ZOOM", np.array(places))
+        monkeypatch.setattr(move, "MOVE", dataclasses.replace(move.MOVE, zoom=tuple(places)))
         best = choose_quickest(stage, home)
         assert move._zoomed(stage, home, best).duration <= best.duration + 1e-9

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.collision.clearance import SLACK, CellClearance
-from dualarm_cli.effort import Mesh
+from dualarm_cli.effort.stages import Mesh
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
@@ -23,7 +23,6 @@ from dualarm_cli.stages.plans.candidates import Grid
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.source import grid_nodes, postures
 from dualarm_cli.stages.search import beam, own_stages
-from dualarm_cli.stages.search import search as search_module
 from dualarm_cli.stages.search.node_plans import grid_angles, plans_on_nodes
 from dualarm_cli.stages.search.own_stages import (
     ExactStages,
@@ -324,7 +323,7 @@ def test_a_stage_that_is_known_to_touch_does_not_stay_as_it_is(packing: Job) -> 
 
 
 def test_in_a_long_sequence_a_stage_that_has_to_touch_gets_the_plan_that_touches_least(
-    packing: Job, monkeypatch: pytest.MonkeyPatch
+    packing: Job,
 ) -> None:
     """Tools at one place: that does not cost the whole sequence a second search, and what is far from it stays."""
     touching: dict[str, Target] = {"left": ((0.6, 0.02, 0.9), 0.0), "right": ((0.6, -0.02, 0.9), 0)}
@@ -337,8 +336,8 @@ def test_in_a_long_sequence_a_stage_that_has_to_touch_gets_the_plan_that_touches
     problem = sequence_problem(model, job, Holding.of(job))
     asked: tuple[Any, ...] = (problem, unchecked, [1], "quick", 0)
     assert search_near(*asked, local=True) is None
-    monkeypatch.setattr(search_module, "FEWEST_IN_PARTS", problem.stages)
-    near = search_near(*asked, local=True)
+    settings = replace(problem.settings, in_parts=problem.stages)
+    near = search_near(replace(problem, settings=settings), *asked[1:], local=True)
     assert near is not None
     assert np.flatnonzero(~plan_clearance(problem, near).stops).tolist() == [1]
     # It and the next transfer touch: stages 0 to 2, one beside them, then four more.
@@ -403,12 +402,12 @@ def crowded(packing: Job, seed: int) -> SequenceProblem:
 
 @pytest.mark.parametrize("seed", CROWDED)
 def test_a_beam_in_which_all_the_best_steps_touch_looks_at_the_others(
-    packing: Job, monkeypatch: pytest.MonkeyPatch, seed: int
+    packing: Job, seed: int
 ) -> None:
     """Both arms near the front, and only a few steps looked at: collision-free pairs of postures are found still."""
     problem = crowded(packing, seed)
-    few = beam.BeamSettings(oversampling=1, clearance_oversampling=1)
-    monkeypatch.setattr(beam, "SETTINGS", few)
+    few = replace(problem.settings, oversampling=1, clearance_oversampling=1)
+    problem = replace(problem, settings=few)
     exact = ExactStages(problem)
     [(path, plan)] = plans_on_nodes(problem, exact, Mesh(0.25, 12, 1500, 1), 1).plans
     assert path.is_possible

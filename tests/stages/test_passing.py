@@ -13,7 +13,6 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.candidates import line_path
-from dualarm_cli.stages.plans import ways as plan_ways
 from dualarm_cli.stages.plans.passing import outwards, passed, timed_slopes, transfer_times
 from dualarm_cli.stages.plans.source import postures
 from dualarm_cli.stages.plans.times import evaluate
@@ -208,13 +207,13 @@ def test_stages_within_a_stretch_take_as_long_as_in_the_whole(sequence):
         np.testing.assert_allclose(alone.stages[1:], whole.stages[first + 1 :], rtol=1e-12)
 
 
-def test_best_ways_are_the_same_with_a_second_process(sequence, monkeypatch):
+def test_best_ways_are_the_same_with_a_second_process(sequence):
     """Which has half of the transfers."""
     _, problem, plan = sequence
     alone = best_ways(problem, plan)
-    monkeypatch.setattr(plan_ways, "SHARED", 2)
+    settings = replace(problem.settings, shared_transfers=2)
     with copies(True):
-        shared = best_ways(problem, plan)
+        shared = best_ways(replace(problem, settings=settings), plan)
     for one, other in zip(alone, shared, strict=True):
         np.testing.assert_array_equal(one, other)
 
@@ -231,7 +230,7 @@ def test_best_ways_are_no_slower_than_rest_at_any_transfer(sequence, jerk):
         problem = sequence_problem(CellModel.from_cell(cell), job)
         plan = evaluate(problem, plan.decisions)
         [number] = {int(n) for ways in middling_ways(problem) for n in ways.ravel() if n}
-        assert divmod(number - 1, len(CUTS)) == plan_ways.EVEN
+        assert divmod(number - 1, len(CUTS)) == problem.settings.passing_without_jerk
     ways = best_ways(problem, plan)
     moving = evaluate(replace(problem, ways=ways), plan.decisions)
     gained = []

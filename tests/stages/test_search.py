@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dualarm_cli.effort import EFFORTS, Mesh
+from dualarm_cli.effort import EFFORTS
+from dualarm_cli.effort.stages import Mesh
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
@@ -307,20 +308,20 @@ def test_polishing_gains_and_never_loses(random_problem: Problems) -> None:
 
 def test_windows_divide_the_stages_and_shift_by_half_a_window() -> None:
     """All stages once and in order, none much longer or shorter than the 24 stages of a window; 36 are one."""
-    assert _windows(36, 0) == _windows(36, 1) == [(0, 36)]
-    assert _windows(37, 0) == [(0, 24), (24, 37)]
-    assert _windows(37, 1) == [(0, 12), (12, 37)]
-    assert _windows(55, 0) == [(0, 24), (24, 55)]
-    assert _windows(56, 0) == [(0, 24), (24, 48), (48, 56)]
+    assert _windows(36, 24, 0) == _windows(36, 24, 1) == [(0, 36)]
+    assert _windows(37, 24, 0) == [(0, 24), (24, 37)]
+    assert _windows(37, 24, 1) == [(0, 12), (12, 37)]
+    assert _windows(55, 24, 0) == [(0, 24), (24, 55)]
+    assert _windows(56, 24, 0) == [(0, 24), (24, 48), (48, 56)]
     for stages in range(1, 200):
         for number in (0, 1, 2):
-            windows = _windows(stages, number)
+            windows = _windows(stages, 24, number)
             assert [k for first, past in windows for k in range(first, past)] == [*range(stages)]
             if stages > 36:
                 sizes = [past - first for first, past in windows]
                 assert min(sizes) >= 8
                 assert max(sizes) < 24 + 8
-        inner = [{first for first, _ in _windows(stages, number)} - {0} for number in (0, 1)]
+        inner = [{first for first, _ in _windows(stages, 24, number)} - {0} for number in (0, 1)]
         assert not inner[0] & inner[1]
 
 

@@ -13,6 +13,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.postures import reach
+from dualarm_cli.postures.problem import POSTURES
 from dualarm_cli.postures.stage_problems import Clock, stop_problems
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages, choose_stages_with
@@ -145,7 +146,7 @@ def test_the_scan_in_blocks_finds_what_the_whole_scan_finds(packing, model, plac
     for stop in stops.values():
         usable &= reach._together(reach._points(stop, model.platform, angles - here))
     nearest = angles[np.argsort(np.abs(angles - here), kind="stable")]
-    expected = [a for a in nearest if usable[angles == a][0]][: reach.SCAN_TRIES]
+    expected = [a for a in nearest if usable[angles == a][0]][: POSTURES.tried_angles]
     found = [float(one[0]) for one in reach.reachable_positions(model, home, stops)]
     assert found == expected
 

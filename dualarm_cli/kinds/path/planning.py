@@ -8,7 +8,6 @@ from functools import partial
 import numpy as np
 
 from dualarm_cli.clearing.cleared_plan import ClearedPlan
-from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import Diagnostic, InfeasibleError, did_you_mean
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.path.context import PathContext
@@ -223,7 +222,7 @@ class PathSearch:
         if self.best is None or _time(transfer, path) < _time(*self.best):
             self.best = transfer, path
         self.accepted += 1
-        effort = EFFORTS[self.tools.problem.effort]
+        effort = self.tools.problem.settings
         cheap = transfer is None or (transfer.cost or 0.0) <= TRIALS.cheap
         return self.accepted >= effort.section_starts or (effort.spares and cheap)
 

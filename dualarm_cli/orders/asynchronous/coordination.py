@@ -15,9 +15,6 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.records import dataclass
 
-FAR_DOWN = 1e7
-"""More steps than any way has."""
-
 
 @dataclass(frozen=True)
 class Diagram:
@@ -163,10 +160,10 @@ def _along(
         # The least of what is reached before in the same run of free states, and a step for each state since.
         ends = ~free
         ends[1:] |= held[:-1]
-        columns, run = np.arange(len(row)), np.cumsum(ends)
-        lowered = np.where(free, row - columns, np.inf) - FAR_DOWN * run
-        found: FloatArray = np.minimum.accumulate(lowered) + FAR_DOWN * run + columns
-        return np.where(free & (found < 0.5 * FAR_DOWN), np.minimum(row, found), row)
+        columns, run, far = np.arange(len(row)), np.cumsum(ends), 1e7  # longer than any way
+        lowered = np.where(free, row - columns, np.inf) - far * run
+        found: FloatArray = np.minimum.accumulate(lowered) + far * run + columns
+        return np.where(free & (found < 0.5 * far), np.minimum(row, found), row)
     row = row.copy()
     for c in range(1, len(row)):
         before = row[c - 1]

@@ -18,9 +18,6 @@ from dualarm_cli.orders.rules.stores import Stores
 from dualarm_cli.orders.rules.tool_stands import ToolStands
 from dualarm_cli.records import dataclass
 
-FEW = 5
-"""So many tasks of one epoch are ordered exactly."""
-
 
 @dataclass(frozen=True)
 class Epoch:
@@ -221,19 +218,11 @@ def _idle_return(problem: SequencingProblem, found: Timed) -> float:
 
 def _ordered(problem: SequencingProblem, iterations: int, seed: int) -> Timed | None:
     """Returns a good order of one epoch's tasks."""
-    if problem.tasks <= FEW:
+    if problem.tasks <= 5:  # few enough for all orders
         return exact_order(problem)
     search = Recreator(problem, seed)
     first = search.first()
     return None if first is None else search.improve(first, iterations)
-
-
-MOST_EPOCHS = 3
-"""So many angles are combined in all ways; more only where fewer do not reach all tasks."""
-HOT = 0.1
-"""Up to what share of the total a change may cost at first."""
-SETS = 40
-"""Combinations of angles that are looked at at all."""
 
 
 @dataclass(frozen=True)
@@ -279,7 +268,7 @@ class EpochSearch:
         cost = self._costs()
         arms = len(self.problem.sample.arms)
         ranked: list[tuple[float, tuple[int, ...]]] = []
-        for count in range(2, MOST_EPOCHS + 1):
+        for count in range(2, self.effort.most_epochs + 1):
             for some in combinations(sorted(self.problem.problems), count):
                 work = cost[:, some].min(axis=1).sum() / arms
                 if not np.isfinite(work):
@@ -289,7 +278,7 @@ class EpochSearch:
         if not ranked:
             cover = self._cover(cost)
             return [] if cover is None else [cover]
-        return [path for _, path in sorted(ranked)[:SETS]]
+        return [path for _, path in sorted(ranked)[: self.effort.combinations]]
 
     def _way(self, path: Sequence[int]) -> float:
         """Returns how long the platform turns in all [s]."""
@@ -358,7 +347,7 @@ class EpochSearch:
             if tried is None:
                 continue
             found = self.problem.evaluated(tried, self.effort.glance)
-            heat = HOT * (1.0 - k / self.effort.moves) * random.random()
+            heat = self.effort.hot * (1.0 - k / self.effort.moves) * random.random()
             if found.late <= current.late and found.total <= (1.0 + heat) * current.total:
                 current = found
                 best = min(best, current, key=lambda one: one.worth)

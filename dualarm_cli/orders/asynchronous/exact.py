@@ -10,22 +10,15 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.orders.asynchronous.problem import Order, SequencingProblem
 from dualarm_cli.orders.asynchronous.times import Timed, best_ways, keeps_rules, own_times, timed
 
-MOST_STATES = 700_000_000
-"""Subsets times nodes times nodes, beyond which dynamic programming takes too long."""
-FEW = 7
-"""So many tasks are enumerated where arms depend on each other."""
-FEW_WITH_BUFFERS = 5
-"""The same where buffers make them wait."""
-MOST_TASKS = 13
-"""Largest number of tasks of the dynamic programme."""
-
 
 def is_small(problem: SequencingProblem) -> bool:
     """Returns whether `exact_order` serves a problem."""
     if problem.coupled:
-        return problem.tasks <= (FEW if problem.stores is None else FEW_WITH_BUFFERS)
+        # Few are enumerated, and fewer where buffers make arms wait.
+        return problem.tasks <= (7 if problem.stores is None else 5)
     nodes = problem.tasks * problem.ways
-    return problem.tasks <= MOST_TASKS and nodes * nodes * 2**problem.tasks // 2 <= MOST_STATES
+    # Subsets times nodes times nodes: beyond this dynamic programming takes too long.
+    return problem.tasks <= 13 and nodes * nodes * 2**problem.tasks // 2 <= 700_000_000
 
 
 def exact_order(problem: SequencingProblem) -> Timed | None:

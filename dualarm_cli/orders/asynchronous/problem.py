@@ -13,9 +13,6 @@ from dualarm_cli.orders.rules.stores import Stores
 from dualarm_cli.orders.rules.tool_stands import ToolStands
 from dualarm_cli.records import dataclass
 
-CHUNK = 2_000_000
-"""Pairs of postures whose times are computed at once."""
-
 
 @dataclass(frozen=True)
 class ArmTasks:
@@ -141,7 +138,7 @@ class SequencingProblem:
         entry = np.concatenate([arm.entry.reshape(-1, joints), back[None]])
         n = len(entry)
         found = np.empty((n, n))
-        rows = max(1, CHUNK // n)
+        rows = max(1, 2_000_000 // n)  # pairs of postures at once
         for k in range(0, n, rows):
             found[k : k + rows] = arm.law.duration(entry[None] - leaving[k : k + rows, None])
         found = np.where(np.isnan(found), np.inf, found)

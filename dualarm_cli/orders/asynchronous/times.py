@@ -8,12 +8,8 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.orders.asynchronous.problem import Order, SequencingProblem
+from dualarm_cli.orders.paired.times import LATE
 from dualarm_cli.records import dataclass
-
-MOST_BRANCHED = 24
-"""Of orders of up to so many stops all interleavings are looked at."""
-SAME = 1e-12
-"""Instants that differ by less are one [s]."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +54,7 @@ class State:
     def is_no_later(self, other: State) -> bool:
         """Returns whether nothing is later than in another state which has got as far."""
         mine, others = (*self.ends, self.event, self.late), (*other.ends, other.event, other.late)
-        return all(one <= two + SAME for one, two in zip(mine, others, strict=True))
+        return all(one <= two + 1e-12 for one, two in zip(mine, others, strict=True))
 
 
 class StoredOrder:
@@ -93,7 +89,7 @@ class StoredOrder:
         """Returns the best last state found: where arms wait forever, one in which not all is done."""
         served = self._served()
         count = sum(len(own) for own in self._legs)
-        short = count <= MOST_BRANCHED
+        short = count <= 24  # few enough stops for all interleavings
         # Of tasks in the file's order there are few orders: none of them is given up too early.
         if self._is_contended() and (short or (self.left(served) and self._problem.in_file_order)):
             return self._best() or served
@@ -265,12 +261,6 @@ def _legs(problem: SequencingProblem, a: int, nodes: tuple[int, ...]) -> list[Le
     return found
 
 
-LATE = 1000.0
-"""What an instant of a window that is missed counts, in instants of the total."""
-STUCK = 1e6
-"""What a stop counts that is never made, as it waits for a part or for room forever [s]."""
-
-
 @dataclass(frozen=True)
 class Timed:
     """An order's times."""
@@ -299,7 +289,8 @@ class Timed:
     def worth(self) -> float:
         """What is minimised [s]: the total, what is late many times, and a little of the arms' own times."""
         if self.left:
-            return STUCK * self.left + sum(self.own)
+            # A stop that is never made counts this much [s].
+            return 1e6 * self.left + sum(self.own)
         return self.total + LATE * self.late + 1e-3 * sum(self.own)
 
 

@@ -48,6 +48,12 @@ class OrderNodeSettings:
 
     The others are checked if all of these collide.
     """
+    most_angles: int = 12
+    """Platform angles in synchronous stages at most; twice as many up to `few_stops`: better orders are found."""
+    few_stops: int = 200
+    """Stops up to which twice as many platform angles are sampled."""
+    most_lengths: int = 37_000_000
+    """Maximum size of one arm's table of stage lengths."""
     ways: tuple[tuple[int, ...], ...] = ((12, 6), (40, 4), (120, 2))
     """Ways of every task, by up to how many tasks; one beyond."""
 

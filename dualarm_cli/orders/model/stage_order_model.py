@@ -11,7 +11,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.orders.model.buffer_numbers import job_stores
 from dualarm_cli.orders.model.meeting import handovers_of, meeting_costs, met_postures
-from dualarm_cli.orders.model.order_model import OrderModel
+from dualarm_cli.orders.model.order_model import NODES, OrderModel
 from dualarm_cli.orders.paired.changes import StageStands, StageTools
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.rules.tool_stands import NO_TOOL
@@ -99,14 +99,6 @@ def _clear(
         held[:, begin:end] = np.array(order.held(*stops[k]))[:, None]
     joined = np.concatenate([table for place in places for table in place])
     return order.is_clear(name, joined, np.tile(angle, 3), held.ravel())
-
-
-MOST_NUMBERS = 37_000_000
-"""Most numbers of one arm's table of stage lengths."""
-FEW_STOPS = 200
-"""Up to so many stops are looked at from twice as many platform angles: better orders are found."""
-MOST_ANGLES = 12
-"""Most platform angles of more stops."""
 
 
 @dataclass(frozen=True)
@@ -270,8 +262,8 @@ def _few_angles(order: OrderModel, stops: int) -> IntArray:
     """Returns as many angles as tables have room for, the start first, evenly over those at which work can be done."""
     reached = order.reached().any(axis=(0, 1))
     useful = np.flatnonzero(reached)
-    few = 2 * MOST_ANGLES if stops <= FEW_STOPS else MOST_ANGLES
-    most = min(few, max(3, int(np.sqrt(MOST_NUMBERS / ((stops + 1) * (stops + 2))))))
+    few = NODES.most_angles * (2 if stops <= NODES.few_stops else 1)
+    most = min(few, max(3, int(np.sqrt(NODES.most_lengths / ((stops + 1) * (stops + 2))))))
     if len(useful) >= most:
         by_angle = (
             useful[np.argsort(order.angles[useful, 0], kind="stable")]

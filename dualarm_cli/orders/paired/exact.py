@@ -18,10 +18,6 @@ FEW = 7
 """So many tasks, or sequences of tasks, are few."""
 FEW_WITH_BUFFERS = 6
 """The same where buffers make arms wait for each other: all stops that may fall into one stage are timed as well."""
-AT_ONCE = 2000
-"""Orders that are timed at once."""
-NUMBERS = 1_000_000
-"""Numbers that are worked on at once where buffers make arms wait."""
 
 
 def best_of_all(
@@ -42,7 +38,7 @@ def best_of_all(
         return _best_with_buffers(problem, better, stop)
     every = _orders(problem)
     best: tuple[float, IntArray] | None = None
-    while some := list(islice(every, AT_ONCE)):
+    while some := list(islice(every, 2000)):
         if best is not None and stop():
             break
         length = max(len(one) for one in some)
@@ -65,7 +61,7 @@ def _best_with_buffers(
     for some in _queues(problem):
         if best is not None and stop():
             break
-        size = max(1, NUMBERS // (len(problem.turn) * len(problem.turn)))
+        size = max(1, 1_000_000 // (len(problem.turn) * len(problem.turn)))
         for k in range(0, len(some[0]), size):
             queues = [own[k : k + size] for own in some]
             found = Alignments(problem, queues).totals()

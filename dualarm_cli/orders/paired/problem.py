@@ -96,10 +96,6 @@ def apart(slots: IntArray, pairs: set[tuple[int, int]]) -> IntArray:
     return np.array(rows, dtype=np.int64).reshape(-1, 2)
 
 
-NEAR = 12
-"""So many of a unit's nearest ones are thought of when some are removed together."""
-
-
 @dataclass(frozen=True)
 class StopUnit:
     """Stops that one arm makes one right after the other: a task's, or those of a sequence of tasks.
@@ -157,4 +153,4 @@ def near_units(problem: StageProblem, units: list[StopUnit]) -> list[list[int]]:
         quickest = length.min(axis=(2, 3))[last[:, None], first[None, :]]
         least = np.minimum(least, np.minimum(quickest, quickest.T))
     order = np.argsort(least, axis=1, kind="stable")
-    return [[int(v) for v in row if v != u][:NEAR] for u, row in enumerate(order)]
+    return [[int(v) for v in row if v != u][:12] for u, row in enumerate(order)]

@@ -10,8 +10,6 @@ from dualarm_cli.records import dataclass
 
 LATE = 1000.0
 """What an instant of a window that is missed counts, in instants of the total."""
-CHUNK = 3_000_000
-"""Numbers that are worked on at once."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,7 @@ def totals(problem: StageProblem, slots: IntArray, ends: Ends | None = None) -> 
     if ends is not None:
         then = np.broadcast_to(ends.then, (len(slots), *ends.then.shape))
         slots = np.concatenate([slots, then], axis=1)
-    size = max(1, CHUNK // (f * f))
+    size = max(1, 3_000_000 // (f * f))  # numbers at once
     found = [
         _swept(
             problem,

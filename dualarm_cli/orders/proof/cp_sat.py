@@ -20,8 +20,6 @@ from dualarm_cli.records import dataclass
 MILLISECONDS = 1000.0
 POLL = 0.05
 """How often it is asked whether to stop [s]."""
-LINEAR = 2
-"""How much of the model CP-SAT gives to its linear relaxation."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ def prove(
     solver.parameters.num_workers = 1
     solver.parameters.random_seed = seed
     solver.parameters.max_deterministic_time = effort
-    solver.parameters.linearization_level = LINEAR
+    solver.parameters.linearization_level = 2
     solver.parameters.catch_sigint_signal = False
 
     solver.best_bound_callback = lambda bound: bounded(float(bound) / MILLISECONDS)

@@ -91,6 +91,8 @@ class StageSteps:
 class LabelSettings:
     """Numbers that steer the extension of partial orders."""
 
+    continuations: int = 12
+    """Maximum number of continuations per label that is kept."""
     halvings: int = 16
     """Number of bisections of the threshold that limits the number of continuations."""
     most_looked_at: int = 20_000
@@ -155,8 +157,6 @@ class Continuations:
 
 MOST_STOPS = 62
 """Stops made are bits of one integer."""
-TRIED = 12
-"""So many continuations are looked at for each label that is kept at most."""
 MIXED = np.uint64(0x9E3779B97F4A7C15)
 """An odd number: times it, modulo 2^64, no two integers become one."""
 
@@ -268,7 +268,7 @@ class LabelSearch:
         more = onto[:, then] - self._paid[then] + self._rest[left, then]
         room = self.upper - self._whole - (labels.over - self._paid_for(labels.made))
         cheap = Continuations.of(more, np.maximum.reduceat(room, begin))
-        counts, lost = cheap.counts(room, row, TRIED * self.most)
+        counts, lost = cheap.counts(room, row, LABELS.continuations * self.most)
         self._dropped = min(self._dropped, self.upper - lost)
         label = np.repeat(np.arange(len(labels)), counts)
         rank = np.arange(len(label)) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -18,8 +18,6 @@ from dualarm_cli.orders.proof.proof import keeps_rules
 Look = Callable[[StageGraph, IntArray], FloatArray]
 """Returns how much longer moves between nodes take, looked at closely [s], shape (k,); arguments as of
 `StageGraph.longer`."""
-NEAR = 0.03
-"""By less than this share an order is longer than another one that is nearly as good."""
 
 
 def near_orders(
@@ -44,7 +42,7 @@ def near_orders(
         sizes: labels and orders of each round, and the number of rounds.
         stop: whether to stop early.
     """
-    upper = (1.0 + NEAR) * best.total
+    upper = (1.0 + sizes.excess) * best.total
     plain, known = graph, np.zeros(0, dtype=np.int64)
     seen: dict[bytes, IntArray] = {}
     for _ in range(sizes.rounds):
@@ -55,7 +53,7 @@ def near_orders(
             break
         if not some:
             # All that was nearly as good takes longer.
-            upper *= 1.0 + NEAR
+            upper *= 1.0 + sizes.excess
             continue
         seen |= {nodes.tobytes(): nodes for nodes in some}
         moves = np.unique(np.concatenate([_moves(nodes) for nodes in some]), axis=0)

@@ -16,13 +16,6 @@ from dualarm_cli.orders.proof.labels import MOST_STOPS, LabelSearch
 from dualarm_cli.orders.proof.prices import Prices, good_prices, needed
 from dualarm_cli.records import dataclass
 
-FIRST_LOOK = 4000
-"""Labels that are kept to find a better order before anything else is done."""
-LATER = 1.5
-"""An order that keeps all windows is looked for among those that take up to so many times as long as one without."""
-SAME = 1e-4
-"""Totals that differ by less are the same [s]."""
-
 
 @dataclass(frozen=True)
 class StageProof:
@@ -65,14 +58,14 @@ def prove_order(
     best = with_angles(problem, best.slots)
     # An order that is late counts far more than it takes: one that is in time does not take so much longer.
     plain = with_angles(replace(problem, not_after=None), best.slots)
-    upper = min(best.total, LATER * plain.total)
+    upper = min(best.total, effort.late * plain.total)
     price = None
     if problem.stops % 2 == 0:
         graph = StageGraph.of(problem, singles=False)
         prices = good_prices(graph, upper, effort.steps, stop=stop)
         if np.isfinite(prices.bound):
             price = prices.price
-            most = min(FIRST_LOOK, effort.labels)
+            most = min(effort.first_labels, effort.labels)
             found = LabelSearch(graph, prices, upper, most, stop).run()
             best = _better(graph, found.orders, best, better)
     if stop():
@@ -83,7 +76,8 @@ def prove_order(
     prices = good_prices(graph, upper, steps, price, stop)
     bound = min(prices.bound, upper)
     bounded(bound)
-    if not stop() and bound < upper - SAME:
+    # Totals that differ by less are the same.
+    if not stop() and bound < upper - 1e-4:
         fewer = graph.kept(needed(graph, prices, upper))
         found = LabelSearch(fewer, prices, upper, effort.labels, stop).run()
         best = _better(fewer, found.orders, best, better)

@@ -14,9 +14,6 @@ from dualarm_cli.orders.paired.problem import StageProblem
 from dualarm_cli.orders.rules.stores import Stores
 from dualarm_cli.records import dataclass
 
-AT_ONCE = 64
-"""Stops of one arm that are looked at together."""
-
 
 def pair_bound(problem: StageProblem) -> float:
     """Returns what no order takes less than [s], for one arm or two.
@@ -29,13 +26,14 @@ def pair_bound(problem: StageProblem) -> float:
     alone = np.min([own.min(axis=(1, 2)) for own in least], axis=0)
     cost: FloatArray = np.full((problem.stops, problem.stops), np.inf)
     if len(least) == 2:
-        for k in range(0, problem.stops, AT_ONCE):
-            one = least[0][k : k + AT_ONCE]
+        size = 64
+        for k in range(0, problem.stops, size):
+            one = least[0][k : k + size]
             whole: FloatArray = np.full((len(one), problem.stops), np.inf)
             for f, g in np.ndindex(*problem.turn.shape):
                 both = np.maximum(one[:, None, f, g], least[1][None, :, f, g])
                 np.minimum(whole, both, out=whole)
-            cost[k : k + AT_ONCE] = whole
+            cost[k : k + size] = whole
         cost = np.minimum(cost, cost.T)
     cost[every, every] = 2.0 * alone
     finite = np.isfinite(cost)

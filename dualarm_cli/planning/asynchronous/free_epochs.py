@@ -27,8 +27,6 @@ from dualarm_cli.records import dataclass
 
 HERE = "(where the platform stood before)"
 """Name of the posture in which an epoch starts."""
-MANY = 20
-"""Of more tasks than so many, fewer are moved."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ def epoch_orders(
     problems = {int(f): order.problem(int(f)) for f in np.flatnonzero(some)}
     turn = order.clock.platform_times(order.angles[:, None] - order.angles[None])
     how, n = EFFORTS[effort].epochs, len(order.job.tasks)
-    fewer = min(1.0, MANY / n)
+    fewer = min(1.0, how.tasks / n)
     how = replace(how, sets=max(2, round(how.sets * fewer)), moves=max(4, round(how.moves * fewer)))
     search = EpochSearch(EpochProblem(problems, np.asarray(turn), seed), how, watch.stop)
     return [_decided(order, one) for one in search.best(most)]

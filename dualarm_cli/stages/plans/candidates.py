@@ -19,11 +19,6 @@ MIDDLE = LINE_SAMPLES - 1
 """The target among the samples of both lines, which are the approach from outside and the retract."""
 BETWEEN = (2, 4, LINE_SAMPLES + 1, LINE_SAMPLES + 3)
 """Samples of both lines, approach first, that are kept for clearance; the target is between the middle ones."""
-LINE_FACTOR = 1.08
-"""Time of a line over the rest-to-rest time of its joints' displacements, roughly: joints on a line start and
-stop together along a curve."""
-FREE_YAWS = 6
-"""Yaws of a node set where any will do and it changes more than the last joint."""
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,8 @@ import numpy as np
 from dualarm_cli.compiled import srs as compiled
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.elementary import TURN
-from dualarm_cli.postures.line_following import SAME_POSTURE
+from dualarm_cli.postures.line_following import LARGEST_STEP, SAME_POSTURE
 from dualarm_cli.stages.plans.candidates import (
-    FREE_YAWS,
-    LINE_FACTOR,
     LINE_SAMPLES,
     MIDDLE,
     CandidatePostures,
@@ -31,15 +29,6 @@ from dualarm_cli.stages.plans.problem import (
     StopTable,
     StopTarget,
 )
-
-LARGEST_STEP = np.pi / 2
-"""A joint that turns more than this between two samples of a line has jumped [rad]."""
-_BLOCK = 4096
-"""Candidates that are followed at a time: their joints stay in the cache."""
-SWING_STEPS = 3
-"""How many half steps of the arm angle a line may swing to either side."""
-LARGEST_TURN = 0.5 * np.pi
-"""A joint that turns more than this along a line has no line that can be followed [rad]."""
 
 
 def postures(
@@ -61,10 +50,10 @@ def postures(
         angle: platform angle of each candidate [rad], shape (n,).
         candidates: n of them.
     """
-    n = len(stage)
-    if n <= _BLOCK:
+    n, size = len(stage), 4096  # The joints of so many stay in the cache.
+    if n <= size:
         return _postures(problem, arm, stage, angle, candidates)
-    blocks = [slice(k, k + _BLOCK) for k in range(0, n, _BLOCK)]
+    blocks = [slice(k, k + size) for k in range(0, n, size)]
     parts = [_postures(problem, arm, stage[b], angle[b], candidates.take(b)) for b in blocks]
     return CandidatePostures(
         *(
@@ -156,7 +145,7 @@ def grid_nodes(
     """Returns the nodes of one arm at one stop, none where it cannot be reached.
 
     At every platform angle, target arm angle, branch and yaw, the approach and the retract swing the arm angle so
-    that the joints move least; lines count LINE_FACTOR times the rest-to-rest time of what their joints move.
+    that the joints move least; lines count a little more than the rest-to-rest time of what their joints move.
     """
     table = problem.arms[arm].stop_table
     work = problem.arms[arm]
@@ -165,7 +154,7 @@ def grid_nodes(
     if stop.configurations is not None:
         return _configuration_nodes(problem, arm, stage, stop, grid)
     free_last = stop.free_yaw and work.yaw_turns_last_joint
-    yaws = _yaws(stop, free_last)
+    yaws = _yaws(stop, free_last, problem.settings.node_yaws)
     f = np.repeat(np.arange(len(grid.angles)), len(yaws))
     y = np.tile(yaws, len(grid.angles))
     row = np.full(len(f), table.first[stage])
@@ -185,8 +174,8 @@ def grid_nodes(
             work.kinematics.middle,
             work.limits.velocity,
             6 if free_last else 7,
-            SWING_STEPS,
-            LARGEST_TURN,
+            problem.settings.swing_steps,
+            0.5 * np.pi,  # A joint that turns more has no line that can be followed.
         ),
     )
     target, q_a, q_r = q[:, 0], q[:, 1], q[:, 2]
@@ -201,16 +190,18 @@ def grid_nodes(
         psi_target + swing[:, 1] * step,
         target,
     )
-    lines = LINE_FACTOR * (work.law.duration(q_a - target) + work.law.duration(q_r - target))
-    nodes = Nodes(f[r], decisions, q_a, q_r, lines + stop.dwell, free_last)
+    lines = work.law.duration(q_a - target) + work.law.duration(q_r - target)
+    nodes = Nodes(
+        f[r], decisions, q_a, q_r, problem.settings.line_factor * lines + stop.dwell, free_last
+    )
     return thinned(nodes, grid.most)
 
 
-def _yaws(stop: StopTarget, free_last: bool) -> FloatArray:
+def _yaws(stop: StopTarget, free_last: bool, count: int) -> FloatArray:
     if free_last:
         return np.zeros(1)
     if stop.free_yaw:
-        return np.linspace(-np.pi, np.pi, FREE_YAWS, endpoint=False)
+        return np.linspace(-np.pi, np.pi, count, endpoint=False)
     return stop.yaw
 
 
@@ -221,8 +212,8 @@ def _configuration_nodes(
     work = problem.arms[arm]
     assert stop.configurations is not None
     m = len(stop.configurations)
-    step = np.pi / grid.arm_angles
-    swings = step * np.arange(-SWING_STEPS, SWING_STEPS + 1)
+    step, most = np.pi / grid.arm_angles, problem.settings.swing_steps
+    swings = step * np.arange(-most, most + 1)
     alternative, k_a, k_r = (
         x.ravel() for x in np.meshgrid(np.arange(m), *(np.arange(len(swings)),) * 2, indexing="ij")
     )

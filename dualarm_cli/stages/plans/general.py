@@ -12,10 +12,8 @@ from dualarm_cli.geometry.products import product
 from dualarm_cli.kinematics.continuation import CONTINUATION, FlangeLines, moved_along
 from dualarm_cli.kinematics.general_arm import GeneralArm, numeric_form
 from dualarm_cli.kinematics.self_motion import self_motions
-from dualarm_cli.postures.numeric import DENSE_SAMPLES
+from dualarm_cli.postures.problem import POSTURES
 from dualarm_cli.stages.plans.candidates import (
-    FREE_YAWS,
-    LINE_FACTOR,
     LINE_SAMPLES,
     CandidatePostures,
     Grid,
@@ -27,21 +25,6 @@ from dualarm_cli.stages.plans.candidates import (
     timed_postures,
 )
 from dualarm_cli.stages.plans.problem import ArmDecisions, ArmWork, SequenceProblem, StopTarget
-
-FEW_ANGLES = 3
-"""At no more platform angles all of the self-motion is looked at; arms that have none keep to a plan."""
-END_SAMPLES = 3
-"""Samples of a line of which only the end is wanted."""
-SHARE = 0.5
-"""Share of a grid's nodes that is looked for: they take longer than in closed form."""
-SIDEWAYS = np.array([0.5, -0.5, 1.0, -1.0])
-"""Further nodes along the self-motion of those that are found, as many as are wanted [rad]."""
-AROUND = np.array([0.0, -0.3, -0.1, 0.1, 0.3])
-"""Where on the self-motion nodes around a plan are set [rad]."""
-DRIFTS = np.array([[0.0, 0.0], [-0.2, 0.0], [0.2, 0.0], [0.0, -0.2], [0.0, 0.2]])
-"""How the ways along the self-motion that come with both lines are varied there [rad]."""
-HALF_RANGES = 12
-"""Joints whose halves of their ranges tell branches apart at most."""
 
 
 def postures(
@@ -112,7 +95,7 @@ def anchored(candidates: ArmDecisions, found: CandidatePostures) -> ArmDecisions
 def lines_hold(
     problem: SequenceProblem, arm: int, angle: FloatArray, rows: ArmDecisions
 ) -> BoolArray:
-    """Returns in which stages lines from postures at the targets can be followed at DENSE_SAMPLES samples, shape (n,).
+    """Returns in which stages lines from postures at the targets can be followed at many samples, shape (n,).
 
     Args:
         problem: the sequence.
@@ -127,7 +110,7 @@ def lines_hold(
     poses = _poses(problem, work, k, angle[k], rows)
     length = np.stack([table.approach[k], table.retract[k]])
     general = numeric_form(work.kinematics)
-    _, holds[k] = _followed(general, length, rows, poses, rows.near, DENSE_SAMPLES)
+    _, holds[k] = _followed(general, length, rows, poses, rows.near, POSTURES.general_dense_samples)
     return holds
 
 
@@ -144,7 +127,7 @@ def grid_nodes(
     near: ArmDecisions | None = None,
 ) -> Nodes:
     """Compute an arm's nodes at one stop, with those around a plan if given."""
-    few, spare = len(grid.angles) <= FEW_ANGLES, problem.arms[arm].spare > 0
+    few, spare = len(grid.angles) <= problem.settings.thorough_angles, problem.arms[arm].spare > 0
     # A platform that does not turn leaves the poses as they are: around a plan they have been looked at before.
     thorough = few and spare if problem.turns else near is None
     if near is None:
@@ -165,8 +148,8 @@ def _grid_nodes(
     """Returns the nodes of one arm at one stop, none where it cannot be reached.
 
     At every platform angle and yaw the postures that inverse kinematics finds, with a spare joint others along their
-    self-motion, all with the whole turns that limits allow; lines count LINE_FACTOR times the rest-to-rest time of
-    what their joints move.
+    self-motion, all with the whole turns that limits allow; lines count a little more than the rest-to-rest time
+    of what their joints move.
 
     Args:
         problem: the sequence.
@@ -185,10 +168,10 @@ def _grid_nodes(
     stages, angle = np.full(count, stage), grid.angles[index]
     R, p, z = _poses(problem, work, stages, angle, rows)
     length = np.stack([table.approach[stages], table.retract[stages]])
-    path, ok = _followed(general, length, rows, (R, p, z), rows.near, END_SAMPLES)
+    path, ok = _followed(general, length, rows, (R, p, z), rows.near, POSTURES.end_samples)
     ends = np.stack([rows.near, rows.near]) if path is None else path[-1]
     out, back = (work.law.duration(end - rows.near) for end in ends)
-    time = LINE_FACTOR * (out + back) + stop.dwell
+    time = problem.settings.line_factor * (out + back) + stop.dwell
     nodes = Nodes(index, rows, ends[0], ends[1], time, False)
     nodes = nodes.take(np.flatnonzero(ok))
     if stop.configurations is None:
@@ -208,7 +191,11 @@ def _nodes_around(
     stop = work.stops[stage]
     assert stop is not None  # callers ask for active stages only
     varied = work.spare > 0 and stop.configurations is None
-    along, drifts = (AROUND, DRIFTS) if varied else (AROUND[:1], DRIFTS[:1])
+    along, drifts = np.zeros(1), np.zeros((1, 2))
+    if varied:
+        along = np.array(problem.settings.general_around)
+        moved = problem.settings.general_drift
+        drifts = np.array([[0.0, 0.0], [-moved, 0.0], [moved, 0.0], [0.0, -moved], [0.0, moved]])
     f, s, d = (
         x.ravel()
         for x in np.meshgrid(*(np.arange(len(x)) for x in (angles, along, drifts)), indexing="ij")
@@ -305,7 +292,7 @@ def _followed(
     path = np.broadcast_to(q, (samples, 2, *q.shape)).copy()
     which, k = np.nonzero(length > 0.0)
     lines = FlangeLines(R[k], p[k], -z[k] * length[which, k, None])
-    skeleton = END_SAMPLES if samples == LINE_SAMPLES else CONTINUATION.skeleton
+    skeleton = POSTURES.end_samples if samples == LINE_SAMPLES else CONTINUATION.skeleton
     course = general.follow_lines(q[k], lines, drift[which, k], samples, skeleton)
     path[:, which, k] = course.q
     followed = np.ones(length.shape, dtype=np.bool_)
@@ -328,23 +315,24 @@ def _targets(
         target = np.tile(np.arange(m), f)
         rows = _rows(work, target, np.zeros(m * f), stop.configurations[target])
         return np.repeat(np.arange(f), m), rows
-    yaws, general = _yaws(stop), numeric_form(work.kinematics)
+    yaws, general = _yaws(stop, problem.settings.node_yaws), numeric_form(work.kinematics)
     index, yaw = np.repeat(np.arange(f), len(yaws)), np.tile(yaws, f)
     start = np.tile(work.kinematics.middle, (len(yaw), 1))
     asked = _rows(work, np.zeros(len(yaw), dtype=np.int64), yaw, start)
     R, p, _ = _poses(problem, work, np.full(len(yaw), stage), grid.angles[index], asked)
     found = general.postures(R, p, thorough=thorough)
     pose, q = found.pose, found.q
+    most = round(problem.settings.general_node_share * grid.most)
     if work.spare == 1 and thorough:
         traced = self_motions(general, q, R[pose], p[pose])
         good = ~np.isnan(traced[..., 0])
         pose, q = np.broadcast_to(pose, good.shape)[good], traced[good]
     elif work.spare:
-        wanted = round(SHARE * grid.most) // max(1, len(pose)) - 1
-        pose, q = _beside(general, R, p, pose, q, SIDEWAYS[: max(0, wanted)])
+        wanted = most // max(1, len(pose)) - 1
+        sideways = np.array(problem.settings.general_sideways[: max(0, wanted)])
+        pose, q = _beside(general, R, p, pose, q, sideways)
     q = general.nearest_turns(q, work.kinematics.middle)
     order = np.argsort(pose, kind="stable")
-    most = round(SHARE * grid.most)
     if len(order) > most:
         order = order[np.linspace(0, len(order) - 1, most).astype(np.int64)]
     pose, q = pose[order], q[order]
@@ -366,9 +354,9 @@ def _beside(
     return np.concatenate([pose, of[met]]), np.concatenate([q, beside[met]])
 
 
-def _yaws(stop: StopTarget) -> FloatArray:
+def _yaws(stop: StopTarget, count: int) -> FloatArray:
     if stop.free_yaw:
-        return np.linspace(-np.pi, np.pi, FREE_YAWS, endpoint=False)
+        return np.linspace(-np.pi, np.pi, count, endpoint=False)
     return stop.yaw
 
 
@@ -380,7 +368,7 @@ def _rows(work: ArmWork, target: IntArray, yaw: FloatArray, q: FloatArray) -> Ar
 
 def _branch(work: ArmWork, q: FloatArray) -> IntArray:
     """Returns a number that tells in which half of its range every joint is, shape (n,)."""
-    upper = q[:, :HALF_RANGES] > work.kinematics.middle[:HALF_RANGES]
+    upper = q[:, :12] > work.kinematics.middle[:12]
     return np.asarray(product(upper, 1 << np.arange(upper.shape[1])), dtype=np.int64)
 
 

@@ -18,13 +18,6 @@ from dualarm_cli.timing.launch import COMPARED, CUTS, PROFILES
 from dualarm_cli.timing.ruckig_ import StatesToStates
 from dualarm_cli.timing.shapes import lagrange_basis
 
-SAMPLES = 17
-"""Samples of a line, interpolated from the four that are known."""
-STEP = 1e-6
-"""Step of the differences that give a transfer time's slopes [rad]."""
-STEEPEST = 50.0
-"""Most that a slope of a transfer time counts [s/rad]: where ways jump it means nothing."""
-
 
 def passed(work: ArmWork, ways: IntArray, found: CandidatePostures) -> CandidatePostures:
     """Returns candidates whose lines' outer ends are passed in motion.
@@ -56,11 +49,12 @@ def passed(work: ArmWork, ways: IntArray, found: CandidatePostures) -> Candidate
     return replace(found, work=spent, shares=shares, rates=rates)
 
 
-_INTERPOLATION = lagrange_basis(np.linspace(0.0, 1.0, 4), np.linspace(0.0, 1.0, SAMPLES))
+_INTERPOLATION = lagrange_basis(np.linspace(0.0, 1.0, 4), np.linspace(0.0, 1.0, 17))
+"""Matrix from the four known samples of a line to many, shape (17, 4)."""
 
 
 def outwards(found: CandidatePostures, line: int) -> FloatArray:
-    """Returns the joints along approaches (0) or retracts (1), from the target outwards, shape (n, SAMPLES, joints)."""
+    """Returns the joints along approaches (0) or retracts (1), from the target outwards, shape (n, 17, joints)."""
     near, far = (1, 0) if line == 0 else (2, 3)
     ends = found.q_retract if line else found.q_approach
     four = np.stack(
@@ -127,15 +121,17 @@ def timed_slopes(
         _states(*(x[None] for x in arriving))[0],
     )
 
-    def alone(k: int, step: float) -> FloatArray | None:
+    step, steepest = 1e-6, 50.0  # Where ways jump a steeper slope means nothing.
+
+    def alone(k: int, moved: float) -> FloatArray | None:
         position, *rates = goals[k]
-        found = solver.calculated(starts[k], [[q + step for q in position], *rates])
+        found = solver.calculated(starts[k], [[q + moved for q in position], *rates])
         return None if found is None else np.array(found.independent_min_durations)
 
     for k in np.flatnonzero(_moving(leaving[1]) | _moving(arriving[1])).tolist():
-        here, ahead, behind = (alone(k, step) for step in (0.0, STEP, -STEP))
+        here, ahead, behind = (alone(k, moved) for moved in (0.0, step, -step))
         if here is None or ahead is None or behind is None:
             continue
         time[k] = here
-        slope[k] = np.clip((ahead - behind) / (2.0 * STEP), -STEEPEST, STEEPEST)
+        slope[k] = np.clip((ahead - behind) / (2.0 * step), -steepest, steepest)
     return time, slope

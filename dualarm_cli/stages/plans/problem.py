@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from dualarm_cli.effort.stages import SequenceSettings
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
 from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.kinematics.platform_chain import PlatformChain
@@ -219,6 +220,8 @@ class SequenceProblem:
     (n, 2) each; None where all tools stop there."""
     roomy: tuple[ArmWork, ...] = ()
     """The arms with limits of position that leave room to pass lines' ends in motion; empty without any."""
+    settings: SequenceSettings = SequenceSettings()
+    """Numbers of the search."""
 
     def under(self, law: Callable[[RestToRest], RestToRest]) -> SequenceProblem:
         """Return the same stages with another law of the arms' joints.

@@ -28,19 +28,13 @@ from dualarm_cli.timing.launch import CUTS
 from dualarm_cli.timing.line_ends import Passings, quickest_pair
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 
-MIDDLING = 0, 6
-"""A profile and a cut, as indices, by which postures are chosen at first, under jerk limits."""
-EVEN = 8, 6
-"""Those without."""
-SHARED = 16
-"""Transfers of so many stages or more are looked at in two processes."""
-
 
 def middling_ways(problem: SequenceProblem) -> tuple[IntArray, ...]:
     """Returns one way for all lines' ends that may be passed, by arm, shape (n, 2) each."""
-    found = []
+    found, settings = [], problem.settings
     for work in problem.arms:
-        profile, cut = MIDDLING if np.isfinite(work.limits.jerk).all() else EVEN
+        jerky = not np.isfinite(work.limits.jerk).all()
+        profile, cut = settings.passing_without_jerk if jerky else settings.passing
         found.append(np.where(_passes(problem, work), 1 + profile * len(CUTS) + cut, 0))
     return tuple(found)
 
@@ -68,7 +62,8 @@ def best_ways(problem: SequenceProblem, plan: Evaluated) -> tuple[IntArray, ...]
         ways = np.zeros((problem.stages, 2), dtype=np.int64)
         of = partial(_best_ways, problem, plan, a, platform)
         stages = TransferChain.of(work).active
-        for k, own in zip(stages.tolist(), halves(of, stages.tolist(), SHARED), strict=True):
+        own_ways = halves(of, stages.tolist(), problem.settings.shared_transfers)
+        for k, own in zip(stages.tolist(), own_ways, strict=True):
             ways[k, 0] = own[1]
             if k:
                 ways[k - 1, 1] = own[0]

@@ -61,34 +61,6 @@ class NodePath:
 
 
 @dataclass(frozen=True)
-class BeamSettings:
-    """Numbers of node pairs that a beam rates in a stage."""
-
-    oversampling: int = 4
-    """Pairs per arm and kept state: several steps lead to the same pair of nodes."""
-    clearance_oversampling: int = 8
-    """Further factor of the pairs that are sorted with collision checking."""
-    first_per_kind: int = 2
-    """Pairs of a kind that are rated first: else all the best ones share one collision."""
-    fallback_per_angle: int = 16
-    """Nodes of each arm paired at each platform angle in the fallback search.
-
-    It extends the best state alone, if all rated pairs collide.
-    """
-    varied_states: int = 64
-    """Minimum number of states that a varied beam keeps: the pairs of eight branches of two arms."""
-    varied_pairs: int = 4096
-    """Pairs of nodes that a varied beam rates in a stage."""
-    varied_options: int = 1_000_000
-    """Pairs of nodes that a varied beam sorts in a stage."""
-    quadrant_border: float = 0.3
-    """Offset of the quadrants' borders from the multiples of a quarter turn, where many joints are [rad]."""
-
-
-SETTINGS = BeamSettings()
-
-
-@dataclass(frozen=True)
 class _Beam:
     """Nodes of both arms, and how widely they are searched."""
 
@@ -109,15 +81,15 @@ class _Beam:
         """Return the number of nodes of each working arm to pair at each of some states' angles."""
         if not self.varied:
             return self.per_angle
-        most = SETTINGS.varied_options // rows
+        most = self.problem.settings.varied_options // rows
         return max(self.per_angle, math.isqrt(most) if arms == 2 else most)
 
     @property
     def rated_pairs(self) -> int:
         """Number of pairs that are rated in a stage."""
         if self.varied:
-            return SETTINGS.varied_pairs
-        return SETTINGS.oversampling * len(self.arms) * self.width
+            return self.problem.settings.varied_pairs
+        return self.problem.settings.oversampling * len(self.arms) * self.width
 
 
 @dataclass(frozen=True)
@@ -186,7 +158,7 @@ def beam_search(
     found = _searched(beam, plans)
     if problem.clearance is None or (found and found[0].is_possible):
         return found
-    width = max(width, SETTINGS.varied_states)
+    width = max(width, problem.settings.varied_states)
     varied = _searched(replace(beam, width=width, varied=True), plans)
     return varied if varied and varied[0].is_possible else found
 
@@ -319,7 +291,7 @@ def _extend(
         return None
     if beam.problem.clearance is not None:
         kinds = _kinds(beam, states, candidates.step, k)
-        rows = best_of_each(kinds, SETTINGS.first_per_kind, rated)
+        rows = best_of_each(kinds, beam.problem.settings.first_per_kind, rated)
         candidates, kinds = candidates.take(rows), kinds[rows]
         waits = _waits(beam, beam.problem.clearance, states, candidates.step, k)
         if not np.isfinite(waits).any():
@@ -341,7 +313,7 @@ def _extend_best(beam: _Beam, states: _States, k: int) -> tuple[BeamStep, _State
     More nodes are paired, and all pairs are rated.
     """
     best = np.argmin(states.spent + states.left.max(axis=0), keepdims=True)
-    wide = replace(beam, per_angle=max(beam.per_angle, SETTINGS.fallback_per_angle))
+    wide = replace(beam, per_angle=max(beam.per_angle, beam.problem.settings.fallback_per_angle))
     if (extended := _extend(wide, states.take(best), k, None)) is None:
         return None
     step, after = extended
@@ -377,7 +349,7 @@ def _paired(beam: _Beam, states: _States, k: int, rated: int | None) -> _Candida
     if not len(possible):
         return None
     if rated is not None and beam.problem.clearance is not None:
-        rated *= SETTINGS.clearance_oversampling
+        rated *= beam.problem.settings.clearance_oversampling
     best = possible[np.argsort(total[possible], kind="stable")[:rated]]
     node = np.full((len(arms), len(best)), -1, dtype=np.int64)
     for a, rows in zip(working, chosen, strict=True):
@@ -410,7 +382,7 @@ def _kinds(beam: _Beam, states: _States, step: BeamStep, k: int) -> IntArray:
         layer = arm.layers[k]
         if beam.varied:
             rows = states.joints[a][:, step.parent] if layer is None else layer.retract[:, own]
-            columns += list(arm.quadrants(rows, SETTINGS.quadrant_border))
+            columns += list(arm.quadrants(rows, beam.problem.settings.quadrant_border))
         elif layer is not None:
             columns += [layer.decisions.branch[own], layer.decisions.yaw[own]]
     return np.asarray(np.unique(np.round(columns, 5), axis=1, return_inverse=True)[1])
@@ -460,7 +432,8 @@ def _options(
         cost = arm.table.times(states.joints[a], layer.approach, without)
     cost = cost + layer.work
     if beam.varied:
-        best_ones = arm.best_of_kinds(layer, cost + potential, SETTINGS.quadrant_border)
+        border = problem.settings.quadrant_border
+        best_ones = arm.best_of_kinds(layer, cost + potential, border)
         cost = np.where(best_ones, cost, np.float32(np.inf))
     at = layer.by_angle(f)
     padded = np.concatenate([cost, np.full((len(cost), 1), np.inf, dtype=np.float32)], axis=1)

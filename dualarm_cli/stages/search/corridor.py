@@ -26,9 +26,6 @@ from dualarm_cli.stages.plans.times import (
 from dualarm_cli.stages.search.plan_clearance import PlanClearance, plan_clearance
 from dualarm_cli.timing.stage_length import stage_length
 
-TRIES = 24
-"""Paths that are looked at for clearance, at most."""
-
 
 @dataclass(frozen=True)
 class Pool:
@@ -115,7 +112,7 @@ def combined(
         clear = plan_clearance(problem, best)
         worth += clear.penalty
         _bar(cost, closing, np.zeros(len(cost), dtype=np.int64), clear, barred)
-    for _ in range(TRIES):
+    for _ in range(problem.settings.clear_tries):
         picked = _shortest(cost, closing)
         if not picked.any() or not _length(cost, closing, picked) < worth:
             break

@@ -92,19 +92,11 @@ class LinearProgram:
         )
 
 
-NEAR_CRITICAL = 0.55
-"""Share of a stage's transfer time from which on a joint's own time is watched."""
-RATE_STEP = 1e-7
-"""Step of the difference that gives a transfer time's slope [rad]."""
-LIMIT_MARGIN = 1e-6
-"""What is kept free of a joint's position limits [rad]."""
-
-
 def timed_slopes(law: RestToRest, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns each joint's time [s] and its slope by the displacement [s/rad], shape (..., n)."""
-    time = law.per_joint(moved)
-    ahead = law.per_joint(np.abs(moved) + RATE_STEP)
-    return time, np.sign(moved) * (ahead - time) / RATE_STEP
+    time, step = law.per_joint(moved), 1e-7
+    ahead = law.per_joint(np.abs(moved) + step)
+    return time, np.sign(moved) * (ahead - time) / step
 
 
 @dataclass(frozen=True)
@@ -121,6 +113,11 @@ class _LinearisedPlan:
     """Slopes of each arm's joints and line times."""
     rows: Rows = field(default_factory=Rows)
     """Rows so far."""
+
+    @property
+    def near_critical(self) -> float:
+        """Share of the longest time from which a joint's own time has a row."""
+        return self.problem.settings.near_critical
 
     def program(self, radius: FloatArray) -> LinearProgram:
         """Linearise the plan over (variables, lengths of stages and return, times of lines).
@@ -166,7 +163,7 @@ class _LinearisedPlan:
         for columns, values, time in moves:
             columns = np.column_stack([columns, lines])
             values = np.column_stack([values, np.ones(lines.shape)])
-            self._add(columns, values, time + dwell, k, time >= NEAR_CRITICAL * longest)
+            self._add(columns, values, time + dwell, k, time >= self.near_critical * longest)
 
     def _transfer_slopes(self, a: int, chain: TransferChain) -> tuple[FloatArray, FloatArray]:
         """Time an arm's joints on its transfers, with slopes by their displacements.
@@ -208,7 +205,7 @@ class _LinearisedPlan:
             # A line that is passed in motion changes as it does from rest to rest.
             share = found.shares[:, end, None]
             time, rate = time * share, rate * share[:, :, None]
-            watched = (time[k] >= NEAR_CRITICAL * time[k].max(axis=1, keepdims=True)) & (
+            watched = (time[k] >= self.near_critical * time[k].max(axis=1, keepdims=True)) & (
                 time[k] > 0
             )
             for joint in range(work.joints):
@@ -231,7 +228,7 @@ class _LinearisedPlan:
             first = variables.angle[0] if problem.free_start else -1
             columns = np.array([[variables.angle[-1], first]])
             values = np.column_stack([-slope, slope])
-            watched = time[:, 0] >= NEAR_CRITICAL * best.closing
+            watched = time[:, 0] >= self.near_critical * best.closing
             self._add(columns, values, time[:, 0], last, watched)
         for a, work in enumerate(problem.arms):
             chain, found, rates = TransferChain.of(work), best.arms[a], self.rates[a]
@@ -247,7 +244,7 @@ class _LinearisedPlan:
                 if moves:
                     columns = np.column_stack([columns, self._columns(a, np.array([0]))])
                     values = np.column_stack([values, slope[joint] * rates.q_approach[:1, joint]])
-                watched = time[[joint]] >= NEAR_CRITICAL * best.closing
+                watched = time[[joint]] >= self.near_critical * best.closing
                 self._add(columns, values, time[[joint]], last, watched)
 
     def add_limits(self, a: int, radius: FloatArray) -> None:
@@ -263,7 +260,7 @@ class _LinearisedPlan:
             swing = np.abs(rate[k]).sum(axis=2) * radius[k, None]
             for joint in range(work.joints):
                 for sign, limit in ((1.0, work.limits.upper), (-1.0, work.limits.lower)):
-                    room = sign * (limit[joint] - q[k, joint]) - LIMIT_MARGIN
+                    room = sign * (limit[joint] - q[k, joint]) - 1e-6  # for rounding
                     near = room < swing[:, joint]
                     if near.any():
                         values = sign * rate[k, joint]
@@ -293,12 +290,6 @@ class _LinearisedPlan:
         self.rows.add(columns[watched], values[watched], -now[watched], stage[watched])
 
 
-SHARED = 10
-"""So many windows or more are improved in two processes."""
-WINDOW = 24
-"""Stages that are improved together; the windows of the next round lie half a window further on."""
-
-
 def linear_step(
     problem: SequenceProblem,
     variables: Variables,
@@ -319,19 +310,19 @@ def linear_step(
         radius: how far the variables of each stage may move [rad], shape (n + 1,).
         round_number: every other round the windows lie half a window further on.
     """
-    windows = _windows(problem.stages, round_number)
+    windows = _windows(problem.stages, problem.settings.window, round_number)
     rates = [slopes(problem, a, best.decisions, own) for a, own in enumerate(best.arms)]
     program = _LinearisedPlan(problem, variables, best, rates).program(radius)
     return _solve(problem, variables, best, program, windows, radius)
 
 
-def _windows(stages: int, round_number: int) -> list[tuple[int, int]]:
+def _windows(stages: int, window: int, round_number: int) -> list[tuple[int, int]]:
     """Returns first and past-the-last stage of each window; every other round they lie half a window further on."""
-    if stages <= WINDOW + WINDOW // 2:
+    if stages <= window + window // 2:
         return [(0, stages)]
-    edges = list(range(0 if round_number % 2 == 0 else WINDOW // 2, stages, WINDOW))
+    edges = list(range(0 if round_number % 2 == 0 else window // 2, stages, window))
     edges = [0, *edges[(edges[0] == 0) :]]
-    if stages - edges[-1] < WINDOW // 3:
+    if stages - edges[-1] < window // 3:
         edges.pop()
     return list(zip(edges, [*edges[1:], stages], strict=True))
 
@@ -383,7 +374,8 @@ def _solve(
         found = least_cost(cost, matrix, bound, least, most)
         return None if found is None else found[: len(inner)]
 
-    found = halves(lambda some: [solved(window) for window in some], windows, SHARED)
+    least = problem.settings.shared_windows
+    found = halves(lambda some: [solved(window) for window in some], windows, least)
     for (first, end), own in zip(windows, found, strict=True):
         if own is not None:
             step[np.concatenate(inner_of[first:end])] = own

@@ -9,7 +9,7 @@ import numpy as np
 
 from dualarm_cli.beside import halves
 from dualarm_cli.collision.clearance import SLACK
-from dualarm_cli.effort import Mesh
+from dualarm_cli.effort.stages import Mesh
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.products import product
 from dualarm_cli.records import dataclass
@@ -31,17 +31,12 @@ from dualarm_cli.stages.search.own_stages import (
 )
 from dualarm_cli.stages.search.potentials import ArmLayers, arm_layers, with_potentials
 
-TRIED = 48
-"""Yaws around the circle that are tried where the shared-out one cannot be."""
-MARGIN = 0.02
-"""What is kept free of the last joint's limits for what it does along the lines [rad]."""
-
 
 def with_yaws(problem: SequenceProblem, decisions: Decisions) -> Decisions:
     """Returns decisions whose free yaws share the last joint's turns out evenly over the transfers.
 
     Between two stops of fixed yaw every transfer then turns the last joint equally far. A stop that would leave its
-    limits takes the nearest yaw that does not; one that cannot be at all takes the nearest of TRIED yaws.
+    limits takes the nearest yaw that does not; one that cannot be at all takes the nearest of some around the circle.
     """
     arms = []
     for a, work in enumerate(problem.arms):
@@ -78,7 +73,8 @@ def _shared_out(
     )
     last = q[:, :, -1]
     loose = free[stages]
-    low, high = work.limits.lower[-1] + MARGIN, work.limits.upper[-1] - MARGIN
+    margin = problem.settings.last_joint_margin
+    low, high = work.limits.lower[-1] + margin, work.limits.upper[-1] - margin
     turn = np.zeros(len(stages))
     begin = None if problem.free_start else float(work.start[-1])
     for k in range(len(stages)):
@@ -115,8 +111,8 @@ def _repaired(
     stages = np.nonzero(free)[0]
     found = postures(problem, a, stages, angle[stages], rows.take(stages))
     for k in stages[~found.possible]:
-        same = np.full(TRIED, k)
-        turns = np.linspace(-np.pi, np.pi, TRIED, endpoint=False)
+        turns = np.linspace(-np.pi, np.pi, problem.settings.repair_yaws, endpoint=False)
+        same = np.full(len(turns), k)
         turns = turns[np.argsort(np.abs(turns), kind="stable")]
         tried = rows.take(same)
         tried = replace(tried, yaw=tried.yaw + turns)
@@ -125,12 +121,6 @@ def _repaired(
         if len(possible):
             rows = rows.put(np.array([k]), tried.take(possible[:1]))
     return rows
-
-
-SHARED = 48
-"""Of so many stages or more the arms' nodes are made in two processes."""
-BANS = 12
-"""How often the beam is repeated without nodes whose lines turned out to be impossible."""
 
 
 @dataclass(frozen=True)
@@ -217,11 +207,11 @@ def plans_on_nodes(
         angles[~loose] = near.decisions.angle[~loose, None]
     made = _StageNodes(problem, mesh, angles, near, loose)
     # Few stages' nodes are made faster than a process is copied.
-    least = 2 if problem.stages >= SHARED else len(problem.arms) + 1
+    least = 2 if problem.stages >= problem.settings.shared_stages else len(problem.arms) + 1
     arms = tuple(halves(made.layers, range(len(problem.arms)), least))
     own: set[int] = set()
     bound: float | None = None
-    for _ in range(BANS):
+    for _ in range(problem.settings.beam_repeats):
         lacking = stages_without_angle(arms, angles.shape[1])
         if own.intersection(lacking):
             return NodePlans([], bound, tuple(lacking))

@@ -24,34 +24,14 @@ from dualarm_cli.stages.plans.problem import ArmDecisions, SequenceProblem
 from dualarm_cli.stages.plans.source import grid_nodes, postures
 from dualarm_cli.stages.search.potentials import ArmLayers, layer_of
 
-SCAN_STEP = np.radians(1.0)
-"""Spacing of the platform angles that are looked at, besides those within the arm's reach [rad]."""
-WITHIN_REACH = 65
-"""Platform angles that are looked at along each arc from which a stop is within reach."""
-ROUNDS, PARTS = 4, 32
-"""How often the bracket about an end of an interval is cut, and into how many parts at once: to 1e-6 of it."""
-COARSE_STEP, FEW_ROUNDS = np.radians(3.0), 2
-"""The same for arms without closed forms, of which it takes long to know: to 1e-3."""
-FREE_YAWS = 8
-"""Yaws that are looked at where any will do."""
-SHARES = np.array([0.1, 0.5, 0.9])
-"""Where in an interval of arm angles nodes are set."""
-INSET = 0.05
-"""How far from the end of such an interval lines end, as a share of it."""
-ARM_ANGLES = 24
-"""Arm angles around the circle for lines to given configurations."""
-CANDIDATES = 3
-"""So many times more nodes than there may be have their lines looked at, as not all lines can be followed."""
-EVERY_NODE = 12_000
-"""More nodes than are needed to see whether there are any."""
-
 Interval = tuple[float, float]
 
 
 def shared_intervals(problem: SequenceProblem, stage: int, around: Interval) -> list[Interval]:
     """Returns the platform angles from which all arms reach their stops of a stage with all joints within limits.
 
-    Exact over the arm angle, and over the reach; where limits decide, every interval that is wider than SCAN_STEP is
+    Exact over the arm angle, and over the reach; where limits decide, every interval that is wider than the step of the
+    scan is
     found, and its ends are exact. So is what two arms share, however narrow that is.
 
     Args:
@@ -107,19 +87,21 @@ def exact_nodes(
     stop = work.stops[stage]
     assert stop is not None  # callers ask for active stages only
     if stop.configurations is not None or not work.kinematics.has_arm_angle:
-        return grid_nodes(problem, a, stage, Grid(angles, ARM_ANGLES, most))
+        grid = Grid(angles, problem.settings.scan_arm_angles, most)
+        return grid_nodes(problem, a, stage, grid)
     yaws = _yaws(problem, a, stage)
     f = np.repeat(np.arange(len(angles)), len(yaws))
     yaw = np.tile(yaws, len(angles))
     found = _intervals_of_arm_angles(problem, a, stage, angles[f], yaw)
     first, last = found.start[:, 0], found.end[:, 0]
-    m, branch, k = (np.repeat(x, len(SHARES)) for x in np.nonzero(np.isfinite(first)))
-    share = np.tile(SHARES, len(m) // len(SHARES))
+    shares = problem.settings.interval_shares
+    m, branch, k = (np.repeat(x, len(shares)) for x in np.nonzero(np.isfinite(first)))
+    share = np.tile(shares, len(m) // len(shares))
     psi = first[m, branch, k] + (last - first)[m, branch, k] * share
     psi_approach = _nearest(psi, found.start[m, 1, branch], found.end[m, 1, branch])
     psi_retract = _nearest(psi, found.start[m, 2, branch], found.end[m, 2, branch])
     rows = np.flatnonzero(np.isfinite(psi_approach) & np.isfinite(psi_retract))
-    looked_at = min(len(rows), CANDIDATES * most)
+    looked_at = min(len(rows), problem.settings.node_oversampling * most)
     rows = rows[np.linspace(0, len(rows) - 1, looked_at).astype(np.int64)]
     n = len(rows)
     candidates = ArmDecisions(
@@ -149,7 +131,7 @@ def _yaws(problem: SequenceProblem, a: int, stage: int) -> FloatArray:
     stop = problem.arms[a].stops[stage]
     assert stop is not None
     if stop.free_yaw:
-        return np.linspace(-np.pi, np.pi, FREE_YAWS, endpoint=False)
+        return np.linspace(-np.pi, np.pi, problem.settings.scan_yaws, endpoint=False)
     return stop.yaw
 
 
@@ -188,14 +170,17 @@ def _intervals(problem: SequenceProblem, a: int, stage: int, around: Interval) -
         # Given configurations turn with the platform: what holds at one angle holds at all.
         return [around]
 
+    settings = problem.settings
+
     def has_nodes(angles: FloatArray) -> BoolArray:
-        nodes = grid_nodes(problem, a, stage, Grid(angles, ARM_ANGLES, EVERY_NODE))
+        grid = Grid(angles, settings.scan_arm_angles, settings.every_node)
+        nodes = grid_nodes(problem, a, stage, grid)
         return np.bincount(nodes.angle_index, minlength=len(angles)) > 0
 
     if not problem.arms[a].kinematics.has_arm_angle:
-        step = problem.platform.spacing(COARSE_STEP, *around)
+        step = problem.platform.spacing(settings.coarse_scan_step, *around)
         angles = np.append(np.arange(*around, step), around[1])
-        return _runs(angles, has_nodes, FEW_ROUNDS)
+        return _runs(angles, has_nodes, settings.coarse_scan_rounds)
     yaws = _yaws(problem, a, stage)
 
     def feasible(angles: FloatArray) -> BoolArray:
@@ -206,10 +191,10 @@ def _intervals(problem: SequenceProblem, a: int, stage: int, around: Interval) -
         branches = np.all(found.count > 0, axis=1)
         return np.asarray(branches.reshape(len(angles), -1).any(axis=1))
 
-    angles = np.arange(*around, problem.platform.spacing(SCAN_STEP, *around))
+    angles = np.arange(*around, problem.platform.spacing(settings.scan_step, *around))
     arcs = _arcs(problem, a, stage, yaws, around)
     angles = distinct(np.concatenate([angles, [around[1]], *arcs]))
-    return _runs(angles, feasible)
+    return _runs(angles, feasible, settings.scan_rounds)
 
 
 def _arcs(
@@ -222,7 +207,7 @@ def _arcs(
     """Returns platform angles along the arcs from which all points of a stop are within an arm's reach [rad]."""
     R, points = _poses(problem, a, stage, np.zeros(len(yaws)), yaws)
     arm = problem.arms[a].closed_form
-    found = []
+    found, count = [], problem.settings.angles_in_reach
     for wrists in arm.wrist_center(R, points):
         arcs = [around]
         for wrist in wrists:
@@ -232,12 +217,12 @@ def _arcs(
                 cells = reachable_cells(arm, wrist, np.array(around))
                 own = list(zip(cells.low.tolist(), cells.high.tolist(), strict=True))
             arcs = [(max(p[0], q[0]), min(p[1], q[1])) for q in own for p in arcs]
-        found += [np.linspace(*arc, WITHIN_REACH) for arc in arcs if arc[0] <= arc[1]]
+        found += [np.linspace(*arc, count) for arc in arcs if arc[0] <= arc[1]]
     return found
 
 
 def _runs(
-    angles: FloatArray, feasible: Callable[[FloatArray], BoolArray], rounds: int = ROUNDS
+    angles: FloatArray, feasible: Callable[[FloatArray], BoolArray], rounds: int
 ) -> list[Interval]:
     """Returns the intervals in which something is feasible, from where it is among ascending angles (n,)."""
     ok = feasible(angles)
@@ -250,13 +235,14 @@ def _runs(
     outer = np.concatenate(
         [angles[np.maximum(begins - 1, 0)], angles[np.minimum(ends + 1, len(angles) - 1)]]
     )
-    share, rows = np.arange(PARTS + 1) / PARTS, np.arange(len(inner))
+    parts, rows = 32, np.arange(len(inner))
+    share = np.arange(parts + 1) / parts
     for _ in range(rounds):
         between = inner[:, None] + share * (outer - inner)[:, None]
-        within = feasible(between[:, 1:].ravel()).reshape(len(inner), PARTS)
+        within = feasible(between[:, 1:].ravel()).reshape(len(inner), parts)
         # The last one before the first that is not; where all are, the outer end is no end.
-        last = np.where(within.all(axis=1), PARTS, within.argmin(axis=1))
-        inner, outer = between[rows, last], between[rows, np.minimum(last + 1, PARTS)]
+        last = np.where(within.all(axis=1), parts, within.argmin(axis=1))
+        inner, outer = between[rows, last], between[rows, np.minimum(last + 1, parts)]
     low, high = np.split(inner, 2)
     return list(zip(low.tolist(), high.tolist(), strict=True))
 
@@ -264,7 +250,7 @@ def _runs(
 def _nearest(psi: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
     """Returns the arm angles within intervals (n, k) that are nearest to some (n,) [rad]; NaN where there are none."""
     width = end - start
-    inset = INSET * width
+    inset = 0.05 * width
     along = np.mod(psi[:, None] - start, TURN)
     # From beyond the interval's end back to it, or on to its start.
     back, on = width - inset - along, TURN + inset - along
@@ -275,12 +261,6 @@ def _nearest(psi: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
     size = np.where(np.isfinite(moved), np.abs(moved), np.inf)
     best: IntArray = np.argmin(size, axis=1)
     return psi + moved[np.arange(len(psi)), best]
-
-
-LOOKED_AT = 48
-"""Platform angles that are looked at in such a stage."""
-PAIRED = 8
-"""Nodes of each arm at each of them that are looked at together."""
 
 
 def stages_without_angle(arms: Sequence[ArmLayers], angles: int) -> list[int]:
@@ -432,7 +412,7 @@ def _own_nodes(
     spares: Sequence[float],
 ) -> tuple[FloatArray, list[Nodes | None]] | None:
     """Returns platform angles (count,) [rad] at which all arms make their stops of a stage, and the nodes there."""
-    angles, every = exact.nodes(k, max(LOOKED_AT, count), most)
+    angles, every = exact.nodes(k, max(problem.settings.own_angles, count), most)
     for spare in spares:
         nodes = [
             None if own is None else free_nodes(problem, a, k, angles, own, spare)
@@ -479,9 +459,10 @@ def _apart(
     one, other = nodes
     assert one is not None  # callers ask for stages in which both work
     assert other is not None
+    most = problem.settings.own_pairs
     for f in shared.tolist():
         rows = [np.flatnonzero(own.angle_index == f) for own in (one, other)]
-        some = [r[np.linspace(0, len(r) - 1, min(len(r), PAIRED)).astype(int)] for r in rows]
+        some = [r[np.linspace(0, len(r) - 1, min(len(r), most)).astype(int)] for r in rows]
         i, j = (x.ravel() for x in np.meshgrid(*some, indexing="ij"))
         places = [(one.q_retract[i], other.q_retract[j], test.after[k])]
         if test.handing[k]:

@@ -18,6 +18,8 @@ class PlanClearanceSettings:
 
     meeting: float = 0.4
     """About how long one arm waits for the other where their moves meet [s]."""
+    turns: float = 1.0
+    """About how long it waits where they cannot be at their targets at once [s]."""
     stops: int = 7
     """Places that are looked at of every stop: two on each line, its target, and where the lines begin and end."""
     detour: float = 0.1
@@ -27,9 +29,6 @@ class PlanClearanceSettings:
 
 
 PENALTY = PlanClearanceSettings()
-
-TURNS = 1.0
-"""About how long it waits where they cannot be at their targets at once [s]."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
         [known[k]] = test.known_costs(k, starts[k, None], ends[k, None])
     waits = move_waits(test.pace, lacks, apart)
     waits = np.maximum(waits, np.where(np.isfinite(known), known, 0.0))
-    waits[:n] += np.where(both[:-1].all(axis=0), 0.0, test.pace * TURNS)
+    waits[:n] += np.where(both[:-1].all(axis=0), 0.0, test.pace * PENALTY.turns)
     # In a hand-over neither can be there after the other.
     together = both[-1] & (both.all(axis=0) | ~test.handing)
     stops_clear = np.asarray(alone.all(axis=0) & together)
@@ -138,7 +137,7 @@ def step_waits(
     waits = move_waits(test.pace, lacks.reshape(n, SAMPLES).max(axis=1), apart)
     waits = np.maximum(waits, test.known_costs(stage, start, arrival))
     must = test.handing[stage] and stage not in test.settled
-    turns = np.inf if must else test.pace * TURNS
+    turns = np.inf if must else test.pace * PENALTY.turns
     waits += np.where(stops[:2].all(axis=0), 0.0, turns)
     return waits if stage in test.settled else np.where(stops[2], waits, np.inf)
 

@@ -15,17 +15,6 @@ from dualarm_cli.stages.search.linear_steps import linear_step
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.variables import Variables
 
-SCALES = np.array([0.25, 0.5, 1.0, 1.7])
-"""Shares of the linear step that every stage may take."""
-FIRST_RADIUS = 0.15
-"""How far a variable may move in the first round [rad]."""
-SHRINK = 0.85
-"""How the radius changes after a round that gained little."""
-LITTLE = 3e-4
-"""Share of the cycle time below which a round's gain is little."""
-SMALLEST_RADIUS = 2e-3
-"""Radius below which polishing ends [rad]."""
-
 
 @dataclass(frozen=True)
 class Polishing:
@@ -54,30 +43,31 @@ class Polishing:
             rounds: maximum number of rounds.
             random_steps: number of random steps that are offered besides.
         """
-        problem = self.problem
+        problem, settings = self.problem, self.problem.settings
+        shares = settings.step_shares
         variables = Variables.of(problem, self.loose)
         if not variables.count:
             return start
         # Its module is loaded when it is first asked for, which takes time.
         random = np.random.default_rng(self.seed) if random_steps else None
-        best, radius = start, FIRST_RADIUS
+        best, radius = start, settings.first_radius
         for k in range(rounds):
             radii = np.full(problem.stages + 1, radius)
             step = linear_step(problem, variables, best, radii, k)
             steps = np.vstack(
-                [SCALES[:, None] * step, _random_steps(random, variables, radius, random_steps)]
+                [np.outer(shares, step), _random_steps(random, variables, radius, random_steps)]
             )
             moved = [_within(problem, variables.moved(best.decisions, one)) for one in steps]
             pool = Pool.of(problem, best, moved)
             found = combined(problem, pool, best)
             if problem.returns:
                 # The return of an arm that is idle at the end is no matter of neighbours: whole steps see it.
-                whole = [pool.plan(np.full(problem.stages, m + 1)) for m in range(len(SCALES))]
+                whole = [pool.plan(np.full(problem.stages, m + 1)) for m in range(len(shares))]
                 found = _best(problem, [found, *whole])
-            if best.total - found.total < LITTLE * best.total:
-                radius *= SHRINK
+            if best.total - found.total < settings.least_gain * best.total:
+                radius *= settings.radius_factor
             best = found
-            if radius < SMALLEST_RADIUS:
+            if radius < settings.smallest_radius:
                 break
         sure = held(problem, best)
         if np.isfinite(sure.total):

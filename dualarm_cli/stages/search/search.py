@@ -9,7 +9,8 @@ from functools import partial
 import numpy as np
 
 from dualarm_cli.beside import halves
-from dualarm_cli.effort import EFFORTS, SCALING, Mesh, SearchEffort
+from dualarm_cli.effort import EFFORTS
+from dualarm_cli.effort.stages import SCALING, Mesh, SearchEffort
 from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
@@ -22,21 +23,6 @@ from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.polish import Polishing
 from dualarm_cli.stages.search.stretches import Stretch, in_parts, loose_stretches, stretch_of
 from dualarm_cli.stages.search.variables import Variables
-
-BESIDE = 1
-"""So many stages to either side of one that collides are looked at with it."""
-FARTHER = 4
-"""The same where nothing is found with those."""
-LITTLE = 2e-3
-"""Share of the cycle time; a finer grid that gains less is the last one."""
-PROMISING = 0.06
-"""A plan that is slower than the best one by more than this share is not polished."""
-SAME_ANGLE = 1e-3
-"""Plans whose platform angles differ by less are one [rad]."""
-FEWEST_IN_PARTS = 2 * SCALING.long
-"""Sequences of so many stages or more are decided part by part, where an effort spares time."""
-POLISHED = 2
-"""So many plans of a long sequence are polished before they are combined, where an effort spares them."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +108,7 @@ def _searched(
         pool = [best, *(plan for _, plan in around)]
         best, more = combination(polishing, pool, how)
         tried += more
-        if best.total > (1.0 - LITTLE) * before:
+        if best.total > (1.0 - problem.settings.least_grid_gain) * before:
             break
     rivals = _apart(problem, best, tried)[: how.rivals] if asked.ways is not None else []
     given = [evaluate(problem, decisions) for decisions in others]
@@ -138,7 +124,8 @@ def _apart(
     for plan in sorted(plans, key=lambda plan: _worth(problem, plan)):
         angle, kind = plan.decisions.angle, plan.decisions.kind
         if all(
-            np.abs(angle - other.decisions.angle).max() > SAME_ANGLE or kind != other.decisions.kind
+            np.abs(angle - other.decisions.angle).max() > problem.settings.same_angle
+            or kind != other.decisions.kind
             for other in found
         ):
             found.append(plan)
@@ -210,7 +197,7 @@ def search_in_parts(
     room to pass lines' ends in motion where it has a plan with that. Where two meet, what is best of both is polished.
 
     Args:
-        problem: the sequence, at least FEWEST_IN_PARTS stages, without a return.
+        problem: the sequence, at least `settings.in_parts` stages, without a return.
         starts: plans of simpler methods.
         effort: one of EFFORTS.
         seed: of the random steps of polishing.
@@ -275,8 +262,8 @@ def search_near(
     those beside them are looked at, each stretch of them by itself; all others stay as they are. So does a stage for
     which no nodes are found, or none that go together: it may be collision-free by less than the search asks for, which
     an exact test then decides. A stretch without a plan is tried again with more stages about it on the first of the
-    grids over the whole range. In sequences of FEWEST_IN_PARTS stages or more, where the effort spares time, it then
-    gets a plan that touches in the fewest stages.
+    grids over the whole range. In sequences of `settings.in_parts` stages or more, where the effort spares time, it
+    then gets a plan that touches in the fewest stages.
 
     Args:
         problem: the sequence, with clearance.
@@ -302,7 +289,7 @@ def search_near(
         return found
 
     # Where nothing near the plan will do, something far from it may, with more stages.
-    for mesh, more in ((how.near, 0), (how.meshes[0], FARTHER)):
+    for mesh, more in ((how.near, 0), (how.meshes[0], problem.settings.further_neighbours)):
         loose = _beside(loose, more)
         stretches = loose_stretches(problem, plan, loose)
         decisions = plan.decisions
@@ -316,7 +303,7 @@ def search_near(
             break
     if not loose.any():
         return plan
-    if loose.all() or problem.stages < FEWEST_IN_PARTS or not how.spares:
+    if loose.all() or problem.stages < problem.settings.in_parts or not how.spares:
         return None
     # Nothing there is as clear as is asked for: what touches least is for an exact test and for repairs.
     decisions = plan.decisions
@@ -414,7 +401,7 @@ def _loose(problem: SequenceProblem, plan: Evaluated, touching: Sequence[int]) -
     moves = ~clear.moves | (clear.waits > 0.0)
     moves[list(touching)] = True
     touched = ~clear.stops | moves[:n] | moves[1:]
-    return _beside(touched, BESIDE)
+    return _beside(touched, problem.settings.neighbours)
 
 
 def _beside(stages: BoolArray, count: int) -> BoolArray:
@@ -435,12 +422,12 @@ def combination(
     """
     if len(pool) == 1 and not how.local_rounds:
         return pool[0], []
-    problem = polishing.problem
+    problem, settings = polishing.problem, polishing.problem.settings
     worth = [_worth(problem, plan) for plan in pool]
-    least = min(worth)
-    promising = [k for k, own in enumerate(worth) if own <= (1.0 + PROMISING) * least]
+    limit = (1.0 + settings.promising) * min(worth)
+    promising = [k for k, own in enumerate(worth) if own <= limit]
     if problem.stages > SCALING.long and how.spares:
-        promising = sorted(promising, key=lambda k: worth[k])[:POLISHED]
+        promising = sorted(promising, key=lambda k: worth[k])[: settings.polished_in_long]
     tried = halves(
         lambda some: [polishing.polished(pool[k], how.trial_rounds, 0) for k in some],
         promising,

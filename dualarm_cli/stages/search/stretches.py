@@ -15,11 +15,6 @@ from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequencePr
 from dualarm_cli.stages.plans.times import Evaluated, TransferChain, evaluate, start_joints
 from dualarm_cli.stages.search.corridor import best_combination
 
-PART = 100
-"""About so many stages of long sequences are decided together."""
-COMMON = 4
-"""So many stages to either side of where two parts meet are decided in both."""
-
 
 @dataclass(frozen=True)
 class Stretch:
@@ -156,10 +151,11 @@ def in_parts(
         decided: decides the stages from one to before another.
         starts: other plans, which are combined with it.
     """
-    n, count = problem.stages, 2 * max(1, round(problem.stages / (2 * PART)))
+    n, common = problem.stages, problem.settings.part_overlap
+    count = 2 * max(1, round(n / (2 * problem.settings.part)))
     edges = np.linspace(0, n, count + 1).round().astype(np.int64)
     spans = [
-        (max(0, first - COMMON), min(n, past + COMMON))
+        (max(0, first - common), min(n, past + common))
         for first, past in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
     ]
     parts = halves(lambda some: [decided(*span) for span in some], spans)
@@ -172,10 +168,10 @@ def in_parts(
         own = (stages >= edges[number]) & (stages < edges[number + 1])
         one = one.put_all(stages[own], part.take(np.flatnonzero(own)))
         # The other plan has what this one leaves out, and the same elsewhere.
-        inner = (stages >= span[0] + 2 * COMMON * (number > 0)) | (number == 0)
-        inner &= (stages < span[1] - 2 * COMMON) | (number == count - 1)
+        inner = (stages >= span[0] + 2 * common * (number > 0)) | (number == 0)
+        inner &= (stages < span[1] - 2 * common) | (number == count - 1)
         rows = inner | ~own
         other = other.put_all(stages[rows], part.take(np.flatnonzero(rows)))
     best = best_combination(problem, evaluate(problem, one), [other, *starts])
-    near = np.abs(np.arange(n)[:, None] - edges[1:-1] + 0.5).min(axis=1) < COMMON
+    near = np.abs(np.arange(n)[:, None] - edges[1:-1] + 0.5).min(axis=1) < common
     return best, near

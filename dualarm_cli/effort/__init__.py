@@ -7,162 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from dualarm_cli.effort.stages import COARSE, FINE, NEAR, Mesh, SearchEffort, SequenceSettings
 from dualarm_cli.records import dataclass
-
-
-@dataclass(frozen=True)
-class LengthScaling:
-    """Rules that fit an effort to the number of stages or stops."""
-
-    long: int = 24
-    """Stages above which a sequence is long: fewer nodes, fewer polished plans."""
-    short: int = 12
-    """Maximum number of stages of a short sequence."""
-    min_node_fraction: float = 0.7
-    """Smallest fraction of a grid's nodes that is kept in long sequences."""
-    min_rounds: int = 3
-    """Minimum number of polishing rounds of a short sequence, before they are multiplied."""
-    max_factor: int = 4
-    """Largest factor of rounds and plans in short sequences."""
-    further_grids_factor: int = 4
-    """Factor from which a sequence gets the grids for short ones as well."""
-    full_trial_stages: int = 24
-    """Stages up to which all orders of an effort are polished."""
-    full_bound_stops: int = 24
-    """Stops up to which the bound on orders gets its whole effort."""
-
-    def damping(self, stages: int) -> float:
-        """Return the weight of single stages' luck: 1 up to `long`, less in longer sequences."""
-        return min(1.0, float(np.sqrt(self.long / stages)))
-
-    def factor(self, stages: int) -> int:
-        """Return the factor of rounds and plans in a sequence, 1 or more."""
-        return min(self.max_factor, max(1, self.long // stages))
-
-
-SCALING = LengthScaling()
-
-
-@dataclass(frozen=True)
-class Mesh:
-    """Resolution of a grid of nodes, and width of the beam through it."""
-
-    angle_step: float
-    """Spacing of the platform angles [rad]."""
-    arm_angles: int
-    """Arm angles around the circle."""
-    most_nodes: int
-    """Most nodes of one stop."""
-    width: int
-    """States that the beam keeps."""
-    per_angle: int = 4
-    """Nodes of each arm that the beam pairs at each platform angle."""
-    around: int = 0
-    """Platform angles to either side of a plan's own that are looked at; 0 for the whole range."""
-
-    def thinned(self, share: float) -> Mesh:
-        """Returns the mesh with a share of its nodes."""
-        return replace(self, most_nodes=round(share * self.most_nodes))
-
-
-NEAR = Mesh(angle_step=np.radians(6.0), arm_angles=24, most_nodes=1500, width=40, around=3)
-"""Grid around a plan that collides, at normal effort; and around the best plan of sequences that are not shorter than
-`SCALING.long`: at 24 stages plans are 0.8 to 3.5 % shorter than with a grid as narrow as LOCAL."""
-LOCAL = Mesh(angle_step=np.radians(3.0), arm_angles=36, most_nodes=1500, width=40, around=1)
-"""Grid around the best plan of shorter sequences."""
-COARSE = Mesh(angle_step=np.radians(12.0), arm_angles=14, most_nodes=1000, width=20)
-"""Grid of all sequences at normal effort."""
-FINE = (
-    Mesh(angle_step=np.radians(8.0), arm_angles=22, most_nodes=3000, width=200, per_angle=8),
-    Mesh(angle_step=np.radians(10.0), arm_angles=18, most_nodes=3000, width=100, per_angle=8),
-)
-"""Grids of short sequences at normal effort, and of all at thorough effort."""
-
-
-@dataclass(frozen=True)
-class SearchEffort:
-    """Effort of the search over a whole sequence of stages."""
-
-    meshes: tuple[Mesh, ...]
-    """Grids of nodes, each with a plan of its own; the first one's bound is reported."""
-    trial_rounds: int
-    """Rounds of polishing of every plan before they are combined."""
-    rounds: int
-    """Rounds of polishing of the combination."""
-    random_steps: int
-    """Random steps that are offered in each round."""
-    cycles: int
-    """How often a plan is polished for motion through the outer ends of lines, where tools may pass them: first with
-    one way of passing all, from the second time on with those that go best with it."""
-    cycles_in_long: int
-    """Polishing cycles for motion through line ends, in sequences that are not short."""
-    passing_rounds: int
-    """Rounds of polishing each time."""
-    rivals: int
-    """So many other plans are polished so as well, and what is best of all of them once more."""
-    for_few: tuple[Mesh, ...]
-    """Further grids for short sequences."""
-    local: Mesh
-    """The grid around the best plan so far, in sequences of fewer stages than `SCALING.long`."""
-    local_rounds: int = 1
-    """How often there is such a grid, at most; arms without closed forms have one in any case."""
-    plans: int = 1
-    """Plans of every grid that are polished: different in branches, targets or yaws."""
-    near: Mesh = NEAR
-    """The grid around a plan that collides."""
-    begun: float = 12
-    """Sequences of so many stages or fewer are searched from simpler methods' plans as well; longer ones only where no
-    grid has a plan."""
-    refined: int = 12
-    """Blended sequences of so many stages or fewer are compared with the refined plan of `minimum_time` in any case: at
-    8 and 12 stages that is a quarter of quick effort's time, and gave nothing."""
-    spares: bool = True
-    """Flag of efforts that save time where more search seldom helps.
-
-    Long sequences get fewer nodes and fewer of their plans polished, and simpler plans are not refined beside a good
-    one.
-    """
-
-    def for_stages(self, stages: int) -> SearchEffort:
-        """Scale the effort to the number of stages.
-
-        More of everything for short sequences, where it takes little time, and fewer nodes for long ones.
-        """
-        local = NEAR if stages >= SCALING.long else self.local
-        cycles = self.cycles if stages <= SCALING.short else self.cycles_in_long
-        if stages > SCALING.long and self.spares:
-            share = max(SCALING.min_node_fraction, SCALING.damping(stages))
-            meshes = tuple(mesh.thinned(share) for mesh in self.meshes)
-            return replace(self, meshes=meshes, cycles=cycles, local=local.thinned(share))
-        factor = SCALING.factor(stages)
-        is_short, further = stages <= SCALING.short, factor >= SCALING.further_grids_factor
-        return replace(
-            self,
-            meshes=(*self.meshes, *self.for_few) if further else self.meshes,
-            trial_rounds=self.trial_rounds * min(factor, 2),
-            rounds=factor * (max(self.rounds, SCALING.min_rounds) if is_short else self.rounds),
-            cycles=cycles,
-            random_steps=self.random_steps * factor,
-            local=local,
-            local_rounds=self.local_rounds * factor,
-            plans=self.plans * factor,
-        )
-
-    def for_general_arms(self, stages: int) -> SearchEffort:
-        """Returns less of all for arms without closed forms, whose postures take some thirty times as long.
-
-        One grid, the finer one for short sequences, another one around its plan, and little polishing.
-        """
-        few = SCALING.max_factor * stages <= SCALING.long and self.for_few
-        return replace(
-            self,
-            meshes=(self.for_few if few else self.meshes)[:1],
-            trial_rounds=max(1, self.trial_rounds // 2),
-            rounds=max(self.rounds, SCALING.min_rounds),
-            cycles=self.cycles if stages <= SCALING.short else self.cycles_in_long,
-            plans=max(2, self.plans),
-            local_rounds=max(1, self.local_rounds),
-        )
 
 
 @dataclass(frozen=True)
@@ -198,10 +44,26 @@ class TrialEffort:
     """Rounds of polishing at first; the most promising ones get more of them."""
     planned: int
     """So many of these are planned."""
+    full_stages: int = 24
+    """Stages up to which all of these orders are polished."""
+    most_stages: int = 120
+    """Stages above which only the best order is tried."""
+    long: int = 40
+    """Stages, or tasks of asynchronous arms, above which only the most promising order is planned."""
+    promising: float = 0.04
+    """Relative excess over the best order's estimate up to which another order is planned."""
+    far_slower: float = 0.08
+    """Relative excess of the estimate from which the file's order is slower by far."""
+    searches: int = 2
+    """Further searches for orders without pairs of stops that turned out to touch."""
+    searches_of_long: int = 1
+    """Further searches for long orders."""
+    separations: int = 3
+    """Attempts after these that only separate stops that touch."""
 
     def of_stages(self, stages: int) -> TrialEffort:
         """Returns the effort for so many stages: polishing more of them takes longer, and fewer orders are."""
-        share = min(1.0, SCALING.full_trial_stages / max(1, stages))
+        share = min(1.0, self.full_stages / max(1, stages))
         polished = round(self.polished * share * share)
         return replace(self, polished=max(self.planned, polished))
 
@@ -214,6 +76,10 @@ class ProofEffort:
     """Steps for better prices."""
     labels: int
     """Labels that are kept."""
+    first_labels: int = 4000
+    """Labels of the first search for a better order."""
+    late: float = 1.5
+    """Upper bound of an order that keeps all windows, in times of one without windows."""
 
 
 @dataclass(frozen=True)
@@ -226,6 +92,8 @@ class CloseOrders:
     """Orders that are looked at in each round, and returned at most."""
     rounds: int
     """Number of rounds."""
+    excess: float = 0.03
+    """Relative excess over the best order of nearly optimal ones."""
 
 
 @dataclass(frozen=True)
@@ -240,11 +108,18 @@ class BoundEffort:
     """Search for better orders among nearly optimal ones."""
     seconds: float
     """How long CP-SAT searches at most elsewhere, in its deterministic seconds."""
+    most_tasks: int = 60
+    """Tasks up to which CP-SAT searches for a bound."""
+    time_share: float = 0.2
+    """Share of a time limit that is kept for the bound."""
+    full_stops: int = 24
+    """Stops up to which all of this effort is spent."""
 
     def of_stops(self, stops: int) -> BoundEffort:
         """Returns the effort for so many stops: with more of them everything takes longer, and less is done of it."""
-        share = min(1.0, SCALING.full_bound_stops / max(1, stops))
-        near = CloseOrders(
+        share = min(1.0, self.full_stops / max(1, stops))
+        near = replace(
+            self.near,
             labels=round(share * self.near.labels),
             orders=round(share * self.near.orders),
             rounds=max(2, round(share * share * self.near.rounds)),
@@ -265,6 +140,14 @@ class FreeEffort:
     """How many angles are looked at closely."""
     proof: float
     """How long a bound is looked for at most, in CP-SAT's deterministic seconds."""
+    planned: int = 3
+    """Orders that are planned, if one of them has a plan."""
+    tried: int = 6
+    """Orders that are tried until one has a plan."""
+    planned_epochs: int = 2
+    """Orders with several platform angles that are planned."""
+    waited: float = 0.1
+    """Share of the time that each arm waits from which paired arms are planned as well, without a platform."""
 
 
 @dataclass(frozen=True)
@@ -279,6 +162,56 @@ class EpochEffort:
     """How often something is removed and put back in an epoch while tasks are moved about."""
     close: int
     """The same for the best ones at last."""
+    tasks: int = 20
+    """Tasks above which combinations and moves become fewer."""
+    most_epochs: int = 3
+    """Platform angles that are combined in all ways; more only where fewer do not reach all tasks."""
+    combinations: int = 40
+    """Maximum number of combinations of angles that are rated."""
+    hot: float = 0.1
+    """Share of the total that a change may cost at first."""
+
+
+@dataclass(frozen=True)
+class ClearanceSettings:
+    """Thresholds of the clearance loop, and numbers of its repairs.
+
+    Costs of clearance are fractions of the unchecked plan's duration.
+    """
+
+    negligible_cost: float = 0.005
+    """Cost of clearance up to which the repaired unchecked plan is final [fraction]."""
+    repairable_stages: float = 0.34
+    """Largest fraction of colliding stages at which an unchecked plan is repaired."""
+    rounds: int = 3
+    """Rounds with collision checking."""
+    rounds_while_blocked: int = 12
+    """Maximum number of rounds as long as no plan is collision-free."""
+    expensive_repair: float = 1.5
+    """Added time from which a repaired stage becomes a no-good, at full speed [s]."""
+    compare_less_effort: float = 0.03
+    """Cost of clearance above which the plan of the next lower effort competes [fraction]."""
+    compare_simpler: float = 0.08
+    """Cost of clearance above which plans of simpler methods compete [fraction]."""
+    blending_rival: float = 0.03
+    """Largest lag of an unchecked plan that may be the shortest when blended [fraction]."""
+    sufficient_gain: float = 0.03
+    """Blending gain above which postures chosen for stops do not compete [fraction]. It is a fraction of the blended
+    plan's duration."""
+    repairs: int = 4
+    """Repairs of a stage: one arm after the other, then both."""
+    crowded_stages: float = 0.02
+    """Fraction of stages with touching lines above which another order is better than repairs."""
+    delay_step: float = 0.02
+    """Unit of delays at full speed [s]."""
+    short_delay: float = 0.1
+    """Delay at full speed up to which no curve is searched [s]."""
+    curve_rounds: tuple[int, ...] = (17, 49, 49)
+    """Points of curves, round by round: more, and with a better estimate of what the others do then."""
+    timed_curves: int = 3
+    """Curves, quickest first, that are timed in a round."""
+    curve_spare: float = 0.004
+    """Distance of curves beyond the required clearance, for what is between their points [m]."""
 
 
 @dataclass(frozen=True)
@@ -321,8 +254,14 @@ class EffortSettings:
     """Configurations that are drawn as starts of a seam."""
     seam_starts: int
     """Those of them that are improved."""
-    widths: int
+    widths: int = 1
     """Widths of steps with which the ways of passing lines' ends in motion are refined."""
+    short_stops: int = 24
+    """Stops up to which a job is planned with less effort as well."""
+    sequence: SequenceSettings = SequenceSettings()
+    """Numbers of the search over the whole sequence."""
+    clearing: ClearanceSettings = ClearanceSettings()
+    """The clearance loop and its repairs."""
 
     @property
     def spares(self) -> bool:
@@ -346,13 +285,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
             meshes=(replace(COARSE, per_angle=3),),
             trial_rounds=2,
             rounds=2,
-            random_steps=0,
-            cycles=2,
             cycles_in_long=1,
-            passing_rounds=2,
-            rivals=0,
-            for_few=(),
-            local=LOCAL,
             local_rounds=0,
             near=replace(NEAR, arm_angles=18, most_nodes=1000, width=20, per_angle=3),
             refined=6,
@@ -363,7 +296,6 @@ EFFORTS: Mapping[str, EffortSettings] = {
         section_starts=1,
         seam_samples=500,
         seam_starts=2,
-        widths=1,
     ),
     "normal": EffortSettings(
         orders=StageEffort(
@@ -379,16 +311,7 @@ EFFORTS: Mapping[str, EffortSettings] = {
         clocks=FreeEffort(glance=150, iterations=6000, angles=3, proof=4.0),
         epochs=EpochEffort(sets=8, moves=60, glance=40, close=2000),
         search=SearchEffort(
-            meshes=(COARSE,),
-            trial_rounds=4,
-            rounds=3,
-            random_steps=0,
-            cycles=2,
-            cycles_in_long=2,
-            passing_rounds=2,
-            rivals=0,
-            for_few=FINE,
-            local=LOCAL,
+            meshes=(COARSE,), trial_rounds=4, rounds=3, cycles_in_long=2, for_few=FINE
         ),
         bound=Resolution(step=np.radians(10.0), arm_angles=16, finer=2),
         hopeless_orders=4,
@@ -396,7 +319,6 @@ EFFORTS: Mapping[str, EffortSettings] = {
         section_starts=4,
         seam_samples=1500,
         seam_starts=5,
-        widths=1,
     ),
     "thorough": EffortSettings(
         orders=StageEffort(
@@ -424,8 +346,6 @@ EFFORTS: Mapping[str, EffortSettings] = {
             cycles_in_long=4,
             passing_rounds=4,
             rivals=6,
-            for_few=(),
-            local=LOCAL,
             local_rounds=2,
             near=replace(NEAR, width=160),
             begun=np.inf,
