@@ -60,11 +60,7 @@ class GanttStyle:
     """What is free beside a word in its bar, both sides together [points]."""
     inks: tuple[str, str] = ("0.15", "white")
     """Colours of words on bright and on dark bars."""
-    on_dark: tuple[str, ...] = ("transfer", "return", "path", "seam")
-    """Bars on which words are bright."""
     number_size: float = 6.5
-    """Size of stage numbers [points]."""
-    number_colour: str = "0.4"
     stops_a_row: int = 9
     """Stops of an arm in one row of the time axis."""
     most_rows: int = 12
@@ -73,8 +69,9 @@ class GanttStyle:
 
 STYLE = GanttStyle()
 
-POINTS = 72.0
-"""Points in an inch."""
+POINTS = 72.0  # in an inch
+DARK = ("transfer", "return", "path", "seam")
+"""Kinds of motion whose bars are dark."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +95,7 @@ class Bar:
     """A place for a word."""
 
     rank: int
-    """Bars of lower rank are preferred, among equals the longest."""
+    """Preference: bars of lower rank first, among equals the longest."""
     start: float
     """Where it begins [s]."""
     end: float
@@ -142,12 +139,7 @@ def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float
         for (task, action), run in groupby(own, key=lambda part: (part.task, part.action)):
             parts = [part for part in run if part.kind != "wait"]
             bars = tuple(
-                Bar(
-                    p.kind not in MOVES,
-                    max(p.start, start),
-                    min(p.end, end),
-                    p.kind in STYLE.on_dark,
-                )
+                Bar(p.kind not in MOVES, max(p.start, start), min(p.end, end), p.kind in DARK)
                 for p in parts
             )
             if task and bars:
@@ -439,7 +431,7 @@ def _number_stages(axes: Any, schedule: Schedule, start: float, end: float, inch
             continue
         axes.axvline(stage.start, color="0.75", linewidth=0.6, zorder=0.5)
         if stage.start >= free_from:
-            style = {"size": STYLE.number_size, "color": STYLE.number_colour, "clip_on": False}
+            style = {"size": STYLE.number_size, "color": "0.4", "clip_on": False}
             axes.text(stage.start, -0.52, f"{number}", ha="left", va="bottom", **style)
             width = text_width(f"{number}") * STYLE.number_size + STYLE.padding
             free_from = stage.start + width / POINTS / inch
