@@ -41,27 +41,25 @@ from dualarm_cli.stages.search.potentials import platform_columns, transfer_tabl
 from dualarm_cli.timing.transfer_table import Pairs, PostureBoxes, Times, TransferTable
 
 SENTENCES: Mapping[str, str] = {
-    "order": "lower bound: holds for every plan that keeps the order and pairing of the stages, is at rest at the "
-    "ends of all transfers and lines, keeps the platform still during lines and dwells, and follows the lines "
-    "exactly, whatever platform angles, postures, yaws and timing it takes",
-    "all_orders": "lower bound: holds for every plan of these tasks, whichever arm does what in whatever order: "
-    "each task takes at least its shortest time alone, with its best platform angle, postures and yaws, and the "
-    "slower arm does at least its share; transfers between tasks count as zero, tool changes as the fewest visits "
-    "to stands",
-    "own_clocks": "lower bound: holds for every plan in this order in which the arms run asynchronously: the time "
-    "of the slower arm's stops, as if the platform moved for this arm only",
+    "order": "lower bound: valid for every plan of these stages, with any platform angles, postures, yaws and "
+    "timing. It assumes stops at the ends of all transfers and lines, lines that are followed exactly, and a "
+    "platform that stands during lines and dwells",
+    "all_orders": "lower bound: valid for every assignment and order of these tasks. It counts the shortest time "
+    "of each task alone, divided between the arms; transfers between tasks count as zero, tool changes as the "
+    "fewest visits to stands",
+    "own_clocks": "lower bound: valid for every plan of asynchronous arms in this order. It is the time of the "
+    "slower arm's stops with a platform that moves for this arm only",
     "dwells_only": "lower bound: tasks after the first {tasks} count with their dwells only",
-    "paths": "lower bound: paths and seams count at full speed; they begin and end at rest, exactly where the file "
-    "has them; an arm that takes no part stands still; transfers to and from them count where the file gives the "
-    "tool's pose, or how long they take",
-    "open_paths": "lower bound: paths and seams count at full speed; transfers to and from them count only as long "
-    "as the file says they take, as their order is not given",
-    "paths_alone": "lower bound: paths and seams count at full speed; stages beside them count as zero on this "
-    "robot, and transfers to and from them only as long as the file says they take",
+    "paths": "lower bound: paths and seams count at full speed, from rest to rest, where the file has them; an idle arm "
+    "stands still. Transfers to and from them count where the file gives the tool's pose or their duration",
+    "open_paths": "lower bound: paths and seams count at full speed. Transfers to and from them count with the "
+    "duration in the file only, because their order is open",
+    "paths_alone": "lower bound: paths and seams count at full speed. On this robot all other stages count as "
+    "zero, and transfers to and from paths and seams with the duration in the file only",
     "no_closed_forms": "lower bound: none for arms without closed forms",
     "rail": "lower bound: none for a platform that slides; frozen at a position (`frozen`) there is one",
     "turning_wrists": "lower bound: none for arms of six axes on a platform that turns",
-    "passed_targets": "lower bound: none with `blend` at targets of moves, as tools need not come to these",
+    "passed_targets": "lower bound: none with `blend` at targets of moves, because tools need not reach them",
     "interrupted": "lower bound: none, as its computation was interrupted",
 }
 """Assumptions of bounds, and why there is none, by key."""

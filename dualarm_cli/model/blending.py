@@ -42,9 +42,9 @@ LINES = Blending(
     passes=lambda stop: bool(stop.approach or stop.retract or stop.blend),
     law=PassingLaw.of,
     assumption=Note(
-        "lower bound: holds for every plan that keeps the order, if one is given, and stops at its targets only: "
-        "transfers take at least each joint's way at full speed, the straight parts of lines what joints need from "
-        "rest to any speed; these are followed exactly, and the platform stands during them and dwells",
+        "lower bound: valid for every plan that keeps a given order and stops at its targets. It assumes that "
+        "each joint moves its distance at full speed, and that straight lines start or end at rest, with the "
+        "platform at rest",
         "lower bound",
         "lines",
     ),

@@ -99,7 +99,7 @@ def _place(position: float | None, slides: bool) -> str:
 
 def summary_lines(report: dict[str, Any]) -> list[str]:
     """Returns the sentences below the table: cycle time, throughput, what is assumed."""
-    what = "cycle time (period)" if report["closes"] else "time of one pass"
+    what = "cycle time (period)" if report["closes"] else "duration"
     lines = [f"{what}: {report['cycle_time']:.3f} s"]
     if report["parts_per_hour"] is not None and report["parts"]:
         word = "part" if report["parts"] == 1 else "parts"
@@ -107,7 +107,7 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
         lines[0] += f", {report['parts']} {word}, {rate}"
     for name, use in report["arms"].items():
         lines.append(
-            f"{name} arm: works {use['utilisation']:.0%}: transfers {use['transfer']:.2f} s, "
+            f"{name} arm: busy {use['utilisation']:.0%}: transfers {use['transfer']:.2f} s, "
             f"lines {use['approach'] + use['retract']:.2f} s, dwells {use['dwell']:.2f} s"
             f"{_shares(use['dwell_shares'])}, "
             + "".join(f"{kind}s {use[kind]:.2f} s, " for kind in WORK_ENDS if use[kind] > 0)

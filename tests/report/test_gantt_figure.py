@@ -69,7 +69,7 @@ def test_the_title_has_time_bound_and_gap_where_there_are_such(schedule):
     assert title(schedule, JOB) == "by hand: cycle time 10.000 s"
     bounded = dataclasses.replace(schedule, lower_bound=8.0)
     assert title(bounded, SimpleNamespace(returns=False)) == (
-        "by hand: time of one pass 10.000 s, bound 8.000 s, gap 20.0%"
+        "by hand: duration 10.000 s, bound 8.000 s, gap 20.0%"
     )
     # That all takes more than no time is nothing to tell.
     nothing = dataclasses.replace(schedule, lower_bound=0.0)

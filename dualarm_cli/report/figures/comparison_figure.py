@@ -171,7 +171,7 @@ def _draw_section(panel: Any, section: dict[str, Any], name: str) -> dict[str, A
     panel.set_xlim(0.0, 1.17 * longest)
     panel.spines[["top", "right"]].set_visible(False)
     panel.tick_params(axis="y", length=0)
-    panel.set_xlabel("period [s]" if section["closes"] else "time of one pass [s]")
+    panel.set_xlabel("period [s]" if section["closes"] else "duration [s]")
     panel.set_title(
         section_title(section, name),
         loc="left",

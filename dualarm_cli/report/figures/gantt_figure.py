@@ -491,7 +491,7 @@ def _title_and_legend(figure: Any, heading: str, present: dict[str, _Style], hei
 
 def title(schedule: Schedule, job: Job) -> str:
     """Returns the figure's heading: job, robot, time, and bound and gap where the bound says something."""
-    what = "cycle time" if job.returns else "time of one pass"
+    what = "cycle time" if job.returns else "duration"
     names = dict.fromkeys((plan_title(schedule), schedule.robot.name))
     text = f"{', '.join(names)}: {what} {schedule.duration:.3f} s"
     gap = relative_gap(schedule)
