@@ -50,8 +50,8 @@ SENTENCES: Mapping[str, str] = {
     "own_clocks": "lower bound: valid for every plan of asynchronous arms in this order. It is the time of the "
     "slower arm's stops with a platform that moves for this arm only",
     "dwells_only": "lower bound: tasks after the first {tasks} count with their dwells only",
-    "paths": "lower bound: paths and seams count at full speed, from rest to rest, where the file has them; an idle arm "
-    "stands still. Transfers to and from them count where the file gives the tool's pose or a duration",
+    "paths": "lower bound: paths and seams count at full speed, from rest to rest, where the file has them; an idle "
+    "arm stands still. Transfers to and from them count where the file gives the tool's pose or a duration",
     "open_paths": "lower bound: paths and seams count at full speed. Transfers to and from them count with the "
     "duration in the file only, because their order is open",
     "paths_alone": "lower bound: paths and seams count at full speed. On this robot all other stages count as "
