@@ -1,4 +1,4 @@
-// Bundles the page: src/main.js and src/page.css to ../built/page.js and ../built/page.css, minified.
+// Bundle the page: src/main.js and src/page.css to ../built/page.js and ../built/page.css, minified.
 import { build } from "esbuild";
 import { statSync } from "node:fs";
 import { fileURLToPath } from "node:url";

@@ -1,29 +1,30 @@
-// The one cursor of time, and the stretch of time that the timeline shows.
+// Time cursor and visible time window.
 
-/** Calls listeners when something has changed. */
-export class Changing {
+/** Object that notifies listeners of its changes. */
+export class Observable {
   constructor() {
     /** @type {(() => void)[]} */
     this.listeners = [];
   }
 
-  /** @param {() => void} listener is called after each change */
+  /** @param {() => void} listener called after each change */
   onChange(listener) {
     this.listeners.push(listener);
   }
 
-  changed() {
+  notify() {
     for (const listener of this.listeners) listener();
   }
 }
 
+/** Playback speeds as factors of real time. */
 export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8];
 
-/** The cursor of time: it stands at a time, or it plays. */
-export class Clock extends Changing {
+/** Time cursor with playback. */
+export class Clock extends Observable {
   /**
    * @param {number} duration s
-   * @param {boolean} closes whether playback goes on from the start: the motion is a cycle
+   * @param {boolean} closes whether the motion is a cycle, so that playback continues from the start
    */
   constructor(duration, closes) {
     super();
@@ -34,21 +35,21 @@ export class Clock extends Changing {
     this.playing = false;
   }
 
-  /** @param {number} time s; beyond the plan is its start or its end */
+  /** @param {number} time s; clamped to the plan */
   setTime(time) {
     this.time = Math.min(Math.max(Number.isFinite(time) ? time : 0, 0), this.duration);
-    this.changed();
+    this.notify();
   }
 
   play() {
     if (this.time >= this.duration) this.time = 0;
     this.playing = true;
-    this.changed();
+    this.notify();
   }
 
   pause() {
     this.playing = false;
-    this.changed();
+    this.notify();
   }
 
   toggle() {
@@ -56,10 +57,10 @@ export class Clock extends Changing {
     else this.play();
   }
 
-  /** @param {number} speed share of real time */
+  /** @param {number} speed factor of real time */
   setSpeed(speed) {
     this.speed = speed;
-    this.changed();
+    this.notify();
   }
 
   /** @param {number} elapsed real time since the last call [s] */
@@ -77,8 +78,8 @@ export class Clock extends Changing {
   }
 }
 
-/** The stretch of time that the timeline shows. */
-export class TimeWindow extends Changing {
+/** Visible time window of the timeline. */
+export class TimeWindow extends Observable {
   /** @param {number} duration s */
   constructor(duration) {
     super();
@@ -88,7 +89,7 @@ export class TimeWindow extends Changing {
   }
 
   /**
-   * Shows a stretch, shifted into the plan and no shorter than a millisecond.
+   * Show a window, shifted into the plan and at least a millisecond long.
    * @param {number} from
    * @param {number} to
    */
@@ -96,7 +97,7 @@ export class TimeWindow extends Changing {
     const length = Math.min(Math.max(to - from, 1e-3), this.duration);
     this.from = Math.min(Math.max(from, 0), this.duration - length);
     this.to = this.from + length;
-    this.changed();
+    this.notify();
   }
 
   showAll() {
@@ -104,17 +105,17 @@ export class TimeWindow extends Changing {
   }
 
   /**
-   * Shows less or more, with one instant kept in place.
-   * @param {number} time that instant
-   * @param {number} factor below 1 shows less
+   * Zoom about a fixed instant.
+   * @param {number} time fixed instant [s]
+   * @param {number} factor of the length; below 1 zooms in
    */
   zoom(time, factor) {
     const length = Math.min((this.to - this.from) * factor, this.duration);
-    const share = (time - this.from) / (this.to - this.from);
-    this.show(time - share * length, time + (1 - share) * length);
+    const fraction = (time - this.from) / (this.to - this.from);
+    this.show(time - fraction * length, time + (1 - fraction) * length);
   }
 
-  /** @param {number} time is brought into sight, if it is not */
+  /** @param {number} time s; the window is moved if it does not contain it */
   reveal(time) {
     if (time >= this.from && time <= this.to) return;
     const length = this.to - this.from;
@@ -123,13 +124,13 @@ export class TimeWindow extends Changing {
 }
 
 /**
- * Returns the next of some times after (or, with direction -1, before) a time; the time itself where there is none.
+ * Return the next time after a time (direction 1) or before it (-1), or the time itself if there is none.
  * @param {number[]} times
  * @param {number} time
  * @param {1 | -1} direction
  */
 export function neighbour(times, time, direction) {
-  const beyond = times.filter((t) => (t - time) * direction > 1e-6);
-  if (beyond.length === 0) return time;
-  return direction > 0 ? Math.min(...beyond) : Math.max(...beyond);
+  const candidates = times.filter((t) => (t - time) * direction > 1e-6);
+  if (candidates.length === 0) return time;
+  return direction > 0 ? Math.min(...candidates) : Math.max(...candidates);
 }

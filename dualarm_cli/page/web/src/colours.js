@@ -1,50 +1,50 @@
-// Colours for canvases and the 3-D view, read from the style sheet. The hues are those of Okabe and Ito, which people
-// with any colour vision tell apart.
+// Colours for canvases and the 3-D view, read from the style sheet: the palette of Okabe and Ito, which remains
+// distinguishable with colour vision deficiencies.
 
 /** @type {Map<string, string>} */
-const read = new Map();
+const cache = new Map();
 
 /**
- * Returns a custom property of the style sheet, as the page shows it now.
+ * Look up a custom property of the style sheet in the current theme.
  * @param {string} name without the dashes
  * @returns {string}
  */
 export function colour(name) {
-  let found = read.get(name);
-  if (found === undefined) {
-    found = getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
-    read.set(name, found);
+  let value = cache.get(name);
+  if (value === undefined) {
+    value = getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+    cache.set(name, value);
   }
-  return found;
+  return value;
 }
 
-/** Colours of curves: one per joint that is chosen, in turn. */
+/** Colours of the curves of selected joints, in turn. */
 export const CURVES = ["curve-1", "curve-2", "curve-3", "curve-4", "curve-5", "curve-6", "curve-7"];
 
-/** Dashes of curves, once all colours are used. */
+/** Dash patterns of curves; the next one is used when all colours are taken. */
 export const DASHES = [[], [6, 3], [2, 3]];
 
 /**
- * Lets the page be dark or light: as the system says, until the reader decides.
- * @param {() => void} changed
+ * Set up the dark and light themes; the system's preference applies until the user selects one.
+ * @param {() => void} changed called after each change
  * @returns {{toggle: () => void, set: (theme: "dark" | "light") => void, name: () => string}}
  */
 export function themes(changed) {
   const root = document.documentElement;
   const system = matchMedia("(prefers-color-scheme: dark)");
-  let decided = false;
+  let isSelected = false;
   const set = (/** @type {"dark" | "light"} */ theme) => {
     root.dataset.theme = theme;
-    read.clear();
+    cache.clear();
     changed();
   };
   root.dataset.theme = system.matches ? "dark" : "light";
   system.addEventListener("change", () => {
-    if (!decided) set(system.matches ? "dark" : "light");
+    if (!isSelected) set(system.matches ? "dark" : "light");
   });
   return {
     toggle: () => {
-      decided = true;
+      isSelected = true;
       set(root.dataset.theme === "dark" ? "light" : "dark");
     },
     set,

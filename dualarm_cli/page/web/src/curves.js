@@ -1,4 +1,4 @@
-// Curves of chosen joints, with their limits, and the clearance: one plot per quantity, all on the timeline's axis.
+// Curves of selected joints with their limits, and of the clearance: one plot per quantity, on the timeline's axis.
 
 import uPlot from "uplot";
 import { clearanceAt, clearanceColour } from "./clearance.js";
@@ -11,24 +11,25 @@ import { jointUnit, rulerTimes } from "./units.js";
 /** @typedef {import("./types.js").Joint} Joint */
 /** @typedef {import("./trajectory.js").Quantity} Quantity */
 
+/** Width of an axis label [px]. */
 const LABEL = 20;
 
 /**
- * Returns the limits of a joint in SI units: the values that the quantity may not pass.
+ * Return the limits of a joint's quantity in SI units.
  * @param {Joint} joint
  * @param {Quantity} quantity
  * @returns {number[]}
  */
 export function limitsOf(joint, quantity) {
   const { lower, upper } = joint.limits;
-  const both = quantity === "position" ? [lower, upper] : [joint.limits[quantity]];
-  const found = /** @type {number[]} */ (both.filter((limit) => limit !== null));
-  return quantity === "position" ? found : found.flatMap((limit) => [-limit, limit]);
+  const values = quantity === "position" ? [lower, upper] : [joint.limits[quantity]];
+  const limits = /** @type {number[]} */ (values.filter((limit) => limit !== null));
+  return quantity === "position" ? limits : limits.flatMap((limit) => [-limit, limit]);
 }
 
 /**
- * Returns the style of a chosen joint's curve.
- * @param {number} number in the order in which joints were chosen
+ * Return the style of a selected joint's curve.
+ * @param {number} number in the order of selection
  */
 export function curveStyle(number) {
   return {
@@ -43,13 +44,13 @@ export function curveStyle(number) {
  * @typedef {object} Plot
  * @property {string} name quantity, or "clearance"
  * @property {HTMLElement} element
- * @property {() => void} update takes the stretch of time that is shown now
+ * @property {() => void} update draws the visible time window
  * @property {(width: number, height: number) => void} resize
  * @property {() => void} destroy
  */
 
 /**
- * Returns a plot on the timeline's axis.
+ * Create a plot on the timeline's axis.
  * @param {object} options
  * @param {string} options.name
  * @param {string} options.title of its axis
@@ -62,9 +63,9 @@ export function curveStyle(number) {
  * @returns {Plot}
  */
 function makePlot({ name, title, shown, size, series, limits, data, fromZero }) {
-  const holder = document.createElement("div");
-  holder.className = "plot";
-  holder.dataset.name = name;
+  const container = document.createElement("div");
+  container.className = "plot";
+  container.dataset.name = name;
   const axis = { stroke: colour("muted"), font: SMALL };
   const grid = { stroke: colour("grid"), width: 1 };
   const levels = limits.map((limit) => limit.value);
@@ -81,10 +82,10 @@ function makePlot({ name, title, shown, size, series, limits, data, fromZero }) 
         y: {
           range: (_, low, high) => {
             const ends = [low ?? 0, high ?? 1, ...levels];
-            const least = fromZero ? 0 : Math.min(...ends);
-            const most = Math.max(...ends);
-            const room = (most - least || 1) * 0.06;
-            return [fromZero ? 0 : least - room, most + room];
+            const min = fromZero ? 0 : Math.min(...ends);
+            const max = Math.max(...ends);
+            const padding = (max - min || 1) * 0.06;
+            return [fromZero ? 0 : min - padding, max + padding];
           },
         },
       },
@@ -121,11 +122,11 @@ function makePlot({ name, title, shown, size, series, limits, data, fromZero }) 
       hooks: { draw: [(/** @type {uPlot} */ u) => drawLimits(u, limits)] },
     },
     data(shown.from, shown.to, size.width),
-    holder,
+    container,
   );
   return {
     name,
-    element: holder,
+    element: container,
     update: () => plot.setData(data(shown.from, shown.to, Math.max(plot.width - GUTTER, 50))),
     resize: (width, height) => plot.setSize({ width, height }),
     destroy: () => plot.destroy(),
@@ -133,6 +134,7 @@ function makePlot({ name, title, shown, size, series, limits, data, fromZero }) 
 }
 
 /**
+ * Draw limits as dashed lines.
  * @param {uPlot} u
  * @param {{value: number, colour: string}[]} limits
  */
@@ -154,21 +156,21 @@ function drawLimits(u, limits) {
 }
 
 /**
- * Returns the plots of a quantity of the chosen joints: one, or two where some turn and others slide.
+ * Create the plots of a quantity of the selected joints: one each for revolute and for prismatic joints.
  * @param {Quantity} quantity
- * @param {{joint: Joint, number: number}[]} chosen
+ * @param {{joint: Joint, number: number}[]} selected
  * @param {import("./clock.js").TimeWindow} shown
  * @param {Size} size
  * @returns {Plot[]}
  */
-export function jointPlots(quantity, chosen, shown, size) {
-  const kinds = [false, true].map((slides) => chosen.filter((c) => c.joint.slides === slides));
-  return kinds.flatMap((some) => {
-    if (some.length === 0) return [];
-    const joints = some.map(({ joint }) => joint);
+export function jointPlots(quantity, selected, shown, size) {
+  const groups = [false, true].map((slides) => selected.filter((c) => c.joint.slides === slides));
+  return groups.flatMap((group) => {
+    if (group.length === 0) return [];
+    const joints = group.map(({ joint }) => joint);
     const unit = jointUnit(joints[0].slides, quantity);
-    const styles = some.map(({ number }) => curveStyle(number));
-    const limits = some.flatMap(({ joint }, i) =>
+    const styles = group.map(({ number }) => curveStyle(number));
+    const limits = group.flatMap(({ joint }, i) =>
       limitsOf(joint, quantity).map((value) => ({
         value: value * unit.perUnit,
         colour: styles[i].colour,
@@ -191,7 +193,7 @@ export function jointPlots(quantity, chosen, shown, size) {
 }
 
 /**
- * Returns the plot of the clearances over time.
+ * Create the plot of the clearances over time.
  * @param {Plan} plan with clearances
  * @param {import("./clock.js").TimeWindow} shown
  * @param {Size} size

@@ -1,19 +1,19 @@
-// Reads the page's data: base64 texts become typed arrays; everything else stays as it is written.
+// Reader of the page's data: base64 texts become typed arrays, everything else stays as it is.
 
 /** @typedef {import("./types.js").Plan} Plan */
 
 export const FORMAT = "dualarm.page/1";
 
 /**
- * Returns the bytes of a base64 text.
+ * Decode a base64 text.
  * @param {string} text
  * @returns {ArrayBuffer}
  */
 function bytes(text) {
   const binary = atob(text);
-  const found = new Uint8Array(binary.length);
-  for (let i = 0; i < binary.length; i++) found[i] = binary.charCodeAt(i);
-  return found.buffer;
+  const result = new Uint8Array(binary.length);
+  for (let i = 0; i < binary.length; i++) result[i] = binary.charCodeAt(i);
+  return result.buffer;
 }
 
 /** @param {string} text */
@@ -24,15 +24,15 @@ export const f32 = (text) => new Float32Array(bytes(text));
 export const u32 = (text) => new Uint32Array(bytes(text));
 
 /**
- * Returns the plan of a document.
+ * Read a plan.
  * @param {string} text JSON of format dualarm.page/1
  * @returns {Plan}
- * @throws {Error} it has another format
+ * @throws {Error} on another format
  */
 export function readPlan(text) {
   const raw = JSON.parse(text);
   if (raw.format !== FORMAT) {
-    throw new Error(`the data have the format ${raw.format}; this page reads ${FORMAT}`);
+    throw new Error(`the data have the format ${raw.format}, but this page reads ${FORMAT}`);
   }
   const joints = raw.joints.map((/** @type {any} */ joint) => ({
     ...joint,
@@ -58,7 +58,7 @@ export function readPlan(text) {
 }
 
 /**
- * Returns the arms in the order in which the page shows them.
+ * Return the names of the arms in the order of the page.
  * @param {Plan} plan
  * @returns {string[]}
  */

@@ -1,74 +1,74 @@
-// Elements of the page. Data reach them as text only: there is no way from data to markup.
+// Elements of the page. Data become text nodes only, never markup.
 
 /**
- * Returns a new element.
+ * Create an element.
  * @param {string} tag
- * @param {Object<string, any>} [properties] `class` is the class, `on…` are listeners, the rest are attributes
+ * @param {Object<string, any>} [properties] `on…` are listeners, all others attributes
  * @param {...(Node | string | null)} children texts become text nodes
  * @returns {any}
  */
 export function element(tag, properties = {}, ...children) {
-  const made = document.createElement(tag);
+  const node = document.createElement(tag);
   for (const [name, value] of Object.entries(properties)) {
     if (value === null || value === undefined || value === false) continue;
-    if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
-    else made.setAttribute(name, value === true ? "" : String(value));
+    if (name.startsWith("on")) node.addEventListener(name.slice(2), value);
+    else node.setAttribute(name, value === true ? "" : String(value));
   }
-  for (const child of children) if (child !== null) made.append(child);
-  return made;
+  for (const child of children) if (child !== null) node.append(child);
+  return node;
 }
 
 /**
- * Returns a button.
+ * Create a button.
  * @param {string} text
- * @param {string} title what it does
+ * @param {string} title tooltip
  * @param {() => void} action
- * @param {Object<string, any>} [more]
+ * @param {Object<string, any>} [properties]
  */
-export function button(text, title, action, more = {}) {
+export function button(text, title, action, properties = {}) {
   return element(
     "button",
-    { type: "button", title, "aria-label": title, onclick: action, ...more },
+    { type: "button", title, "aria-label": title, onclick: action, ...properties },
     text,
   );
 }
 
 /**
- * Returns a button that is on or off.
+ * Create a toggle button.
  * @param {string} text
  * @param {string} title
- * @param {boolean} on at first
+ * @param {boolean} on initial state
  * @param {(on: boolean) => void} action
  */
 export function toggle(text, title, on, action) {
-  const made = button(text, title, () => {
-    const pressed = made.getAttribute("aria-pressed") !== "true";
-    made.setAttribute("aria-pressed", String(pressed));
+  const node = button(text, title, () => {
+    const pressed = node.getAttribute("aria-pressed") !== "true";
+    node.setAttribute("aria-pressed", String(pressed));
     action(pressed);
   });
-  made.setAttribute("aria-pressed", String(on));
-  return made;
+  node.setAttribute("aria-pressed", String(on));
+  return node;
 }
 
-/** Texts longer than this may break anywhere. */
-const LONG = 20;
+/** Length above which texts may break anywhere. */
+const BREAKABLE_LENGTH = 20;
 
 /** @param {string | Node} cell @param {boolean} numeric */
 function cellClass(cell, numeric) {
   if (numeric) return "number";
-  return typeof cell === "string" && cell.length > LONG ? "long" : null;
+  return typeof cell === "string" && cell.length > BREAKABLE_LENGTH ? "long" : null;
 }
 
 /**
  * @typedef {object} Row
  * @property {(string | Node)[]} cells
- * @property {number} [time] a click goes there [s]
+ * @property {number} [time] target of a click [s]
  * @property {string} [mark] class
  */
 
 /**
- * Returns a table whose rows lead to times.
- * @param {string[]} heads a head that ends in ` #` is a column of numbers
+ * Create a table whose rows set the time cursor.
+ * @param {string[]} heads those that end in ` #` mark columns of numbers
  * @param {Row[]} rows
  * @param {(time: number) => void} go
  */
@@ -79,20 +79,20 @@ export function table(heads, rows, go) {
   );
   const body = rows.map((row) => {
     const { time } = row;
-    const leads = time !== undefined && Number.isFinite(time);
-    const made = element(
+    const isLink = time !== undefined && Number.isFinite(time);
+    const tr = element(
       "tr",
-      { class: [row.mark, leads ? "leads" : ""].filter(Boolean).join(" ") || null },
+      { class: [row.mark, isLink ? "leads" : ""].filter(Boolean).join(" ") || null },
       ...row.cells.map((cell, i) => element("td", { class: cellClass(cell, numeric[i]) }, cell)),
     );
-    if (leads) {
-      made.tabIndex = 0;
-      made.addEventListener("click", () => go(/** @type {number} */ (time)));
-      made.addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => {
+    if (isLink) {
+      tr.tabIndex = 0;
+      tr.addEventListener("click", () => go(/** @type {number} */ (time)));
+      tr.addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => {
         if (event.key === "Enter") go(/** @type {number} */ (time));
       });
     }
-    return made;
+    return tr;
   });
   return element(
     "table",

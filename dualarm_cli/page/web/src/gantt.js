@@ -1,4 +1,4 @@
-// Draws the Gantt chart: a row per arm with its tasks above and its motion below, and the platform.
+// Gantt chart: one row per arm with tasks above and motion segments below, and one for the platform.
 
 import { colour } from "./colours.js";
 import { barAt, ganttRows } from "./gantt_layout.js";
@@ -9,7 +9,7 @@ import { actionOn, rulerTimes } from "./units.js";
 /** @typedef {import("./gantt_layout.js").GanttRow} GanttRow */
 /** @typedef {import("./gantt_layout.js").Bar} Bar */
 
-/** How much larger everything is on very wide screens; the style sheet has the same bound. */
+/** Scale of all sizes, larger on very wide screens; the style sheet has the same threshold. */
 const SCALE = globalThis.innerWidth >= 2400 ? 1.4 : 1;
 const scaled = (/** @type {number} */ size) => Math.round(size * SCALE);
 
@@ -20,14 +20,14 @@ export const SMALL = `${scaled(10)}px system-ui, sans-serif`;
 
 const RULER = scaled(20);
 const STAGES = scaled(16);
-/** Height of the stages of one arm, where each arm has its own. */
-const OWN_STAGES = scaled(13);
+/** Height of the stages of one arm if each arm has its own [px]. */
+const ARM_STAGES = scaled(13);
 const TASKS = scaled(17);
 const BARS = scaled(24);
 const PLATFORM = scaled(12);
 const GAP = scaled(7);
 
-/** The chart on its canvas. */
+/** Gantt chart on its canvas. */
 export class Gantt {
   /**
    * @param {Plan} plan
@@ -43,16 +43,16 @@ export class Gantt {
     this.canvas = document.createElement("canvas");
     this.canvas.className = "gantt";
     const arms = this.rows.filter((row) => row.arm).map((row) => row.arm);
-    /** Arms that have stages of their own; empty where stages are both arms'. */
+    /** Arms with their own stages; empty if the arms share stages. */
     this.stageRows = plan.stages.some((stage) => stage.arm) ? arms : [];
-    this.stagesHeight = this.stageRows.length ? this.stageRows.length * OWN_STAGES : STAGES;
-    /** Height of ruler and stages: a drag there moves the cursor. */
+    this.stagesHeight = this.stageRows.length ? this.stageRows.length * ARM_STAGES : STAGES;
+    /** Height of ruler and stages, where a drag moves the time cursor [px]. */
     this.head = RULER + this.stagesHeight;
     let top = this.head + GAP;
     this.tops = this.rows.map((row) => {
-      const own = top;
+      const rowTop = top;
       top += (row.arm ? TASKS + BARS : PLATFORM) + GAP;
-      return own;
+      return rowTop;
     });
     this.height = top;
     this.width = 0;
@@ -76,7 +76,7 @@ export class Gantt {
   }
 
   /**
-   * Returns the bar at a point of the canvas.
+   * Return the bar at a point of the canvas.
    * @param {number} time s
    * @param {number} y px from the top of the canvas
    * @returns {Bar | undefined}
@@ -111,7 +111,7 @@ export class Gantt {
         this.drawBars(g, row, top + TASKS);
       } else {
         g.fillStyle = colour("platform");
-        for (const bar of this.inSight(row.bars)) {
+        for (const bar of this.visible(row.bars)) {
           g.fillRect(this.x(bar.start), top + 2, this.length(bar), PLATFORM - 4);
         }
       }
@@ -125,7 +125,7 @@ export class Gantt {
   }
 
   /** @template {{start: number, end: number}} T @param {T[]} bars @returns {T[]} */
-  inSight(bars) {
+  visible(bars) {
     return bars.filter((bar) => bar.end >= this.shown.from && bar.start <= this.shown.to);
   }
 
@@ -171,15 +171,15 @@ export class Gantt {
       const height = this.stagesHeight / rows.length;
       const top = RULER + row * height;
       const all = this.plan.stages.map((stage, i) => ({ ...stage, text: String(i + 1) }));
-      const own = all.filter((stage) => !arm || !stage.arm || stage.arm === arm);
-      const bars = own.map((stage, i) => ({ ...stage, odd: i % 2 === 1 }));
-      for (const bar of this.inSight(bars)) {
+      const armStages = all.filter((stage) => !arm || !stage.arm || stage.arm === arm);
+      const bars = armStages.map((stage, i) => ({ ...stage, odd: i % 2 === 1 }));
+      for (const bar of this.visible(bars)) {
         g.fillStyle = colour(bar.odd ? "band-odd" : "band-even");
         g.fillRect(this.x(bar.start), top, this.length(bar), height - 1);
       }
       g.fillStyle = colour("muted");
       let end = -Infinity;
-      for (const bar of this.inSight(bars)) {
+      for (const bar of this.visible(bars)) {
         const middle = this.x(bar.start) + this.length(bar) / 2;
         const half = g.measureText(bar.text).width / 2;
         if (middle - half < end + 4) continue;
@@ -190,7 +190,7 @@ export class Gantt {
   }
 
   /**
-   * Draws the tasks of both arms: pick or place, and the id as far as it fits, all of them shortened alike.
+   * Draw the tasks of both arms: action and id, all shortened to the same level.
    * @param {CanvasRenderingContext2D} g
    */
   drawVisits(g) {
@@ -198,20 +198,20 @@ export class Gantt {
     g.textAlign = "center";
     const width = (/** @type {string} */ text) => g.measureText(text).width;
     const labels = this.rows.flatMap((row, i) =>
-      this.inSight(row.visits).map((visit) => {
+      this.visible(row.visits).map((visit) => {
         const from = Math.max(this.x(visit.start), GUTTER);
         const to = Math.min(this.x(visit.end), this.width - MARGIN);
         const candidates = forms(visit.task, actionOn(visit.action, visit.task), this.prefixes.get(row.name) ?? 0);
-        return { visit, from, to, candidates, room: to - from - 4, top: this.tops[i] };
+        return { visit, from, to, candidates, space: to - from - 4, top: this.tops[i] };
       }),
     );
     const level = commonLevel(labels, width);
     let [row, end] = [-1, -Infinity];
-    for (const { visit, from, to, candidates, room, top } of labels) {
+    for (const { visit, from, to, candidates, space, top } of labels) {
       if (top !== row) [row, end] = [top, -Infinity];
       const allowed = candidates.slice(Math.min(level, candidates.length - 1));
-      // What does not fit even so stands over its neighbours, which have none then.
-      const text = fitting(allowed, room, width);
+      // A label that still does not fit covers its neighbours, which are then left out.
+      const text = fitting(allowed, space, width);
       const half = width(text) / 2;
       const middle = Math.min(Math.max((from + to) / 2, GUTTER + half), this.width - MARGIN - half);
       if (middle - half < end + 4) continue;
@@ -222,7 +222,7 @@ export class Gantt {
   }
 
   /**
-   * Draws the segments of an arm: transfers low, approaches rising, dwells full, retracts falling, waits hatched.
+   * Draw the segments of an arm: low transfers, rising approaches, full dwells, falling retracts, hatched waits.
    * @param {CanvasRenderingContext2D} g
    * @param {GanttRow} row
    * @param {number} top
@@ -230,14 +230,14 @@ export class Gantt {
   drawBars(g, row, top) {
     g.font = SMALL;
     g.textAlign = "center";
-    for (const bar of this.inSight(row.bars)) {
+    for (const bar of this.visible(row.bars)) {
       drawBar(g, bar, this.x(bar.start), this.length(bar), top);
     }
   }
 }
 
 /**
- * Draws one segment.
+ * Draw a segment.
  * @param {CanvasRenderingContext2D} g
  * @param {Bar} bar
  * @param {number} x
@@ -288,7 +288,7 @@ function outline(g, ...points) {
 }
 
 /**
- * Fills the current path with slanted lines.
+ * Fill the current path with diagonal lines.
  * @param {CanvasRenderingContext2D} g
  * @param {number} left
  * @param {number} right
@@ -313,7 +313,7 @@ function hatch(g, left, right, top, bottom) {
   g.strokeRect(left + 0.5, top + 0.5, Math.max(right - left - 1, 0), height - 1);
 }
 
-/** What the forms and colours mean, for the legend: families and kinds as the chart draws them. */
+/** Entries of the legend: families and kinds as the chart draws them. */
 export const LEGEND = [
   { label: "transfer", bar: { kind: "transfer", family: "" } },
   { label: "approach", bar: { kind: "approach", family: "pick" } },
@@ -331,7 +331,7 @@ export const LEGEND = [
 ];
 
 /**
- * Draws an entry of the legend.
+ * Draw an entry of the legend.
  * @param {HTMLCanvasElement} canvas
  * @param {{kind: string, family: string}} bar
  */

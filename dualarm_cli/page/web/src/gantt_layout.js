@@ -1,4 +1,4 @@
-// What the Gantt chart shows, as numbers: rows, bars and the tasks above them. Nothing is drawn here.
+// Layout of the Gantt chart: rows, bars and the tasks above them, without drawing.
 
 import { armsOf } from "./data.js";
 import { movingIntervals } from "./trajectory.js";
@@ -13,8 +13,8 @@ import { actionOn, fixed, word } from "./units.js";
  * @property {number} end s
  * @property {string} kind that of its segment; "move" for the platform
  * @property {string} family colour: pick, place, give, take, tool, path, seam, or empty for none
- * @property {string} label shown where it fits
- * @property {string} text what it is, in full
+ * @property {string} label shown if it fits
+ * @property {string} text full description
  */
 
 /** @typedef {{start: number, end: number, task: string, action: string, family: string}} Visit */
@@ -29,11 +29,11 @@ const FAMILIES = /** @type {Object<string, string>} */ ({
   leave_tool: "tool",
 });
 
-/** Kinds of segments that say themselves what is done. */
+/** Kinds of segments that name their action. */
 export const ALONG = ["path", "seam"];
 
 /**
- * Returns the family of a segment or an event, which decides its colour.
+ * Return the family of a segment or an event, which selects its colour.
  * @param {string} action
  * @param {string} kind
  */
@@ -44,10 +44,10 @@ export function familyOf(action, kind = "") {
 }
 
 /**
- * Returns what a segment is, in full.
+ * Describe a segment in full.
  * @param {Segment} segment
- * @param {string} [waitsFor] whom a wait is for
- * @param {string} [signal] that is set where it begins
+ * @param {string} [waitsFor] arm and task that end a wait
+ * @param {string} [signal] set at its start
  */
 export function segmentText(segment, waitsFor = "", signal = "") {
   const length = `${fixed(segment.start, 3)}–${fixed(segment.end, 3)} s (${fixed(segment.end - segment.start, 3)} s)`;
@@ -61,7 +61,7 @@ export function segmentText(segment, waitsFor = "", signal = "") {
 }
 
 /**
- * Returns the rows: one per arm, and one for the platform where it moves.
+ * Build the rows: one per arm, and one for the platform if it moves.
  * @param {Plan} plan
  * @returns {GanttRow[]}
  */
@@ -99,7 +99,7 @@ export function ganttRows(plan) {
 }
 
 /**
- * Returns whom an arm waits for, as the report says.
+ * Return the arm and task that an arm waits for, as in the report.
  * @param {Plan} plan
  * @param {Segment} segment
  */
@@ -113,37 +113,38 @@ export function waitsFor(plan, segment) {
 }
 
 /**
- * Returns the signal that is set where a dwell begins, or nothing.
+ * Return the signal set at the start of a dwell, or an empty text.
  * @param {Plan} plan
  * @param {Segment} segment
  */
 export function signalOf(plan, { kind, arm, task, action }) {
   if (kind !== "dwell") return "";
-  const here = plan.events.find((event) => event.arm === arm && event.task === task && event.action === action);
-  return here?.signal ?? "";
+  const dwellEvent = plan.events.find((event) => event.arm === arm && event.task === task && event.action === action);
+  return dwellEvent?.signal ?? "";
 }
 
 /**
- * Returns the visits of an arm: consecutive segments of one task and action, without the waits at their ends; paths and
- * seams are their own.
- * @param {Segment[]} segments of one arm, in the order of time
+ * Group the segments of an arm into visits: consecutive segments of one task and action, without waits at their ends.
+ *
+ * Paths and seams are visits of their own.
+ * @param {Segment[]} segments of one arm, in order of time
  * @returns {Visit[]}
  */
 export function visits(segments) {
   /** @type {Visit[]} */
-  const found = [];
+  const grouped = [];
   for (const { task, kind, start, end, ...segment } of segments) {
     if (!task || kind === "wait") continue;
     const action = ALONG.includes(kind) ? kind : segment.action;
-    const last = found.at(-1);
+    const last = grouped.at(-1);
     if (last && last.task === task && last.action === action) last.end = end;
-    else found.push({ start, end, task, action, family: familyOf(action, kind) });
+    else grouped.push({ start, end, task, action, family: familyOf(action, kind) });
   }
-  return found;
+  return grouped;
 }
 
 /**
- * Returns the bar at a time, or nothing.
+ * Return the bar at a time, or undefined.
  * @param {Bar[]} bars
  * @param {number} time
  * @param {number} tolerance s
@@ -157,17 +158,17 @@ export function barAt(bars, time, tolerance = 0) {
 }
 
 /**
- * Returns what each arm does at a time.
+ * Return the segment of each arm at a time.
  * @param {Plan} plan
  * @param {number} time
  * @returns {Object<string, Segment | undefined>}
  */
-export function doing(plan, time) {
-  const found = /** @type {Object<string, Segment | undefined>} */ ({});
+export function segmentsAt(plan, time) {
+  const current = /** @type {Object<string, Segment | undefined>} */ ({});
   for (const arm of armsOf(plan)) {
     for (const segment of plan.segments) {
-      if (segment.arm === arm && segment.start <= time && time <= segment.end) found[arm] = segment;
+      if (segment.arm === arm && segment.start <= time && time <= segment.end) current[arm] = segment;
     }
   }
-  return found;
+  return current;
 }

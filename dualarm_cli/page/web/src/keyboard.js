@@ -1,11 +1,11 @@
-// Keys, and the overlay that lists them.
+// Keyboard commands and the overlay that lists them.
 
 import { button, element } from "./dom.js";
 
 /** @typedef {{keys: string[], shown: string, does: string, action: (event: KeyboardEvent) => void}} Command */
 
 /**
- * Listens to keys; typing into fields and choosing in lists stays what it is.
+ * Listen to keys outside of input fields and lists.
  * @param {Command[]} commands
  */
 export function listenToKeys(commands) {
@@ -22,7 +22,7 @@ export function listenToKeys(commands) {
 }
 
 /**
- * Returns the overlay that tells what keys and pointer do.
+ * Create the help overlay for keys and pointer.
  * @param {Command[]} commands
  * @returns {HTMLDialogElement}
  */
@@ -30,7 +30,7 @@ export function helpOverlay(commands) {
   const rows = [
     ...commands.map(({ shown, does }) => [shown, does]),
     ["drag, right drag, wheel", "3-D view: orbit, pan, zoom"],
-    ["click", "timeline or row of a table: go there"],
+    ["click", "timeline or row of a table: go to its time"],
     ["wheel, drag", "timeline: zoom, pan; Shift and wheel pan, Alt and wheel scroll"],
     ["double click", "timeline: zoom to the stage"],
   ];

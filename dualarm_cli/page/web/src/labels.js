@@ -1,7 +1,7 @@
-// Ids shortened to the room that there is.
+// Task ids shortened to the available width.
 
 /**
- * Returns how many first characters of all ids are the same, up to a separator, so that the rest still tells them apart.
+ * Compute the length of the common prefix of all ids up to a separator; what remains stays unique.
  * @param {string[]} ids
  */
 export function commonPrefix(ids) {
@@ -20,50 +20,51 @@ export function commonPrefix(ids) {
 }
 
 /**
- * Returns the forms of an id, the longest first: in full, id, id without what all share.
+ * Return the forms of an id, the longest first: with action, id, id without the common prefix.
  * @param {string} id
- * @param {string} full the id with what is done
- * @param {number} prefix how many characters all ids share (`commonPrefix`)
+ * @param {string} full the id with its action
+ * @param {number} prefix length of the common prefix (`commonPrefix`)
  * @returns {string[]}
  */
 export function forms(id, full, prefix) {
   return [...new Set([full, id, id.slice(prefix)])];
 }
 
-/** Letters that a shortened id keeps at least. */
-const FEWEST = 4;
+/** Minimum number of letters of a shortened id. */
+const MIN_LETTERS = 4;
 
 /**
- * Returns the first form that fits; where none does, the last one with its middle left out, and no shorter than a few
- * letters even if these do not fit either.
+ * Return the first form that fits, or else the last one with its middle left out.
+ *
+ * A minimum number of letters remains even if they do not fit.
  * @param {string[]} candidates the longest first
- * @param {number} room
+ * @param {number} space px
  * @param {(text: string) => number} width
  */
-export function fitting(candidates, room, width) {
-  const whole = candidates.find((text) => width(text) <= room);
-  if (whole !== undefined) return whole;
+export function fitting(candidates, space, width) {
+  const complete = candidates.find((text) => width(text) <= space);
+  if (complete !== undefined) return complete;
   const letters = [...candidates[candidates.length - 1]];
-  let found = letters.join("");
-  for (let kept = letters.length - 1; kept >= FEWEST; kept--) {
-    const end = Math.ceil(kept / 2);
-    found = `${letters.slice(0, kept - end).join("")}…${letters.slice(-end).join("")}`;
-    if (width(found) <= room) return found;
+  let shortened = letters.join("");
+  for (let count = letters.length - 1; count >= MIN_LETTERS; count--) {
+    const end = Math.ceil(count / 2);
+    shortened = `${letters.slice(0, count - end).join("")}…${letters.slice(-end).join("")}`;
+    if (width(shortened) <= space) return shortened;
   }
-  return found;
+  return shortened;
 }
 
 /**
- * Returns the level of shortening that most labels of a row can bear, so that they look alike.
- * @param {{candidates: string[], room: number}[]} labels
+ * Select the level of shortening at which three quarters of the labels fit, so that all look the same.
+ * @param {{candidates: string[], space: number}[]} labels
  * @param {(text: string) => number} width
- * @returns {number} candidates before it are not used
+ * @returns {number} index of the first candidate that is used
  */
 export function commonLevel(labels, width) {
   const levels = Math.max(0, ...labels.map((label) => label.candidates.length - 1));
   for (let level = 0; level < levels; level++) {
-    const fit = labels.filter(({ candidates, room }) => {
-      return width(candidates[Math.min(level, candidates.length - 1)]) <= room;
+    const fit = labels.filter(({ candidates, space }) => {
+      return width(candidates[Math.min(level, candidates.length - 1)]) <= space;
     });
     if (fit.length >= 0.75 * labels.length) return level;
   }

@@ -1,4 +1,4 @@
-// Puts the page together: the data, the views, and the one cursor of time that moves them.
+// Entry point of the page: data, views, and the time cursor that they share.
 
 import "uplot/dist/uPlot.min.css";
 import "./page.css";
@@ -19,10 +19,11 @@ import { millimetres, seconds } from "./units.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
 
+/** Steps of the arrow keys [s]. */
 const SMALL_STEP = 0.05;
 const LARGE_STEP = 0.5;
 
-/** @param {HTMLElement} root */
+/** Build the page. @param {HTMLElement} root */
 function start(root) {
   const plan = readPlan(document.getElementById("data")?.textContent ?? "");
   const clock = new Clock(plan.duration, plan.closes);
@@ -41,13 +42,13 @@ function start(root) {
   });
   const commands = makeCommands({ clock, shown, transport, theme, fit: () => scene?.fit(), help: () => help.showModal() });
   const help = helpOverlay(commands);
-  const splitter = element("div", { class: "splitter", role: "separator", title: "Drag to share the height" });
+  const splitter = element("div", { class: "splitter", role: "separator", title: "Drag to resize the timeline" });
   root.replaceChildren(
     header(plan, () => theme.toggle(), () => help.showModal()),
     element("main", {}, element("div", { class: "upper" }, viewer, report.element), transport.element, splitter, timeline.element),
     help,
   );
-  share(splitter, root);
+  makeResizable(splitter, root);
 
   const scene = makeScene(plan, stage);
   if (scene) {
@@ -58,8 +59,8 @@ function start(root) {
   const showNearest = () => {
     plan.clearances.forEach((clearance, i) => {
       const { pair, distance } = clearanceAt(clearance, clock.time);
-      const named = clearance.name === "clearance" ? "closest" : clearance.name;
-      nearest.children[i].textContent = `${named}: ${pair[0]} – ${pair[1]}, ${millimetres(distance)}`;
+      const label = clearance.name === "clearance" ? "closest" : clearance.name;
+      nearest.children[i].textContent = `${label}: ${pair[0]} – ${pair[1]}, ${millimetres(distance)}`;
     });
   };
   clock.onChange(showNearest);
@@ -73,20 +74,20 @@ function start(root) {
 }
 
 /**
- * Prints in light colours whatever the screen shows, and at the width of the paper.
+ * Print in the light theme at the width of the paper.
  * @param {ReturnType<typeof themes>} theme
  * @param {Timeline} timeline
  * @param {Scene | null} scene
  */
 function printLight(theme, timeline, scene) {
   let before = theme.name();
-  const picture = element("img", { class: "paper", alt: "3-D view" });
-  if (scene) scene.holder.append(picture);
+  const image = element("img", { class: "paper", alt: "3-D view" });
+  if (scene) scene.container.append(image);
   window.addEventListener("beforeprint", () => {
     before = theme.name();
     theme.set("light");
     timeline.print(true);
-    if (scene) picture.src = scene.picture();
+    if (scene) image.src = scene.picture();
   });
   window.addEventListener("afterprint", () => {
     timeline.print(false);
@@ -95,7 +96,7 @@ function printLight(theme, timeline, scene) {
 }
 
 /**
- * Returns the 3-D view, or nothing where the browser cannot draw it; the rest of the page works without it.
+ * Create the 3-D view, or a message and null if the browser cannot draw it.
  * @param {Plan} plan
  * @param {HTMLElement} stage
  */
@@ -103,29 +104,29 @@ function makeScene(plan, stage) {
   try {
     return new Scene(plan, stage);
   } catch (error) {
-    const text = "The 3-D view needs WebGL, which this browser does not offer. Everything else works.";
+    const text = "The 3-D view requires WebGL, which this browser does not support. The rest of the page works.";
     stage.append(element("p", { class: "missing" }, text, ` (${error instanceof Error ? error.message : error})`));
     return null;
   }
 }
 
-/** @param {Scene} scene @returns {Node[]} */
+/** Create the buttons of the 3-D view. @param {Scene} scene @returns {Node[]} */
 function viewButtons(scene) {
   const from = /** @type {(x: number, y: number, z: number) => () => void} */ ((x, y, z) => () => scene.fit([x, y, z]));
   return [
-    button("fit", "Everything in sight (f)", () => scene.fit()),
+    button("fit", "Fit the whole cell into the view (f)", () => scene.fit()),
     button("top", "From above", from(-0.001, 0, 1)),
     button("front", "From the front", from(1, 0, 0.12)),
     button("side", "From the side", from(0, -1, 0.12)),
-    toggle("traces", "Traces of the tools", true, (on) => scene.show("traces", on)),
-    toggle("frames", "Axes of the tools", true, (on) => scene.show("frames", on)),
+    toggle("traces", "Paths of the tools", true, (on) => scene.show("traces", on)),
+    toggle("frames", "Frames of the tools", true, (on) => scene.show("frames", on)),
     toggle("closest", "Closest pairs", true, (on) => scene.show("pair", on)),
-    toggle("skeleton", "Joints and what joins them", false, (on) => scene.show("skeleton", on)),
+    toggle("skeleton", "Joints and links as a skeleton", false, (on) => scene.show("skeleton", on)),
   ];
 }
 
 /**
- * Tells the name of what the pointer rests on.
+ * Show the name of the object under the pointer.
  * @param {Scene} scene
  * @param {HTMLElement} stage
  */
@@ -141,6 +142,7 @@ function nameSolids(scene, stage) {
 }
 
 /**
+ * Create the header.
  * @param {Plan} plan
  * @param {() => void} changeTheme
  * @param {() => void} help
@@ -163,11 +165,11 @@ function header(plan, changeTheme, help) {
 }
 
 /**
- * Lets people share the height between the 3-D view and the timeline.
+ * Let a drag of the splitter divide the height between 3-D view and timeline.
  * @param {HTMLElement} splitter
  * @param {HTMLElement} root
  */
-function share(splitter, root) {
+function makeResizable(splitter, root) {
   splitter.addEventListener("pointerdown", (event) => {
     splitter.setPointerCapture(event.pointerId);
     const move = (/** @type {PointerEvent} */ e) => {
@@ -180,6 +182,7 @@ function share(splitter, root) {
 }
 
 /**
+ * Create the keyboard commands.
  * @param {{clock: Clock, shown: TimeWindow, transport: Transport, theme: {toggle: () => void}, fit: () => void, help: () => void}} parts
  * @returns {import("./keyboard.js").Command[]}
  */
@@ -189,27 +192,27 @@ function makeCommands({ clock, shown, transport, theme, fit, help }) {
   const kind = (/** @type {string} */ name) => () => transport.setKind(name);
   return [
     { keys: [" "], shown: "Space", does: "play or pause", action: () => clock.toggle() },
-    { keys: ["ArrowLeft"], shown: "←", does: "0.05 s back; with Shift 0.5 s", action: move(-1) },
-    { keys: ["ArrowRight"], shown: "→", does: "0.05 s on; with Shift 0.5 s", action: move(1) },
+    { keys: ["ArrowLeft"], shown: "←", does: "0.05 s back, 0.5 s with Shift", action: move(-1) },
+    { keys: ["ArrowRight"], shown: "→", does: "0.05 s forward, 0.5 s with Shift", action: move(1) },
     { keys: ["ArrowUp"], shown: "↑", does: "next stage, task or event", action: () => transport.step(1) },
     { keys: ["ArrowDown"], shown: "↓", does: "previous stage, task or event", action: () => transport.step(-1) },
-    { keys: ["s"], shown: "s", does: "arrows up and down step by stage", action: kind("stage") },
-    { keys: ["t"], shown: "t", does: "… by task", action: kind("task") },
-    { keys: ["e"], shown: "e", does: "… by event", action: kind("event") },
+    { keys: ["s"], shown: "s", does: "↑ and ↓ step by stage", action: kind("stage") },
+    { keys: ["t"], shown: "t", does: "↑ and ↓ step by task", action: kind("task") },
+    { keys: ["e"], shown: "e", does: "↑ and ↓ step by event", action: kind("event") },
     { keys: ["Home"], shown: "Home", does: "start", action: () => transport.go(0) },
     { keys: ["End"], shown: "End", does: "end", action: () => transport.go(clock.duration) },
     { keys: ["+", "="], shown: "+", does: "faster", action: () => transport.changeSpeed(1) },
     { keys: ["-"], shown: "−", does: "slower", action: () => transport.changeSpeed(-1) },
-    { keys: ["z"], shown: "z", does: "timeline: show less, about the cursor", action: () => shown.zoom(clock.time, 0.5) },
-    { keys: ["Z"], shown: "Shift z", does: "timeline: show more", action: () => shown.zoom(clock.time, 2) },
+    { keys: ["z"], shown: "z", does: "timeline: zoom in at the cursor", action: () => shown.zoom(clock.time, 0.5) },
+    { keys: ["Z"], shown: "Shift z", does: "timeline: zoom out", action: () => shown.zoom(clock.time, 2) },
     { keys: ["0"], shown: "0", does: "timeline: show the whole plan", action: () => shown.showAll() },
-    { keys: ["f"], shown: "f", does: "3-D view: everything in sight", action: fit },
+    { keys: ["f"], shown: "f", does: "3-D view: fit the whole cell", action: fit },
     { keys: ["d"], shown: "d", does: "dark or light", action: () => theme.toggle() },
     { keys: ["?"], shown: "?", does: "this help", action: help },
   ];
 }
 
-/** @param {Clock} clock advances with the browser's pictures */
+/** Advance the clock with the animation frames of the browser. @param {Clock} clock */
 function run(clock) {
   let last = performance.now();
   const step = (/** @type {number} */ now) => {
@@ -221,7 +224,7 @@ function run(clock) {
 }
 
 /**
- * Offers the page to tests and to people at the console.
+ * Expose the page to tests and to the console of the browser.
  * @param {Plan} plan
  * @param {Clock} clock
  */

@@ -1,4 +1,4 @@
-// What the report says, as panels: cycle and bound, stages, waits, limits, checks, notes.
+// Panels of the report: overview with cycle time and bound, stages, waits, joints, checks, notes.
 
 import { element, table } from "./dom.js";
 import { actionOn, fixed, millimetres, percent, seconds, significant, word } from "./units.js";
@@ -6,36 +6,36 @@ import { actionOn, fixed, millimetres, percent, seconds, significant, word } fro
 /** @typedef {import("./types.js").Plan} Plan */
 /** @typedef {(time: number) => void} Go */
 
-/** What is saved, or costs, that is shown [s]. */
-const SHOWN = 5e-4;
+/** Smallest saving or cost that is shown [s]. */
+const MIN_SHOWN = 5e-4;
 
 /**
- * Returns a title with what follows it.
+ * Create a section with a title.
  * @param {string} title
  * @param {...(Node | string | null)} children
  */
 const block = (title, ...children) => element("section", { class: "block" }, element("h3", {}, title), ...children);
 
-/** @param {string} text */
+/** Create a paragraph. @param {string} text */
 const paragraph = (text) => element("p", {}, text);
 
-/** @param {string} value @param {string} label @param {string} [title] */
+/** Create a key figure. @param {string} value @param {string} label @param {string} [title] */
 const figure = (value, label, title = "") =>
   element("div", { class: "figure", title: title || null }, element("b", {}, value), element("span", {}, label));
 
 /**
- * Returns a horizontal bar for a share.
- * @param {number} share
+ * Create a horizontal bar for a fraction.
+ * @param {number} fraction
  * @param {string} [mark] class
  */
-function shareBar(share, mark = "") {
+function fractionBar(fraction, mark = "") {
   const bar = element("span", { class: `share ${mark}` }, element("i"));
-  bar.firstChild.style.width = `${Math.min(Math.max(share, 0), 1) * 100}%`;
+  bar.firstChild.style.width = `${Math.min(Math.max(fraction, 0), 1) * 100}%`;
   return bar;
 }
 
 /**
- * Returns the first panel: how fast, how good, how clear.
+ * Create the overview panel: cycle time, gap to the bound, clearance.
  * @param {Plan} plan
  * @param {Go} go
  */
@@ -46,24 +46,24 @@ export function overview(plan, go) {
     figures.push(figure(fixed(report.parts_per_hour, 0), `parts per hour (${report.parts} per cycle)`));
   }
   if (report.lower_bound !== null) {
-    figures.push(figure(seconds(report.lower_bound), "lower bound", "No plan of these stages is faster, as the notes say"));
-    figures.push(figure(percent(report.gap), "gap to the bound: at most this could be saved"));
+    figures.push(figure(seconds(report.lower_bound), "lower bound", "No plan of these stages is faster; see the notes"));
+    figures.push(figure(percent(report.gap), "gap to the bound: largest possible saving"));
   }
-  const nearest = report.smallest_clearance;
-  if (nearest) figures.push(figure(millimetres(nearest.clearance), `least clearance (${millimetres(nearest.required)} required)`));
-  const collisions = report.collisions ? [sentence(`Collisions: ${report.collisions}`, nearest?.time, go)] : [];
-  if (report.skew) collisions.push(paragraph(`Skew: ${report.skew}`));
+  const closest = report.smallest_clearance;
+  if (closest) figures.push(figure(millimetres(closest.clearance), `least clearance (${millimetres(closest.required)} required)`));
+  const remarks = report.collisions ? [sentence(`Collisions: ${report.collisions}`, closest?.time, go)] : [];
+  if (report.skew) remarks.push(paragraph(`Skew: ${report.skew}`));
   const cost = report.clearance_cost;
-  if (cost > SHOWN) {
-    collisions.push(paragraph(`Clearance costs ${seconds(cost)} compared with the plan without collision checking.`));
+  if (cost > MIN_SHOWN) {
+    remarks.push(paragraph(`Clearance costs ${seconds(cost)} compared with the plan without collision checking.`));
   }
   const { text, mark } = verdict(report);
-  if (mark === "warn") collisions.unshift(element("p", { class: mark }, `Plan ${text}.`));
-  if (report.bodies) collisions.push(paragraph(report.bodies.text.replace("b", "B")));
+  if (mark === "warn") remarks.unshift(element("p", { class: mark }, `Plan ${text}.`));
+  if (report.bodies) remarks.push(paragraph(report.bodies.text.replace("b", "B")));
   const saved = savings(report).map(paragraph);
   return [
     element("div", { class: "figures" }, ...figures),
-    ...collisions,
+    ...remarks,
     ...saved,
     ...budget(report),
     arms(report),
@@ -73,7 +73,7 @@ export function overview(plan, go) {
 }
 
 /**
- * Returns what the verifier says of the plan, and whether that is good, bad, or good with a warning.
+ * Return the verdict of the verifier and its class: good, warn or bad.
  * @param {any} report
  * @returns {{text: string, mark: "good" | "warn" | "bad"}}
  */
@@ -85,49 +85,49 @@ export function verdict(report) {
 }
 
 /**
- * Returns the sentence on what is saved as tools pass ends of lines in motion; none where nothing is.
+ * Return the sentence on the time saved by blending, if any.
  * @param {any} report
  */
 export function savings(report) {
-  const found = [];
+  const sentences = [];
   const { blending } = report;
-  if (blending && blending.gain > SHOWN) {
-    found.push(`Blending saves ${seconds(blending.gain)} (${percent(blending.share)}) compared with stops at the outer ends of lines.`);
+  if (blending && blending.gain > MIN_SHOWN) {
+    sentences.push(`Blending saves ${seconds(blending.gain)} (${percent(blending.share)}) compared with stops at the outer ends of lines.`);
   }
-  return found;
+  return sentences;
 }
 
-/** @param {string} text @param {number | undefined} time @param {Go} go */
+/** Create a paragraph that leads to a time. @param {string} text @param {number | undefined} time @param {Go} go */
 function sentence(text, time, go) {
-  const made = paragraph(text);
+  const node = paragraph(text);
   if (time !== undefined && time !== null) {
-    made.classList.add("leads");
-    made.addEventListener("click", () => go(time));
+    node.classList.add("leads");
+    node.addEventListener("click", () => go(time));
   }
-  return made;
+  return node;
 }
 
-/** @param {any} report */
+/** Summarise the settings. @param {any} report */
 function settingsText(report) {
-  const some = Object.entries(report.settings).filter(([, value]) => value !== null);
-  const texts = some.map(([name, value]) => `${word(name)} ${value}`);
+  const settings = Object.entries(report.settings).filter(([, value]) => value !== null);
+  const texts = settings.map(([name, value]) => `${word(name)} ${value}`);
   const mode = report.mode === "free" ? "asynchronous arms" : "synchronous stages";
   return [mode, `order ${report.order}`, `speed ${percent(report.speed, 0)}`, ...texts].join(", ");
 }
 
-/** @param {any} report */
+/** Create the block of the budget. @param {any} report */
 function budget(report) {
   if (!report.budget?.length) return [];
   const rows = report.budget.map((/** @type {any} */ row) => ({
     cells: [row.kept ? "kept" : "missed", row.text ?? row.name],
     mark: row.kept ? "" : "failed",
   }));
-  return [block("Budget", table(["", "asked"], rows, () => {}))];
+  return [block("Budget", table(["", "required"], rows, () => {}))];
 }
 
 const TIMES = ["transfer", "approach", "dwell", "retract", "path", "seam", "return", "waiting"];
 
-/** @param {any} report */
+/** Create the table of the times of the arms. @param {any} report */
 function arms(report) {
   const names = Object.keys(report.arms);
   const kinds = TIMES.filter((kind) => names.some((name) => report.arms[name][kind] > 0));
@@ -139,23 +139,23 @@ function arms(report) {
     const cells = names.map((name) => seconds(report.arms[name].drawn_out_for_platform, 2));
     rows.push({ cells: ["transfers slowed for the platform", ...cells] });
   }
-  rows.push({ cells: ["works", ...names.map((name) => percent(report.arms[name].utilisation))] });
+  rows.push({ cells: ["busy", ...names.map((name) => percent(report.arms[name].utilisation))] });
   return block("Time of the arms", table(["", ...names.map((name) => `${name} #`)], rows, () => {}));
 }
 
-/** @param {any} report */
+/** Create the table of bottleneck joints. @param {any} report */
 function bottlenecks(report) {
-  const all = Object.entries(report.bottlenecks);
-  if (all.length === 0) return null;
-  const most = Math.max(...all.map(([, count]) => Number(count)));
-  const rows = all.map(([joint, count]) => ({
-    cells: [joint, String(count), shareBar(Number(count) / most)],
+  const counts = Object.entries(report.bottlenecks);
+  if (counts.length === 0) return null;
+  const maxCount = Math.max(...counts.map(([, count]) => Number(count)));
+  const rows = counts.map(([joint, count]) => ({
+    cells: [joint, String(count), fractionBar(Number(count) / maxCount)],
   }));
-  return block("Bottlenecks", paragraph("Joint that decides the transfer, and in how many stages."), table(["joint", "stages #", ""], rows, () => {}));
+  return block("Bottlenecks", paragraph("Joints that limit the transfers, and numbers of stages."), table(["joint", "stages #", ""], rows, () => {}));
 }
 
 /**
- * Returns the panel of stages.
+ * Create the panel of stages.
  * @param {Plan} plan
  * @param {Go} go
  */
@@ -174,12 +174,12 @@ export function stages(plan, go) {
     ],
     time: stage.start,
   }));
-  const heads = ["#", "tasks", "start [s] #", "length [s] #", "bottleneck", "clear [mm] #"];
+  const heads = ["#", "tasks", "start [s] #", "duration [s] #", "bottleneck", "clearance [mm] #"];
   return [table(heads, rows, go)];
 }
 
 /**
- * Returns what is done in a stage.
+ * Describe the actions of a stage.
  * @param {Plan} plan
  * @param {import("./types.js").Stage} stage
  */
@@ -187,18 +187,18 @@ export function stageText(plan, stage) {
   if (stage.tasks.length === 0) return "return";
   const within = plan.events.filter((e) => e.time >= stage.start - 1e-9 && e.time < stage.end);
   /** @type {Map<string, string>} */
-  const done = new Map();
+  const byAction = new Map();
   for (const task of stage.tasks) {
     const actions = new Set(within.filter((e) => e.task === task).map((e) => e.action));
     const action = [...actions].join(" and ");
-    const before = done.get(action);
-    done.set(action, before ? `${before}, ${task}` : actionOn(action, task));
+    const previous = byAction.get(action);
+    byAction.set(action, previous ? `${previous}, ${task}` : actionOn(action, task));
   }
-  return [...done.values()].join("; ");
+  return [...byAction.values()].join("; ");
 }
 
 /**
- * Returns the panel of waits: who waits for whom, and why.
+ * Create the panel of waits with their reasons.
  * @param {Plan} plan
  * @param {Go} go
  */
@@ -224,37 +224,37 @@ export function waits(plan, go) {
   if (rows.length === 0) return [paragraph("No arm waits.")];
   return [
     block("By reason", table(["reason", ...names.map((name) => `${name} #`)], totals, go)),
-    block("One by one", table(["arm", "start [s] #", "length [s] #", "reason", "waits for", "before"], rows, go)),
+    block("All waits", table(["arm", "start [s] #", "duration [s] #", "reason", "waits for", "before"], rows, go)),
   ];
 }
 
 /**
- * Returns the panel of joints: limits, how much of them is used, and what they are worth.
+ * Create the panel of joints: limit utilisation and sensitivity of the cycle time.
  * @param {Plan} plan
  * @param {Go} go
  */
 export function limits(plan, go) {
   const { report } = plan;
   const used = plan.joints.map((joint) => {
-    const shares = report.limits_used[joint.name] ?? {};
-    const cells = ["velocity", "acceleration", "jerk"].map((name) => percent(shares[name], 0));
+    const fractions = report.limits_used[joint.name] ?? {};
+    const cells = ["velocity", "acceleration", "jerk"].map((name) => percent(fractions[name], 0));
     return { cells: [joint.name, ...cells, joint.limits.source] };
   });
-  const found = [block("Largest share of each limit", table(["joint", "velocity #", "acceleration #", "jerk #", "source"], used, go))];
+  const blocks = [block("Peak use of each limit", table(["joint", "velocity #", "acceleration #", "jerk #", "source"], used, go))];
   if (report.sensitivity?.length) {
     const rows = report.sensitivity.map((/** @type {any} */ row) => ({
-      cells: [row.joint || "all together", row.limit, fixed(row.lower, 3), fixed(row.higher, 3)],
+      cells: [row.joint || "all joints", row.limit, fixed(row.lower, 3), fixed(row.higher, 3)],
     }));
     const heads = ["joint", "limit", "10 % lower [s] #", "10 % higher [s] #"];
-    found.push(block("Cycle time with other limits", paragraph("With the same postures; a new plan may be faster."), table(heads, rows, go)));
+    blocks.push(block("Cycle time with other limits", paragraph("With the same postures; a new plan may be faster."), table(heads, rows, go)));
   }
-  return found;
+  return blocks;
 }
 
 const VERDICTS = /** @type {Object<string, string>} */ ({ passed: "✓", failed: "✗", "not checked": "–" });
 
 /**
- * Returns the panel of the verifier's checks: failed ones first, then passed, then those that do not apply.
+ * Create the panel of the verifier's checks: failed ones first, then passed, then those not checked.
  * @param {Plan} plan
  * @param {Go} go
  */
@@ -272,43 +272,43 @@ export function checks(plan, go) {
   return [table(["", "check", "measured #", "allowed #", "where"], rows, go)];
 }
 
-/** @param {string} detail @returns {number | undefined} the time that a text names */
+/** @param {string} detail @returns {number | undefined} time in a text [s] */
 export function timeIn(detail) {
-  const found = / at ([0-9]+(?:\.[0-9]+)?) s/.exec(detail ?? "");
-  return found ? Number(found[1]) : undefined;
+  const match = / at ([0-9]+(?:\.[0-9]+)?) s/.exec(detail ?? "");
+  return match ? Number(match[1]) : undefined;
 }
 
 /**
- * Returns the panel of notes and assumptions, and what belongs to one kind of work.
+ * Create the panel of notes and assumptions, and of paths, seams, conveyors, buffers and tool changes.
  * @param {Plan} plan
  * @param {Go} go
  */
 export function notes(plan, go) {
   const { report } = plan;
-  const found = [];
+  const blocks = [];
   if (report.assumptions?.length) {
-    found.push(block("Assumptions", ...report.assumptions.map(paragraph)));
+    blocks.push(block("Assumptions", ...report.assumptions.map(paragraph)));
   }
   if (report.without_jerk_limit?.length) {
-    found.push(block("Without a jerk limit", paragraph(report.without_jerk_limit.join(", "))));
+    blocks.push(block("Without a jerk limit", paragraph(report.without_jerk_limit.join(", "))));
   }
   if (report.notes?.length) {
-    found.push(block("Notes", element("ul", {}, ...report.notes.map((/** @type {string} */ note) => element("li", {}, note)))));
+    blocks.push(block("Notes", element("ul", {}, ...report.notes.map((/** @type {string} */ note) => element("li", {}, note)))));
   }
   for (const kind of ["paths", "seams", "conveyors"]) {
     for (const row of report[kind] ?? []) {
-      found.push(block(`${word(kind).replace(/s$/, "")} ${row.task}`, members(row, plan, go)));
+      blocks.push(block(`${word(kind).replace(/s$/, "")} ${row.task}`, members(row, plan, go)));
     }
   }
   for (const kind of ["buffers", "tool_changes"]) {
     for (const [name, row] of Object.entries(report[kind] ?? {})) {
-      found.push(block(`${word(kind)}: ${name}`, members(row, plan, go)));
+      blocks.push(block(`${word(kind)}: ${name}`, members(row, plan, go)));
     }
   }
-  return found;
+  return blocks;
 }
 
-/** @param {any} row @param {Plan} plan @param {Go} go */
+/** Create the table of an object's members. @param {any} row @param {Plan} plan @param {Go} go */
 function members(row, plan, go) {
   const first = plan.segments.find((segment) => segment.task === row.task && (!row.arm || segment.arm === row.arm));
   const rows = Object.entries(row).map(([name, value]) => ({
@@ -318,7 +318,7 @@ function members(row, plan, go) {
   return element("div", {}, table(["SI units", ""], rows, go));
 }
 
-/** @param {any} value @returns {string} */
+/** Format a member. @param {any} value @returns {string} */
 function memberText(value) {
   if (Array.isArray(value)) return value.map(memberText).join(", ");
   if (value && typeof value === "object") {

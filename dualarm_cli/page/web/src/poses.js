@@ -1,4 +1,4 @@
-// Poses of bodies in double precision, and where tools and things are.
+// Poses of bodies, tools and things in double precision.
 
 /** @typedef {import("./types.js").Vector} Vector */
 /** @typedef {import("./types.js").Quaternion} Quaternion */
@@ -12,7 +12,7 @@ export const WORLD = -1;
 export const IDENTITY = { xyz: [0, 0, 0], quat: [0, 0, 0, 1] };
 
 /**
- * Returns a vector turned by a unit quaternion.
+ * Rotate a vector by a unit quaternion.
  * @param {Quaternion} quat
  * @param {Vector} v
  * @returns {Vector}
@@ -29,7 +29,7 @@ export function rotate([x, y, z, w], [a, b, c]) {
 }
 
 /**
- * Returns the product of two quaternions: first the right one, then the left one.
+ * Multiply two quaternions: the right rotation is applied first.
  * @param {Quaternion} p
  * @param {Quaternion} q
  * @returns {Quaternion}
@@ -44,7 +44,7 @@ export function product([ax, ay, az, aw], [bx, by, bz, bw]) {
 }
 
 /**
- * Returns the point of a frame in the frame that the pose is given in.
+ * Transform a point from a frame to the frame in which its pose is given.
  * @param {Pose} pose
  * @param {Vector} point
  * @returns {Vector}
@@ -55,7 +55,7 @@ export function transform(pose, point) {
 }
 
 /**
- * Returns outer · inner.
+ * Compute outer · inner.
  * @param {Pose} outer
  * @param {Pose} inner
  * @returns {Pose}
@@ -65,7 +65,7 @@ export function compose(outer, inner) {
 }
 
 /**
- * Returns the turn by an angle about a unit axis.
+ * Compute the quaternion of a rotation about a unit axis.
  * @param {Vector} axis
  * @param {number} angle rad
  * @returns {Quaternion}
@@ -76,32 +76,32 @@ export function turn(axis, angle) {
 }
 
 /**
- * Returns the poses of all bodies in the world.
+ * Compute the poses of all bodies in the world.
  * @param {Body[]} bodies parents first
  * @param {ArrayLike<number>} positions of the joints [rad or m]
  * @returns {Pose[]}
  */
 export function forwardKinematics(bodies, positions) {
   /** @type {Pose[]} */
-  const found = [];
+  const poses = [];
   for (const body of bodies) {
-    const placed = body.parent === WORLD ? body : compose(found[body.parent], body);
+    const atZero = body.parent === WORLD ? body : compose(poses[body.parent], body);
     const q = body.joint < 0 ? 0 : positions[body.joint];
     if (q === 0) {
-      found.push({ xyz: placed.xyz, quat: placed.quat });
+      poses.push({ xyz: atZero.xyz, quat: atZero.quat });
     } else if (body.slides) {
       const [x, y, z] = body.axis;
-      found.push({ xyz: transform(placed, [x * q, y * q, z * q]), quat: placed.quat });
+      poses.push({ xyz: transform(atZero, [x * q, y * q, z * q]), quat: atZero.quat });
     } else {
-      found.push({ xyz: placed.xyz, quat: product(placed.quat, turn(body.axis, q)) });
+      poses.push({ xyz: atZero.xyz, quat: product(atZero.quat, turn(body.axis, q)) });
     }
   }
-  return found;
+  return poses;
 }
 
 /**
- * Returns where a thing is in the world at a time; null while it is not there.
- * @param {Thing} thing its keyframes are in the order of time
+ * Compute the pose of a thing in the world at a time, or null while it is absent.
+ * @param {Thing} thing keyframes in order of time
  * @param {number} time s
  * @param {Pose[]} poses of the bodies at that time
  * @returns {Pose | null}

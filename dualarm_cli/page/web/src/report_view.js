@@ -1,4 +1,4 @@
-// The panels of the report behind tabs; on paper all of them are shown.
+// Tabs with the panels of the report; on paper all panels are shown.
 
 import { element } from "./dom.js";
 import { checks, limits, notes, overview, stages, waits } from "./panels.js";
@@ -14,7 +14,7 @@ const TABS = [
   { name: "Notes", panel: notes },
 ];
 
-/** The report beside the 3-D view. */
+/** Report next to the 3-D view. */
 export class ReportView {
   /**
    * @param {Plan} plan
@@ -44,7 +44,7 @@ export class ReportView {
     this.mark(0);
   }
 
-  /** @param {number} number of the tab */
+  /** Select a tab. @param {number} number index of the tab */
   select(number) {
     this.tabs.forEach((tab, i) => tab.setAttribute("aria-selected", String(i === number)));
     this.panels.forEach((panel, i) => panel.classList.toggle("selected", i === number));
@@ -52,7 +52,7 @@ export class ReportView {
     this.mark(this.time);
   }
 
-  /** @param {number} time whose stages are marked */
+  /** Mark the stages at a time. @param {number} time s */
   mark(time) {
     this.time = time;
     const now = this.plan.stages.flatMap((stage, i) => (stage.start <= time && time < stage.end ? [i] : []));

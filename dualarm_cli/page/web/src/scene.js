@@ -1,4 +1,4 @@
-// The 3-D view: the cell at the cursor's time, seen by a camera that people move.
+// 3-D view of the cell at the time of the cursor.
 
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
@@ -14,47 +14,47 @@ import { armsOf } from "./data.js";
 /** @typedef {import("./types.js").Pose} Pose */
 /** @typedef {import("./types.js").Solid} Solid */
 
-/** Pictures that follow each other more slowly than this are drawn more coarsely [ms]. */
-const SLOW = 26;
-/** Pixels drawn per pixel of the page while things move slowly on this machine, and at first. */
-const COARSE = 0.6;
-const FIRST = 1;
-/** Length of the axes of a frame, for a cell of 1 m. */
+/** Interval between frames above which the resolution is lowered [ms]. */
+const SLOW_FRAME = 26;
+/** Pixel ratio in motion: on slow machines, and at first. */
+const COARSE_RATIO = 0.6;
+const FIRST_RATIO = 1;
+/** Length of the axes of a frame, as a fraction of the size of the cell. */
 const AXIS = 0.06;
-/** Diagonal of solids that need not be in sight as a whole [m]. */
+/** Diagonal above which solids are ignored by `fit` [m]. */
 const LARGE = 3;
-/** Postures of the plan that are brought in sight. */
+/** Number of sampled postures that `fit` brings into view. */
 const POSTURES = 60;
-/** Share of the view that the cell fills. */
+/** Fraction of the view that the cell fills. */
 const FILLED = 0.9;
-/** Pixels of a fine picture. */
-const MOST_PIXELS = 8e6;
-/** How long nothing must move before a fine picture is drawn [ms]. */
+/** Maximum number of pixels of a still frame. */
+const MAX_PIXELS = 8e6;
+/** Time without motion after which a still frame is drawn at full resolution [ms]. */
 const STILL = 300;
 
-/** What stands in the cell at a time, and how it is seen. */
+/** 3-D scene of the cell with its camera. */
 export class Scene {
   /**
    * @param {Plan} plan
-   * @param {HTMLElement} holder takes the canvas
-   * @throws {Error} the browser has no WebGL
+   * @param {HTMLElement} container parent of the canvas
+   * @throws {Error} without WebGL
    */
-  constructor(plan, holder) {
+  constructor(plan, container) {
     this.plan = plan;
-    this.holder = holder;
+    this.container = container;
     this.time = 0;
     /** @type {Pose[]} */
     this.poses = [];
     this.drawn = 0;
     this.slow = 0;
-    this.moving = FIRST;
+    this.moving = FIRST_RATIO;
     this.materials = new Materials();
     this.renderer = new THREE.WebGLRenderer({ antialias: false, powerPreference: "high-performance" });
     this.renderer.debug.checkShaderErrors = false;
-    this.ratio = FIRST;
+    this.ratio = FIRST_RATIO;
     this.renderer.setPixelRatio(this.ratio);
     this.renderer.domElement.className = "view";
-    holder.append(this.renderer.domElement);
+    container.append(this.renderer.domElement);
     this.world = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(35, 1, 0.02, 100);
     this.camera.up.set(0, 0, 1);
@@ -65,9 +65,9 @@ export class Scene {
     this.frames = plan.bodies.map(() => new THREE.Group());
     this.add(this.frames);
     this.meshes = plan.solids.map((solid) => {
-      const at = solid.body === WORLD || solid.body === undefined ? this.world : this.frames[solid.body];
+      const parent = solid.body === WORLD || solid.body === undefined ? this.world : this.frames[solid.body];
       const mesh = meshOf(solid, plan.hulls, this.materialOf(solid));
-      at.add(mesh);
+      parent.add(mesh);
       return mesh;
     });
     this.things = new Things(plan, materials);
@@ -90,15 +90,15 @@ export class Scene {
     this.setTime(0);
     this.setSize();
     this.fitted = false;
-    new ResizeObserver(() => this.resize()).observe(holder);
+    new ResizeObserver(() => this.resize()).observe(container);
   }
 
-  /** @param {THREE.Object3D[]} objects that stand in the world, perhaps none */
+  /** Add objects to the world. @param {THREE.Object3D[]} objects */
   add(objects) {
     for (const object of objects) this.world.add(object);
   }
 
-  /** @param {Solid} solid */
+  /** Return the material of a solid. @param {Solid} solid */
   materialOf(solid) {
     if (solid.kind === "half_space") return this.materials.solid("ground");
     if (solid.role === "obstacle") return this.materials.solid("obstacle");
@@ -132,19 +132,19 @@ export class Scene {
   }
 
   /**
-   * Shows or hides a kind of help.
+   * Show or hide a visual aid.
    * @param {"traces" | "frames" | "skeleton" | "pair"} name
    * @param {boolean} on
    */
   show(name, on) {
     if (name === "traces") for (const trace of this.traces) trace.setVisible(on);
     if (name === "frames") for (const tip of this.tips) tip.visible = on;
-    if (name === "skeleton") this.skeleton.setWanted(on);
+    if (name === "skeleton") this.skeleton.setVisible(on);
     if (name === "pair") for (const pair of this.pairs) pair.group.visible = on;
     this.setTime(this.time);
   }
 
-  /** Draws once, before the next picture of the browser. */
+  /** Request one rendering before the next frame of the browser. */
   request() {
     if (this.requested) return;
     this.requested = true;
@@ -155,16 +155,16 @@ export class Scene {
   }
 
   /**
-   * Draws now. What moves is drawn as finely as this machine can without delay; what stands still is drawn with two
-   * by two pixels for each of the page, which smooths edges at a lower price than multisampling in software.
+   * Render now. In motion the pixel ratio is as high as this machine can render without delay. A still frame has up to
+   * 2 x 2 pixels per pixel of the page, which smooths edges at a lower cost than multisampling in software.
    */
   render() {
     const now = performance.now();
     const gap = now - this.drawn;
     this.drawn = now;
     if (gap < STILL) {
-      this.slow = gap > SLOW ? this.slow + 1 : 0;
-      if (this.slow >= 3) this.moving = COARSE;
+      this.slow = gap > SLOW_FRAME ? this.slow + 1 : 0;
+      if (this.slow >= 3) this.moving = COARSE_RATIO;
       this.setRatio(this.moving);
     }
     this.renderer.render(this.world, this.camera);
@@ -175,19 +175,19 @@ export class Scene {
     }, STILL);
   }
 
-  /** Returns what is seen now as the address of a picture, for paper. */
+  /** Render the current view for paper; return it as a data URL. */
   picture() {
     this.renderer.render(this.world, this.camera);
     return this.renderer.domElement.toDataURL();
   }
 
-  /** Returns how finely what stands still is drawn: two by two pixels per pixel of the page, less on very large screens. */
+  /** Compute the pixel ratio of still frames: 2, less on very large screens. */
   fine() {
-    const { clientWidth: width, clientHeight: height } = this.holder;
-    return Math.min(Math.max(Math.sqrt(MOST_PIXELS / (width * height || 1)), 1), 2);
+    const { clientWidth: width, clientHeight: height } = this.container;
+    return Math.min(Math.max(Math.sqrt(MAX_PIXELS / (width * height || 1)), 1), 2);
   }
 
-  /** @param {number} ratio pixels drawn per pixel of the page */
+  /** @param {number} ratio rendered pixels per pixel of the page */
   setRatio(ratio) {
     if (ratio === this.ratio) return;
     this.ratio = ratio;
@@ -195,7 +195,7 @@ export class Scene {
   }
 
   resize() {
-    const { clientWidth: width, clientHeight: height } = this.holder;
+    const { clientWidth: width, clientHeight: height } = this.container;
     if (width === 0 || height === 0) return;
     this.renderer.setSize(width, height);
     this.camera.aspect = width / height;
@@ -205,25 +205,25 @@ export class Scene {
     this.render();
   }
 
-  /** Returns points around robot, things, ways of the tools, and obstacles of no more than a few metres. */
+  /** Collect points around the robot, things, tool paths and all but very large solids. */
   outline() {
     this.world.updateMatrixWorld(true);
     /** @type {THREE.Vector3[]} */
-    const found = [...this.traces.flatMap((trace) => corners(trace.bounds())), ...this.things.places()];
+    const points = [...this.traces.flatMap((trace) => corners(trace.bounds())), ...this.things.positions()];
     for (let i = 0; i <= POSTURES; i++) {
       const positions = positionsAt(this.plan.joints, (this.plan.duration * i) / POSTURES);
-      for (const pose of forwardKinematics(this.plan.bodies, positions)) found.push(new THREE.Vector3(...pose.xyz));
+      for (const pose of forwardKinematics(this.plan.bodies, positions)) points.push(new THREE.Vector3(...pose.xyz));
     }
     for (const mesh of this.meshes) {
       mesh.geometry.computeBoundingBox();
       const box = /** @type {THREE.Box3} */ (mesh.geometry.boundingBox);
       if (box.getSize(new THREE.Vector3()).length() > LARGE) continue;
-      found.push(...corners(box).map((p) => p.applyMatrix4(mesh.matrixWorld)));
+      points.push(...corners(box).map((p) => p.applyMatrix4(mesh.matrixWorld)));
     }
-    return found;
+    return points;
   }
 
-  /** Draws what helps to see at the size of the cell. */
+  /** Scale the visual aids to the size of the cell. */
   setSize() {
     const box = new THREE.Box3().setFromPoints(this.outline());
     this.size = box.getSize(new THREE.Vector3()).length() || 1;
@@ -234,36 +234,36 @@ export class Scene {
   }
 
   /**
-   * Moves the camera so that everything is in sight.
+   * Move the camera so that the whole cell is in view.
    * @param {[number, number, number]} [direction] from the cell to the camera
    */
   fit(direction = [1.25, -0.95, 0.75]) {
     const points = this.outline();
     const centre = new THREE.Box3().setFromPoints(points).getCenter(new THREE.Vector3());
-    const away = new THREE.Vector3(...direction).normalize();
-    const right = new THREE.Vector3(0, 0, 1).cross(away).normalize();
-    const up = away.clone().cross(right);
+    const toCamera = new THREE.Vector3(...direction).normalize();
+    const right = new THREE.Vector3(0, 0, 1).cross(toCamera).normalize();
+    const up = toCamera.clone().cross(right);
     const tall = Math.tan((this.camera.fov * Math.PI) / 360) * FILLED;
     const wide = tall * this.camera.aspect;
     let distance = 0;
     for (const point of points) {
       const from = point.clone().sub(centre);
       const across = Math.max(Math.abs(from.dot(right)) / wide, Math.abs(from.dot(up)) / tall);
-      distance = Math.max(distance, across + from.dot(away));
+      distance = Math.max(distance, across + from.dot(toCamera));
     }
     this.controls.target.copy(centre);
-    this.camera.position.copy(centre).addScaledVector(away, distance);
+    this.camera.position.copy(centre).addScaledVector(toCamera, distance);
     this.controls.update();
     this.request();
   }
 
   /**
-   * Returns the name of what is under a point of the canvas, or nothing.
+   * Return the name of the object under a point of the canvas, or an empty text.
    * @param {number} x px
    * @param {number} y px
    */
   nameAt(x, y) {
-    const { clientWidth: width, clientHeight: height } = this.holder;
+    const { clientWidth: width, clientHeight: height } = this.container;
     const caster = new THREE.Raycaster();
     caster.setFromCamera(new THREE.Vector2((2 * x) / width - 1, 1 - (2 * y) / height), this.camera);
     const hits = caster.intersectObjects([...this.world.children], true);
@@ -272,7 +272,7 @@ export class Scene {
   }
 }
 
-/** @param {THREE.Box3} box @returns {THREE.Vector3[]} */
+/** Return the corners of a box. @param {THREE.Box3} box @returns {THREE.Vector3[]} */
 function corners({ min, max }) {
   return [0, 1, 2, 3, 4, 5, 6, 7].map(
     (k) => new THREE.Vector3(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z),
@@ -280,7 +280,7 @@ function corners({ min, max }) {
 }
 
 /**
- * Returns the axes of a frame as lines: x, y, z.
+ * Create the axes of a frame as lines: x, y, z.
  * @param {Materials} materials
  */
 function tripod(materials) {

@@ -1,4 +1,4 @@
-// Parts of the 3-D view that are not solids of the cell: skeletons, traces of tools, belts that run.
+// Parts of the 3-D view other than solids: skeleton, tool traces, closest pairs, conveyor belts.
 
 import * as THREE from "three";
 import { clearanceAt } from "./clearance.js";
@@ -10,16 +10,16 @@ import { countUpTo, positionsAt } from "./trajectory.js";
 /** @typedef {import("./types.js").Pose} Pose */
 /** @typedef {import("./shapes.js").Materials} Materials */
 
-/** Instants per second at which a trace is sampled, and how many at most. */
-const PER_SECOND = 40;
-const MOST = 8000;
-/** How much of a trace is seen before and after the cursor, and how much of it is bold behind the tool [s]. */
-const SEEN = 20;
+/** Sampling rate of a trace [1/s], and maximum number of samples. */
+const SAMPLE_RATE = 40;
+const MAX_SAMPLES = 8000;
+/** Visible part of a trace before and after the cursor, and bold part behind the tool [s]. */
+const VISIBLE = 20;
 const TAIL = 1.5;
-/** Radius of the bold part, for a cell of 1 m. */
-const THIN = 0.0013;
+/** Radius of the bold part, as a fraction of the size of the cell. */
+const TAIL_RADIUS = 0.0013;
 
-/** The joints of the robot as dots, joined by lines. */
+/** Joints of the robot as dots, connected by lines. */
 export class Skeleton {
   /** @param {Plan} plan @param {Materials} materials */
   constructor(plan, materials) {
@@ -37,8 +37,8 @@ export class Skeleton {
     for (const [arm, tcp] of Object.entries(plan.tcps)) {
       this.bones.push({ from: tcp.body, to: tcp.body, tip: tcp, arm });
     }
-    const seen = new Set(plan.solids.filter((s) => s.role === "link").map((s) => s.arm));
-    this.bare = new Set(Object.keys(plan.tcps).filter((arm) => !seen.has(arm)));
+    const withSolids = new Set(plan.solids.filter((s) => s.role === "link").map((s) => s.arm));
+    this.bare = new Set(Object.keys(plan.tcps).filter((arm) => !withSolids.has(arm)));
     if (!plan.solids.some((solid) => solid.role === "link")) this.bare.add("platform");
     const size = this.bare.size > 0 ? 0.018 : 0.008;
     const bone = new THREE.CylinderGeometry(size, size, 1, 10).rotateX(Math.PI / 2);
@@ -49,19 +49,19 @@ export class Skeleton {
       this.group.add(parts.line, parts.dot);
       return parts;
     });
-    this.setWanted(false);
+    this.setVisible(false);
   }
 
-  /** @param {boolean} wanted also where there are solids */
-  setWanted(wanted) {
+  /** Show or hide the skeleton of arms that have solids. @param {boolean} isVisible */
+  setVisible(isVisible) {
     this.bones.forEach(({ arm }, i) => {
-      const visible = wanted || this.bare.has(arm);
+      const visible = isVisible || this.bare.has(arm);
       this.parts[i].line.visible = visible;
       this.parts[i].dot.visible = visible;
     });
   }
 
-  /** @param {Pose[]} poses of the bodies */
+  /** @param {Pose[]} poses poses of the bodies */
   setPoses(poses) {
     this.bones.forEach(({ from, to, tip }, i) => {
       const a = new THREE.Vector3(...poses[from].xyz);
@@ -77,13 +77,13 @@ export class Skeleton {
 }
 
 /**
- * Returns the ways of the tool centre points.
+ * Create the traces of the tool centre points.
  * @param {Plan} plan
  * @param {Materials} materials
  * @returns {Trace[]} one per arm
  */
 export function traces(plan, materials) {
-  const count = Math.min(Math.ceil(plan.duration * PER_SECOND) + 1, MOST);
+  const count = Math.min(Math.ceil(plan.duration * SAMPLE_RATE) + 1, MAX_SAMPLES);
   const times = Float64Array.from({ length: count }, (_, i) => (plan.duration * i) / (count - 1 || 1));
   const arms = Object.entries(plan.tcps);
   const points = arms.map(() => new Float32Array(3 * count));
@@ -94,7 +94,7 @@ export function traces(plan, materials) {
   return arms.map(([arm], k) => new Trace(times, points[k], arm, materials));
 }
 
-/** The way of a tool centre point: faint before and after the cursor, bold where it just was. */
+/** Path of a tool centre point: faint around the cursor, bold in the recent past. */
 class Trace {
   /**
    * @param {Float64Array} times
@@ -105,13 +105,13 @@ class Trace {
   constructor(times, points, arm, materials) {
     this.times = times;
     this.points = points;
-    this.radius = THIN;
-    this.way = new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(points, 3));
+    this.radius = TAIL_RADIUS;
+    this.path = new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(points, 3));
     const step = times.length > 1 ? times[1] - times[0] : 1;
-    const most = Math.min(Math.ceil(TAIL / step) + 2, times.length);
+    const maxRods = Math.min(Math.ceil(TAIL / step) + 2, times.length);
     const rod = new THREE.CylinderGeometry(1, 1, 1, 6, 1, true).rotateX(Math.PI / 2);
-    this.tail = new THREE.InstancedMesh(rod, materials.solid(`${arm}-trace`), most);
-    this.lines = [new THREE.Line(this.way, materials.line(`${arm}-way`)), this.tail];
+    this.tail = new THREE.InstancedMesh(rod, materials.solid(`${arm}-trace`), maxRods);
+    this.lines = [new THREE.Line(this.path, materials.line(`${arm}-path`)), this.tail];
     for (const line of this.lines) line.frustumCulled = false;
   }
 
@@ -121,15 +121,15 @@ class Trace {
       const first = Math.max(countUpTo(this.times, from) - 1, 0);
       return { first, count: Math.max(countUpTo(this.times, to) - first, 0) };
     };
-    const way = between(time - SEEN, time + SEEN);
-    this.way.setDrawRange(way.first, way.count);
+    const path = between(time - VISIBLE, time + VISIBLE);
+    this.path.setDrawRange(path.first, path.count);
     const tail = between(time - TAIL, time);
     this.tail.count = Math.max(tail.count - 1, 0);
     const [a, b, rod] = [new THREE.Vector3(), new THREE.Vector3(), new THREE.Object3D()];
     for (let i = 0; i < this.tail.count; i++) {
-      const at = 3 * (tail.first + i);
-      a.fromArray(this.points, at);
-      b.fromArray(this.points, at + 3);
+      const offset = 3 * (tail.first + i);
+      a.fromArray(this.points, offset);
+      b.fromArray(this.points, offset + 3);
       rod.position.addVectors(a, b).multiplyScalar(0.5);
       rod.scale.set(this.radius, this.radius, a.distanceTo(b));
       rod.lookAt(b);
@@ -141,7 +141,7 @@ class Trace {
 
   /** @param {number} size of the cell [m] */
   setSize(size) {
-    this.radius = THIN * size;
+    this.radius = TAIL_RADIUS * size;
   }
 
   /** @param {boolean} visible */
@@ -154,11 +154,11 @@ class Trace {
   }
 }
 
-/** Radii of the ends of a closest pair and of what joins them, for a cell of 1 m. */
+/** Radii of the end points of a closest pair and of the line between them, as fractions of the size of the cell. */
 const DOT = 0.006;
 const ROD = 0.0025;
 
-/** Two nearest points and what joins them. */
+/** Closest points of a pair with the line between them. */
 export class ClosestPair {
   /** @param {import("./types.js").Clearance} clearance @param {THREE.ShaderMaterial} material its own */
   constructor(clearance, material) {
@@ -167,7 +167,7 @@ export class ClosestPair {
     this.line = new THREE.Mesh(new THREE.CylinderGeometry(1, 1, 1, 8), material);
     this.ends = [0, 1].map(() => new THREE.Mesh(new THREE.SphereGeometry(1, 12, 8), material));
     this.group.add(this.line, ...this.ends);
-    // Seen through what is around it: the gap is narrow.
+    // Drawn in front of everything, because solids would hide the narrow gap.
     material.depthTest = false;
     for (const part of this.group.children) part.renderOrder = 1;
     this.setSize(1);
@@ -194,10 +194,11 @@ export class ClosestPair {
   }
 }
 
+/** Distance of the stripes and thickness of a belt [m]. */
 const STRIPE = 0.12;
-const THICK = 0.012;
+const THICKNESS = 0.012;
 
-/** A belt with stripes that run with it. */
+/** Conveyor belt with moving stripes. */
 export class Belt {
   /** @param {import("./types.js").Conveyor} conveyor @param {Materials} materials */
   constructor(conveyor, materials) {
@@ -205,10 +206,10 @@ export class Belt {
     this.speed = Math.hypot(...conveyor.velocity);
     this.length = conveyor.length;
     const belt = new THREE.Mesh(
-      new THREE.BoxGeometry(conveyor.length, conveyor.width, THICK),
+      new THREE.BoxGeometry(conveyor.length, conveyor.width, THICKNESS),
       materials.solid("belt"),
     );
-    belt.position.z = -THICK / 2;
+    belt.position.z = -THICKNESS / 2;
     belt.name = conveyor.name;
     const stripe = new THREE.BoxGeometry(0.012, conveyor.width, 0.002);
     const count = Math.floor(conveyor.length / STRIPE);

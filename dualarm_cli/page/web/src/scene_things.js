@@ -1,4 +1,4 @@
-// Parts and changed tools in the 3-D view: things of one shape are drawn together, however many there are.
+// Parts and changed tools in the 3-D view: things of the same shape are instances of one mesh.
 
 import * as THREE from "three";
 import { compose, thingPose } from "./poses.js";
@@ -9,16 +9,16 @@ import { geometryOf } from "./shapes.js";
 /** @typedef {import("./types.js").Solid} Solid */
 /** @typedef {import("./types.js").Thing} Thing */
 
-/** Side of the cube that stands for a thing of unknown shape [m]. */
+/** Side of the cube that replaces an unknown shape [m]. */
 const SIDE = 0.03;
 
 /** @type {Solid} */
 const UNKNOWN = { kind: "box", size: [SIDE, SIDE, SIDE], hull: null, xyz: [0, 0, 0], quat: [0, 0, 0, 1] };
 
-const NOWHERE = new THREE.Matrix4().makeScale(0, 0, 0);
+const HIDDEN = new THREE.Matrix4().makeScale(0, 0, 0);
 const ONE = new THREE.Vector3(1, 1, 1);
 
-/** All things of a plan. */
+/** Things of a plan. */
 export class Things {
   /**
    * @param {Plan} plan
@@ -26,16 +26,16 @@ export class Things {
    */
   constructor(plan, materials) {
     /** @type {Map<string, {solid: Solid, role: string, things: Thing[]}>} */
-    const alike = new Map();
+    const byShape = new Map();
     for (const thing of plan.things) {
       for (const solid of thing.solids.length > 0 ? thing.solids : [UNKNOWN]) {
         const key = JSON.stringify([thing.role, solid]);
-        const one = alike.get(key) ?? { solid, role: thing.role, things: [] };
-        one.things.push(thing);
-        alike.set(key, one);
+        const entry = byShape.get(key) ?? { solid, role: thing.role, things: [] };
+        entry.things.push(thing);
+        byShape.set(key, entry);
       }
     }
-    this.kinds = [...alike.values()].map(({ solid, role, things }) => {
+    this.kinds = [...byShape.values()].map(({ solid, role, things }) => {
       const material = materials.solid(role === "part" ? "part" : "tool-solid");
       const mesh = new THREE.InstancedMesh(geometryOf(solid, plan.hulls), material, things.length);
       mesh.frustumCulled = false;
@@ -57,7 +57,7 @@ export class Things {
           const { xyz, quat } = compose(pose, solid);
           matrix.compose(position.set(...xyz), turn.set(...quat), ONE);
         }
-        mesh.setMatrixAt(i, pose ? matrix : NOWHERE);
+        mesh.setMatrixAt(i, pose ? matrix : HIDDEN);
       });
       mesh.instanceMatrix.needsUpdate = true;
       mesh.boundingSphere = null;
@@ -65,7 +65,7 @@ export class Things {
   }
 
   /**
-   * Returns the name of the thing that a ray meets.
+   * Return the name of the thing that a ray hits.
    * @param {THREE.Intersection} hit
    * @returns {string}
    */
@@ -74,8 +74,8 @@ export class Things {
     return kind && hit.instanceId !== undefined ? kind.things[hit.instanceId].name : "";
   }
 
-  /** @returns {THREE.Vector3[]} where the things are */
-  places() {
+  /** @returns {THREE.Vector3[]} positions of the things */
+  positions() {
     const matrix = new THREE.Matrix4();
     return this.kinds.flatMap(({ things, mesh }) =>
       things.flatMap((_, i) => {

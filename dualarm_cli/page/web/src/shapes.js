@@ -5,24 +5,25 @@ import * as THREE from "three";
 /** @typedef {import("./types.js").Solid} Solid */
 /** @typedef {import("./types.js").Hull} Hull */
 
-const SPANS = 18;
+/** Number of segments around round solids. */
+const SEGMENTS = 18;
+/** Side of the plane that shows a half-space [m]. */
 const GROUND = 20;
 
-
 /**
- * Returns the geometry of a solid in its own frame.
+ * Create the geometry of a solid in its own frame.
  * @param {Pick<Solid, "kind" | "size" | "hull">} solid
  * @param {Hull[]} hulls
  * @returns {THREE.BufferGeometry}
  */
 export function geometryOf({ kind, size, hull }, hulls) {
   if (kind === "box") return new THREE.BoxGeometry(size[0], size[1], size[2]);
-  if (kind === "sphere") return new THREE.SphereGeometry(size[0], SPANS, SPANS / 2);
+  if (kind === "sphere") return new THREE.SphereGeometry(size[0], SEGMENTS, SEGMENTS / 2);
   if (kind === "cylinder") {
-    return new THREE.CylinderGeometry(size[0], size[0], size[1], SPANS).rotateX(Math.PI / 2);
+    return new THREE.CylinderGeometry(size[0], size[0], size[1], SEGMENTS).rotateX(Math.PI / 2);
   }
   if (kind === "capsule") {
-    return new THREE.CapsuleGeometry(size[0], size[1], 5, SPANS).rotateX(Math.PI / 2);
+    return new THREE.CapsuleGeometry(size[0], size[1], 5, SEGMENTS).rotateX(Math.PI / 2);
   }
   if (kind === "half_space") return new THREE.PlaneGeometry(GROUND, GROUND);
   const { corners, triangles } = hulls[/** @type {number} */ (hull)];
@@ -35,7 +36,7 @@ export function geometryOf({ kind, size, hull }, hulls) {
 }
 
 /**
- * Puts an object at a pose.
+ * Set the pose of an object.
  * @param {THREE.Object3D} object
  * @param {import("./types.js").Pose} pose
  */
@@ -44,8 +45,8 @@ export function place(object, { xyz, quat }) {
   object.quaternion.set(quat[0], quat[1], quat[2], quat[3]);
 }
 
-// Light from above and from one side, decided at the corners of triangles: cheap where there is no graphics card, and
-// quickly compiled. Colours are those of the style sheet, without conversion.
+// Light from above and from one side, computed per vertex: fast without a graphics card and quick to compile.
+// Colours are those of the style sheet, without conversion.
 const VERTEX = `
 varying float light;
 void main() {
@@ -62,7 +63,7 @@ uniform vec3 colour;
 varying float light;
 void main() { gl_FragColor = vec4(colour * light, 1.0); }`;
 
-/** Materials by the name of their colour in the style sheet, so that a change of theme recolours them. */
+/** Materials by the name of their colour in the style sheet, which changes with the theme. */
 export class Materials {
   constructor() {
     /** @type {Map<string, THREE.ShaderMaterial>} */
@@ -73,16 +74,16 @@ export class Materials {
 
   /** @param {string} name @returns {THREE.ShaderMaterial} */
   solid(name) {
-    const found = this.solids.get(name) ?? newSolid();
-    this.solids.set(name, found);
-    return found;
+    const material = this.solids.get(name) ?? newSolid();
+    this.solids.set(name, material);
+    return material;
   }
 
   /** @param {string} name @returns {THREE.LineBasicMaterial} */
   line(name) {
-    const found = this.lines.get(name) ?? new THREE.LineBasicMaterial();
-    this.lines.set(name, found);
-    return found;
+    const material = this.lines.get(name) ?? new THREE.LineBasicMaterial();
+    this.lines.set(name, material);
+    return material;
   }
 
   /** @param {(name: string) => string} colour */
@@ -104,7 +105,7 @@ function newSolid() {
 }
 
 /**
- * Returns the mesh of a solid in the frame that it is posed in.
+ * Create the mesh of a solid at its pose.
  * @param {Solid} solid
  * @param {Hull[]} hulls
  * @param {THREE.Material} material

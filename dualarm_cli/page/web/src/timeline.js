@@ -1,4 +1,4 @@
-// The timeline: Gantt chart and curves on one axis of time, under one cursor.
+// Timeline: Gantt chart and curves on a common time axis with one cursor.
 
 import { colour } from "./colours.js";
 import { clearancePlot, curveStyle, jointPlots } from "./curves.js";
@@ -12,32 +12,32 @@ import { clearanceAt, clearanceColour } from "./clearance.js";
 /** @typedef {import("./trajectory.js").Quantity} Quantity */
 
 /**
- * Returns the joints whose curves are shown at first: the platform's, and each arm's most frequent bottleneck.
+ * Select the initially shown joints: the most frequent bottleneck of each group, or its first joint.
  * @param {Plan} plan
  * @returns {string[]}
  */
 export function firstJoints(plan) {
-  const often = Object.entries(plan.report.bottlenecks ?? {}).sort((a, b) => b[1] - a[1]);
+  const byFrequency = Object.entries(plan.report.bottlenecks ?? {}).sort((a, b) => b[1] - a[1]);
   const groups = [...new Set(plan.joints.map((joint) => joint.group))];
   return groups.flatMap((group) => {
-    const own = plan.joints.filter((joint) => joint.group === group).map((joint) => joint.name);
-    return often.find(([name]) => own.includes(name))?.[0] ?? own[0] ?? [];
+    const names = plan.joints.filter((joint) => joint.group === group).map((joint) => joint.name);
+    return byFrequency.find(([name]) => names.includes(name))?.[0] ?? names[0] ?? [];
   });
 }
 
-/** What the clearances are. */
-const ABOUT = /** @type {Object<string, string>} */ ({
-  clearance: "Least distance of arms, tools, parts and obstacles from each other",
-  "near links": "Least distance of the robot's own bodies with at most three joints between them: these joints alone set it",
+/** Descriptions of the clearances. */
+const DESCRIPTIONS = /** @type {Object<string, string>} */ ({
+  clearance: "Smallest distance between arms, tools, parts and obstacles",
+  "near links": "Smallest distance between the robot's own bodies with at most three joints between them: it depends on these joints alone",
 });
 
-/** Width of what is printed [px]. */
+/** Printed width [px]. */
 const PAPER = 740;
-/** Heights of a plot [px]. */
-const LEAST_HEIGHT = 78;
-const MOST_HEIGHT = 400;
+/** Limits of the height of a plot [px]. */
+const MIN_HEIGHT = 78;
+const MAX_HEIGHT = 400;
 
-/** Gantt chart, curves, and what is chosen of them. */
+/** Gantt chart and curves with their selection. */
 export class Timeline {
   /**
    * @param {Plan} plan
@@ -107,26 +107,26 @@ export class Timeline {
     const joints = this.plan.joints.map((joint) => {
       const reading = element("span", { class: "reading" });
       this.readings.set(joint.name, reading);
-      const made = toggle(joint.name, `Curves of ${joint.name}`, this.joints.includes(joint.name), (on) => {
+      const node = toggle(joint.name, `Curves of ${joint.name}`, this.joints.includes(joint.name), (on) => {
         this.joints = on
           ? [...this.joints, joint.name]
           : this.joints.filter((name) => name !== joint.name);
         this.rebuild();
       });
-      made.classList.add("joint");
-      made.dataset.joint = joint.name;
-      made.append(reading);
-      return made;
+      node.classList.add("joint");
+      node.dataset.joint = joint.name;
+      node.append(reading);
+      return node;
     });
     this.choices.append(
       element("div", { class: "group", role: "group", "aria-label": "Curves" }, ...quantities),
       element(
         "details",
         { class: "joints", ontoggle: () => this.showReadings() },
-        element("summary", { title: "Choose joints" }, "joints"),
+        element("summary", { title: "Select joints" }, "joints"),
         element("div", { class: "joint-list" }, ...joints),
       ),
-      button("whole", "Show the whole plan (0)", () => this.shown.showAll()),
+      button("all", "Show the whole plan (0)", () => this.shown.showAll()),
     );
   }
 
@@ -162,8 +162,8 @@ export class Timeline {
       if (drag.scrubs) {
         this.clock.setTime(this.timeAt(event));
       } else if (drag.moved) {
-        const wide = stack.clientWidth - GUTTER - MARGIN;
-        const by = ((drag.x - event.clientX) / wide) * (drag.to - drag.from);
+        const width = stack.clientWidth - GUTTER - MARGIN;
+        const by = ((drag.x - event.clientX) / width) * (drag.to - drag.from);
         shown.show(drag.from + by, drag.to + by);
       }
     });
@@ -177,8 +177,8 @@ export class Timeline {
       const time = this.timeAt(event);
       const stage = this.plan.stages.find((s) => s.start <= time && time <= s.end);
       if (stage) {
-        const room = 0.25 * (stage.end - stage.start);
-        shown.show(stage.start - room, stage.end + room);
+        const margin = 0.25 * (stage.end - stage.start);
+        shown.show(stage.start - margin, stage.end + margin);
       }
     });
   }
@@ -186,8 +186,8 @@ export class Timeline {
   /** @param {MouseEvent} event @returns {number} s */
   timeAt(event) {
     const box = this.stack.getBoundingClientRect();
-    const share = (event.clientX - box.left - GUTTER) / (box.width - GUTTER - MARGIN);
-    return this.shown.from + share * (this.shown.to - this.shown.from);
+    const fraction = (event.clientX - box.left - GUTTER) / (box.width - GUTTER - MARGIN);
+    return this.shown.from + fraction * (this.shown.to - this.shown.from);
   }
 
   /** @param {PointerEvent} event */
@@ -197,24 +197,24 @@ export class Timeline {
     this.hint.hidden = !bar;
     if (!bar) return;
     this.hint.textContent = bar.text;
-    const home = this.element.getBoundingClientRect();
-    const left = event.clientX - home.left + 12;
-    this.hint.style.left = `${Math.min(left, home.width - this.hint.offsetWidth - 8)}px`;
-    this.hint.style.top = `${event.clientY - home.top + 16}px`;
+    const frame = this.element.getBoundingClientRect();
+    const left = event.clientX - frame.left + 12;
+    this.hint.style.left = `${Math.min(left, frame.width - this.hint.offsetWidth - 8)}px`;
+    this.hint.style.top = `${event.clientY - frame.top + 16}px`;
   }
 
-  /** Makes the plots anew: other curves or other colours are wanted. */
+  /** Rebuild the plots after a change of curves or colours. */
   rebuild() {
     for (const plot of this.plots) plot.destroy();
     const size = this.plotSize();
-    const chosen = this.joints.map((name, number) => ({ joint: this.joint(name), number }));
+    const selected = this.joints.map((name, number) => ({ joint: this.joint(name), number }));
     this.plots = this.quantities.flatMap((name) =>
       name === "clearance"
         ? [clearancePlot(this.plan, this.shown, size)]
-        : jointPlots(/** @type {Quantity} */ (name), chosen, this.shown, size),
+        : jointPlots(/** @type {Quantity} */ (name), selected, this.shown, size),
     );
     this.plotArea.replaceChildren(...this.plots.map((plot) => plot.element));
-    this.showChosen();
+    this.showSelected();
   }
 
   /** @param {string} name */
@@ -222,9 +222,9 @@ export class Timeline {
     return /** @type {import("./types.js").Joint} */ (this.plan.joints.find((joint) => joint.name === name));
   }
 
-  showChosen() {
+  showSelected() {
     /** @type {{joint?: import("./types.js").Joint, clearance?: import("./types.js").Clearance, reading: HTMLElement, element: HTMLElement}[]} */
-    this.chosenReadings = this.joints.map((name, number) => {
+    this.selectedReadings = this.joints.map((name, number) => {
       const { colour: stroke, dash } = curveStyle(number);
       const line = element("span", { class: "line" });
       line.style.borderTopColor = stroke;
@@ -236,19 +236,19 @@ export class Timeline {
       const line = element("span", { class: "line" });
       line.style.borderTopColor = colour(clearanceColour(clearance));
       const reading = element("span", { class: "reading" });
-      const made = element("span", { class: "curve", title: ABOUT[clearance.name] }, line, clearance.name, reading);
-      this.chosenReadings.push({ clearance, reading, element: made });
+      const node = element("span", { class: "curve", title: DESCRIPTIONS[clearance.name] }, line, clearance.name, reading);
+      this.selectedReadings.push({ clearance, reading, element: node });
     }
-    this.chosen.replaceChildren(...this.chosenReadings.map((entry) => entry.element));
+    this.chosen.replaceChildren(...this.selectedReadings.map((entry) => entry.element));
     this.showReadings();
   }
 
   showReadings() {
-    const shownFirst = QUANTITIES.find((name) => this.quantities.includes(name)) ?? "position";
-    for (const { joint, clearance, reading } of this.chosenReadings ?? []) {
+    const quantity = QUANTITIES.find((name) => this.quantities.includes(name)) ?? "position";
+    for (const { joint, clearance, reading } of this.selectedReadings ?? []) {
       if (joint) {
-        const value = stateAt(joint.knots, this.clock.time)[shownFirst];
-        reading.textContent = jointValue(value, joint.slides, shownFirst);
+        const value = stateAt(joint.knots, this.clock.time)[quantity];
+        reading.textContent = jointValue(value, joint.slides, quantity);
       } else if (clearance) {
         reading.textContent = millimetres(clearanceAt(clearance, this.clock.time).distance);
       }
@@ -261,18 +261,18 @@ export class Timeline {
     }
   }
 
-  /** Returns the size of a plot: together they fill what the Gantt chart leaves, as far as they are readable. */
+  /** Compute the size of a plot: all plots fill the height below the Gantt chart, within limits. */
   plotSize() {
-    const room = this.scroll.clientHeight - this.gantt.height - 4;
-    const height = Math.floor(room / Math.max(this.quantities.length, 1));
+    const space = this.scroll.clientHeight - this.gantt.height - 4;
+    const height = Math.floor(space / Math.max(this.quantities.length, 1));
     return {
       width: this.stack.clientWidth,
-      height: Math.min(Math.max(height, LEAST_HEIGHT), MOST_HEIGHT),
+      height: Math.min(Math.max(height, MIN_HEIGHT), MAX_HEIGHT),
     };
   }
 
   /**
-   * Draws for paper, which is narrower than the screen, or for the screen again.
+   * Draw at the width of paper, or of the screen again.
    * @param {boolean} paper
    */
   print(paper) {
@@ -288,7 +288,7 @@ export class Timeline {
     this.moveCursor();
   }
 
-  /** Draws in the colours of the theme that is shown now. */
+  /** Draw in the colours of the current theme. */
   recolour() {
     for (const canvas of this.legend.querySelectorAll("canvas")) drawLegendEntry(canvas, canvas.entry);
     this.gantt.draw();

@@ -1,4 +1,4 @@
-// Motion of joints: cubic pieces between knots, evaluated exactly as the schedule defines them.
+// Joint motion: cubic pieces between knots, evaluated exactly as the schedule defines them.
 
 /** @typedef {import("./types.js").Knots} Knots */
 /** @typedef {"position" | "velocity" | "acceleration" | "jerk"} Quantity */
@@ -7,7 +7,7 @@
 export const QUANTITIES = ["position", "velocity", "acceleration", "jerk"];
 
 /**
- * Returns how many of the sorted numbers are at most (or, if `before`, less than) a value.
+ * Count the sorted numbers up to a value, or below it if `before`.
  * @param {ArrayLike<number>} sorted
  * @param {number} value
  * @param {boolean} [before]
@@ -24,12 +24,12 @@ export function countUpTo(sorted, value, before = false) {
 }
 
 /**
- * Returns position, velocity, acceleration and jerk of a joint at a time.
+ * Evaluate position, velocity, acceleration and jerk of a joint at a time.
  *
- * Of two knots at one time the later one counts; before the first and after the last knot the joint rests there.
+ * The later one of two knots at the same time applies; before the first and after the last knot the joint is at rest.
  * @param {Knots} knots
  * @param {number} time s
- * @param {boolean} [before] evaluate just before the time: at a jump the values that end there
+ * @param {boolean} [before] evaluate just before the time, which matters at a jump
  * @returns {{position: number, velocity: number, acceleration: number, jerk: number}}
  */
 export function stateAt(knots, time, before = false) {
@@ -54,7 +54,7 @@ export function stateAt(knots, time, before = false) {
 }
 
 /**
- * Returns the positions of all joints at a time.
+ * Compute the positions of all joints at a time.
  * @param {{knots: Knots}[]} joints
  * @param {number} time s
  * @returns {Float64Array}
@@ -64,10 +64,10 @@ export function positionsAt(joints, time) {
 }
 
 /**
- * Returns the times at which a curve of these joints is sampled: an even grid, and each knot twice (before and after it).
+ * Sample the curves of joints on an even grid, and at each knot just before and at it.
  *
- * Where there are more knots than the grid has instants, knots of one cell of the grid are reduced to
- * those with the least and the greatest value, so that peaks stay.
+ * If there are more knots than instants of the grid, the knots in a cell of the grid are reduced to those with the least
+ * and the greatest value, so that peaks remain.
  * @param {{knots: Knots}[]} joints
  * @param {Quantity} quantity
  * @param {number} from s
@@ -87,19 +87,19 @@ export function sampleCurves(joints, quantity, from, to, count) {
     }
   }
   instants.sort((a, b) => a.time - b.time || Number(b.before) - Number(a.before));
-  const kept = instants.filter(
+  const distinct = instants.filter(
     (x, i) => i === 0 || x.time !== instants[i - 1].time || x.before !== instants[i - 1].before,
   );
   return {
-    time: Float64Array.from(kept, (x) => x.time),
+    time: Float64Array.from(distinct, (x) => x.time),
     values: joints.map((joint) =>
-      Float64Array.from(kept, (x) => stateAt(joint.knots, x.time, x.before)[quantity]),
+      Float64Array.from(distinct, (x) => stateAt(joint.knots, x.time, x.before)[quantity]),
     ),
   };
 }
 
 /**
- * Returns the knots within a range of time, thinned to two per cell of the grid: least and greatest value.
+ * Select knots within a time window, at most two per cell of the grid: least and greatest value.
  * @param {Knots} knots
  * @param {Quantity} quantity
  * @param {number} from
@@ -111,32 +111,32 @@ function knotsToShow(knots, quantity, from, to, count) {
   const first = countUpTo(knots.time, from, true);
   const end = countUpTo(knots.time, to);
   if (end - first <= count) return Array.from(knots.time.subarray(first, end));
-  const found = [];
+  const times = [];
   const width = (to - from) / count;
   for (let k = first; k < end; ) {
     const cell = Math.floor((knots.time[k] - from) / width);
-    let least = k;
-    let most = k;
+    let min = k;
+    let max = k;
     const value = (/** @type {number} */ i) =>
       quantity === "jerk" ? stateAt(knots, knots.time[i]).jerk : knots[quantity][i];
     for (; k < end && Math.floor((knots.time[k] - from) / width) === cell; k++) {
-      if (value(k) < value(least)) least = k;
-      if (value(k) > value(most)) most = k;
+      if (value(k) < value(min)) min = k;
+      if (value(k) > value(max)) max = k;
     }
-    found.push(knots.time[least], knots.time[most]);
+    times.push(knots.time[min], knots.time[max]);
   }
-  return found;
+  return times;
 }
 
 /**
- * Returns the intervals in which a joint moves.
+ * Find the intervals in which a joint moves.
  * @param {Knots} knots
- * @param {number} still speeds below it are rest [rad/s or m/s]
+ * @param {number} still largest speed at rest [rad/s or m/s]
  * @returns {{start: number, end: number}[]}
  */
 export function movingIntervals(knots, still = 1e-7) {
   /** @type {{start: number, end: number}[]} */
-  const found = [];
+  const intervals = [];
   for (let k = 0; k + 1 < knots.time.length; k++) {
     const start = knots.time[k];
     const end = knots.time[k + 1];
@@ -145,9 +145,9 @@ export function movingIntervals(knots, still = 1e-7) {
     if (Math.max(Math.abs(knots.velocity[k]), Math.abs(knots.velocity[k + 1]), middle) <= still) {
       continue;
     }
-    const last = found.at(-1);
+    const last = intervals.at(-1);
     if (last && start - last.end < 1e-9) last.end = end;
-    else found.push({ start, end });
+    else intervals.push({ start, end });
   }
-  return found;
+  return intervals;
 }

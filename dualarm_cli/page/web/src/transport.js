@@ -1,15 +1,15 @@
-// Play, speed, scrub, step; and what each arm does now.
+// Playback controls, and the current segment of each arm.
 
 import { neighbour, SPEEDS } from "./clock.js";
 import { button, element } from "./dom.js";
 import { armsOf } from "./data.js";
-import { ALONG, doing, signalOf, waitsFor } from "./gantt_layout.js";
+import { ALONG, segmentsAt, signalOf, waitsFor } from "./gantt_layout.js";
 import { actionOn, eventText, fixed, word } from "./units.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
 
 /**
- * Returns the times that steps lead to.
+ * Return the times that steps lead to.
  * @param {Plan} plan
  * @param {string} kind stage, task or event
  * @returns {number[]}
@@ -25,7 +25,7 @@ export function stepTimes(plan, kind) {
   return [...new Set([...first.values(), plan.duration])];
 }
 
-/** The row of controls under the 3-D view. */
+/** Row of playback controls below the 3-D view. */
 export class Transport {
   /**
    * @param {Plan} plan
@@ -118,7 +118,7 @@ export class Transport {
   }
 
   showStatus() {
-    const now = doing(this.plan, this.clock.time);
+    const now = segmentsAt(this.plan, this.clock.time);
     const key = armsOf(this.plan).map((arm) => now[arm]?.start).join();
     if (key === this.statusKey) return;
     this.statusKey = key;
@@ -133,8 +133,8 @@ export class Transport {
   /** @param {import("./types.js").Segment} segment */
   segmentText(segment) {
     if (segment.kind === "wait") {
-      const whom = waitsFor(this.plan, segment);
-      return `waits (${word(segment.reason ?? "")})${whom ? ` for ${whom}` : ""}`;
+      const awaited = waitsFor(this.plan, segment);
+      return `waits (${word(segment.reason ?? "")})${awaited ? ` for ${awaited}` : ""}`;
     }
     if (ALONG.includes(segment.kind)) return actionOn(segment.kind, segment.task);
     if (!segment.task) return word(segment.kind);

@@ -5,7 +5,7 @@
 /** @typedef {{xyz: Vector, quat: Quaternion}} Pose */
 
 /**
- * @typedef {object} Knots Motion of one joint; between two knots its jerk is constant.
+ * @typedef {object} Knots Knots of a joint's motion, with constant jerk in between.
  * @property {Float64Array} time s
  * @property {Float64Array} position rad or m
  * @property {Float64Array} velocity per s
@@ -13,7 +13,7 @@
  */
 
 /**
- * @typedef {object} Limits Null where there is none.
+ * @typedef {object} Limits Limits of a joint; null if it has none.
  * @property {number | null} lower
  * @property {number | null} upper
  * @property {number | null} velocity
@@ -25,10 +25,10 @@
 /** @typedef {{name: string, group: string, slides: boolean, limits: Limits, knots: Knots}} Joint */
 
 /**
- * @typedef {object} BodyData A body that moves with a joint; its parent comes first.
+ * @typedef {object} BodyData Body that moves with a joint; parents come first.
  * @property {string} name
- * @property {number} parent number of its parent, -1: the world
- * @property {number} joint number of its joint, -1: fixed
+ * @property {number} parent index of the parent, -1 for the world
+ * @property {number} joint index of the joint, -1 if fixed
  * @property {Vector} axis
  * @property {boolean} slides
  */
@@ -36,7 +36,7 @@
 
 /**
  * @typedef {object} SolidData
- * @property {number} [body] number of the body that it is on, -1: the world
+ * @property {number} [body] index of the body that carries it, -1 for the world
  * @property {string} [name]
  * @property {"link" | "tool" | "obstacle"} [role]
  * @property {string} [arm]
@@ -60,7 +60,7 @@
  * @property {string} action
  * @property {number} start s
  * @property {number} end s
- * @property {string} [reason] why the arm waits
+ * @property {string} [reason] reason of a wait
  */
 
 /** @typedef {{time: number, arm: string, task: string, action: string, xyz: Vector, dwell: number, signal?: string}} Event */
@@ -71,22 +71,22 @@
  * @property {number} end
  * @property {string[]} tasks
  * @property {string} bottleneck
- * @property {string} [arm] empty where it is both arms'
+ * @property {string} [arm] missing if the stage is of both arms
  */
 
 /**
- * @typedef {object} Clearance Samples of the least distance of some pairs.
- * @property {string} name "clearance", or "near links" of the robot, whose distance a few joints alone set
+ * @typedef {object} Clearance Samples of the smallest distance of a group of pairs.
+ * @property {string} name "clearance", or "near links" for links with few joints in between
  * @property {Float64Array} time
  * @property {Float32Array} distance m
- * @property {Uint32Array} pair number of the pair
+ * @property {Uint32Array} pair index of the pair
  * @property {Float32Array} points nearest points in the world, six numbers per sample
  * @property {[string, string][]} pairs
- * @property {number[]} required m, of each pair
+ * @property {number[]} required required clearance of each pair [m]
  */
 
 /**
- * @typedef {object} Plan Everything that the page shows.
+ * @typedef {object} Plan Data of the page.
  * @property {string} title
  * @property {string} robot
  * @property {string} version
@@ -102,7 +102,7 @@
  * @property {Segment[]} segments
  * @property {Event[]} events
  * @property {Stage[]} stages
- * @property {Clearance[]} clearances none, one or both
+ * @property {Clearance[]} clearances of none, one or both groups
  * @property {any} report report.json as it is
  */
 

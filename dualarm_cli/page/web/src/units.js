@@ -1,4 +1,4 @@
-// Numbers as people read them: seconds, millimetres, degrees, percent.
+// Formatting of numbers with units: seconds, millimetres, degrees, percent.
 
 /** @typedef {import("./trajectory.js").Quantity} Quantity */
 
@@ -6,7 +6,7 @@ const MINUS = "\u2212";
 const THIN = "\u202f";
 
 /**
- * Returns a number with a fixed count of decimals and a real minus sign.
+ * Format a number with fixed decimals and a typographic minus sign.
  * @param {number} value
  * @param {number} decimals
  */
@@ -16,6 +16,7 @@ export function fixed(value, decimals) {
 }
 
 /**
+ * Format a time in seconds.
  * @param {number | null | undefined} value s
  * @param {number} [decimals]
  */
@@ -23,18 +24,18 @@ export function seconds(value, decimals = 3) {
   return value === null || value === undefined ? "–" : `${fixed(value, decimals)}${THIN}s`;
 }
 
-/** @param {number | null | undefined} value m */
+/** Format a length in millimetres. @param {number | null | undefined} value m */
 export function millimetres(value) {
   return value === null || value === undefined ? "–" : `${fixed(value * 1e3, 1)}${THIN}mm`;
 }
 
-/** @param {number | null | undefined} value share */
+/** Format a fraction in percent. @param {number | null | undefined} value fraction */
 export function percent(value, decimals = 1) {
   return value === null || value === undefined ? "–" : `${fixed(value * 100, decimals)}${THIN}%`;
 }
 
 /**
- * Returns a number with a few significant digits, as a table shows it.
+ * Format a number with four significant digits for tables.
  * @param {number | null | undefined} value
  */
 export function significant(value) {
@@ -49,10 +50,10 @@ export function significant(value) {
 const ORDER = { position: "", velocity: "/s", acceleration: "/s²", jerk: "/s³" };
 
 /**
- * Returns the unit in which a joint's quantity is shown, and its size in SI units.
- * @param {boolean} slides whether the joint slides
+ * Return the displayed unit of a joint's quantity.
+ * @param {boolean} slides whether the joint is prismatic
  * @param {Quantity} quantity
- * @returns {{name: string, perUnit: number}} perUnit: shown units per SI unit
+ * @returns {{name: string, perUnit: number}} perUnit: displayed units per SI unit
  */
 export function jointUnit(slides, quantity) {
   const per = ORDER[quantity];
@@ -62,7 +63,7 @@ export function jointUnit(slides, quantity) {
 }
 
 /**
- * Returns a joint's quantity with its unit.
+ * Format a joint's quantity with its unit.
  * @param {number} value SI
  * @param {boolean} slides
  * @param {Quantity} quantity
@@ -74,7 +75,7 @@ export function jointValue(value, slides, quantity) {
   return `${fixed(shown, decimals)}${unit.name.startsWith("°") ? "" : THIN}${unit.name}`;
 }
 
-/** Kinds and actions as words. */
+/** Displayed names of kinds and actions. */
 const WORDS = /** @type {Object<string, string>} */ ({
   take_tool: "take tool",
   leave_tool: "leave tool",
@@ -85,13 +86,13 @@ const WORDS = /** @type {Object<string, string>} */ ({
   end: "work is done",
 });
 
-/** @param {string} name of a kind, an action or a reason in the schedule */
+/** Return the displayed name of a kind, an action or a reason. @param {string} name */
 export function word(name) {
   return WORDS[name] ?? name.replaceAll("_", " ");
 }
 
 /**
- * Returns what is done with a task; ids that say it already, such as "take suction", stand alone.
+ * Combine an action and a task; ids that contain the action, such as "take suction", stand alone.
  * @param {string} action
  * @param {string} task
  */
@@ -103,7 +104,7 @@ export function actionOn(action, task) {
 }
 
 /**
- * Returns an event in words: what is done, and the signal that is set.
+ * Describe an event: its action on a task, and the signal that it sets.
  * @param {{action: string, task: string, signal?: string}} event
  */
 export function eventText({ action, task, signal }) {
@@ -111,19 +112,19 @@ export function eventText({ action, task, signal }) {
 }
 
 /**
- * Returns times for a ruler: multiples of 1, 2 or 5 times a power of ten.
+ * Compute the times of a ruler: multiples of 1, 2 or 5 times a power of ten.
  * @param {number} from
  * @param {number} to
- * @param {number} most how many at most
+ * @param {number} maxCount
  * @returns {{times: number[], decimals: number}}
  */
-export function rulerTimes(from, to, most) {
-  const least = (to - from) / Math.max(most, 1);
-  let power = Math.floor(Math.log10(least));
+export function rulerTimes(from, to, maxCount) {
+  const minStep = (to - from) / Math.max(maxCount, 1);
+  let power = Math.floor(Math.log10(minStep));
   let step = 10 ** power;
   for (const factor of [1, 2, 5, 10]) {
     step = factor * 10 ** power;
-    if (step >= least * (1 - 1e-9)) break;
+    if (step >= minStep * (1 - 1e-9)) break;
   }
   power = Math.floor(Math.log10(step) + 1e-9);
   const times = [];

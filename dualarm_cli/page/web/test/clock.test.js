@@ -4,7 +4,7 @@ import { clearanceAt } from "../src/clearance.js";
 import { Clock, TimeWindow, neighbour } from "../src/clock.js";
 import { readPlan } from "../src/data.js";
 
-test("the cursor stays within the plan and tells its listeners", () => {
+test("the time cursor stays within the plan and notifies its listeners", () => {
   const clock = new Clock(10, false);
   let told = 0;
   clock.onChange(() => told++);
@@ -15,7 +15,7 @@ test("the cursor stays within the plan and tells its listeners", () => {
   assert.equal(told, 4);
 });
 
-test("playback follows the speed, starts again where the motion closes, and stops at the end elsewhere", () => {
+test("playback follows the speed, repeats a cycle, and stops at the end of other motions", () => {
   const cycle = new Clock(10, true);
   cycle.play();
   cycle.setSpeed(2);
@@ -31,7 +31,7 @@ test("playback follows the speed, starts again where the motion closes, and stop
   assert.equal(once.time, 0);
 });
 
-test("zooming keeps the instant under the pointer in place, and never leaves the plan", () => {
+test("zooming keeps the instant under the pointer fixed and stays within the plan", () => {
   const shown = new TimeWindow(100);
   shown.zoom(30, 0.5);
   assert.deepEqual([shown.from, shown.to], [15, 65]);
@@ -44,7 +44,7 @@ test("zooming keeps the instant under the pointer in place, and never leaves the
   assert.deepEqual([shown.from, shown.to], [0, 100]);
 });
 
-test("a step leads to the next time, or nowhere", () => {
+test("a step leads to the next time if there is one", () => {
   assert.equal(neighbour([0, 2, 5], 2, 1), 5);
   assert.equal(neighbour([0, 2, 5], 2, -1), 0);
   assert.equal(neighbour([0, 2, 5], 5, 1), 5);
@@ -67,7 +67,7 @@ test("the closest pair is interpolated between samples of one pair, and not acro
   assert.equal(clearanceAt(clearance, 7).required, 0.02);
 });
 
-test("arrays are read as they were written, and another format is refused", () => {
+test("arrays are decoded, and another format is refused", () => {
   const packed = (/** @type {Float64Array} */ a) => Buffer.from(a.buffer).toString("base64");
   const knots = Float64Array.of(0, 0.1, -1e300);
   const names = ["time", "position", "velocity", "acceleration"];

@@ -63,7 +63,7 @@ const BACKGROUNDS = [
 
 for (const theme of ["light", "dark"]) {
   const named = colours(theme);
-  test(`${theme}: text stands out as WCAG AA asks`, () => {
+  test(`${theme}: text has the contrast that WCAG AA requires`, () => {
     for (const [background, texts] of BACKGROUNDS) {
       for (const text of texts) {
         const found = contrast(named[text], named[background]);
@@ -72,7 +72,7 @@ for (const theme of ["light", "dark"]) {
     }
   });
 
-  test(`${theme}: arms, and what is done, differ with any colour vision`, () => {
+  test(`${theme}: arms and actions are distinguishable with colour vision deficiencies`, () => {
     const alike = [["left-arm", "right-arm"], ["left-trace", "right-trace"], ["pick", "place"], ["pick", "tool"], ["give", "take"], ["clearance", "near-links"], ["curve-1", "curve-2"], ["curve-2", "curve-3"], ["curve-1", "curve-3"]];
     for (const [name, vision] of Object.entries(VISIONS)) {
       for (const [one, other] of alike) {

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { barAt, doing, familyOf, ganttRows, segmentText, signalOf, visits, waitsFor } from "../src/gantt_layout.js";
+import { barAt, familyOf, ganttRows, segmentText, segmentsAt, signalOf, visits, waitsFor } from "../src/gantt_layout.js";
 
 const segment = (arm, kind, task, action, start, end, more = {}) => ({ arm, kind, task, action, start, end, ...more });
 
@@ -42,7 +42,7 @@ test("there is a row per arm and one for the platform", () => {
   assert.deepEqual([rows[2].bars[0].start, rows[2].bars[0].end], [0, 1]);
 });
 
-test("a platform that stands still, or none, has no row", () => {
+test("a fixed or missing platform has no row", () => {
   assert.deepEqual(ganttRows({ ...PLAN, joints: [] }).map((row) => row.name), ["left", "right"]);
 });
 
@@ -60,31 +60,31 @@ test("a seam is a visit of its own between its start and its end", () => {
   assert.deepEqual(found.map((v) => v.action), ["seam_start", "seam", "seam_end"]);
 });
 
-test("families tell what is done apart", () => {
+test("families distinguish the actions", () => {
   const actions = ["pick", "place", "give", "take", "seam_start", "path_end"];
   assert.equal(new Set(actions.map((action) => familyOf(action))).size, actions.length);
   assert.equal(familyOf("take_tool"), familyOf("leave_tool"));
   assert.equal(familyOf("", "seam"), "seam");
 });
 
-test("the bar at a time is the one that lasts then, or the nearest within the tolerance", () => {
+test("the bar at a time contains it, or is the nearest within the tolerance", () => {
   const [left] = ganttRows(PLAN);
   assert.equal(barAt(left.bars, 2.2)?.kind, "dwell");
   assert.equal(barAt(left.bars, 6.1)?.kind, undefined);
   assert.equal(barAt(left.bars, 6.1, 0.2)?.kind, "return");
 });
 
-test("a wait tells its reason and whom it is for", () => {
+test("a wait shows its reason and the awaited arm", () => {
   const wait = SEGMENTS[8];
   assert.equal(waitsFor(PLAN, wait), "the left arm, a-1");
   assert.match(segmentText(wait, waitsFor(PLAN, wait)), /^right: wait \(partner\), for the left arm, a-1, 2\.000–3\.000 s/);
   assert.equal(ganttRows(PLAN)[1].bars[1].label, "partner");
 });
 
-test("what each arm does at a time", () => {
-  assert.equal(doing(PLAN, 1.5).left?.kind, "approach");
-  assert.equal(doing(PLAN, 2.5).left?.kind, "retract");
-  assert.equal(doing(PLAN, 4.5).right, undefined);
+test("the segment of each arm at a time", () => {
+  assert.equal(segmentsAt(PLAN, 1.5).left?.kind, "approach");
+  assert.equal(segmentsAt(PLAN, 2.5).left?.kind, "retract");
+  assert.equal(segmentsAt(PLAN, 4.5).right, undefined);
 });
 
 test("a signal is shown at the dwell in which it is set", () => {

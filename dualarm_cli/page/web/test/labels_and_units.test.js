@@ -5,7 +5,7 @@ import { actionOn, eventText, fixed, jointUnit, jointValue, millimetres, percent
 
 const width = (/** @type {string} */ text) => [...text].length;
 
-test("what all ids share is counted up to a separator", () => {
+test("the common prefix of all ids ends at a separator", () => {
   assert.equal(commonPrefix(["left-01", "left-02", "left-12"]), 5);
   assert.equal(commonPrefix(["left-01", "right-01"]), 0);
   assert.equal(commonPrefix(["screw1", "screw2"]), 0);
@@ -14,42 +14,42 @@ test("what all ids share is counted up to a separator", () => {
   assert.equal(commonPrefix([]), 0);
 });
 
-test("forms of an id grow shorter and keep what tells it apart", () => {
+test("forms of an id grow shorter and stay unique", () => {
   const found = forms("left-01", "pick left-01", 5);
   assert.deepEqual(found, ["pick left-01", "left-01", "01"]);
   assert.deepEqual(forms("seam", "seam", 0), ["seam"]);
 });
 
-test("the longest form that fits is taken", () => {
+test("the longest form that fits is selected", () => {
   assert.equal(fitting(["pick left-01", "left-01", "01"], 8, width), "left-01");
   assert.equal(fitting(["pick left-01", "left-01", "01"], 2, width), "01");
   assert.equal(fitting(["pick left-01", "left-01", "01"], 1, width), "01");
 });
 
-test("where no form fits, begin and end stay, and letters stay whole", () => {
+test("if no form fits, both ends of the last one remain, with complete letters", () => {
   assert.equal(fitting(["take suction (plate-1)"], 11, width), "take …te-1)");
   assert.equal(fitting(["take suction (plate-1)"], 2, width), "ta…1)");
-  for (let room = 5; room < 20; room++) {
-    assert.equal(width(fitting(["🤖".repeat(20)], room, width)), room);
+  for (let space = 5; space < 20; space++) {
+    assert.equal(width(fitting(["🤖".repeat(20)], space, width)), space);
   }
 });
 
-test("most labels decide how all are shortened", () => {
+test("the level of shortening suits most labels", () => {
   const candidates = ["pick left-01", "left-01", "01"];
-  const rooms = (/** @type {number[]} */ all) => all.map((room) => ({ candidates, room }));
-  assert.equal(commonLevel(rooms([20, 20, 20, 3]), width), 0);
-  assert.equal(commonLevel(rooms([20, 8, 8, 8]), width), 1);
-  assert.equal(commonLevel(rooms([1, 1]), width), 2);
+  const labels = (/** @type {number[]} */ all) => all.map((space) => ({ candidates, space }));
+  assert.equal(commonLevel(labels([20, 20, 20, 3]), width), 0);
+  assert.equal(commonLevel(labels([20, 8, 8, 8]), width), 1);
+  assert.equal(commonLevel(labels([1, 1]), width), 2);
   assert.equal(commonLevel([], width), 0);
 });
 
-test("numbers have a real minus sign, and none for zero", () => {
+test("numbers have a typographic minus sign, and zero has none", () => {
   assert.equal(fixed(-1.25, 1), "\u22121.3");
   assert.equal(fixed(-0.0001, 2), "0.00");
   assert.equal(fixed(2, 0), "2");
 });
 
-test("lengths, times and shares have units", () => {
+test("lengths, times and fractions have units", () => {
   assert.equal(seconds(1.23456), "1.235\u202fs");
   assert.equal(seconds(null), "–");
   assert.equal(millimetres(0.0117), "11.7\u202fmm");
@@ -58,14 +58,14 @@ test("lengths, times and shares have units", () => {
   assert.equal(significant(0.30874), "0.3087");
 });
 
-test("turning joints are shown in degrees, sliding ones in millimetres", () => {
+test("revolute joints are shown in degrees, prismatic ones in millimetres", () => {
   assert.equal(jointUnit(false, "jerk").name, "°/s³");
   assert.equal(jointUnit(true, "velocity").name, "mm/s");
   assert.equal(jointValue(Math.PI / 2, false, "position"), "90.00°");
   assert.equal(jointValue(0.25, true, "position"), "250.0\u202fmm");
 });
 
-test("a ruler has round times within its range, no more than asked", () => {
+test("a ruler has round times within its range, up to the maximum count", () => {
   for (const [from, to] of [[0, 37.6], [1.234, 1.239], [10, 500]]) {
     const { times, decimals } = rulerTimes(from, to, 10);
     assert.ok(times.length >= 3 && times.length <= 11, String(times));
@@ -76,7 +76,7 @@ test("a ruler has round times within its range, no more than asked", () => {
   }
 });
 
-test("an action is said once", () => {
+test("an action is named once", () => {
   assert.equal(actionOn("pick", "left-01"), "pick left-01");
   assert.equal(actionOn("take_tool", "take suction (plate-1)"), "take suction (plate-1)");
   assert.equal(actionOn("take_tool", "takeaway"), "take tool takeaway");
@@ -90,7 +90,7 @@ test("an event names the signal that is set", () => {
   assert.equal(eventText({ action: "pick", task: "left-01" }), "pick left-01");
 });
 
-test("names of the schedule are words", () => {
+test("names in the schedule are displayed as words", () => {
   assert.equal(word("take_tool"), "take tool");
   assert.equal(word("shared_zone"), "shared zone");
 });

@@ -1,11 +1,11 @@
-// What the overview says of a report.
+// Texts of the overview.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { savings, verdict } from "../src/panels.js";
 
-test("the overview says what blending saves", () => {
+test("the overview shows the time saved by blending", () => {
   const [blending] = savings({ cycle_time: 9, blending: { gain: 1, share: 0.1 } });
   assert.match(blending, /^Blending saves 1\.000.s \(10\.0.%\) compared with stops/);
 });
@@ -20,7 +20,7 @@ test("a plan whose collisions are not fully checked is not simply verified", () 
   assert.deepEqual(verdict({ verification: null }), { text: "not verified", mark: "bad" });
 });
 
-test("where nothing is saved it says nothing", () => {
+test("without savings it shows nothing", () => {
   assert.deepEqual(savings({ cycle_time: 9, blending: { gain: 0, share: 0 } }), []);
   assert.deepEqual(savings({ cycle_time: 9, blending: null }), []);
 });

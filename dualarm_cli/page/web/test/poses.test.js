@@ -26,13 +26,13 @@ test("rotation by a unit quaternion agrees with its matrix", () => {
   near(rotate([x, y, z, w], v), matrix.map((row) => row[0] * v[0] + row[1] * v[1] + row[2] * v[2]));
 });
 
-test("turning after turning is the turn by the product", () => {
+test("two rotations in turn are the rotation by the product", () => {
   const p = turn([0, 1, 0], 0.7);
   const q = turn([0.6, 0, 0.8], -1.3);
   near(rotate(product(p, q), [1, 2, 3]), rotate(p, rotate(q, [1, 2, 3])));
 });
 
-test("a planar arm of two links reaches what its closed form says", () => {
+test("the forward kinematics of a planar two-link arm agrees with its closed form", () => {
   const [a, b] = [0.4, 0.3];
   const bodies = [body(-1, 0, [0, 0, 1]), body(0, 1, [a, 0, 0])];
   for (const [p, q] of [[0, 0], [0.3, -1.2], [-2, 0.9], [3, 3]]) {
@@ -42,7 +42,7 @@ test("a planar arm of two links reaches what its closed form says", () => {
   }
 });
 
-test("a sliding joint moves along its axis, turned with its parent", () => {
+test("a prismatic joint moves along its axis, rotated with its parent", () => {
   const bodies = [body(-1, 0, [0, 0, 0]), body(0, 1, [1, 0, 0], [0, 1, 0], true)];
   near(forwardKinematics(bodies, [Math.PI / 2, 0.5])[1].xyz, [-0.5, 1, 0]);
 });
@@ -52,7 +52,7 @@ test("a fixed body stays on its parent", () => {
   near(forwardKinematics(bodies, [])[1].xyz, [1, 2, 4]);
 });
 
-test("a thing lies, is carried, and goes with a belt", () => {
+test("a thing lies, is carried, and moves with a belt", () => {
   const quat = /** @type {[number, number, number, number]} */ ([0, 0, 0, 1]);
   /** @type {import("../src/types.js").Thing} */
   const thing = {
@@ -71,7 +71,7 @@ test("a thing lies, is carried, and goes with a belt", () => {
   assert.equal(thingPose({ ...thing, keyframes: [] }, 0, poses), null);
 });
 
-test("composing with the inverse turn and shift gives the identity", () => {
+test("composing a pose with its inverse gives the identity", () => {
   const pose = { xyz: /** @type {[number, number, number]} */ ([1, 2, 3]), quat: turn([0, 0, 1], 0.4) };
   const back = turn([0, 0, 1], -0.4);
   const [x, y, z] = rotate(back, [-1, -2, -3]);

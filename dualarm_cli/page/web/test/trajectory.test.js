@@ -25,7 +25,7 @@ test("a cubic piece has the values of its polynomial", () => {
   assert.equal(stateAt(KNOTS, 3).velocity, 12 + 12 - 3);
 });
 
-test("knots are met exactly, and the motion rests beyond them", () => {
+test("knots are reached exactly, and the motion is at rest beyond them", () => {
   for (const [i, time] of KNOTS.time.entries()) {
     assert.equal(stateAt(KNOTS, time).position, KNOTS.position[i]);
     assert.equal(stateAt(KNOTS, time).velocity, KNOTS.velocity[i]);
@@ -47,7 +47,7 @@ test("velocity, acceleration and jerk are the derivatives of position", () => {
   }
 });
 
-test("of two knots at one time the later one counts, and just before it the earlier one", () => {
+test("the later one of two knots at the same time applies, and the earlier one just before it", () => {
   assert.equal(stateAt(JUMP, 1).acceleration, -2);
   assert.equal(stateAt(JUMP, 1, true).acceleration, 2);
   assert.equal(stateAt(JUMP, 1).jerk, 0);
@@ -63,7 +63,7 @@ test("counting agrees with counting one by one", () => {
   }
 });
 
-test("sampled curves are in order of time, hold both sides of a jump, and are the motion", () => {
+test("sampled curves are ordered in time, contain both sides of a jump, and follow the motion", () => {
   const { time, values } = sampleCurves([{ knots: JUMP }, { knots: KNOTS }], "acceleration", 0, 2, 5);
   for (let i = 1; i < time.length; i++) assert.ok(time[i] >= time[i - 1]);
   const atJump = [...time].flatMap((t, i) => (t === 1 ? [values[0][i]] : []));
@@ -71,7 +71,7 @@ test("sampled curves are in order of time, hold both sides of a jump, and are th
   time.forEach((t, i) => assert.ok([stateAt(KNOTS, t).acceleration, 12].includes(values[1][i])));
 });
 
-test("many knots are thinned, and peaks stay", () => {
+test("many knots are thinned, and peaks remain", () => {
   const count = 5000;
   const time = Float64Array.from({ length: count }, (_, i) => i * 0.001);
   const peak = 3210;
@@ -86,7 +86,7 @@ test("many knots are thinned, and peaks stay", () => {
   assert.equal(Math.max(...sampled.values[0]), 7);
 });
 
-test("a joint moves where its speed is not zero", () => {
+test("a joint moves while its speed is not zero", () => {
   const knots = {
     time: Float64Array.of(0, 1, 2, 3, 4),
     position: Float64Array.of(0, 0, 0.5, 1, 1),
