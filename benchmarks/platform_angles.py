@@ -22,7 +22,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.geometry.roots import zeros_by_companion
+from dualarm_cli.geometry.roots import zeros_of_any_order
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS, PlatformProblem, PlatformSolution
 from dualarm_cli.platform_angle import exact as balance
 from dualarm_cli.platform_angle.problem import cosine_coefficients
@@ -86,7 +86,7 @@ def measure(title: str, problem: PlatformProblem, repeat: int) -> None:
         for solver in PLATFORM_SOLVERS
     }
     solution = solve(problem)
-    with mock.patch.object(balance, "second_order_zeros", zeros_by_companion):
+    with mock.patch.object(balance, "second_order_zeros", zeros_of_any_order):
         rate["exact, zeros by companion matrices"] = count / _best(lambda: solve(problem), 3)
         other = solve(problem)
     _compare(int(solution.is_root.sum()), int(other.is_root.sum()), "companion matrices")

@@ -1,23 +1,23 @@
-"""A lower bound on every rest-to-rest plan of a sequence: dynamic programming over cells that cover all postures.
+"""Lower bound on the duration of rest-to-rest plans: dynamic programming over posture cells.
 
-What is proven, up to rounding in floating point (enclosures are widened by a thousand times as much). Of a plan that
-keeps the stages, let an arm be at each stop in some cell where its approach begins (at the target if there is none)
-and in some cell where its retract ends, both over one cell of the platform's angle, as the platform stands while any
-arm is at its stop of the stage. `StopCells` leaves out no posture at an angle from which all arms of the stage reach
-both ends of their lines, so that these cells exist. Then
+The proof holds up to rounding in floating point; enclosures are widened by a thousand times as much. At each stop of a
+plan an arm begins its approach in some posture cell and ends its retract in another, both over the same platform cell,
+because the platform stands still while an arm is at its stop. `StopCells` covers every posture at platform angles from
+which all arms of the stage reach both ends of their lines, so that these cells exist. Then
 
 - the transfer takes at least the rest-to-rest time of the slowest joint, or of the platform, over the gap between the
   two cells (times grow with the distance);
-- approach, dwell and retract take at least the dwell and the larger of the lines' own bounds (`pose_cells`) and of
-  the rest-to-rest time from one cell to the other: two motions from rest to rest, one after the other, are one;
-- a stage lasts as long as the slower arm, so at least as long as the other arm needs for the same two cells of the
-  platform with whatever postures suit it best;
-- a path or seam has two stages of its own, one that ends where it begins and one that ends with it: arms that follow it
-  come to its end by no transfer, and go on from anywhere where their poses there are not known (`OtherWork`).
+- approach, dwell and retract take at least the dwell plus the larger of two times: the bound of the lines
+  (`pose_cells`), and the rest-to-rest time between the two cells (two consecutive rest-to-rest motions take no less
+  than a single one);
+- a stage lasts as long as the slower arm, so at least the least time of the other arm over all its postures in the
+  same two platform cells;
+- a path or seam makes two stages, the first up to its begin, the second along it. Its arms reach its end without a
+  transfer, and leave it from any posture if their poses there are unknown (`OtherWork`).
 
-The least sum over all sequences of cells, found backwards stage by stage for each arm, is a bound. From each stage on
-the larger one of both arms' counts: a plan takes as long as either of them needs from there. Our own; the proposal to
-bound pairs of cells instead of nodes stems from interval methods.
+The least sum over all sequences of cells is computed backwards, stage by stage and arm by arm. From each stage on the
+larger sum of the two arms is a bound, because a plan takes as long as either arm needs from there. Our own method; the
+idea to bound pairs of cells instead of nodes comes from interval methods.
 """
 
 from __future__ import annotations
@@ -62,45 +62,47 @@ SENTENCES: Mapping[str, str] = {
     "passed_targets": "lower bound: none with `blend` at targets of moves, because tools need not reach them",
     "interrupted": "lower bound: none, as its computation was interrupted",
 }
-"""Assumptions of bounds, and why there is none, by key."""
+"""Notes on the assumptions of a bound, or on its absence, by key."""
 bound_note = partial(Note.of, SENTENCES, "lower bound")
-"""Make a note of a bound, from its key and data."""
+"""Make a note on a bound from its key and data."""
 ROUNDED_DOWN = 1.0 - 1e-5
-"""What a bound in single precision is multiplied by."""
+"""Factor that covers the rounding of bounds in single precision."""
 
 
 @dataclass(frozen=True)
 class LowerBound:
-    """No plan is faster."""
+    """Lower bound on the cycle time of a job's plans, with its assumptions."""
 
     value: float | None
-    """Least cycle time [s]; infinite where the cells prove that a stop cannot be reached, or that the arms of a stage
-    share no platform angle, None where none is known."""
+    """Lower bound on the cycle time [s], or None.
+
+    Infinite if the cells prove that a stop is out of reach, or that the arms of a stage share no platform angle.
+    """
     assumptions: tuple[Note, ...]
-    """What a plan must be like for the bound to hold, or why there is none."""
+    """Notes on the plans for which the bound holds, or on its absence."""
 
 
 def no_bound(why: str) -> LowerBound:
-    """Return what is known where there is no bound, from the key of the reason."""
+    """Make the result of a job without a bound from the reason's key."""
     return LowerBound(None, (bound_note(why),))
 
 
 @dataclass(frozen=True)
 class OtherWork:
-    """Paths and seams among the stages of a sequence: what n stages have besides the stops of their arms."""
+    """Paths and seams among the n stages of a sequence."""
 
     least: FloatArray
     """Least length of each stage [s], shape (n,)."""
     earliest: FloatArray
-    """When each stage begins at the earliest [s], shape (n,)."""
+    """Earliest begin of each stage [s], shape (n,)."""
     moved: BoolArray
-    """Which arms come to the end of each stage by a path or seam, not by a transfer, shape (arms, n)."""
+    """Mask of arms that end a stage by a path or seam, (arms, n)."""
     at_rest: BoolArray
-    """In which stages tools are at rest at their stops whatever is passed in motion elsewhere, shape (n,)."""
+    """Mask of stages whose stops are at rest even with blending, shape (n,)."""
 
     @classmethod
     def none(cls, problem: SequenceProblem) -> OtherWork:
-        """Returns that there are stops only."""
+        """Make the data of a sequence without paths and seams."""
         n = problem.stages
         moved = np.zeros((len(problem.arms), n), dtype=np.bool_)
         return cls(np.zeros(n), np.zeros(n), moved, np.zeros(n, dtype=np.bool_))
@@ -108,25 +110,27 @@ class OtherWork:
 
 @dataclass
 class _Arm:
-    """One arm while the stages are gone through backwards."""
+    """State of an arm in the backward pass over the stages."""
 
     index: int
     """Number of the arm in the sequence."""
     table: TransferTable
     table_at_rest: TransferTable
-    """For transfers from rest to rest."""
+    """Transfer times from rest to rest, without blending."""
     chain: TransferChain
     here: StopWork | None = None
-    """The last stop that has not been dealt with; None if there is none left."""
-    to_go: Times = field(default_factory=lambda: np.zeros(1, dtype=np.float32))
-    """How much longer all stages that have been dealt with take at least, from each of n cells where the next transfer
-    begins, shape (n,); (1,) without a stop [s]."""
+    """Last stop before the processed stages, or None."""
+    remaining: Times = field(default_factory=lambda: np.zeros(1, dtype=np.float32))
+    """Least remaining time from each retract cell of `here` [s], shape (n,).
+
+    Beyond the common part of both arms; shape (1,) without a stop.
+    """
 
     @classmethod
     def of(
         cls, problem: SequenceProblem, index: int, table: TransferTable, works: OtherWork
     ) -> _Arm:
-        """Returns an arm before any of its stages."""
+        """Make the state of an arm after its last stage."""
         work, table_at_rest = problem.arms[index], table
         if works.at_rest.any():
             table_at_rest = transfer_table(problem, replace(work, law=at_rest(work.law)))
@@ -135,21 +139,21 @@ class _Arm:
 
 @dataclass(frozen=True)
 class _Stage:
-    """What one arm has to do in a stage."""
+    """Transfer and work of an arm in a stage."""
 
     pairs: Pairs | None
-    """Its transfers; None where it takes none."""
-    known: bool
-    """Whether the platform's cell before is the one where its transfer begins (else stages lie between)."""
+    """Pairs of cells of its transfer; None without a transfer."""
+    consecutive: bool
+    """Flag of a transfer that begins in the directly preceding stage."""
     work: StopWork
     by_cells: Times
-    """Least length of the stage for every pair of platform cells [s], shape (g, g), infinite for none."""
+    """Least stage duration by pair of platform cells [s], shape (g, g), or infinite."""
 
 
 def lower_bound(
     problem: SequenceProblem, effort: str, works: OtherWork | None = None
 ) -> LowerBound:
-    """Returns a bound on the cycle time of every rest-to-rest plan that keeps the stages; see the module.
+    """Compute the lower bound of a sequence of stages; see the module.
 
     Args:
         problem: the sequence.
@@ -163,28 +167,32 @@ def lower_bound(
 
 
 def platform_edges(problem: SequenceProblem, step: float) -> FloatArray:
-    """Returns the borders of the platform's cells [rad], shape (g + 1,), over all angles that it may have.
+    """Divide the platform's range into cells: borders [rad], shape (g + 1,).
 
     Args:
         problem: the sequence.
-        step: most of a cell's width [rad].
+        step: maximum width of a cell [rad].
     """
     if not problem.turns:
         return np.zeros(2)
     low, high = problem.platform_range
-    if not _turns_tell(problem):
+    if not _platform_counts(problem):
         here = float(problem.platform_start[0])
         low, high = here - 0.5 * TURN, here + 0.5 * TURN
     return np.linspace(low, high, max(1, int(np.ceil((high - low) / step - 1e-9))) + 1)
 
 
-def _turns_tell(problem: SequenceProblem) -> bool:
-    """Returns whether cells are of platform angles, rather than of angles modulo a turn, which need no time."""
+def _platform_counts(problem: SequenceProblem) -> bool:
+    """Check that cells are platform angles, not angles modulo a turn.
+
+    Between angles modulo a turn the platform's motion counts as zero.
+    """
     low, high = problem.platform_range
     return high - low <= 2.0 * TURN
 
 
 def _backward(problem: SequenceProblem, resolution: Resolution, works: OtherWork) -> float:
+    """Compute the bound [s] by a backward pass over the stages."""
     edges = platform_edges(problem, resolution.step)
     cells = StopCells(problem, edges, resolution)
     arms = [_Arm.of(problem, a, table, works) for a, table in enumerate(cells.tables)]
@@ -200,7 +208,7 @@ def _backward(problem: SequenceProblem, resolution: Resolution, works: OtherWork
     for a, arm in enumerate(arms):
         if len(arm.chain.active):
             arm.here = work_of(a, int(arm.chain.active[-1]))
-            arm.to_go = _return_times(problem, arm, works)
+            arm.remaining = _return_times(problem, arm, works)
     passed = _take_common(arms)
     longest = 0.0
     for k in range(problem.stages - 1, -1, -1):
@@ -216,38 +224,38 @@ def _backward(problem: SequenceProblem, resolution: Resolution, works: OtherWork
         for a, arm in enumerate(arms):
             others = [stage.by_cells for b, stage in stages.items() if b != a]
             if a in stages:
-                arm.to_go = _least_from(arm, stages[a], others, least, before[a])
+                arm.remaining = _least_from(arm, stages[a], others, least, before[a])
                 arm.here = before[a]
             else:
-                arm.to_go = arm.to_go + max([least, *(one.min() for one in others)])
+                arm.remaining = arm.remaining + max([least, *(times.min() for times in others)])
         passed += _take_common(arms)
         longest = max(longest, passed + float(works.earliest[k]))
     return longest
 
 
 def _take_common(arms: list[_Arm]) -> float:
-    """Takes what all stages that have been dealt with need at least off the arms' times; returns it [s].
+    """Subtract the common part from the arms' remaining times; returns it [s].
 
-    These stages last as long as any arm needs for them. The numbers that are left are small, so that a thousand stages
-    do not add up rounding.
+    The processed stages last as long as the slower arm needs for them. The remainders stay small, so that the rounding
+    of a thousand stages does not add up.
     """
-    least = max(float(arm.to_go.min(initial=np.inf)) for arm in arms)
+    least = max(float(arm.remaining.min(initial=np.inf)) for arm in arms)
     if np.isfinite(least):
         for arm in arms:
-            arm.to_go = np.maximum(arm.to_go - np.float32(least), np.float32(0.0))
+            arm.remaining = np.maximum(arm.remaining - np.float32(least), np.float32(0.0))
     return least
 
 
 def _return_times(problem: SequenceProblem, arm: _Arm, works: OtherWork) -> Times:
-    """Returns how long the return takes at least from each cell of the last stop [s], 0 where there is none.
+    """Compute the least return time from each cell of the last stop [s].
 
-    A free start is closed to wherever the first transfer would end: that may be no way at all.
+    Zero without a return, and with a free start, because the cycle may close without motion.
     """
     a, stop, last = arm.index, arm.here, int(arm.chain.active[-1])
     assert stop is not None  # an arm without stops has nothing to return from
     if not problem.returns or problem.free_start or works.moved[a, last + 1 :].any():
         return np.zeros(len(stop.retract.index), dtype=np.float32)
-    without = _untold(problem, a, stop.untold, last == problem.stages - 1)
+    without = _ignored(problem, a, stop.ignored, last == problem.stages - 1)
     table = arm.table_at_rest if works.at_rest[last] else arm.table
     start = _start(problem, a, table)
     return table.gap_times(stop.retract.low, stop.retract.high, start.low, start.high, without)[
@@ -255,16 +263,16 @@ def _return_times(problem: SequenceProblem, arm: _Arm, works: OtherWork) -> Time
     ]
 
 
-def _untold(
+def _ignored(
     problem: SequenceProblem, a: int, free: tuple[int, ...], adjacent: bool
 ) -> tuple[int, ...]:
-    """Returns the coordinates that do not count: those that are free, and the platform where it may turn between."""
-    told = adjacent and _turns_tell(problem)
-    return (*free, *(() if told else platform_columns(problem, a)))
+    """Select the coordinates to ignore: free ones, and the platform unless the stages are adjacent."""
+    counts = adjacent and _platform_counts(problem)
+    return (*free, *(() if counts else platform_columns(problem, a)))
 
 
 def _start(problem: SequenceProblem, a: int, table: TransferTable) -> PostureBoxes:
-    """Returns the start as the only cell; of the platform's grid it takes the first place, for both arms alike."""
+    """Make the cell of the start configuration, the first in the platform's grid."""
     q = problem.arms[a].start[None]
     if problem.turns:
         q = np.column_stack([q, problem.platform_start[None]])
@@ -280,40 +288,42 @@ def _stage(
     cells: int,
     works: OtherWork,
 ) -> _Stage:
-    """Returns an arm's transfers into stage k, and its work there; the platform's grid has so many cells."""
+    """Compute an arm's transfer and work in stage k; `cells` is the platform grid's size."""
     a, stop = arm.index, arm.here
     assert stop is not None  # callers ask for active stages only
-    came = int(arm.chain.previous[k])
+    previous = int(arm.chain.previous[k])
     begins = k == 0 and problem.free_start
-    if begins or works.moved[a, came + 1 : k + 1].any():
+    if begins or works.moved[a, previous + 1 : k + 1].any():
         table = np.full((cells, cells), np.inf, dtype=np.float32)
         columns, first = np.unique(stop.approach.index, return_index=True)
         table[:, columns] = np.minimum.reduceat(stop.least, first)
         return _Stage(None, False, stop, table)
-    known = came == k - 1
+    consecutive = previous == k - 1
     origin = _start(problem, a, arm.table) if before is None else before.retract
-    if not known:
+    if not consecutive:
         origin = replace(origin, index=np.zeros_like(origin.index))
-    free = stop.untold or (() if before is None else before.untold)
-    without = _untold(problem, a, free, known)
-    rests = works.at_rest[k] and (before is None or works.at_rest[came])
+    free = stop.ignored or (() if before is None else before.ignored)
+    without = _ignored(problem, a, free, consecutive)
+    rests = works.at_rest[k] and (before is None or works.at_rest[previous])
     pairs = Pairs(arm.table_at_rest if rests else arm.table, origin, stop.approach, without)
     by_cells = pairs.by_cells(stop.least, cells)
-    return _Stage(pairs, known, stop, by_cells if known else np.tile(by_cells[0], (cells, 1)))
+    return _Stage(
+        pairs, consecutive, stop, by_cells if consecutive else np.tile(by_cells[0], (cells, 1))
+    )
 
 
 def _least_from(
     arm: _Arm, stage: _Stage, others: list[Times], least: np.float32, before: StopWork | None
 ) -> Times:
-    """Returns the least time from every cell before to the end, beyond what has passed, shape (n before,).
+    """Compute the least remaining time from every cell of the stop before [s].
 
-    max(transfer + work, others, least) + rest, over all retract cells, is at least the larger of the two sums' minima.
+    max(transfer + work, others, least) + rest, over all retract cells, is at least the larger minimum of the two sums.
     """
-    own, beyond = stage.work.with_rest(arm.to_go)
+    work_and_rest, beyond = stage.work.with_rest(arm.remaining)
     floor = np.full_like(stage.by_cells, least)
-    for other in others:
-        np.maximum(floor, other if stage.known else other.min(axis=0), out=floor)
+    for times in others:
+        np.maximum(floor, times if stage.consecutive else times.min(axis=0), out=floor)
     if stage.pairs is not None:
-        return stage.pairs.least_from(own, floor, beyond)
-    found = np.maximum(own, floor.min(axis=0)[stage.work.approach.index] + beyond)
-    return np.full(1 if before is None else len(before.retract.index), found.min())
+        return stage.pairs.least_from(work_and_rest, floor, beyond)
+    totals = np.maximum(work_and_rest, floor.min(axis=0)[stage.work.approach.index] + beyond)
+    return np.full(1 if before is None else len(before.retract.index), totals.min())

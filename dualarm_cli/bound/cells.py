@@ -1,4 +1,4 @@
-"""Cells of (platform angle, arm angle, branch) that together hold every posture of a stop."""
+"""Posture cells: boxes of platform angle, arm angle and branch that cover a stop's postures."""
 
 from __future__ import annotations
 
@@ -16,33 +16,36 @@ from dualarm_cli.postures.platform_reach import AngleCells
 from dualarm_cli.records import dataclass
 
 ROUNDING = 1e-6
-"""What enclosures are widened by, since they are computed in floating point [rad]; the compiled ones as well."""
+"""Margin of enclosures for rounding [rad], in compiled code as well."""
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Joint enclosures; n of them, in order of their platform cell."""
+    """Joint enclosures of n posture cells, in order of their platform cell."""
 
     index: IntArray
-    """Which cell of the platform's grid, shape (n,)."""
+    """Numbers in the platform's grid, shape (n,)."""
     kind: IntArray
-    """Branch or the like, ascending within a platform cell: joints of neighbours of one kind are near, shape (n,)."""
+    """Branches or other classes, shape (n,), ascending within a platform cell.
+
+    Neighbours of the same kind have similar joint values.
+    """
     low: FloatArray
-    """Lowest joints and, last, platform angle in the cell [rad], shape (n, joints + 1)."""
+    """Lower ends of joints and, last, platform angle [rad], shape (n, joints + 1)."""
     high: FloatArray
-    """Highest ones [rad], shape (n, joints + 1)."""
+    """Upper ends of joints and, last, platform angle [rad], shape (n, joints + 1)."""
     line: FloatArray
-    """Least time of the line that begins or ends there [s], shape (n,)."""
+    """Least time of the line at each cell [s], shape (n,)."""
 
     def take(self, rows: IntArray) -> Cells:
-        """Returns some of them."""
+        """Select cells by their rows."""
         return Cells(
             self.index[rows], self.kind[rows], self.low[rows], self.high[rows], self.line[rows]
         )
 
     @classmethod
     def joined(cls, parts: list[Cells]) -> Cells:
-        """Returns several covers as one, in order of their platform cell."""
+        """Join covers, in order of their platform cell."""
         every = cls(
             np.concatenate([part.index for part in parts]),
             np.concatenate([part.kind + 8 * k for k, part in enumerate(parts)]),
@@ -56,14 +59,14 @@ class Cells:
 
 @dataclass(frozen=True)
 class LineToTarget:
-    """A straight line of the tool from a pose to its target, or back."""
+    """Straight line of the tool from a pose to its target, or back."""
 
     target: FloatArray
-    """Flange position at the target in the carried frame at platform angle zero [m], shape (3,)."""
+    """Flange position at the target [m], shape (3,), in the carried frame at platform angle zero."""
     law: RestToRest
-    """Rest-to-rest times of the joints on it."""
+    """Rest-to-rest times of the joints."""
     floor: Callable[[AngleCells], FloatArray]
-    """Returns what it takes at least over intervals of the platform angle [s]; better is found where it can be."""
+    """First bound on the line's time over platform intervals [s]."""
 
 
 def pose_cells(
@@ -74,12 +77,12 @@ def pose_cells(
     free_last: bool,
     line: LineToTarget | None,
 ) -> Cells:
-    """Returns cells that cover every posture of one flange pose that stands in the world, over some platform angles.
+    """Compute cells that cover every posture at a fixed flange pose, over platform angles.
 
-    Enclosures on fine cells, cut at the joint limits; cells in which a joint cannot be within its limits are left
-    out. Where two turns of a joint meet its limits there is a cell for either. Fine cells of one branch and turn are
-    then enclosed together: any grouping of a cover is a cover, and the give and take of the enclosures shrinks with
-    the square of the fine cells.
+    Joints are enclosed on fine cells and clipped to their limits; cells with a joint outside its limits are dropped. A
+    joint that meets its limits in two turns gives a cell for each. Fine cells of the same branch and turn are then
+    enclosed together: any grouping of a cover is a cover, and the excess of the enclosures shrinks with the square of
+    the fine cells' size.
 
     Over each interval of the platform angle the arm plane is carried along from the middle by the smallest rotation of
     the shoulder-wrist line, and the circle of elbows is cut into equal parts: a box in (phi, psi). Joints 1 and 2 are
@@ -89,50 +92,50 @@ def pose_cells(
     Interval arithmetic on these and on their first and second derivatives gives ranges of the joints' second
     derivatives over a box. A function on a box is below the bilinear interpolation of its corners by at most
     (M_phi h_phi² + M_psi h_psi²) / 2, with half-widths h and the greatest second derivatives M (0 if they are
-    negative), and above it likewise. Where that tells little, as near a pole, the range of the values counts. Both are
-    widened by 1e-6 rad, since they are computed in floating point.
+    negative), and above it likewise. Where this bound is loose, as near a pole, the range of the values is used. Both
+    are widened by 1e-6 rad, because they are computed in floating point.
 
-    A line takes at least the rest-to-rest time of the slowest joint between both its ends, at the arm angle of the
-    target that suits it best. With the same phi at both ends, psi at the outer end and psi + delta at the target, what
-    a joint turns is a function of (phi, psi, delta), and between its eight corners in the same way: its second
-    derivatives are differences of those at both ends. Whole turns count nothing, so that the joints' turns need not be
-    known, and of each triple the other branch at the target counts as well. In time T from rest to rest a joint turns
-    D(T) at most, forth and back added up: a motion that turns back is nowhere faster than some motion that does not
-    (between the greatest speeds v_i and v_k to either side of a turn, put v_k + (v + v_k) (v_i - v_k) / (v_i + v_k) for
-    v, v_i >= v_k: never less than |v|, and its rates are scaled down). So it does not matter how the tool gets along
-    the line. Our own derivation.
+    A line takes at least the rest-to-rest time of the slowest joint between both its ends, at the best arm angle of the
+    target. With the same phi at both ends, psi at the outer end and psi + delta at the target, the displacement of a
+    joint is a function of (phi, psi, delta). It is bounded between its eight corners in the same manner: its second
+    derivatives are differences of those at both ends. Displacements are taken modulo whole turns, so that the joints'
+    turns may be unknown, and for each triple the other branch at the target counts as well. In time T from rest to rest
+    a joint travels D(T) or less, back and forth added up: a motion with reversals is nowhere faster than some motion
+    without (between the greatest speeds v_i and v_k to either side of a reversal, put v_k + (v + v_k) (v_i - v_k) /
+    (v_i + v_k) for v, v_i >= v_k: never less than |v|, and its rates are scaled down). So the tool's timing along the
+    line does not matter. Our own derivation.
 
     Args:
         arm: kinematics in the carried frame.
         flange: its rotation, shape (3, 3), and position [m], shape (3,), in the carried frame at platform angle zero.
         intervals: the platform angles, within the parts of its cells (`finer_edges`).
-        resolution: how finely.
-        free_last: whether joint 7 is free.
-        line: the line that begins or ends there; None without one.
+        resolution: fineness of the cells.
+        free_last: whether joint 7 is free, because yaw is.
+        line: the line that begins or ends at the pose, or None.
     """
     if not len(intervals.index):
-        return free_cells(arm, np.zeros(1))  # no cell at all
+        return free_cells(arm, np.zeros(1))  # an empty cover
     finer = resolution.finer
-    known = np.zeros(len(intervals.index)) if line is None else line.floor(intervals)
-    found = compiled.posture_cells(
+    floor = np.zeros(len(intervals.index)) if line is None else line.floor(intervals)
+    cells = compiled.posture_cells(
         arm.numbers,
         flange,
         None if line is None else (line.target, *line.law.time_table),
-        (intervals.index // finer, intervals.low, intervals.high, known),
+        (intervals.index // finer, intervals.low, intervals.high, floor),
         (resolution.arm_angles, finer),
         free_last,
     )
-    return Cells(*found)
+    return Cells(*cells)
 
 
 def finer_edges(edges: FloatArray, finer: int) -> FloatArray:
-    """Returns the borders of the cells' equal parts [rad], shape (finer g + 1,)."""
+    """Divide cells into `finer` equal parts each: borders [rad], shape (finer g + 1,)."""
     count = len(edges) - 1
     return np.interp(np.arange(finer * count + 1) / finer, np.arange(count + 1), edges)
 
 
 def free_cells(arm: PostureSource, edges: FloatArray) -> Cells:
-    """Returns one cell per platform cell in which every joint is free."""
+    """Make a cell per platform cell in which every joint is free."""
     n = len(edges) - 1
     return Cells(
         np.arange(n),
@@ -144,7 +147,7 @@ def free_cells(arm: PostureSource, edges: FloatArray) -> Cells:
 
 
 def point_cells(configurations: FloatArray, edges: FloatArray) -> Cells:
-    """Returns given configurations (m, joints) in every platform cell: they turn with the platform."""
+    """Make cells of configurations (m, joints) that turn with the platform."""
     n, m = len(edges) - 1, len(configurations)
     q = np.tile(configurations, (n, 1))
     return Cells(

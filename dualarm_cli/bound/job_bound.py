@@ -38,12 +38,12 @@ MOST_TASKS = 60
 def least_visits(job: Job, arm: str) -> list[Task]:
     """Select the fewest visits to tool stands that an arm makes in any order.
 
-    Only tasks that no other arm may do count. Every tool of theirs is taken once, that of the start again where it has
-    to be on in the end; before each of these what was on is left.
+    Only tasks count that this arm alone may do. Each of their tools is taken once, and the start tool again if the
+    cycle closes; before each take the mounted tool is left.
 
     Args:
-        job: what is to be done.
-        arm: which arm.
+        job: the job.
+        arm: name of the arm.
     """
     start = job.cell.start_tool(arm)
     wanted = {task.tool for task in job.tasks if task.arm == arm} - {start}
@@ -51,7 +51,7 @@ def least_visits(job: Job, arm: str) -> list[Task]:
         return []
     again = {start} if job.returns else set()
     takes = sorted((wanted | again) - {""})
-    # In a cycle what is taken is left once as well; else one of them stays on, or may.
+    # In a cycle each taken tool is left once as well; else the last one may stay mounted.
     leaves = takes if job.returns else [start] if start else []
     stands = {
         (task.tool, task.stops[0].action): task for task in stand_tasks(job.cell) if task.arm == arm
@@ -61,35 +61,37 @@ def least_visits(job: Job, arm: str) -> list[Task]:
     ]
 
 
-def _least_makespan(times: FloatArray, besides: FloatArray) -> float:
-    """Compute the least makespan of tasks shared out in fractions [s].
+def _least_makespan(times: FloatArray, setup: FloatArray) -> float:
+    """Compute the least makespan [s] if tasks may be divided between arms.
 
-    Infinite where no arm can do a task; 0 where the linear programme has no solution.
+    Infinite if no arm can do a task; 0 if the linear program has no solution.
 
     Args:
-        times: of every task on every arm [s], infinite where an arm cannot, shape (arms, n).
-        besides: what every arm does besides [s], shape (arms,).
+        times: of every task on every arm [s], infinite if an arm cannot do it, shape (arms, n).
+        setup: further time of every arm [s], shape (arms,).
     """
     arms, n = times.shape
-    can = np.isfinite(times)
-    if not can.any(axis=0).all():
+    is_able = np.isfinite(times)
+    if not is_able.any(axis=0).all():
         return np.inf
     task, arm = np.tile(np.arange(n), arms), np.repeat(np.arange(arms), n)
     column, last = np.arange(arms * n), np.full(arms, arms * n)
-    # Each arm's load is at most T, the last variable; all shares of a task are at least the task.
+    # Each arm's load is at most T, the last variable; the fractions of a task add up to at least 1.
     matrix = (
         np.concatenate([arm, np.arange(arms), arms + task]),
         np.concatenate([column, last, column]),
-        np.concatenate([np.where(can, times, 0.0).ravel(), -np.ones(arms), -np.ones(arms * n)]),
+        np.concatenate([np.where(is_able, times, 0.0).ravel(), -np.ones(arms), -np.ones(arms * n)]),
     )
     cost = np.append(np.zeros(arms * n), 1.0)
-    most = np.append(can.ravel().astype(np.float64), np.inf)
-    found = least_cost(cost, matrix, np.append(-besides, -np.ones(n)), np.zeros(arms * n + 1), most)
-    return 0.0 if found is None else float(found[-1])
+    upper = np.append(is_able.ravel().astype(np.float64), np.inf)
+    solution = least_cost(
+        cost, matrix, np.append(-setup, -np.ones(n)), np.zeros(arms * n + 1), upper
+    )
+    return 0.0 if solution is None else float(solution[-1])
 
 
 def _kind(section: Section) -> KindPlanning:
-    """Return the kind of planning of a path or seam."""
+    """Return the planning kind of a path or seam."""
     kind = kind_of(section)
     assert kind is not None  # stops have no kind
     return kind
@@ -97,9 +99,9 @@ def _kind(section: Section) -> KindPlanning:
 
 @dataclass(frozen=True)
 class _Row:
-    """Stage of a job with paths and seams, as its bound counts it.
+    """Stage in the bound of a job with paths and seams.
 
-    A path or seam makes two of them: the first ends where it begins, the second where it ends.
+    A path or seam makes two: the first ends at its begin, the second at its end.
     """
 
     stops: Mapping[str, Stop]
@@ -109,13 +111,13 @@ class _Row:
     earliest: float = 0.0
     """Earliest begin of the stage [s]."""
     moved: tuple[str, ...] = ()
-    """Arms that come to its end by the path or seam."""
+    """Arms that reach the end of the stage by a path or seam."""
     at_rest: bool = False
-    """Flag of stages whose end is an end of a path or seam."""
+    """Flag of stages that end at an end of a path or seam."""
 
 
 def _other_work(job: Job, section: Section) -> list[_Row]:
-    """Return the two stages of a path or seam: transfer and motion along it."""
+    """Make the two stages of a path or seam: transfer and motion along it."""
     kind = _kind(section)
     begin, end = (
         {arm: Stop("move", pose, 0.0, 0.0, Dwell(), NOWHERE) for arm, pose in poses.items()}
@@ -151,23 +153,23 @@ class JobBound:
     """Lower bound on the cycle time of every plan of a job."""
 
     job: Job
-    """Work to do, as its file has it."""
+    """Job as in its file."""
     model: CellModel
-    """Cell, with all closed forms."""
+    """Kinematics of the cell, with all closed forms."""
     kinds: tuple[KindPlanning, ...]
     """Kinds of work among the tasks."""
     effort: str
-    """Word of `--effort`: finer cells give a better bound."""
+    """Value of `--effort`: finer cells give a better bound."""
     blending: Blending = STOPPING
-    """Law of where tools pass in motion."""
+    """Rule for stops that tools pass in motion."""
 
     def value(self) -> LowerBound:
-        """Compute the bound, or say why there is none."""
+        """Compute the bound, or the reason for its absence."""
         stops = [stop for task in self.job.tasks for stop in task.stops]
         if any(stop.blend > 0.0 and self.blending.passes(stop) for stop in stops):
             return no_bound("passed_targets")
-        if why := next((kind.unbounded for kind in self.kinds if kind.unbounded), None):
-            return LowerBound(None, (why,))
+        if reason := next((kind.unbounded for kind in self.kinds if kind.unbounded), None):
+            return LowerBound(None, (reason,))
         bound = self._of_job(self.blending.straight(self.job))
         assumption = self.blending.assumption
         # A bound of paths and seams alone counts no stops.
@@ -175,11 +177,11 @@ class JobBound:
         has_stops = has_stops and all(note.key != "paths_alone" for note in bound.assumptions)
         if assumption is None or bound.value is None or not has_stops:
             return bound
-        kept = (note for note in bound.assumptions if note.key != "order")
-        return replace(bound, assumptions=(*kept, assumption))
+        others = (note for note in bound.assumptions if note.key != "order")
+        return replace(bound, assumptions=(*others, assumption))
 
     def _of_job(self, job: Job) -> LowerBound:
-        """Bound a job whose lines are as long as they count."""
+        """Bound a job whose lines have only their straight parts."""
         unbounded = self._why_unbounded()
         job = with_changes(job)
         if unbounded and not job.in_sections:
@@ -187,7 +189,7 @@ class JobBound:
         if not job.is_decided and not job.in_sections:
             return self.over_all_orders(job)
         if job.mode == "free":
-            return self._by_own_clocks(job)
+            return self._of_asynchronous_arms(job)
         if not job.in_sections:
             return self._of_stages(sequence_problem(self.model, job))
         if unbounded or job.order != "given":
@@ -199,12 +201,12 @@ class JobBound:
         return lower_bound(sequence_problem(self.model, job).under(self.blending.law), self.effort)
 
     def _why_unbounded(self) -> str:
-        """Return the key of why the stages have no bound; empty where they have one."""
+        """Return the key of the reason against bounding stages, or an empty text."""
         job, robot = self.job, self.job.cell.robot
         if any(arm.kinematics.solves_by_search for arm in self.model.arms.values()):
             return "no_closed_forms"
-        # The cells of the bound are of platform angles; several joints stand where the start has them, but along paths
-        # and seams they move, and stages after these are made from elsewhere.
+        # The cells of the bound cover one platform joint. Several platform joints keep their start position, except
+        # along paths and seams, so that stages after these begin elsewhere.
         if len(robot.platform) == 1:
             if robot.sliding.issuperset(robot.platform):
                 return "rail"
@@ -214,7 +216,7 @@ class JobBound:
     def over_all_orders(self, job: Job) -> LowerBound:
         """Bound a job over all orders and assignments.
 
-        The least T so that tasks, shared out in fractions, take no arm longer than T: a linear programme.
+        A linear program divides tasks between arms in fractions, so that the longest load T is least.
         """
         times = np.full((len(self.model.arms), len(job.tasks)), np.inf)
         for t, task in enumerate(job.tasks):
@@ -223,10 +225,12 @@ class JobBound:
                     continue
                 times[a, t] = sum(stop.dwell.total for stop in task.stops)
                 if t < MOST_TASKS:
-                    own = replace(task, arm=name, after=())
-                    alone = replace(job, tasks=(own,), start="free", returns=False, pairing=None)
-                    found = self._of_order(alone).value
-                    times[a, t] = max(times[a, t], found or 0.0)
+                    assigned = replace(task, arm=name, after=())
+                    alone = replace(
+                        job, tasks=(assigned,), start="free", returns=False, pairing=None
+                    )
+                    bound = self._of_order(alone).value
+                    times[a, t] = max(times[a, t], bound or 0.0)
         assumptions = [bound_note("all_orders")]
         if len(job.tasks) > MOST_TASKS:
             assumptions.append(bound_note("dwells_only", tasks=MOST_TASKS))
@@ -237,15 +241,15 @@ class JobBound:
                 visits[a] += self._of_order(alone).value or 0.0
         return LowerBound(_least_makespan(times, visits), tuple(assumptions))
 
-    def _by_own_clocks(self, job: Job) -> LowerBound:
+    def _of_asynchronous_arms(self, job: Job) -> LowerBound:
         """Bound a job whose arms are asynchronous."""
         value = 0.0
         for name in self.model.arms:
             tasks = tuple(task for task in job.tasks if task.arm == name)
             if tasks:
                 alone = replace(job, tasks=tasks, pairing=None)
-                found = self._of_order(alone).value
-                value = max(value, found or 0.0)
+                bound = self._of_order(alone).value
+                value = max(value, bound or 0.0)
         return LowerBound(value, (bound_note("own_clocks"),))
 
     def _sum_of_sections(self, job: Job, *, stages_count: bool) -> LowerBound:
@@ -255,7 +259,7 @@ class JobBound:
         zero.
 
         Args:
-            job: what is to be done.
+            job: the job.
             stages_count: whether this robot has bounds of stages.
         """
         value, assumptions = 0.0, [bound_note("open_paths" if stages_count else "paths_alone")]
@@ -267,14 +271,14 @@ class JobBound:
             assumptions = [*bound.assumptions, *assumptions]
         works = [section for section in job.sections() if section[0].alone]
         if job.order != "given":
-            # The transfer may be over when a work opens. Done in the order in which they may begin, all end soonest.
+            # The transfer may be finished when a path opens. In the order of earliest departure all end soonest.
             works.sort(
                 key=lambda work: _kind(work).opens(work) - _kind(work).least_transfer(job, work)
             )
         for work in works:
             kind = _kind(work)
-            there = max(value + kind.least_transfer(job, work), kind.opens(work))
-            value = there + kind.least(job, work)
+            begin = max(value + kind.least_transfer(job, work), kind.opens(work))
+            value = begin + kind.least(job, work)
         return LowerBound(value * ROUNDED_DOWN, tuple(assumptions))
 
     def _with_other_work(self, job: Job) -> LowerBound:
@@ -284,18 +288,18 @@ class JobBound:
         for section in job.sections():
             if section[0].alone:
                 rows += _other_work(job, section)
-            elif (own := replace(job, tasks=section)).is_decided:
+            elif (decided := replace(job, tasks=section)).is_decided:
                 assumptions |= {bound_note("order"): None}
                 rows += [
-                    _Row({a: stop for a, (_, stop) in stage.items()}) for stage in own.stages()
+                    _Row({a: stop for a, (_, stop) in stage.items()}) for stage in decided.stages()
                 ]
             else:
-                shared = self.over_all_orders(replace(own, start="free", returns=False))
+                shared = self.over_all_orders(replace(decided, start="free", returns=False))
                 rows.append(_Row({}, shared.value or 0.0, moved=tuple(self.model.arms)))
                 assumptions |= dict.fromkeys(shared.assumptions)
         value = self._of_rows(job, rows)
         if np.isinf(value):
-            # Within its tolerance a path may end where no posture is at its pose.
+            # Within its tolerance a path may end although no posture reaches its nominal end.
             rows = [replace(row, stops={}) if row.at_rest else row for row in rows]
             value = self._of_rows(job, rows)
         return LowerBound(value, (*assumptions, bound_note("paths")))
@@ -316,10 +320,10 @@ class JobBound:
         return value
 
     def _of_stages(self, problem: SequenceProblem, works: OtherWork | None = None) -> LowerBound:
-        """Bound stages in a given order, each arm by itself.
+        """Bound stages in a given order, each arm alone.
 
-        In a hand-over what the other arm does comes before or after one's own lines and dwell: at least what its stop
-        takes by itself from wherever it likes.
+        In a hand-over the other arm's lines and dwell come before or after those of an arm: its stop takes at least
+        its least time alone, from the best posture.
 
         Args:
             problem: the stages.

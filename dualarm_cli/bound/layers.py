@@ -1,4 +1,4 @@
-"""One arm's stops as cells: where its transfers end and begin, and how long it works in between at least."""
+"""Posture cells at the ends of stops, and the least work between them."""
 
 from __future__ import annotations
 
@@ -28,27 +28,29 @@ from dualarm_cli.stages.search.potentials import transfer_table
 from dualarm_cli.timing.transfer_table import Pairs, PostureBoxes, Times, TransferTable
 
 Pose = tuple[FloatArray, FloatArray, FloatArray]
-"""Of the flange at the target, and the tool's direction, as of `flange_poses`, shape (1, ...)."""
+"""Flange pose at the target and tool direction, as of `flange_poses`, shape (1, ...)."""
 HERE = np.zeros(2)
-"""Borders of the only cell of a platform that stands still."""
+"""Borders of the single cell of a fixed platform."""
 
 
 @dataclass(frozen=True)
 class StopReach:
-    """Where one stop's lines begin and end, and from which parts of the platform's cells that is within reach."""
+    """Platform angles from which a stop's lines are within reach."""
 
     poses: tuple[Pose, ...]
-    """One for every yaw; none where joints are given or may be anything."""
+    """Poses, one for every yaw; empty for given or free joints."""
     ends: tuple[tuple[AngleCells, AngleCells], ...]
-    """Of each pose of an arm with an arm angle, the platform angles from which the outer end of its approach is within
-    reach, and those from which that of its retract is."""
+    """Platform angles of each pose: with the approach's outer end in reach, and the retract's.
+
+    For arms with an arm angle only.
+    """
     parts: BoolArray
-    """Whether both ends are within reach from somewhere in a part, with one yaw, shape (f,)."""
+    """Mask of platform parts that reach both ends with the same yaw, shape (f,)."""
     free_last: bool
-    """Whether the last joint tells nothing, because turning the tool turns it alone."""
+    """Flag of a free last joint: yaw turns it alone."""
 
     def within(self, parts: BoolArray) -> StopReach:
-        """Returns the reach from some of the parts alone."""
+        """Restrict the reach to a mask of parts."""
         ends = tuple(
             (
                 approach.take(np.flatnonzero(parts[approach.index])),
@@ -72,7 +74,7 @@ class StopWork:
 
     @property
     def approach(self) -> PostureBoxes:
-        """Cells where its transfer ends."""
+        """Cells where the transfer to the stop ends."""
         return self.lines.before
 
     @property
@@ -81,20 +83,20 @@ class StopWork:
         return self.lines.after
 
     @property
-    def untold(self) -> tuple[int, ...]:
-        """Coordinates that do not count: the last joint, if turning the tool turns it alone."""
+    def ignored(self) -> tuple[int, ...]:
+        """Coordinates without influence: the last joint, if yaw turns it alone."""
         return self.lines.without
 
     @property
     def possible(self) -> bool:
         """Flag of stops with postures at both ends for one platform cell."""
         used = [np.bincount(end.index) > 0 for end in (self.approach, self.retract)]
-        most = min(map(len, used))
-        return bool((used[0][:most] & used[1][:most]).any())
+        shared = min(map(len, used))
+        return bool((used[0][:shared] & used[1][:shared]).any())
 
     @cached_property
     def least(self) -> Times:
-        """Least work from each approach cell, whatever follows [s], shape (n,)."""
+        """Least work from each approach cell over all retract cells [s], shape (n,)."""
         return self.with_rest(np.zeros(len(self.retract.index), dtype=np.float32))[0]
 
     def with_rest(self, rest: Times) -> tuple[Times, Times]:
@@ -134,7 +136,7 @@ class StopCells:
     def works(self, stage: int) -> dict[int, StopWork]:
         """Compute the work of each active arm in a stage.
 
-        Only platform angles count from which all active arms reach their stops.
+        Only platform angles from which all active arms reach their stops count.
         """
         arms = [a for a, arm in enumerate(self.problem.arms) if arm.stops[stage] is not None]
         reach = {a: self.reach(a, stage) for a in arms}
@@ -142,11 +144,11 @@ class StopCells:
         return {a: self.work(a, stage, reach[a].within(shared)) for a in arms}
 
     def reach(self, a: int, stage: int) -> StopReach:
-        """Find the parts of the platform's cells from which an active arm reaches its stop."""
+        """Select the parts of platform cells from which an arm reaches its stop."""
         problem = self.problem
         work = problem.arms[a]
         stop = work.stops[stage]
-        assert stop is not None  # callers ask for active stages only
+        assert stop is not None  # callers pass active stages only
         every = np.ones(len(self.parts) - 1, dtype=np.bool_)
         yaw_is_free = stop.configurations is None and (stop.free_yaw or len(stop.yaw) > 1)
         free_last = yaw_is_free and work.last_axis_is_tools
@@ -168,14 +170,14 @@ class StopCells:
     def work(self, a: int, stage: int, reach: StopReach) -> StopWork:
         """Compute the posture cells at both ends of one arm's stop.
 
-        They hold all of its postures at the platform angles of its reach. Given configurations are points where there
-        is no line, and free otherwise; a pose whose yaw is free is free too where yaw moves more than the last joint.
-        An arm without an arm angle has other closed forms, and its platform stands still.
+        They cover all of its postures at the platform angles of its reach. Given configurations are points without
+        lines, and free joints with lines. A pose with free yaw gives free joints, too, if yaw moves more than the last
+        joint. An arm without an arm angle has other closed forms, and a fixed platform.
         """
         problem = self.problem
         work = problem.arms[a]
         stop = work.stops[stage]
-        assert stop is not None  # callers ask for active stages only
+        assert stop is not None  # callers pass active stages only
         columns = work.joints + (1 if problem.turns else 0)
         still = stop.approach == 0.0 and stop.retract == 0.0
         if stop.configurations is not None and still:
@@ -184,19 +186,19 @@ class StopCells:
             ends = [free_cells(work.kinematics, self.edges)] * 2
         else:
             if reach.ends:
-                found = [
+                covers = [
                     _pose_cells(work, stop, pose, within, self.resolution, reach.free_last)
                     for pose, within in zip(reach.poses, reach.ends, strict=True)
                 ]
             else:
-                found = [
+                covers = [
                     branch_cells(work, self.tables[a], stop, pose, reach.free_last)
                     for pose in reach.poses
                 ]
             ends = (
-                found[0]
-                if len(found) == 1
-                else [Cells.joined([one[end] for one in found]) for end in (0, 1)]
+                covers[0]
+                if len(covers) == 1
+                else [Cells.joined([cover[end] for cover in covers]) for end in (0, 1)]
             )
         approach = retract = _boxes(self.tables[a], ends[0], columns)
         if ends[1] is not ends[0]:
@@ -214,7 +216,7 @@ def _boxes(table: TransferTable, cells: Cells, columns: int) -> PostureBoxes:
 def _ends_within_reach(
     arm: SrsArm, stop: StopTarget, pose: Pose, edges: FloatArray
 ) -> tuple[AngleCells, AngleCells]:
-    """Returns from where the outer ends of a pose's lines are within reach: of the approach and of the retract."""
+    """Compute the platform angles that reach the approach's outer end, and the retract's."""
     R, p, z = (x[0] for x in pose)
     lengths = dict.fromkeys((stop.approach, stop.retract))
     ends = [reachable_cells(arm, arm.wrist_center(R, p - x * z), edges) for x in lengths]
@@ -229,14 +231,14 @@ def _pose_cells(
     resolution: Resolution,
     free_last: bool,
 ) -> list[Cells]:
-    """Returns the cells at both outer ends of a pose's lines, from the platform angles within reach."""
+    """Compute the cells at both outer ends of a pose's lines."""
     arm = work.closed_form
     R, p, z = (x[0] for x in pose)
 
     def cells(length: float, intervals: AngleCells) -> Cells:
         outer = p - length * z
         ends = arm.wrist_center(R, outer), arm.wrist_center(R, p)
-        line = LineToTarget(p, work.law, lambda some: line_bounds(work, R, *ends, some))
+        line = LineToTarget(p, work.law, lambda block: line_bounds(work, R, *ends, block))
         return pose_cells(
             arm, (R, outer), intervals, resolution, free_last, line if length else None
         )
@@ -252,33 +254,37 @@ def branch_cells(
     pose: tuple[FloatArray, FloatArray, FloatArray],
     free_last: bool,
 ) -> list[Cells]:
-    """Returns the cells at both outer ends of a pose's lines: points, one for each posture and whole turn.
+    """Compute point cells at both outer ends of lines, one per posture and turn.
 
-    A line takes at least the rest-to-rest time from its outer posture to the nearest one at the target. Where a pose is
-    singular, or nearly, its postures are a continuum, or not known to ROUNDING: its cell is everything within limits.
+    A line takes at least the rest-to-rest time from its outer posture to the nearest posture at the target. At or near
+    a singularity the postures are a continuum or uncertain beyond ROUNDING: then the cell is the whole joint range.
 
     Args:
         work: an arm with closed forms.
         table: its transfer times.
-        stop: what it does.
-        pose: of the flange at the target, and the tool's direction, as of `flange_poses`, shape (1, ...).
-        free_last: whether the last joint is free.
+        stop: its stop.
+        pose: flange pose at the target and tool direction, as of `flange_poses`, shape (1, ...).
+        free_last: whether the last joint is free, because yaw is.
     """
     arm = work.kinematics
     R, p, z = (x[0] for x in pose)
     target = arm.enclosure(R, p, ROUNDING, free_last)
     ends = []
     for length in dict.fromkeys((stop.approach, stop.retract)):
-        found = target if length == 0.0 else arm.enclosure(R, p - length * z, ROUNDING, free_last)
-        if found is None:
+        enclosure = (
+            target if length == 0.0 else arm.enclosure(R, p - length * z, ROUNDING, free_last)
+        )
+        if enclosure is None:
             ends.append(free_cells(arm, HERE))
             continue
-        branch, low, high = found
+        branch, low, high = enclosure
         line = np.zeros(len(low))
         if length and target is not None:
-            # What is free may be anywhere in either cell.
+            # Free joints may have any value in both cells.
             line = table.gap_times(*table.box(low, high), *table.box(*target[1:])).min(axis=1)
-        here = np.zeros((len(low), 1))
+        platform = np.zeros((len(low), 1))
         number = np.zeros(len(low), dtype=np.int64)
-        ends.append(Cells(number, branch, np.hstack([low, here]), np.hstack([high, here]), line))
+        ends.append(
+            Cells(number, branch, np.hstack([low, platform]), np.hstack([high, platform]), line)
+        )
     return [ends[0], ends[-1]]

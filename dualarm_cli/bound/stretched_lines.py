@@ -1,6 +1,6 @@
-"""Least times of lines from the geometry of shoulder, wrist and elbow, for all arm angles.
+"""Least times of lines of nearly stretched arms, from shoulder-wrist geometry.
 
-The bound of `pose_cells` is better in most cells, but says nothing where the arm may be stretched; this one does.
+The bound of `pose_cells` is better in most cells, but is zero where the arm may be stretched.
 """
 
 from __future__ import annotations
@@ -14,31 +14,32 @@ from dualarm_cli.postures.platform_reach import AngleCells, turned, wrist_distan
 from dualarm_cli.stages.plans.problem import ArmWork
 
 Distances = tuple[FloatArray, FloatArray]
-"""As of `wrist_distances`."""
+"""Least and greatest shoulder-wrist distances [m], as of `wrist_distances`."""
 STRETCHED = 0.95
-"""Share of the farthest reach beyond which arms count as nearly stretched: elsewhere lines take 0 s."""
+"""Fraction of the maximum reach beyond which arms count as nearly stretched."""
 WIDEST = 0.004
-"""Intervals of the platform angle are cut into parts of this width at most, looked at one by one [rad]."""
+"""Maximum width of the parts of a platform interval that are bounded separately [rad]."""
 
 
 def line_bounds(
     work: ArmWork, R: FloatArray, wrist: FloatArray, end: FloatArray, cells: AngleCells
 ) -> FloatArray:
-    """Returns the least time of a line of the wrist centre [s], shape (c,), over each interval of the platform angle.
+    """Compute the least time of a wrist line over platform intervals [s], shape (c,).
 
-    With the tool's orientation constant the wrist centre goes straight from one end to the other. In time T from rest
-    to rest joint j turns D_j(T) at most, forth and back added up: a motion that turns back is nowhere faster than some
-    motion that does not (between the greatest speeds v_i and v_k to either side of a turn, put v_k + (v + v_k)
-    (v_i - v_k) / (v_i + v_k) for v, v_i >= v_k: never less than |v|, and its rates are scaled down).
+    Zero for arms that are not nearly stretched. With constant tool orientation the wrist centre moves straight from one
+    end to the other. In time T from rest to rest joint j travels D_j(T) or less, back and forth added up: a motion with
+    reversals is nowhere faster than some motion without (between the greatest speeds v_i and v_k to either side of a
+    reversal, put v_k + (v + v_k) (v_i - v_k) / (v_i + v_k) for v, v_i >= v_k: never less than |v|, and its rates are
+    scaled down).
 
-    (a) The distance from the shoulder is joint 4's alone: D_4(T) is at least its difference between the ends. (b) The
-    shoulder-wrist line turns by an angle beta about an axis m that stays, perpendicular to it. Joint 4 turns it
-    against the upper arm by no more than alpha varies in all, and alpha follows from the distance. The rest is up to
-    the joints before: axis 1 has a share |z1·m| of it, axis 2 (at right angles to it) at most the rest of a unit
-    vector, axis 3 (the upper arm) at most sin alpha: beta - var(alpha) <= sum of the shares times D_j(T). Only the
-    instants count at which the wrist is farther than ever before; so it may turn back on the line. (c) The same as the
-    tool sees it, with the axes 7, 6, 5 and the forearm's angle gamma. Everything at its worst over the interval. Our
-    own derivation.
+    (a) Joint 4 alone decides the distance from the shoulder: D_4(T) is at least its difference between the ends. (b)
+    The shoulder-wrist line turns by an angle beta about a constant axis m, perpendicular to it. Joint 4 turns it
+    against the upper arm by the total variation of alpha or less, and alpha follows from the distance. The remainder
+    comes from the joints before: axis 1 contributes a fraction |z1·m|, axis 2 (at right angles to it) no more than the
+    remainder of a unit vector, axis 3 (the upper arm) no more than sin alpha: beta - var(alpha) <= sum of the fractions
+    times D_j(T). Only instants count at which the wrist is farther along the line than before, so that it may reverse.
+    (c) The same seen from the tool, with axes 7, 6, 5 and the forearm's angle gamma. Every term takes its worst value
+    over the interval. Our own derivation.
 
     Args:
         work: the arm.
@@ -48,24 +49,24 @@ def line_bounds(
         cells: intervals of the platform angle.
     """
     c = len(cells.index)
-    found = np.zeros(c)
+    times = np.zeros(c)
     if not c or norm(end - wrist) == 0.0:
-        return found
+        return times
     arm = work.closed_form
     shoulder = arm.geometry.shoulder
-    away = [norm(turned(x, cells.middle) - shoulder, axis=1) for x in (wrist, end)]
-    far = np.maximum(*away) + np.hypot(*shoulder[:2]) * cells.half
-    some = np.flatnonzero(far > STRETCHED * arm.reach[1])
-    if not len(some):
-        return found
-    begin, width = cells.low[some], (cells.high - cells.low)[some]
+    distances = [norm(turned(x, cells.middle) - shoulder, axis=1) for x in (wrist, end)]
+    far = np.maximum(*distances) + np.hypot(*shoulder[:2]) * cells.half
+    stretched = np.flatnonzero(far > STRETCHED * arm.reach[1])
+    if not len(stretched):
+        return times
+    begin, width = cells.low[stretched], (cells.high - cells.low)[stretched]
     count = max(1, int(np.ceil(width.max() / WIDEST)))
     low = (begin[:, None] + width[:, None] * np.arange(count) / count).ravel()
     parts = AngleCells(
-        np.repeat(cells.index[some], count), low, low + np.repeat(width / count, count)
+        np.repeat(cells.index[stretched], count), low, low + np.repeat(width / count, count)
     )
-    found[some] = _line_bounds(work, R, wrist, end, parts).reshape(-1, count).min(axis=1)
-    return found
+    times[stretched] = _line_bounds(work, R, wrist, end, parts).reshape(-1, count).min(axis=1)
+    return times
 
 
 def _line_bounds(
@@ -76,33 +77,33 @@ def _line_bounds(
     ends = [wrist_distances(arm, x, cells) for x in (wrist, end)]
     v, w = (turned(x, cells.middle) - geometry.shoulder for x in (wrist, end))
     length = float(norm(end - wrist))
-    # The shoulder goes round under the line: how far it gets from the interval's middle.
-    away = float(np.hypot(*geometry.shoulder[:2])) * cells.half
+    # The platform moves the shoulder: its distance from the position at the interval's middle.
+    shoulder_shift = float(np.hypot(*geometry.shoulder[:2])) * cells.half
     cross = np.cross(v, w)
     size = np.maximum(norm(cross, axis=1), 1e-12)
     axis = cross / size[:, None]
     beta = arctan2(size, (v * w).sum(axis=1))
     for nearest, _ in ends:
-        beta -= _turn(away / np.maximum(nearest, 1e-12))
-    # m = v × w changes by no more than |v - w| times the shoulder's way.
-    tilt = 2.0 * sin(0.5 * _turn(length * away / size))
-    near, far, passes = _distances(v, w, length, size, away, ends)
+        beta -= _turn(shoulder_shift / np.maximum(nearest, 1e-12))
+    # m = v × w changes by no more than |v - w| times the shoulder's displacement.
+    tilt = 2.0 * sin(0.5 * _turn(length * shoulder_shift / size))
+    near, far, passes = _distances(v, w, length, size, shoulder_shift, ends)
     near = np.maximum(near, arm.reach[0])
     upper, fore = geometry.upper, geometry.fore
     alpha, sin_alpha = _variation(upper, fore, near, far, passes)
     gamma, sin_gamma = _variation(fore, upper, near, far, passes)
-    # Axis 1 turns with the platform, axis 7 stands in the world.
+    # Axis 1 turns with the platform, axis 7 is fixed in the world.
     first = np.abs(product(axis, geometry.axes[0]))
     seventh = turned(product(R, product(geometry.R_flange.T, geometry.axes[6])), cells.middle)
     last = np.abs((axis * seventh).sum(axis=1))
-    shoulder_way = np.stack([*_shares(first, tilt + cells.half), sin_alpha])
-    wrist_way = np.stack([*_shares(last, tilt), sin_gamma])
+    shoulder_turn = np.stack([*_fractions(first, tilt + cells.half), sin_alpha])
+    wrist_turn = np.stack([*_fractions(last, tilt), sin_gamma])
     bend = _turns_of_joint_4(upper, fore, *ends)
-    return _least_time(work, bend, (beta - alpha, shoulder_way), (beta - gamma, wrist_way))
+    return _least_time(work, bend, (beta - alpha, shoulder_turn), (beta - gamma, wrist_turn))
 
 
 def _turn(ratio: FloatArray) -> FloatArray:
-    """Returns by what angle a vector turns at most when its end moves by a share of its length [rad]."""
+    """Compute the largest turn of a vector from its end's relative displacement [rad]."""
     return np.where(ratio < 1.0, arcsin(np.minimum(ratio, 1.0)), np.pi)
 
 
@@ -111,29 +112,32 @@ def _distances(
     w: FloatArray,
     length: float,
     size: FloatArray,
-    away: FloatArray,
+    shoulder_shift: FloatArray,
     ends: list[Distances],
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns least and greatest distance of shoulder and wrist [m], and whether the least is between the ends."""
+    """Compute least and greatest shoulder-wrist distance [m], and whether the least is inside."""
     (near_1, far_1), (near_2, far_2) = ends
     far, nearer = np.maximum(far_1, far_2), np.minimum(near_1, near_2)
-    # Where the foot of the shoulder's height lies along the line.
-    place = -(v * (w - v)).sum(axis=1) / length
-    passes = (place > -away) & (place < length + away)
-    near = np.where(passes, np.minimum(size / length - away, nearer), nearer)
+    # Position along the line of the point nearest to the shoulder [m].
+    foot = -(v * (w - v)).sum(axis=1) / length
+    passes = (foot > -shoulder_shift) & (foot < length + shoulder_shift)
+    near = np.where(passes, np.minimum(size / length - shoulder_shift, nearer), nearer)
     return np.maximum(near, 1e-6), far, passes
 
 
 def _variation(
-    own: float, other: float, near: FloatArray, far: FloatArray, passes: FloatArray
+    link: float, other_link: float, near: FloatArray, far: FloatArray, passes: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns how much a link's angle to the shoulder-wrist line varies at most in all [rad], and its greatest sine."""
-    difference = np.square(own) - np.square(other)
+    """Bound the total variation and sine of a link's angle to the shoulder-wrist line.
+
+    Returns the variation [rad] and the greatest sine, both (c,).
+    """
+    difference = np.square(link) - np.square(other_link)
     stationary = np.sqrt(max(difference, 0.0))
     turns = (stationary > near) & (stationary < far)
     cosines = np.stack(
         [
-            np.clip((r * r + difference) / (2.0 * own * r), -1.0, 1.0)
+            np.clip((r * r + difference) / (2.0 * link * r), -1.0, 1.0)
             for r in (near, far, np.clip(stationary, near, far))
         ]
     )
@@ -146,8 +150,8 @@ def _variation(
     return swept * np.where(passes, 2.0, 1.0) * np.where(turns, 2.0, 1.0), sine
 
 
-def _shares(along: FloatArray, tilt: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns how much of a unit turn about m two axes at right angles can give, the first of them known."""
+def _fractions(along: FloatArray, tilt: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Bound the fractions of a unit turn about m from two orthogonal axes."""
     least = np.clip(along - tilt, 0.0, 1.0)
     return np.minimum(along + tilt, 1.0), np.sqrt(1.0 - np.square(least))
 
@@ -155,17 +159,17 @@ def _shares(along: FloatArray, tilt: FloatArray) -> tuple[FloatArray, FloatArray
 def _turns_of_joint_4(
     upper: float,
     fore: float,
-    one: Distances,
-    other: Distances,
+    start: Distances,
+    end: Distances,
 ) -> FloatArray:
-    """Returns by how much joint 4 turns at least between the ends of the line [rad], (c,)."""
+    """Compute the least travel of joint 4 along a line [rad], shape (c,)."""
 
     def bend(r: FloatArray) -> FloatArray:
         return arccos(
             np.clip((r * r - np.square(upper) - np.square(fore)) / (2.0 * upper * fore), -1.0, 1.0)
         )
 
-    (high_1, low_1), (high_2, low_2) = map(bend, one), map(bend, other)
+    (high_1, low_1), (high_2, low_2) = map(bend, start), map(bend, end)
     return np.maximum(np.maximum(low_1 - high_2, low_2 - high_1), 0.0)
 
 
@@ -175,17 +179,20 @@ def _least_time(
     shoulder: tuple[FloatArray, FloatArray],
     wrist: tuple[FloatArray, FloatArray],
 ) -> FloatArray:
-    """Returns the least T at which joints 1 to 4, and 7 to 5, can turn far enough; less than a step of a table less."""
-    step, way = work.law.reach_table
+    """Compute the least time in which the joints can travel far enough [s].
+
+    Joints 1 to 4, and 7 to 5. Rounded down to a step of the table.
+    """
+    step, travel = work.law.reach_table
     low, high = np.zeros((2, len(bend)), dtype=np.int64)
-    high += way.shape[1] - 1
+    high += travel.shape[1] - 1
     while (high - low > 1).any():
         middle = (low + high) // 2
-        own = way[:, middle]
+        row = travel[:, middle]
         fits = (
-            (own[3] >= bend)
-            & ((shoulder[1] * own[:3]).sum(axis=0) >= shoulder[0])
-            & ((wrist[1] * own[:3:-1]).sum(axis=0) >= wrist[0])
+            (row[3] >= bend)
+            & ((shoulder[1] * row[:3]).sum(axis=0) >= shoulder[0])
+            & ((wrist[1] * row[:3:-1]).sum(axis=0) >= wrist[0])
         )
         high = np.where(fits, middle, high)
         low = np.where(fits, low, middle)

@@ -1,4 +1,4 @@
-"""Array types, different values, and the one way to freeze an array."""
+"""Array types, and small helpers to freeze, deduplicate and reorder arrays."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ T = TypeVar("T", bound="np.generic[Any]")
 
 
 def distinct(values: NDArray[T]) -> NDArray[T]:
-    """Returns the different values of an array, ascending.
+    """Select the different values of an array, ascending.
 
     Numpy's function alone would load its masked arrays first, a fiftieth of a short plan's time; counting, it does not.
     """
-    found: NDArray[T] = np.unique(values, return_counts=True)[0]
-    return found
+    values_once: NDArray[T] = np.unique(values, return_counts=True)[0]
+    return values_once
 
 
 def readonly(values: ArrayLike) -> FloatArray:
-    """Returns a read-only float copy of `values`, so that a frozen dataclass is frozen through.
+    """Copy values to a read-only float array.
 
-    What is such a copy already is returned as it is.
+    An array that is such a copy already is returned unchanged.
     """
     if (
         isinstance(values, np.ndarray)
@@ -41,18 +41,18 @@ def readonly(values: ArrayLike) -> FloatArray:
 
 
 def frozen(values: FloatArray) -> FloatArray:
-    """Returns an array of one's own, made read-only without a copy."""
+    """Make a new array read-only without a copy."""
     values.setflags(write=False)
     return values
 
 
 def best_of_each(kinds: IntArray, most: int, count: int | None) -> IntArray:
-    """Reorder rows that are sorted, best first: up to `most` of each kind, then the others.
+    """Reorder sorted rows: at most `most` of each kind first, then the others.
 
     Args:
-        kinds: of the rows, shape (b,).
-        most: rows of a kind that come first.
-        count: how many rows are kept; None for all.
+        kinds: kind of each row, best row first, shape (b,).
+        most: number of rows of a kind that come first.
+        count: number of rows to return; None for all.
     """
     order = np.argsort(kinds, kind="stable")
     first = np.searchsorted(kinds[order], kinds)

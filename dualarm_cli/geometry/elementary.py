@@ -19,7 +19,7 @@ TURN = 2.0 * np.pi
 
 
 def _function(name: str, inputs: int = 1) -> Callable[..., Any]:
-    """Wrap a compiled function, which is looked up where it is called first."""
+    """Wrap a compiled function, looked up at its first call."""
 
     def function(*x: Any) -> Any:
         return universal(name, inputs)(*x)

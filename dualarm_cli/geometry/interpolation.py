@@ -1,4 +1,4 @@
-"""Interpolation between samples as controllers do it: linear, cubic or quintic."""
+"""Interpolation between samples as in robot controllers: linear, cubic or quintic."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from dualarm_cli.geometry.elementary import cube, power
 from dualarm_cli.records import dataclass
 
 Interpolation = Literal["linear", "cubic", "quintic"]
-"""What a receiver makes of samples: from positions alone, from positions and velocities, or from accelerations too."""
+"""Interpolation of a receiver: of positions, of velocities as well, or of accelerations as well."""
 INTERPOLATIONS: tuple[Interpolation, ...] = ("linear", "cubic", "quintic")
 _BISECTIONS = 60
 
 
 @dataclass(frozen=True)
 class PiecewisePolynomial:
-    """A motion of n joints that is a polynomial of degree d between neighbouring times."""
+    """Motion of n joints, a polynomial of degree d on each piece."""
 
     time: FloatArray
-    """Ends of the k pieces, rising [s], shape (k + 1,)."""
+    """Borders of the k pieces, rising [s], shape (k + 1,)."""
     coefficients: FloatArray
-    """Of the powers of the time since a piece's start, lowest first, shape (k, d + 1, n)."""
+    """Coefficients by piece and power, lowest first, shape (k, d + 1, n)."""
 
     def derivatives(self, time: FloatArray) -> FloatArray:
-        """Returns the value and all derivatives at some times, shape (m, d + 1, n); the ends are held.
+        """Evaluate the motion and all its derivatives, shape (m, d + 1, n).
 
-        At the border of two pieces the later one counts.
+        At the border of two pieces the later one counts. Before the start and after the end the motion stays there.
 
         Args:
             time: instants [s], shape (m,).
@@ -38,24 +38,25 @@ class PiecewisePolynomial:
         index = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, last)
         dt = (time - self.time[index])[:, None]
         rows = self.coefficients[index]
-        found = np.empty_like(rows)
+        values = np.empty_like(rows)
         for order in range(rows.shape[1]):
-            found[:, order] = _horner(rows, dt)
+            values[:, order] = _horner(rows, dt)
             powers = np.arange(1, rows.shape[1])
             rows = rows[:, 1:] * powers[:, None]
             if rows.shape[1] == 0:
                 break
-        return found
+        return values
 
     def extrema(self) -> tuple[FloatArray, FloatArray]:
-        """Returns the least and the largest value of every joint over all pieces, each (n,)."""
+        """Compute the minimum and maximum of every joint over all pieces, each (n,)."""
         low, high = extrema(self.coefficients, np.diff(self.time))
         return low.min(axis=0), high.max(axis=0)
 
     def peak(self, order: int) -> FloatArray | None:
-        """Returns the largest size of a derivative over all pieces, shape (n,); None where a lower one jumps.
+        """Compute the largest magnitude of a derivative over all pieces, shape (n,).
 
-        Linear pieces jump in their first derivative, cubic ones in their second, quintic ones in their third.
+        None if a lower derivative jumps. Linear pieces jump in their first derivative, cubic ones in their second,
+        quintic ones in their third.
 
         Args:
             order: of the derivative, from 1.
@@ -76,7 +77,7 @@ def interpolated(
     velocity: FloatArray | None = None,
     acceleration: FloatArray | None = None,
 ) -> PiecewisePolynomial:
-    """Returns the motion through samples.
+    """Interpolate samples of a motion.
 
     Cubic and quintic pieces are Hermite's: they have the samples' derivatives at both ends, as the
     joint_trajectory_controller of ros2_control computes them.
@@ -92,14 +93,19 @@ def interpolated(
         ValueError: a derivative is missing that the interpolation needs.
     """
     h = np.diff(time)[:, None]
-    q, way = position[:-1], np.diff(position, axis=0)
+    q, travel = position[:-1], np.diff(position, axis=0)
     if kind == "linear":
-        return PiecewisePolynomial(time, np.stack([q, way / h], axis=1))
+        return PiecewisePolynomial(time, np.stack([q, travel / h], axis=1))
     if velocity is None:
         raise ValueError(f"{kind} interpolation needs velocities")
     v, w = velocity[:-1], velocity[1:]
     if kind == "cubic":
-        rows = [q, v, (3.0 * way / h - 2.0 * v - w) / h, (v + w - 2.0 * way / h) / np.square(h)]
+        rows = [
+            q,
+            v,
+            (3.0 * travel / h - 2.0 * v - w) / h,
+            (v + w - 2.0 * travel / h) / np.square(h),
+        ]
         return PiecewisePolynomial(time, np.stack(rows, axis=1))
     if acceleration is None:
         raise ValueError("quintic interpolation needs accelerations")
@@ -108,15 +114,16 @@ def interpolated(
         q,
         v,
         a / 2.0,
-        (10.0 * way / h - 4.0 * w - 6.0 * v) / np.square(h) - (3.0 * a - b) / (2.0 * h),
-        (7.0 * w + 8.0 * v - 15.0 * way / h) / cube(h) + (3.0 * a - 2.0 * b) / (2.0 * np.square(h)),
-        (6.0 * way / h - 3.0 * (v + w)) / power(h, 4) + (b - a) / (2.0 * cube(h)),
+        (10.0 * travel / h - 4.0 * w - 6.0 * v) / np.square(h) - (3.0 * a - b) / (2.0 * h),
+        (7.0 * w + 8.0 * v - 15.0 * travel / h) / cube(h)
+        + (3.0 * a - 2.0 * b) / (2.0 * np.square(h)),
+        (6.0 * travel / h - 3.0 * (v + w)) / power(h, 4) + (b - a) / (2.0 * cube(h)),
     ]
     return PiecewisePolynomial(time, np.stack(rows, axis=1))
 
 
 def extrema(coefficients: FloatArray, length: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns the least and the largest value of many polynomials, each over [0, length].
+    """Compute the minimum and maximum of polynomials, each over [0, length].
 
     Args:
         coefficients: of powers, lowest first, shape (m, d + 1, n).
@@ -126,7 +133,7 @@ def extrema(coefficients: FloatArray, length: FloatArray) -> tuple[FloatArray, F
         Two arrays (m, n).
     """
     powers = power(length[:, None], np.arange(coefficients.shape[1]))
-    # As a polynomial over [0, 1], of which every column is one row.
+    # Polynomials over [0, 1], one row for each joint.
     m, _, n = coefficients.shape
     scaled = (coefficients * powers[:, :, None]).transpose(0, 2, 1).reshape(m * n, -1)
     slope = scaled[:, 1:] * np.arange(1, scaled.shape[1])
@@ -137,9 +144,10 @@ def extrema(coefficients: FloatArray, length: FloatArray) -> tuple[FloatArray, F
 
 
 def _zeros(c: FloatArray) -> FloatArray:
-    """Returns where polynomials (m, d + 1) change their sign in [0, 1], shape (m, d); 1 where they do so less often.
+    """Bisect the sign changes of polynomials in [0, 1], shape (m, d).
 
-    Between neighbouring zeros of its derivative a polynomial is monotone: a change of sign encloses one zero.
+    Rows with fewer than d sign changes are filled with 1. Between neighbouring zeros of its derivative a polynomial
+    is monotone, so that a change of sign encloses a single zero.
     """
     count, terms = c.shape
     ends = np.ones((count, 1))
@@ -155,13 +163,13 @@ def _zeros(c: FloatArray) -> FloatArray:
         middle = 0.5 * (a + b)
         same = _values(c, middle) * sign > 0.0
         a, b = np.where(same, middle, a), np.where(same, b, middle)
-    found = np.ones_like(low)
-    found[rows] = np.where(changes[rows], b, 1.0)
-    return found
+    zeros = np.ones_like(low)
+    zeros[rows] = np.where(changes[rows], b, 1.0)
+    return zeros
 
 
 def _values(c: FloatArray, u: FloatArray) -> FloatArray:
-    """Returns polynomials (m, d + 1) at points (m, p) each."""
+    """Evaluate polynomials (m, d + 1) at points (m, p) each."""
     value = np.zeros_like(u)
     for k in range(c.shape[1] - 1, -1, -1):
         value = value * u + c[:, k : k + 1]
@@ -169,7 +177,7 @@ def _values(c: FloatArray, u: FloatArray) -> FloatArray:
 
 
 def _horner(rows: FloatArray, dt: FloatArray) -> FloatArray:
-    """Returns polynomials (m, d + 1, n) at one point (m, 1) each, shape (m, n)."""
+    """Evaluate each polynomial (m, d + 1, n) at a point (m, 1)."""
     value = np.zeros_like(rows[:, 0])
     for k in range(rows.shape[1] - 1, -1, -1):
         value = value * dt + rows[:, k]

@@ -1,4 +1,4 @@
-"""Joint axes of an arm, measured: where they meet, and how far seven are from spherical-revolute-spherical."""
+"""Geometry of joint axes: intersection points, deviation from SRS geometry, kind of an arm."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.records import dataclass
 
 SRS_TOLERANCE = 1e-6
-"""Largest deviation from exact geometry that closed forms may ignore [m and rad]."""
+"""Deviation from exact geometry that closed forms may ignore [m and rad]."""
 PARALLEL = 1e-9
-"""Below this sine of their angle two axes count as parallel when their distance is measured."""
+"""Sine of the angle of two axes below which they count as parallel."""
 
 
 @dataclass(frozen=True)
 class SrsDeviation:
-    """How far an arm is from exact SRS geometry."""
+    """Deviation of an arm from exact SRS geometry."""
 
     shoulder: float
     """Largest distance of axes 1 to 3 from their common centre [m]."""
@@ -37,11 +37,11 @@ class SrsDeviation:
 
     @property
     def largest(self) -> float:
-        """The largest of them, in m or rad."""
+        """Largest of the deviations [m or rad]."""
         return max(self.shoulder, self.elbow, self.wrist, *self.gaps, self.angle)
 
     def __str__(self) -> str:
-        """Returns the deviations in mm and rad."""
+        """Format the deviations in mm and rad."""
         gaps = ", ".join(f"{gap * 1000:.3g}" for gap in self.gaps)
         return (
             f"axes miss the shoulder by {self.shoulder * 1000:.3g} mm, the elbow by "
@@ -52,25 +52,25 @@ class SrsDeviation:
 
 @dataclass(frozen=True)
 class SrsGeometry:
-    """An SRS arm at q = 0 in its base frame."""
+    """Geometry of an SRS arm at q = 0 in its base frame."""
 
     axes: FloatArray
     """Unit joint axes, shape (7, 3)."""
     shoulder: FloatArray
-    """Where axes 1 to 3 meet [m], shape (3,)."""
+    """Intersection of axes 1 to 3 [m], shape (3,)."""
     elbow: FloatArray
-    """Where axes 3 to 5 meet [m], shape (3,)."""
+    """Intersection of axes 3 to 5 [m], shape (3,)."""
     wrist: FloatArray
-    """Where axes 5 to 7 meet [m], shape (3,)."""
+    """Intersection of axes 5 to 7 [m], shape (3,)."""
     R_flange: FloatArray
     """Rotation of the flange, shape (3, 3)."""
     p_flange: FloatArray
     """Position of the flange [m], shape (3,)."""
     deviation: SrsDeviation
-    """How far the axes are from meeting like that."""
+    """Deviation of the axes from these intersections."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("axes", "shoulder", "elbow", "wrist", "R_flange", "p_flange"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
@@ -78,7 +78,7 @@ class SrsGeometry:
     def measure(
         cls, axes: FloatArray, points: FloatArray, R_flange: FloatArray, p_flange: FloatArray
     ) -> SrsGeometry:
-        """Returns centres, links and deviations of any seven axes, SRS or not.
+        """Measure centres, links and deviations of any seven axes, SRS or not.
 
         A centre is the point nearest to its three axes in the least-squares sense.
 
@@ -114,21 +114,24 @@ class SrsGeometry:
         return wrist
 
     def is_srs(self, tolerance: float) -> bool:
-        """Returns whether every deviation is within the tolerance [m and rad] and both links exist.
+        """Check that every deviation is within a tolerance and both links exist.
 
         Args:
-            tolerance: largest deviation that may be ignored; the closed forms are wrong by about as
-                much at the shoulder, and by an angular deviation times the reach at the flange.
+            tolerance: deviation that may be ignored [m and rad]. The error of the closed forms is about as large at the
+                shoulder, and an angular deviation times the reach at the flange.
         """
         return self.deviation.largest <= tolerance and min(self.upper, self.fore) > tolerance
 
 
 def meeting_point(axes: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
-    """Returns the point nearest to lines in the least-squares sense [m], shape (3,), and its largest distance [m].
+    """Compute the point nearest to lines in the least-squares sense.
 
     Args:
         axes: unit directions, shape (n, 3).
         points: a point on each line [m], shape (n, 3).
+
+    Returns:
+        The point [m], shape (3,), and its largest distance from a line [m].
     """
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     normal, right = across.sum(axis=0), product(across, points[:, :, None]).sum(axis=0)[:, 0]
@@ -138,7 +141,7 @@ def meeting_point(axes: FloatArray, points: FloatArray) -> tuple[FloatArray, flo
 
 
 def _distance(e: FloatArray, p: FloatArray, f: FloatArray, r: FloatArray) -> float:
-    """Returns the distance [m] of the line through p along e from the line through r along f."""
+    """Compute the distance of two lines [m], each a direction and a point."""
     common = np.cross(e, f)
     sine = norm(common)
     if sine < PARALLEL:
@@ -147,13 +150,14 @@ def _distance(e: FloatArray, p: FloatArray, f: FloatArray, r: FloatArray) -> flo
 
 
 def joint_axes(model: pin.Model, joints: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-    """Returns the axes of n joints in the root frame, all joints at 0: unit directions and points [m], both (n, 3).
-
-    A joint that slides has a zero direction.
+    """Compute the axes of n joints in the root frame, all joints at 0.
 
     Args:
         model: the robot.
         joints: their names.
+
+    Returns:
+        Unit directions, zero for a prismatic joint, and points on the axes [m], both of shape (n, 3).
     """
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
@@ -169,7 +173,7 @@ def joint_axes(model: pin.Model, joints: Sequence[str]) -> tuple[FloatArray, Flo
 
 
 def parallel_deviation(axes: FloatArray) -> float:
-    """Returns the largest sine of the angles of axes 2, 3 and 4: 0 where the three are parallel.
+    """Compute the largest sine of the angles of axes 2, 3 and 4.
 
     Args:
         axes: unit joint axes, shape (n, 3).
@@ -181,7 +185,7 @@ def parallel_deviation(axes: FloatArray) -> float:
 def measured_kind(
     axes: FloatArray, points: FloatArray
 ) -> Literal["srs", "spherical_wrist", "parallel_axes", "general"]:
-    """Returns the kind of an arm.
+    """Determine the kind of an arm.
 
     Args:
         axes: unit joint axes, shape (n, 3); zero for a joint that slides.

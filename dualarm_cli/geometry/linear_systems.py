@@ -1,7 +1,7 @@
 """Small dense systems, determinants and singular values with the same bits on every processor.
 
-Matrices may be stacks (..., m, n). By elimination with pivots and by one-sided Jacobi rotations (Hestenes 1958), which
-for matrices of this size are as accurate as LAPACK.
+Matrices may be stacks (..., m, n). Methods: Gauss elimination with pivots and one-sided Jacobi rotations
+(Hestenes 1958). For matrices of this size both are as accurate as LAPACK.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.native import function, numbers, pointer
 
 ZERO = 1e-14
-"""Largest share of the greatest singular value that counts as zero."""
+"""Singular value, relative to the largest one, that counts as zero."""
 
 
 class SingularMatrixError(ArithmeticError):
-    """A matrix that has no inverse."""
+    """Error: a matrix has no inverse."""
 
 
 def solve(A: FloatArray, right: FloatArray) -> FloatArray:
@@ -80,8 +80,8 @@ def least_squares(A: FloatArray, right: FloatArray) -> FloatArray:
     turned, V = _orthogonal(A.T)
     squares = np.sum(turned * turned, axis=1)
     large = squares > ZERO * ZERO * squares.max(initial=0.0)
-    found: FloatArray = product(product(turned[large], right) / squares[large], V[large])
-    return found
+    solution: FloatArray = product(product(turned[large], right) / squares[large], V[large])
+    return solution
 
 
 def _orthogonal(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -98,7 +98,7 @@ def _orthogonal(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
 def zeros_of(coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Compute all zeros of monic polynomials: real and imaginary parts, both (b, n).
 
-    Simultaneously by Aberth's method (1973).
+    Aberth's method (1973) iterates all zeros of a polynomial together.
 
     Args:
         coefficients: of t^0 to t^(n-1), shape (b, n).
@@ -110,10 +110,10 @@ def zeros_of(coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def solve_banded(rows: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve one banded system without pivots: of splines, or positive definite.
+    """Solve a banded system without pivots, as of splines or positive definite.
 
     Args:
-        rows: row i has columns i - k to i + k, shape (n, 2k + 1); what lies outside is not read.
+        rows: row i has columns i - k to i + k, shape (n, 2k + 1); entries outside the matrix are not read.
         right: right sides, shape (n, m).
     """
     used, x = np.array(rows, np.float64, order="C"), np.array(right, np.float64, order="C")

@@ -1,6 +1,6 @@
 """Matrix products and norms with the same bits on every processor.
 
-Those of numpy's `@` and `linalg` come from a library that adds up in another order on every class of processors.
+Numpy's `@` and `linalg` call a library whose order of summation depends on the class of processor.
 """
 
 from __future__ import annotations

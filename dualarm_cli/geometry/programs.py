@@ -1,7 +1,4 @@
-"""Linear programs, by HiGHS: small ones, many of them.
-
-The solver of quadratic programs, as it is on every processor.
-"""
+"""Small linear programs by HiGHS, and piqp's portable variant for quadratic programs."""
 
 from __future__ import annotations
 
@@ -21,14 +18,17 @@ def least_cost(
     lower: FloatArray,
     upper: FloatArray,
 ) -> FloatArray | None:
-    """Returns the x of least cost @ x with matrix @ x <= bound and lower <= x <= upper, shape (n,); None for none.
+    """Solve a linear program: minimise cost @ x with matrix @ x <= bound.
 
     Args:
         cost: shape (n,).
-        matrix: row, column and value of each entry; those of one row and column count together.
+        matrix: row, column and value of each entry; entries of the same row and column are added.
         bound: shape (m,).
         lower: shape (n,), -inf allowed.
         upper: shape (n,), inf allowed.
+
+    Returns:
+        The solution with lower <= x <= upper, shape (n,); None if the program has no optimum.
     """
     import highspy
 
@@ -55,5 +55,5 @@ def least_cost(
 
 @cache
 def plain_piqp() -> Any:
-    """Load piqp's variant for any processor, not that for the machine's instructions."""
+    """Load piqp's variant for any processor instead of this machine's."""
     return import_module("piqp.piqp_python")

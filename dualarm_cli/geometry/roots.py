@@ -1,4 +1,4 @@
-"""Real zeros of trigonometric polynomials: for many at once, or each enclosed before it is computed."""
+"""Zeros of trigonometric polynomials: closed forms for batches, and enclosed real zeros."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from dualarm_cli.geometry.products import product
 from dualarm_cli.records import dataclass
 
 _CHARTS = np.arange(6) * (np.pi / 3)
-"""Angles of which the one with the largest value becomes the point at infinity."""
+"""Candidate angles for the point at infinity [rad]; the largest value decides."""
 
 
 def first_order_zeros(
     f0: FloatArray, f1: FloatArray, f2: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Returns the zeros of f0 + f1 cos + f2 sin: angles [rad] (n, 2) and which exist (n, 2).
+    """Compute the zeros of f0 + f1 cos + f2 sin.
 
+    Returns angles [rad], shape (n, 2), and a mask of those that exist, shape (n, 2).
     Written with atan2 and acos, so that no coefficient is a special case. A row without cos and sin has no
     zeros (or only zeros) and gives none.
     """
@@ -32,7 +33,7 @@ def first_order_zeros(
 
 
 def second_order_zeros(coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns the four zeros of f0 + f1 cos + f2 sin + f3 cos 2 + f4 sin 2 of many rows.
+    """Compute the four zeros of second-order trigonometric polynomials.
 
     With t = tan((phi - chart)/2) the polynomial becomes a real quartic; the chart of each row is turned so that its
     leading coefficient, the value opposite the chart, is large. The depressed quartic y⁴ + p y² + q y + r is split
@@ -74,7 +75,7 @@ def second_order_zeros(coefficients: FloatArray) -> tuple[FloatArray, FloatArray
 def _quartic_zeros(
     b: FloatArray, c: FloatArray, d: FloatArray, e: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns real and imaginary parts (n, 4) of the zeros of t⁴ + b t³ + c t² + d t + e."""
+    """Compute the zeros of monic quartics: real and imaginary parts, both (n, 4)."""
     shift = b / 4.0
     b2 = shift * shift
     p = c - 6.0 * b2
@@ -92,7 +93,7 @@ def _quartic_zeros(
 
 
 def _largest_cubic_zero(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
-    """Returns the largest real zero of m³ + a m² + b m + c, polished by Newton steps."""
+    """Compute the largest real zero of monic cubics."""
     third = a / 3.0
     p = b / 3.0 - third * third
     q = third * third * third - third * b / 2.0 + c / 2.0
@@ -100,12 +101,14 @@ def _largest_cubic_zero(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArr
     root_p = np.sqrt(np.maximum(-p, 0.0))
     # Three real zeros: the largest has the smallest angle.
     ratio = -q / np.where(root_p > 0, elementary.cube(root_p), 1.0)
-    three = 2.0 * root_p * elementary.cos(elementary.arccos(np.clip(ratio, -1.0, 1.0)) / 3.0)
+    trigonometric = (
+        2.0 * root_p * elementary.cos(elementary.arccos(np.clip(ratio, -1.0, 1.0)) / 3.0)
+    )
     u = elementary.cbrt(np.abs(q) + np.sqrt(np.maximum(discriminant, 0.0))) * np.where(
         q < 0, 1.0, -1.0
     )
-    one = u - p / np.where(u == 0.0, 1.0, u)
-    m = np.where(discriminant < 0, three, one) - third
+    cardano = u - p / np.where(u == 0.0, 1.0, u)
+    m = np.where(discriminant < 0, trigonometric, cardano) - third
     for _ in range(2):
         slope = (3.0 * m + 2.0 * a) * m + b
         value = ((m + a) * m + b) * m + c
@@ -116,7 +119,7 @@ def _largest_cubic_zero(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArr
 
 
 def _quadratic_zeros(b: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns the zeros of y² + b y + c: both real parts, and the imaginary part of a pair."""
+    """Compute the zeros of y² + b y + c: real parts, and the imaginary part of a pair."""
     half = -b / 2.0
     discriminant = half * half - c
     root = np.sqrt(np.abs(discriminant))
@@ -131,11 +134,11 @@ def _quadratic_zeros(b: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArr
     )
 
 
-def zeros_by_companion(laurent: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns zeros of real trigonometric polynomials of any order k, by eigenvalues.
+def zeros_of_any_order(laurent: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Compute all zeros of real trigonometric polynomials of any order k.
 
     Slower than a closed form and safe for every row: the polynomial is turned per row so that its
-    leading coefficient is not small, then solved in t by batched companion matrices.
+    leading coefficient is not small, then all zeros in t = tan(phi / 2) are computed by Aberth's method.
 
     Args:
         laurent: cosine and sine coefficients f0, f1, f2, ..., shape (n, 2k + 1), as cos 1, sin 1, cos 2, ...
@@ -162,7 +165,7 @@ def zeros_by_companion(laurent: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _half_angle_basis(k: int) -> FloatArray:
-    """Returns the matrix from (f0, cos 1..k, sin 1..k) to coefficients of t^0..t^2k.
+    """Build the matrix from (f0, cos 1..k, sin 1..k) to coefficients of t^0..t^2k.
 
     (1 + t²)^k cos(m phi) and sin(m phi) are the real and imaginary parts of (1 + i t)^2m (1 + t²)^(k-m).
     """
@@ -182,11 +185,11 @@ def _half_angle_basis(k: int) -> FloatArray:
 
 
 TOUCH = 1e-14
-"""Value at an extremum, relative to the largest coefficient, that counts as a zero of even order."""
+"""Relative value at an extremum that counts as a zero of even order."""
 ONE_ZERO = 1e-2
-"""Touching points nearer than this are one zero of higher order [rad]."""
+"""Distance below which touching points are a single zero of higher order [rad]."""
 ITERATIONS = 100
-"""Newton or bisection steps at most; bisection alone needs 53."""
+"""Maximum number of Newton and bisection steps; bisection alone needs 53."""
 
 
 @dataclass(frozen=True)
@@ -194,15 +197,15 @@ class RealZeros:
     """Real zeros of n trigonometric polynomials of order k, at most 2k each."""
 
     angle: FloatArray
-    """Zeros in (-pi, pi], ascending [rad], shape (n, 2k); 0 where there is none."""
+    """Zeros in (-pi, pi], ascending, padded with 0 [rad], shape (n, 2k)."""
     exists: BoolArray
-    """Which entries are zeros, shape (n, 2k)."""
+    """Mask of the entries that are zeros, shape (n, 2k)."""
     everywhere: BoolArray
-    """Polynomials that vanish identically, which have no zeros to list, shape (n,)."""
+    """Mask of polynomials that vanish identically and list no zeros, shape (n,)."""
 
 
 def real_zeros(coefficients: FloatArray) -> RealZeros:
-    """Returns all real zeros of trigonometric polynomials of order one, two or three.
+    """Compute all real zeros of trigonometric polynomials of order 1, 2 or 3.
 
     Between neighbouring zeros of its derivative a function is monotone, so that a change of sign there encloses
     exactly one zero. A zero of the derivative that is missed is a double one, at which the function goes on
@@ -225,7 +228,7 @@ def real_zeros(coefficients: FloatArray) -> RealZeros:
     touching = (np.abs(value) <= TOUCH) & ~everywhere[:, None]
     gap = np.roll(split, -1, axis=1) - split
     gap[:, -1] += TURN
-    # Of touching neighbours the last stands for all.
+    # The last of touching neighbours represents them.
     listed = touching & ~(np.roll(touching, -1, axis=1) & (gap < ONE_ZERO))
     sign = np.where(touching, 0.0, np.sign(value))
     crossing = sign * np.roll(sign, -1, axis=1) < 0
@@ -243,12 +246,12 @@ def real_zeros(coefficients: FloatArray) -> RealZeros:
 
 
 def polynomial_value(coefficients: FloatArray, angle: FloatArray) -> FloatArray:
-    """Returns f0 + f1 cos + f2 sin + f3 cos 2 + ... at angles [rad] (n, m), shape (n, m)."""
+    """Evaluate f0 + f1 cos + f2 sin + f3 cos 2 + ... at angles [rad], shape (n, m)."""
     return _value_and_slope(coefficients.T[:, :, None], angle)[0]
 
 
 def _value_and_slope(columns: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns a polynomial and its derivative; coefficients come first, (2k + 1, ...)."""
+    """Evaluate a polynomial and its derivative; coefficients come first, (2k + 1, ...)."""
     cos, sin = elementary.cos(angle), elementary.sin(angle)
     value = columns[0] + columns[1] * cos + columns[2] * sin
     slope = columns[2] * cos - columns[1] * sin
@@ -262,7 +265,7 @@ def _value_and_slope(columns: FloatArray, angle: FloatArray) -> tuple[FloatArray
 
 
 def first_order_square(rows: FloatArray) -> FloatArray:
-    """Returns the squares of first-order polynomials (n, 3): of second order, shape (n, 5)."""
+    """Square first-order polynomials (n, 3); the result is of second order, (n, 5)."""
     k, a, b = rows.T
     return np.stack(
         [k * k + 0.5 * (a * a + b * b), 2 * k * a, 2 * k * b, 0.5 * (a * a - b * b), a * b], axis=1
@@ -270,7 +273,7 @@ def first_order_square(rows: FloatArray) -> FloatArray:
 
 
 def derivative(coefficients: FloatArray) -> FloatArray:
-    """Returns the coefficients of the derivative by the angle, of the same shape."""
+    """Differentiate polynomials by the angle: coefficients of the same shape."""
     slope = np.zeros_like(coefficients)
     order = np.arange(1, coefficients.shape[1] // 2 + 1)
     slope[:, 1::2] = order * coefficients[:, 2::2]
@@ -279,17 +282,20 @@ def derivative(coefficients: FloatArray) -> FloatArray:
 
 
 def _derivative_zeros(coefficients: FloatArray) -> FloatArray:
-    """Returns angles among which are all simple real zeros of the derivative, shape (n, 2k)."""
+    """Compute candidates for the real zeros of the derivative [rad], shape (n, 2k).
+
+    All simple real zeros are among them.
+    """
     slope = derivative(coefficients)
     k = coefficients.shape[1] // 2
     if k == 1:
         top = elementary.arctan2(coefficients[:, 2], coefficients[:, 1])
         return np.column_stack([top, top + np.pi])
-    return (second_order_zeros if k == 2 else zeros_by_companion)(slope)[0]
+    return (second_order_zeros if k == 2 else zeros_of_any_order)(slope)[0]
 
 
 def _wrapped(angle: FloatArray) -> FloatArray:
-    """Returns angles in (-pi, pi], unchanged where they are there already."""
+    """Wrap angles to (-pi, pi]; angles in that range keep their bits."""
     turned = angle - TURN * np.round(angle / TURN)
     return np.where(turned <= -np.pi, np.pi, turned)
 
@@ -297,10 +303,10 @@ def _wrapped(angle: FloatArray) -> FloatArray:
 def _enclosed_zeros(
     columns: FloatArray, low: FloatArray, gap: FloatArray, before: FloatArray, after: FloatArray
 ) -> FloatArray:
-    """Returns the one zero in each (low, low + gap), whose ends are extrema of opposite signs.
+    """Compute the zero in each interval whose ends are extrema of opposite signs.
 
-    Newton's method from the zero of the half wave through both ends; where a step leaves the enclosure
-    or does not halve the one before, bisection.
+    Newton's method starts at the zero of the half wave through both ends. A step that leaves the enclosure or does
+    not halve the previous step is replaced by bisection.
 
     Args:
         columns: coefficients, shape (2k + 1, m).
@@ -330,7 +336,7 @@ def _enclosed_zeros(
         )
         last = size
         if done.any():
-            on = np.flatnonzero(~done)
-            active, columns = active[on], columns[:, on]
-            angle, last, low, high, sign = (a[on] for a in (angle, last, low, high, sign))
+            remaining = np.flatnonzero(~done)
+            active, columns = active[remaining], columns[:, remaining]
+            angle, last, low, high, sign = (a[remaining] for a in (angle, last, low, high, sign))
     return zero

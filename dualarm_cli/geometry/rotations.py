@@ -1,4 +1,4 @@
-"""Rotations as arrays: exponential, logarithm and the matrix of a cross product, for many at once."""
+"""Batched rotations: exponential, logarithm, quaternions, roll-pitch-yaw and cross-product matrices."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from dualarm_cli.geometry.elementary import arctan2, cos, cube, sin
 from dualarm_cli.geometry.products import norm, product
 
 SMALL = 1e-6
-"""Angles below this are taken by their series [rad]."""
+"""Angle below which series replace closed formulas [rad]."""
 
 
 def skew(vector: FloatArray) -> FloatArray:
-    """Returns matrices K (..., 3, 3) with K u = v x u for vectors v (..., 3)."""
+    """Build cross-product matrices (..., 3, 3) of vectors (..., 3): K u = v x u."""
     x, y, z = np.moveaxis(np.asarray(vector, dtype=np.float64), -1, 0)
     zero = np.zeros_like(x)
     rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
@@ -21,35 +21,35 @@ def skew(vector: FloatArray) -> FloatArray:
 
 
 def exp_rotation(vector: FloatArray) -> FloatArray:
-    """Returns rotations (..., 3, 3) by rotation vectors (..., 3) [rad] (Rodrigues' formula)."""
+    """Compute rotations (..., 3, 3) from rotation vectors (..., 3) [rad] by Rodrigues' formula."""
     angle = norm(vector, axis=-1)[..., None, None]
     safe = np.where(angle < SMALL, 1.0, angle)
-    one = np.where(angle < SMALL, 1.0 - np.square(angle) / 6.0, sin(safe) / safe)
-    two = np.where(
+    first = np.where(angle < SMALL, 1.0 - np.square(angle) / 6.0, sin(safe) / safe)
+    second = np.where(
         angle < SMALL, 0.5 - np.square(angle) / 24.0, (1.0 - cos(safe)) / np.square(safe)
     )
     K = skew(vector)
-    return np.eye(3) + one * K + two * product(K, K)
+    return np.eye(3) + first * K + second * product(K, K)
 
 
 def right_jacobian(vector: FloatArray) -> FloatArray:
-    """Compute matrices from rates of rotation vectors (..., 3) to angular velocities.
+    """Compute the right Jacobians of rotation vectors (..., 3): rates to angular velocities.
 
-    Angular velocities are in the turned frame; shape (..., 3, 3).
+    Angular velocities are in the rotated frame; shape (..., 3, 3).
     """
     angle = norm(vector, axis=-1)[..., None, None]
     safe = np.where(angle < SMALL, 1.0, angle)
-    one = np.where(angle < SMALL, 0.5, (1.0 - cos(safe)) / np.square(safe))
-    two = np.where(angle < SMALL, 1.0 / 6.0, (safe - sin(safe)) / cube(safe))
+    first = np.where(angle < SMALL, 0.5, (1.0 - cos(safe)) / np.square(safe))
+    second = np.where(angle < SMALL, 1.0 / 6.0, (safe - sin(safe)) / cube(safe))
     K = skew(vector)
-    return np.eye(3) - one * K + two * product(K, K)
+    return np.eye(3) - first * K + second * product(K, K)
 
 
 def rpy_angles(R: FloatArray) -> FloatArray:
-    """Returns roll, pitch, yaw (3,) [rad] with R = Rz(yaw) Ry(pitch) Rx(roll), for one rotation (3, 3).
+    """Compute roll, pitch, yaw (3,) [rad] with R = Rz(yaw) Ry(pitch) Rx(roll).
 
-    Pitch and roll are read after the yaw has been taken off, so that the three agree with R to rounding also where
-    pitch is a quarter turn and the yaw alone means nothing.
+    Pitch and roll are read after the yaw is removed. So the three agree with R to rounding also at a pitch of a
+    quarter turn, where the yaw is arbitrary.
     """
     yaw = float(arctan2(R[1, 0], R[0, 0]))
     c, s = cos(yaw), sin(yaw)
@@ -60,9 +60,9 @@ def rpy_angles(R: FloatArray) -> FloatArray:
 
 
 def log_rotation(R: FloatArray) -> FloatArray:
-    """Returns rotation vectors (..., 3) [rad] of rotations (..., 3, 3), angles up to pi.
+    """Compute rotation vectors (..., 3) [rad] of rotations, angles up to pi.
 
-    Through the quaternion of the largest component, so that it is exact for small angles and near half a turn.
+    The quaternion of the largest component keeps it exact for small angles and near half a turn.
     """
     quaternion = to_quaternion(R)
     vector, w = quaternion[..., :3], quaternion[..., 3:]
@@ -70,12 +70,12 @@ def log_rotation(R: FloatArray) -> FloatArray:
     sine = norm(vector, axis=-1, keepdims=True)
     angle = 2.0 * arctan2(sine, np.abs(w))
     scale = np.where(sine < SMALL, 2.0, angle / np.where(sine < SMALL, 1.0, sine))
-    found: FloatArray = vector * scale
-    return found
+    rotation_vector: FloatArray = vector * scale
+    return rotation_vector
 
 
 def to_quaternion(R: FloatArray) -> FloatArray:
-    """Returns unit quaternions x, y, z, w (..., 4) of rotations (..., 3, 3)."""
+    """Compute unit quaternions x, y, z, w (..., 4) of rotations (..., 3, 3)."""
     R = np.asarray(R, dtype=np.float64)
     xx, yy, zz = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
     # Row k of the symmetric matrix 4 q q^T: the one with the largest diagonal is the best conditioned.
@@ -90,10 +90,10 @@ def to_quaternion(R: FloatArray) -> FloatArray:
         ],
         axis=-2,
     )
-    best = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
-    row = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
-    found: FloatArray = row / norm(row, axis=-1, keepdims=True)
-    return found
+    largest = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
+    row = np.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]
+    quaternion: FloatArray = row / norm(row, axis=-1, keepdims=True)
+    return quaternion
 
 
 def from_quaternion(q: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dualarm_cli.geometry.roots import first_order_zeros, second_order_zeros, zeros_by_companion
+from dualarm_cli.geometry.roots import first_order_zeros, second_order_zeros, zeros_of_any_order
 
 
 def value(coefficients, angle):
@@ -104,7 +104,7 @@ def test_closed_form_and_companion_matrix_agree_on_real_zeros(row):
     coefficients = np.array([row])
     scale = np.abs(coefficients).max()
     angle, imaginary = second_order_zeros(coefficients)
-    other, other_imaginary = zeros_by_companion(coefficients)
+    other, other_imaginary = zeros_of_any_order(coefficients)
     # The grid is crooked, so that no sample falls on a zero of a polynomial with simple coefficients.
     samples = np.linspace(-3.14, 3.14, 719)[None] + 0.00123
     f = value(coefficients, samples)[0]
@@ -120,7 +120,7 @@ def test_the_third_order_finds_every_sign_change():
     """Eigenvalues find what a dense scan of 5,000 random third-order polynomials sees."""
     rng = np.random.default_rng(7)
     coefficients = rng.normal(size=(2_000, 7))
-    angle, imaginary = zeros_by_companion(coefficients)
+    angle, imaginary = zeros_of_any_order(coefficients)
     grid = np.linspace(-np.pi, np.pi, 1440, endpoint=False)
     f = value(coefficients, np.broadcast_to(grid, (len(coefficients), len(grid))))
     row, column = np.nonzero(f * np.roll(f, -1, axis=1) < 0)
@@ -139,7 +139,7 @@ def test_zeros_in_every_direction_that_may_be_put_at_infinity_are_found(order):
     )
     for m in range(1, order + 1):
         f = np.sin(m * samples) * (2.0 + np.cos(samples)) ** (order - m)
-        angle, imaginary = zeros_by_companion(np.linalg.solve(basis, f)[None])
+        angle, imaginary = zeros_of_any_order(np.linalg.solve(basis, f)[None])
         real = angle[0][imaginary[0] < 1e-9]
         expected = np.arange(2 * m) * (np.pi / m)
         assert len(real) == 2 * m

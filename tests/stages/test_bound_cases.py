@@ -184,24 +184,24 @@ def test_cells_of_a_stop_are_points_poses_or_anything(random_problem: Problems) 
     assert points.approach.index.tolist() == [0, 0, 0, 1, 1, 1]
     assert (points.approach.high[:7] - points.approach.low[:7]).max() <= 1  # steps of the table
     assert points.same
-    assert not points.untold
+    assert not points.ignored
     for line in ({"approach": 0.0}, {"retract": 0.0}, {}):
         for tilt in (0.0, 0.3):
             boxes = _boxes(problem, tilt, **given, **line)
             assert is_anything(boxes)
-            assert (boxes.same, boxes.untold) == (False, ())
+            assert (boxes.same, boxes.ignored) == (False, ())
             assert not is_anything(_boxes(problem, tilt, **line))
     assert is_anything(_boxes(problem, 0.3, **free))
-    assert not _boxes(problem, 0.3, **free).untold
+    assert not _boxes(problem, 0.3, **free).ignored
     one = _boxes(problem, 0.0)
     for yaws in (free, three):
         boxes = _boxes(problem, 0.0, **yaws)
-        assert boxes.untold == (6,)
+        assert boxes.ignored == (6,)
         assert len(boxes.approach.index) <= len(one.approach.index)
         assert (boxes.approach.low[6] == everything[0][6]).all()
         assert (boxes.approach.high[6] == everything[1][6]).all()
     tilted, turned = _boxes(problem, 0.3), _boxes(problem, 0.3, **three)
-    assert not turned.untold
+    assert not turned.ignored
     assert set(turned.approach.kind.tolist()) > set(tilted.approach.kind.tolist())
 
 
@@ -522,6 +522,6 @@ def test_a_stage_takes_what_other_arms_need_from_the_cell_before_or_from_any(kno
             rows = [before] if known else range(4)
             told[before, then] = max(min(other[k, then] for k in rows) for other in others)
     least = np.median(told)
-    bound_pairs._least_from(SimpleNamespace(to_go=np.zeros(3)), stage, others, least, None)
+    bound_pairs._least_from(SimpleNamespace(remaining=np.zeros(3)), stage, others, least, None)
     expected = np.where(told > least, told, least)
     np.testing.assert_array_equal(asked[0], expected)
