@@ -1,4 +1,4 @@
-"""Exactly equal elbow displacements, in closed form; where there are none, the exact best."""
+"""The exact solver: equal elbow displacements in closed form, or else the least imbalance."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ class ExactSettings:
     """Tolerances and iterations of exact platform angles."""
 
     nearly_real: float = 1e-3
-    """Imaginary part up to which a zero may stand for a real one.
+    """Imaginary part up to which a zero is tried as a real zero.
 
     Where the two branches of the squared equation nearly touch, rounding makes a complex pair of its zeros. The
     unsquared equation decides.
     """
     newton_steps: int = 5
-    """Steps on the unsquared equation from each zero of the squared one, at most."""
+    """Maximum number of Newton steps on the unsquared equation from each zero."""
     solved: float = 1e-13
-    """Difference of displacements at which a root is as good as it gets [rad]."""
+    """Difference of displacements at which a root has converged [rad]."""
     root_tolerance: float = 5e-10
     """Largest difference of displacements at a root [rad]."""
     false_root: float = 0.05
@@ -47,7 +47,7 @@ class ExactSettings:
     It then belongs to the squared equation only.
     """
     nearly_stretched: float = 1e-3
-    """Distance of |x| from 1 below which the first step is taken on the squared equation."""
+    """Distance of |x| from 1 below which the squared equation gives the first step."""
     close_pair: float = 1e-3
     """Distance below which two zeros of the squared equation are a pair [rad].
 
@@ -55,26 +55,26 @@ class ExactSettings:
     """
     stiff: float = 1e-7
     """Sine of an elbow angle below which an arm counts as stretched or folded."""
-    alike: float = 1e-11
-    """Difference of displacements below which a sign's equation counts as true at every angle."""
+    identity: float = 1e-11
+    """Coefficient below which a sign's equation counts as true at every angle."""
     fixed_point_steps: int = 4
-    """Each gains the factor `square` or more."""
+    """Number of fixed-point steps; each reduces the error by `square` or more."""
     square: float = 1e-4
     """Relative size of h up to which the squared equation is nearly a square.
 
     Relative to the swing of x_1 - m x_2. The zeros are then nearly double and inaccurate.
     """
     same_root: float = 1e-8
-    """Roots nearer than this are one [rad]."""
-    hair: float = 1e-12
+    """Distance below which two roots are the same [rad]."""
+    boundary_margin: float = 1e-12
     """Distance of a boundary inside its limit of x.
 
     Rounding then does not put the boundary out of reach.
     """
     chunk: int = 4096
-    """Moves solved at a time: their arrays stay in the processor's cache."""
+    """Number of moves in a batch, whose arrays fit the processor's cache."""
     fallbacks: int = 4
-    """Candidates kept for a move without a reachable root, the best balanced first."""
+    """Number of candidates of a move without a reachable root, least imbalance first."""
 
 
 EXACT = ExactSettings()
@@ -83,7 +83,7 @@ EXACT = ExactSettings()
 def balanced_angles(
     coefficients: FloatArray, elbow_0: FloatArray, angle_0: FloatArray
 ) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """Returns all angles at which the elbows move equally: four for s = +1, then four for s = -1.
+    """Compute all angles with equal elbow displacements, four for each sign s.
 
     Args:
         coefficients: u, v, w of x_i, shape (n, 2, 3).
@@ -91,14 +91,15 @@ def balanced_angles(
         angle_0: platform angle before the move [rad], shape (n,).
 
     Returns:
-        Angles [rad], at most half a turn from the start, shape (n, 8); which of them are roots; and the moves
-        for which the equation of one sign is true at every angle, so that the start stands for all, shape (n,).
+        Angles within half a turn of the start [rad], first for s = +1, then for s = -1, and the mask of roots, both of
+        shape (n, 8); and the mask of moves for which the equation of a sign is true at every angle, so that the start
+        represents all, shape (n,).
     """
     n = len(angle_0)
     sign, start = np.repeat([1.0, -1.0], n), np.tile(angle_0, 2)
     arms = np.tile(coefficients.reshape(n, 6).T, 2)  # u1, v1, w1, u2, v2, w2
     target = np.tile(elbow_0[:, 0], 2) - sign * np.tile(elbow_0[:, 1], 2)
-    mirror, half, alike = _difference_form(arms, target, sign)
+    mirror, half, always = _difference_form(arms, target, sign)
     weight = 4.0 * mirror * half * half
     zeros, imaginary = second_order_zeros(_squared(arms, mirror, weight))
     swing = np.hypot(arms[1] - mirror * arms[4], arms[2] - mirror * arms[5])
@@ -107,48 +108,48 @@ def balanced_angles(
         zeros[square, :2], exist = _first_order(arms[:, square], sign[square], half[square])
         imaginary[square] = np.inf
         imaginary[square, :2] = np.where(exist, 0.0, np.inf)
-    # Where every angle is equal the start stands for all, if it is a solution.
-    every = alike | np.tile(is_degenerate(coefficients), 2)
-    zeros[every, 0] = start[every]
-    imaginary[every] = [0.0, np.inf, np.inf, np.inf]
+    # If every angle is equal the start represents all, if it is a solution.
+    any_angle = always | np.tile(is_degenerate(coefficients), 2)
+    zeros[any_angle, 0] = start[any_angle]
+    imaginary[any_angle] = [0.0, np.inf, np.inf, np.inf]
     row, column = np.nonzero(imaginary <= EXACT.nearly_real)
-    # Both factors of the quartic give their zeros side by side: columns 0 and 1, 2 and 3.
+    # Each factor of the quartic gives two neighbouring columns: 0 and 1, 2 and 3.
     partner = nearest_turn(zeros - zeros[:, [1, 0, 3, 2]], np.zeros(1))
     split = np.where(np.abs(partner) < EXACT.close_pair, [-1.0, 1.0, -1.0, 1.0], 0.0)[row, column]
     form = np.vstack([arms, sign, target, start, mirror, weight])[:, row]
-    kept, phi = _polish(np.vstack([form, split]), zeros[row, column])
-    row, column = row[kept], column[kept]
+    rows, phi = _polish(np.vstack([form, split]), zeros[row, column])
+    row, column = row[rows], column[rows]
     roots, true = np.zeros_like(zeros), np.zeros(zeros.shape, dtype=np.bool_)
     roots[row, column], true[row, column] = phi, True
     true = _distinct(roots, true)
     return (
         np.hstack([roots[:n], roots[n:]]),
         np.hstack([true[:n], true[n:]]),
-        alike[:n] | alike[n:],
+        always[:n] | always[n:],
     )
 
 
 def _difference_form(
     arms: FloatArray, target: FloatArray, sign: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Returns m and h of the squared equation without cancellation, and where it says nothing.
+    """Compute m and h of the squared equation, and the mask of identities.
 
     With m the sign of cos K and h = sin(K/2) for m = 1, cos(K/2) for m = -1, the squared equation is
 
         (x_1 - m x_2)² + 4 m h² (x_1 x_2 - m (1 - h²)) = 0.
 
-    Arms that move nearly alike and start nearly alike make both terms small, each with all its digits. Where both
-    vanish and m = s, q4_1 - s q4_2 is K at every angle.
+    Arms with nearly the same motion and start make both terms small, each without cancellation. Where both vanish and
+    m = s, q4_1 - s q4_2 is K at every angle.
     """
     mirror = np.where(cos(target) >= 0.0, 1.0, -1.0)
     half = np.where(mirror > 0.0, sin(target / 2.0), cos(target / 2.0))
     gap = np.abs(arms[:3] - mirror * arms[3:]).sum(axis=0)
-    alike = (gap <= EXACT.alike) & (np.abs(half) <= EXACT.alike) & (mirror == sign)
-    return mirror, half, alike
+    identity = (gap <= EXACT.identity) & (np.abs(half) <= EXACT.identity) & (mirror == sign)
+    return mirror, half, identity
 
 
 def _squared(arms: FloatArray, mirror: FloatArray, weight: FloatArray) -> FloatArray:
-    """Returns f0 to f4 of the squared equation, shape (m, 5)."""
+    """Compute the coefficients f0 to f4 of the squared equation, shape (m, 5)."""
     u1, v1, w1, u2, v2, w2 = arms
     u, v, w = arms[:3] - mirror * arms[3:]
     # m (1 - h²) with h² = m weight / 4
@@ -166,7 +167,7 @@ def _squared(arms: FloatArray, mirror: FloatArray, weight: FloatArray) -> FloatA
 def _first_order(
     arms: FloatArray, sign: FloatArray, half: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Returns the zeros of a nearly square equation from its root, (m, 2), and which exist.
+    """Compute the zeros of nearly square equations, and their mask, (m, 2).
 
     For s = m sums of cosines as products give the unsquared equation itself,
 
@@ -185,55 +186,60 @@ def _first_order(
         q = arccos(np.clip(u + v * cos(phi) + w * sin(phi), -1.0, 1.0))
         mean = np.where(s > 0.0, -sin((q[0] + q[1]) / 2.0), cos((q[0] - q[1]) / 2.0))
         right = 2.0 * half[:, None] * mean
-    # At an extremum rounding decides whether there is a zero: the unsquared equation is to say.
+    # At an extremum the existence of a zero is a matter of rounding: the unsquared equation decides.
     return phi, (np.abs(ratio) <= 1.0 + 1e-9) & (swing > 0.0)
 
 
 def _polish(form: FloatArray, phi: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Returns which zeros of the squared equation solve q4_1 - s q4_2 = K, and those angles.
+    """Refine zeros of the squared equation to solutions of the unsquared one.
 
-    Newton's method on the unsquared equation. With an arm nearly stretched, or just beyond that by the closed
-    form's rounding, the slope there is no help: such zeros first take a step on the squared equation, which is smooth.
+    Newton's method on q4_1 - s q4_2 = K. With an arm nearly stretched, or just beyond by rounding, its slope is
+    useless: such zeros first take a step on the squared equation, which is smooth.
 
     Args:
-        form: u1, v1, w1, u2, v2, w2, s, K, the start angle, m, 4 m h² and the way out of a close pair (-1 and 1; 0 for
-            others) of every zero, shape (12, m).
+        form: u1, v1, w1, u2, v2, w2, s, K, the start angle, m, 4 m h² and the direction out of a close pair (-1 and 1;
+            0 for others) of every zero, shape (12, m).
         phi: the zeros [rad], shape (m,).
+
+    Returns:
+        Columns of the zeros that are solutions, and the solutions [rad].
     """
-    # Wrapped before it is looked at, so that the angle looked at last is the angle given.
+    # Wrapped before it is tested, so that the angle tested last is the angle returned.
     phi = nearest_turn(phi, form[8])
-    kept: IntArray = np.arange(len(phi))
-    busy, true = kept, np.zeros(len(phi), dtype=np.bool_)
+    columns: IntArray = np.arange(len(phi))
+    active, true = columns, np.zeros(len(phi), dtype=np.bool_)
     for step in range(EXACT.newton_steps + 1):
-        part = form[:, busy]
-        x, slope, difference = _evaluate(part, phi[busy])
+        part = form[:, active]
+        x, slope, difference = _evaluate(part, phi[active])
         inside = (np.abs(x) <= 1.0 + 1e-12).all(axis=0)
-        true[busy] = (np.abs(difference) <= EXACT.root_tolerance) & inside
-        # Most zeros belong to the false branch: they go at once.
+        true[active] = (np.abs(difference) <= EXACT.root_tolerance) & inside
+        # Most zeros solve the squared equation only: they are dropped at once.
         size = np.abs(difference)
-        near = size < EXACT.false_root
+        candidate = size < EXACT.false_root
         if step == 0:
             stretched: BoolArray = np.asarray(
                 (np.abs(x) > 1.0 - EXACT.nearly_stretched).any(axis=0)
             )
-            near |= stretched
-        on = np.flatnonzero((size > EXACT.solved) & near)
-        if on.size == 0 or step == EXACT.newton_steps:
+            candidate |= stretched
+        unsolved = np.flatnonzero((size > EXACT.solved) & candidate)
+        if unsolved.size == 0 or step == EXACT.newton_steps:
             break
-        busy = busy[on]
-        part, x, slope = part[:, on], x[:, on], slope[:, on]
-        move = _newton_step(part, x, slope, difference[on])
+        active = active[unsolved]
+        part, x, slope = part[:, unsolved], x[:, unsolved], slope[:, unsolved]
+        move = _newton_step(part, x, slope, difference[unsolved])
         if step == 0:
-            some = np.flatnonzero(stretched[on])
-            move[some] = _squared_step(part[:, some], x[:, some], slope[:, some])
-        phi[busy] = nearest_turn(phi[busy] + move, form[8, busy])
-    return kept[true], phi[true]
+            from_stretched = np.flatnonzero(stretched[unsolved])
+            move[from_stretched] = _squared_step(
+                part[:, from_stretched], x[:, from_stretched], slope[:, from_stretched]
+            )
+        phi[active] = nearest_turn(phi[active] + move, form[8, active])
+    return columns[true], phi[true]
 
 
 def _evaluate(form: FloatArray, phi: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns x and x' of both arms, shape (2, m), and q4_1 - s q4_2 - K, shape (m,)."""
+    """Evaluate x and x' of both arms, (2, m), and the residual [rad], (m,)."""
     c, s = cos(phi), sin(phi)
-    # The same sums in the same order as `elbow_cosine`: near a stretched arm the last digit of x shows.
+    # The same sums in the same order as `elbow_cosine`: near a stretched arm the last digit of x matters.
     x = np.stack([form[0] + form[1] * c + form[2] * s, form[3] + form[4] * c + form[5] * s])
     slope = np.stack([form[2] * c - form[1] * s, form[5] * c - form[4] * s])
     q = arccos(np.clip(x, -1.0, 1.0))
@@ -243,23 +249,23 @@ def _evaluate(form: FloatArray, phi: FloatArray) -> tuple[FloatArray, FloatArray
 def _newton_step(
     form: FloatArray, x: FloatArray, slope: FloatArray, difference: FloatArray
 ) -> FloatArray:
-    """Returns Newton's step on q4_1 - s q4_2 = K; none where it would leave the zero it is to polish.
+    """Compute Newton's step on q4_1 - s q4_2 = K [rad].
 
-    That is where it is not small, and where an arm is stretched, so that the slope is infinite.
+    Zero where the step is large, and where an arm is stretched, so that the slope is infinite.
     """
     sine = np.sqrt(np.maximum((1.0 - x) * (1.0 + x), 0.0))
     rate = -slope / np.maximum(sine, EXACT.stiff)
     change = rate[0] - form[6] * rate[1]
     move = -difference / np.where(np.abs(change) > 1e-9, change, np.inf)
-    good = (np.abs(move) < EXACT.false_root) & (np.minimum(sine[0], sine[1]) > EXACT.stiff)
-    return np.where(good, move, 0.0)
+    valid = (np.abs(move) < EXACT.false_root) & (np.minimum(sine[0], sine[1]) > EXACT.stiff)
+    return np.where(valid, move, 0.0)
 
 
 def _squared_step(form: FloatArray, x: FloatArray, slope: FloatArray) -> FloatArray:
-    """Returns steps to a zero of the squared equation's local quadratic [rad].
+    """Compute steps to a zero of the squared equation's local quadratic [rad].
 
-    The nearer one; of a close pair each member goes to one of its own. Exact for simple and for double zeros
-    alike; none where it is not small.
+    To the nearer zero; the members of a close pair go to different zeros. Exact for simple and double zeros; zero
+    where the step is large.
     """
     mirror, weight, swing = form[9], form[10], x - form[[0, 3]]
     gap, gap_1 = x[0] - mirror * x[1], slope[0] - mirror * slope[1]
@@ -271,20 +277,20 @@ def _squared_step(form: FloatArray, x: FloatArray, slope: FloatArray) -> FloatAr
     root = np.sqrt(np.maximum(f1 * f1 - 2.0 * f * f2, 0.0))
     larger = f1 + np.where(f1 < 0.0, -root, root)
     nearer = -2.0 * f / np.where(larger == 0.0, np.inf, larger)
-    own = (form[11] * root - f1) / np.where(f2 == 0.0, np.inf, f2)
-    step = np.where(form[11] == 0.0, nearer, own)
+    separate = (form[11] * root - f1) / np.where(f2 == 0.0, np.inf, f2)
+    step = np.where(form[11] == 0.0, nearer, separate)
     return np.where(np.abs(step) < EXACT.false_root, step, 0.0)
 
 
 def _distinct(angle: FloatArray, valid: BoolArray) -> BoolArray:
-    """Returns which roots are valid and not equal to one before them."""
+    """Select the valid roots that differ from all roots before them."""
     several = np.flatnonzero(valid.sum(axis=1) > 1)
-    some, angle = valid[several], angle[several]
+    mask, angle = valid[several], angle[several]
     for k in range(1, angle.shape[1]):
         for i in range(k):
             turn = np.abs(nearest_turn(angle[:, k] - angle[:, i], np.zeros(1)))
-            some[:, k] &= ~(some[:, i] & (turn < EXACT.same_root))
-    valid[several] = some
+            mask[:, k] &= ~(mask[:, i] & (turn < EXACT.same_root))
+    valid[several] = mask
     return valid
 
 
@@ -297,11 +303,11 @@ FALLBACK_KINDS = np.repeat(
 def unbalanced_angles(
     coefficients: FloatArray, angle_0: FloatArray
 ) -> tuple[FloatArray, IntArray, BoolArray]:
-    """Returns candidates for moves without a balance: angles [rad], kinds and validity, (n, 21).
+    """Compute candidates for moves without a root: angles [rad], kinds, validity, (n, 21).
 
-    On every interval of platform angles in which both arms reach, q4_1 - s q4_2 has its extrema at the ends or
-    where its derivative vanishes; the candidates are all of these, for both signs. If the angle
-    changes no elbow, the start is the one candidate.
+    On every interval of platform angles in which both arms reach, q4_1 - s q4_2 has its extrema at the ends or at zeros
+    of its derivative; the candidates are all of these, for both signs. If the angle changes no elbow, the start is the
+    single candidate.
 
     Args:
         coefficients: u, v, w of x_i, shape (n, 2, 3).
@@ -309,14 +315,14 @@ def unbalanced_angles(
     """
     degenerate = is_degenerate(coefficients)
     boundary, exists = _boundaries(coefficients)
-    # Both arms reach some angle if they reach an end of one arm's interval, or if there are no ends.
+    # Both arms reach an angle if they reach an end of an arm's interval, or if there are no ends.
     reached = _reached(coefficients, boundary) & exists
-    open_ = _reached(coefficients, np.zeros((len(angle_0), 1)))[:, 0] & ~exists.any(axis=1)
-    some = np.flatnonzero((reached.any(axis=1) | open_) & ~degenerate)
+    unlimited = _reached(coefficients, np.zeros((len(angle_0), 1)))[:, 0] & ~exists.any(axis=1)
+    rows = np.flatnonzero((reached.any(axis=1) | unlimited) & ~degenerate)
     stationary = np.zeros((len(angle_0), 6))
     valid = np.zeros((2, *stationary.shape), dtype=np.bool_)
-    if some.size:
-        stationary[some], valid[0, some], valid[1, some] = _stationary(coefficients[some])
+    if rows.size:
+        stationary[rows], valid[0, rows], valid[1, rows] = _stationary(coefficients[rows])
     return (
         np.hstack([angle_0[:, None], stationary, stationary, boundary]),
         FALLBACK_KINDS,
@@ -325,15 +331,15 @@ def unbalanced_angles(
 
 
 def _boundaries(coefficients: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Returns the angles at which an arm is just stretched or folded, shape (n, 8), and which exist.
+    """Compute the boundaries of the arms' reach, and their mask, shape (n, 8).
 
-    An arm that comes within rounding of its limit without passing it has its boundary where it is nearest.
+    An arm that touches its limit within rounding has its boundary at the nearest angle.
     """
     angles, exist = [], []
     for arm in (0, 1):
         u, v, w = coefficients[:, arm].T
         swing, middle = np.hypot(v, w), arctan2(w, v)
-        for limit in (1.0 - EXACT.hair, EXACT.hair - 1.0):
+        for limit in (1.0 - EXACT.boundary_margin, EXACT.boundary_margin - 1.0):
             exists = (np.abs(limit - u) <= swing + REACH_SLACK) & (swing > 0.0)
             ratio = np.where(exists, limit - u, 0.0) / np.where(exists, swing, 1.0)
             half = arccos(np.clip(ratio, -1.0, 1.0))
@@ -343,14 +349,17 @@ def _boundaries(coefficients: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 
 def _reached(coefficients: FloatArray, angle: FloatArray) -> BoolArray:
-    """Returns whether both arms reach at angles [rad] (n, k), shape (n, k)."""
+    """Check that both arms reach at angles [rad], shape (n, k)."""
     u, v, w = (coefficients[:, None, :, k] for k in range(3))
     x = u + v * cos(angle)[..., None] + w * sin(angle)[..., None]
     return np.asarray((np.abs(x) <= 1.0 + REACH_SLACK).all(axis=-1))
 
 
 def _stationary(coefficients: FloatArray) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """Returns the stationary points of q4_1 - q4_2 and q4_1 + q4_2: angles (n, 6), and whose they are."""
+    """Compute the stationary points of q4_1 - q4_2 and q4_1 + q4_2.
+
+    Returns angles [rad] and the masks of those of the difference and of the sum, shape (n, 6) each.
+    """
     zeros = real_zeros(stationary_polynomial(coefficients))
     u, v, w = (coefficients[..., k][:, :, None] for k in range(3))
     c, s = cos(zeros.angle)[:, None], sin(zeros.angle)[:, None]
@@ -362,21 +371,22 @@ def _stationary(coefficients: FloatArray) -> tuple[FloatArray, BoolArray, BoolAr
 
 
 def stationary_polynomial(coefficients: FloatArray) -> FloatArray:
-    """Returns x_1'² (1 - x_2²) - x_2'² (1 - x_1²), whose order-four parts cancel, shape (n, 7).
+    """Compute the polynomial whose zeros are the stationary points, shape (n, 7).
 
-    With D = x_1' x_2 - x_1 x_2' (of order one) it is x_1'² - x_2'² - D (x_1' x_2 + x_1 x_2'); columns are
-    1, cos, sin, cos 2, sin 2, cos 3, sin 3. Our own derivation.
+    It is x_1'² (1 - x_2²) - x_2'² (1 - x_1²), whose parts of order four cancel. With D = x_1' x_2 - x_1 x_2' (of order
+    one) it is x_1'² - x_2'² - D (x_1' x_2 + x_1 x_2'); columns are 1, cos, sin, cos 2, sin 2, cos 3, sin 3. Our own
+    derivation.
     """
     # Laurent coefficients in z = e^{i phi}: x = (v + i w)/2 z^-1 + u + (v - i w)/2 z.
     u, v, w = (coefficients[..., i] for i in range(3))
     x = np.stack([(v + 1j * w) / 2.0, u + 0j, (v - 1j * w) / 2.0], axis=-1)
     dx = x * np.array([-1j, 0.0, 1j])
     x1, x2, d1, d2 = x[:, 0], x[:, 1], dx[:, 0], dx[:, 1]
-    one, other = _product(d1, x2), _product(x1, d2)
-    D = (one - other)[:, 1:4]
+    first, second = _product(d1, x2), _product(x1, d2)
+    D = (first - second)[:, 1:4]
     f = np.zeros((len(x), 7), dtype=np.complex128)
     f[:, 1:6] = _product(d1 - d2, d1 + d2)
-    f -= _product(D, one + other)
+    f -= _product(D, first + second)
     columns = [f[:, 3].real]
     for k in (1, 2, 3):
         columns += [2.0 * f[:, 3 + k].real, -2.0 * f[:, 3 + k].imag]
@@ -384,7 +394,7 @@ def stationary_polynomial(coefficients: FloatArray) -> FloatArray:
 
 
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Returns products of Laurent polynomials, row by row."""
+    """Multiply Laurent polynomials row by row."""
     out = np.zeros((len(a), a.shape[1] + b.shape[1] - 1), dtype=np.complex128)
     for k in range(a.shape[1]):
         out[:, k : k + b.shape[1]] += complex_product(a[:, k : k + 1], b)
@@ -398,19 +408,19 @@ FIELDS = ("angle", "kind", "valid", "reachable", "delta")
 
 
 def solve_exact(problem: PlatformProblem) -> PlatformSolution:
-    """Returns all angles at which the elbows move equally; where there is none, what is nearest.
+    """Compute all angles with equal elbow displacements, or else the least imbalance.
 
-    With K = q4_1,0 - s q4_2,0 and s = ±1 we want q4_1 - s q4_2 = K. The cosine of both sides, the root squared away:
+    With K = q4_1,0 - s q4_2,0 and s = ±1 we want q4_1 - s q4_2 = K. Taking cosines and squaring the root away gives
 
         x_1² + x_2² - 2 cos(K) x_1 x_2 - sin²(K) = 0,
 
     a trigonometric polynomial of order two in the platform angle, because every x_i is of order one. Its
-    zeros (at most four) are polished by Newton steps on the unsquared equation and kept only if they solve it.
+    zeros (at most four) are refined by Newton steps on the unsquared equation and selected only if they solve it.
     A move without a reachable root gets the stationary points of q4_1 - s q4_2 and the angles at which an arm is
-    just stretched or folded, best balanced first. Where every angle is a root, the start is given, or the edges of the
-    reach if the start is out of it. Within 1e-6 rad of a stretched or folded elbow the last digit of a platform
-    angle can move the elbow by more than a root may be off; a root there counts as the boundary, which is
-    listed where no other root is reachable. Our own derivation, after [Bottin2021] Eq. 3.
+    just stretched or folded, least imbalance first. If every angle is a root, the start is returned, or the boundaries
+    of reach if the start is out of reach. Within 1e-6 rad of a stretched or folded elbow the last digit of a platform
+    angle can move the elbow by more than the tolerance of a root; a root there counts as the boundary, which is
+    listed if no other root is reachable. Our own derivation, after [Bottin2021] Eq. 3.
     """
     n = len(problem.angle_0)
     chunks = [
@@ -425,39 +435,43 @@ def solve_exact(problem: PlatformProblem) -> PlatformSolution:
 
     return PlatformSolution(
         problem,
-        **{name: joined(name) for name in (*FIELDS, "degenerate", "alike")},
+        **{name: joined(name) for name in (*FIELDS, "degenerate", "always_balanced")},
         balanced_first=True,
     )
 
 
 def _solve_chunk(problem: PlatformProblem) -> PlatformSolution:
-    """Returns the candidates of a few thousand moves: eight columns of roots, then the fallbacks."""
+    """Solve a batch of moves: eight columns of roots, then the fallbacks."""
     n, coefficients = len(problem.angle_0), cosine_coefficients(problem)
-    angle, valid, alike = balanced_angles(coefficients, problem.elbow_0, problem.angle_0)
+    angle, valid, always = balanced_angles(coefficients, problem.elbow_0, problem.angle_0)
     angle = np.hstack([angle, np.zeros((n, EXACT.fallbacks))])
     valid = np.hstack([valid, np.zeros((n, EXACT.fallbacks), dtype=np.bool_)])
     kind = np.zeros(angle.shape, dtype=np.int64)
     kind[:, : ROOT_KINDS.size] = ROOT_KINDS
-    # A start out of reach cannot stand for all angles: then the edges of the reach do.
-    lost = alike & ~(angle == problem.angle_0[:, None]).any(axis=1, where=valid)
+    # A start out of reach cannot represent all angles: then the boundaries of reach do.
+    lost = always & ~(angle == problem.angle_0[:, None]).any(axis=1, where=valid)
     missing = np.flatnonzero((~valid.any(axis=1) | lost) & _each_reaches(coefficients))
     if missing.size:
-        rest = build_solution(
+        fallbacks = build_solution(
             problem.rows(missing),
             *unbalanced_angles(coefficients[missing], problem.angle_0[missing]),
             coefficients=coefficients[missing],
         )
-        best = replace(rest, balanced_first=True).order[:, : EXACT.fallbacks]
-        level = (rest.imbalance <= EXACT.root_tolerance) & alike[missing, None]
-        way = np.where((rest.delta[..., 0] * rest.delta[..., 1]) >= 0.0, *ROOTS)
-        kinds = np.where(level, way, rest.kind)
-        for values, found in ((angle, rest.angle), (valid, rest.valid), (kind, kinds)):
-            values[missing, ROOT_KINDS.size :] = np.take_along_axis(found, best, axis=1)
-    solution = build_solution(problem, angle, kind, valid, alike, coefficients)
+        order = replace(fallbacks, balanced_first=True).order[:, : EXACT.fallbacks]
+        balanced = (fallbacks.imbalance <= EXACT.root_tolerance) & always[missing, None]
+        root_kind = np.where((fallbacks.delta[..., 0] * fallbacks.delta[..., 1]) >= 0.0, *ROOTS)
+        kinds = np.where(balanced, root_kind, fallbacks.kind)
+        for values, candidates in (
+            (angle, fallbacks.angle),
+            (valid, fallbacks.valid),
+            (kind, kinds),
+        ):
+            values[missing, ROOT_KINDS.size :] = np.take_along_axis(candidates, order, axis=1)
+    solution = build_solution(problem, angle, kind, valid, always, coefficients)
     return replace(solution, balanced_first=True)
 
 
 def _each_reaches(coefficients: FloatArray) -> BoolArray:
-    """Returns the moves in which each arm has an angle within its reach: else none serves both."""
+    """Select the moves in which each arm reaches at some platform angle: a mask, shape (n,)."""
     swing = np.hypot(coefficients[..., 1], coefficients[..., 2])
     return np.asarray((np.abs(coefficients[..., 0]) - swing <= 1.0 + 1e-9).all(axis=1))

@@ -1,4 +1,4 @@
-"""Problem of a platform solver, for many moves at once."""
+"""Problem of a platform solver for a batch of moves, and its elbow angles."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from dualarm_cli.geometry.elementary import arccos, cos, sin
 from dualarm_cli.records import dataclass
 
 REACH_SLACK = 1e-9
-"""How far |x| = |cos q4| may exceed one by rounding before an arm counts as too short."""
+"""Excess of |x| = |cos q4| over 1 that counts as rounding."""
 
 
 class Kind(IntEnum):
-    """What a candidate angle is."""
+    """Kind of a candidate angle."""
 
     START = 0
-    """The platform stays."""
+    """Start angle: the platform does not move."""
     ROOT_SAME = 1
     """Equal elbow displacements in the same direction (upper sign of Eq. 5)."""
     ROOT_OPPOSITE = 2
@@ -29,12 +29,15 @@ class Kind(IntEnum):
     STATIONARY_OPPOSITE = 4
     """Stationary sum of the displacements (Eq. 15, lower sign)."""
     BOUNDARY = 5
-    """An arm is just stretched or folded."""
+    """Boundary of reach: an arm is just stretched or folded."""
 
 
 @dataclass(frozen=True)
 class PlatformProblem:
-    """n moves of two arms on one turning platform, in the platform's axis frame (z along it)."""
+    """Batch of n moves of two arms on a turning platform.
+
+    In the platform's axis frame, whose z axis is the axis of rotation.
+    """
 
     radius: FloatArray
     """Distance R0 of each shoulder from the axis [m], shape (n, 2)."""
@@ -43,18 +46,18 @@ class PlatformProblem:
     height: FloatArray
     """Height of each shoulder along the axis [m], shape (n, 2)."""
     upper: FloatArray
-    """Upper arm a1 [m], shape (n, 2)."""
+    """Upper arm lengths a1 [m], shape (n, 2)."""
     fore: FloatArray
-    """Forearm a2 [m], shape (n, 2)."""
+    """Forearm lengths a2 [m], shape (n, 2)."""
     wrist: FloatArray
     """Wrist centres at the end of the move [m], shape (n, 2, 3)."""
     angle_0: FloatArray
     """Platform angle before the move [rad], shape (n,)."""
     elbow_0: FloatArray
-    """Interior elbow angle q4 of each arm before the move [rad], pi where stretched, shape (n, 2)."""
+    """Interior elbow angles q4 before the move [rad], pi if stretched, shape (n, 2)."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays.
+        """Freeze and check the arrays.
 
         Raises:
             ValueError: wrong shapes, numbers that are not finite, or impossible lengths.
@@ -79,7 +82,7 @@ class PlatformProblem:
         angle_0: ArrayLike,
         elbow_0: ArrayLike,
     ) -> PlatformProblem:
-        """Builds n moves from arrays that may be one number or one pair for all of them.
+        """Build a batch of n moves by broadcasting its fields.
 
         Args:
             shoulder: radius R0 [m], azimuth at platform angle 0 [rad] and height along the axis [m], each a number,
@@ -121,7 +124,7 @@ class PlatformProblem:
         start: ArrayLike,
         goal: ArrayLike,
     ) -> PlatformProblem:
-        """Builds one move of the paper's planar robot (Eq. 1 and 2).
+        """Build a move of the paper's planar robot (Eq. 1 and 2).
 
         Args:
             radius: R0 [m].
@@ -162,15 +165,16 @@ class PlatformProblem:
         return moves(elbow_0[None])
 
     def rows(self, index: slice | IntArray | BoolArray) -> PlatformProblem:
-        """Returns some of the moves."""
+        """Select moves."""
         return PlatformProblem(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
 
 def cosine_coefficients(problem: PlatformProblem) -> FloatArray:
-    """Returns u, v, w of x_i(phi) = cos q4_i = u + v cos phi + w sin phi, shape (n, 2, 3).
+    """Compute the coefficients of elbow cosines over the platform angle, shape (n, 2, 3).
 
-    r_i² = rho² + R0² + (z - h)² - 2 R0 rho cos(phi + offset - theta) and x_i = (a1² + a2² - r_i²) / 2 a1 a2
-    ([Bottin2021] Eq. 2 with heights and arms of their own).
+    They are u, v, w of x_i(phi) = cos q4_i = u + v cos phi + w sin phi, with r_i² = rho² + R0² + (z - h)²
+    - 2 R0 rho cos(phi + offset - theta) and x_i = (a1² + a2² - r_i²) / 2 a1 a2 ([Bottin2021] Eq. 2 with heights, and
+    links of each arm).
     """
     x, y, z = np.moveaxis(problem.wrist, -1, 0)
     twice = 2.0 * problem.upper * problem.fore
@@ -183,21 +187,24 @@ def cosine_coefficients(problem: PlatformProblem) -> FloatArray:
 
 
 def elbow_cosine(problem: PlatformProblem, angle: FloatArray) -> FloatArray:
-    """Returns x_i = cos q4_i at platform angles [rad] (n, k), shape (n, k, 2); |x| > 1 out of reach."""
+    """Compute elbow cosines x_i at platform angles (n, k) [rad], shape (n, k, 2).
+
+    Out of reach |x| > 1.
+    """
     u, v, w = np.moveaxis(cosine_coefficients(problem), -1, 0)
     c, s = cos(angle)[..., None], sin(angle)[..., None]
     return u[:, None] + v[:, None] * c + w[:, None] * s
 
 
 def elbow_angles(problem: PlatformProblem, angle: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Returns interior elbow angles q4 [rad] at platform angles, and which are in reach.
+    """Compute interior elbow angles q4 at platform angles, and the mask in reach.
 
     Args:
         problem: n moves.
         angle: platform angles [rad], shape (n, k).
 
     Returns:
-        Angles [rad], pi where stretched, 0 where out of reach, and the mask, both of shape (n, k, 2).
+        Angles [rad], pi if stretched, 0 out of reach, and the mask, both of shape (n, k, 2).
     """
     x = elbow_cosine(problem, angle)
     reached: BoolArray = np.abs(x) <= 1.0 + REACH_SLACK
@@ -205,7 +212,7 @@ def elbow_angles(problem: PlatformProblem, angle: FloatArray) -> tuple[FloatArra
 
 
 def _check(name: str, values: FloatArray, shape: tuple[int, ...]) -> None:
-    """Raises a ValueError that names the value if a field of a problem is not as it must be."""
+    """Check the shape and values of a problem's field; raises a ValueError."""
     if values.shape != shape:
         raise ValueError(f"{name} has shape {values.shape}; needs {shape}, one row per move")
     rules = [(~np.isfinite(values), f"{name} must be finite")]
@@ -216,5 +223,5 @@ def _check(name: str, values: FloatArray, shape: tuple[int, ...]) -> None:
     for broken, rule in rules:
         if broken.any():
             place = tuple(int(k) for k in np.argwhere(broken)[0])
-            where = ", ".join(str(k) for k in place)
-            raise ValueError(f"{name}[{where}] = {values[place]}: {rule}")
+            indices = ", ".join(str(k) for k in place)
+            raise ValueError(f"{name}[{indices}] = {values[place]}: {rule}")

@@ -1,4 +1,4 @@
-"""The table of one move: every method's candidates with the elbow displacements they cause."""
+"""Table of a move: the candidates of every solver with their elbow displacements."""
 
 from __future__ import annotations
 
@@ -15,37 +15,37 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class MethodRow:
-    """One candidate of one method."""
+    """Candidate of a platform solver for a move."""
 
     method: str
     """Platform solver."""
     kind: Kind
-    """What the candidate is."""
+    """Kind of the candidate."""
     angle: float
     """Platform angle at the end [rad]."""
     turn: float
-    """How far the platform turns, phi_f - phi_0, within half a turn [rad]."""
+    """Platform rotation phi_f - phi_0, within half a turn [rad]."""
     delta: tuple[float | None, float | None]
-    """Displacement of each elbow [rad]; None for an arm that cannot reach its target."""
+    """Displacement of each elbow [rad]; None for an arm out of reach."""
     chosen: bool
-    """Whether the method prefers it."""
+    """Flag of the solver's preferred candidate."""
 
     @property
     def difference(self) -> float | None:
-        """|delta_2| - |delta_1| [rad], as the paper prints it; None where an arm cannot reach."""
-        one, two = self.delta
-        return None if one is None or two is None else abs(two) - abs(one)
+        """Difference |delta_2| - |delta_1| [rad], as in the paper; None out of reach."""
+        first, second = self.delta
+        return None if first is None or second is None else abs(second) - abs(first)
 
 
 def candidate_rows(method: str, solution: PlatformSolution, move: int = 0) -> list[MethodRow]:
-    """Returns the candidates of one move: roots by their angle, then the others as they come.
+    """List the candidates of a move: roots by their angle, then the others.
 
     For `linearised` that is the order of [Bottin2021] Table 2.
 
     Args:
         method: name of the solver.
-        solution: its answer.
-        move: which move.
+        solution: its solution.
+        move: number of the move.
     """
     problem = solution.problem.rows(np.array([move]))
     columns = np.flatnonzero(solution.valid[move])
@@ -67,10 +67,10 @@ def candidate_rows(method: str, solution: PlatformSolution, move: int = 0) -> li
 
 
 def _displacements(problem: PlatformProblem, angle: float) -> tuple[float | None, float | None]:
-    """Returns each elbow's displacement, None for an arm out of reach."""
+    """Compute each elbow's displacement [rad], None for an arm out of reach."""
     q, reached = elbow_angles(problem, np.array([[angle]]))
-    one, two = (
+    first, second = (
         float(q[0, 0, arm] - problem.elbow_0[0, arm]) if reached[0, 0, arm] else None
         for arm in (0, 1)
     )
-    return one, two
+    return first, second

@@ -1,1 +1,1 @@
-"""Part of a table that each arm reaches without collision, and from which platform angles."""
+"""Reach maps: table areas that arms reach without collision, by platform angle."""

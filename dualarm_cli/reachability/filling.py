@@ -1,4 +1,4 @@
-"""Postures on the nodes of a table: found from scratch on some nodes, and from one node to the next on all others."""
+"""Postures on table nodes: inverse kinematics on seed nodes, continuation to their neighbours."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class FillingSettings:
-    """Numbers that steer the search for postures of reach maps."""
+    """Settings of the posture search of reach maps."""
 
     seed_steps: tuple[int, ...] = (4, 3, 2, 1)
-    """Postures are found from scratch on every so many nodes along each axis: the first of these with `many` nodes."""
+    """Spacings of seed nodes along each axis; the first with `many` nodes is used."""
     many: int = 200
     """Minimum number of seed nodes of an arm without closed forms."""
     many_closed: int = 1000
     """Minimum number of seed nodes of an arm with closed forms."""
     seeds_kept: int = 6
-    """Maximum number of postures kept per seed pose."""
+    """Maximum number of postures per seed pose."""
     turns: tuple[int, ...] = (0, 1, -1, 2, -2)
-    """Yaw steps between neighbouring nodes, of YAWS per turn, in order of trial."""
+    """Yaw steps between neighbouring nodes, of YAWS per turn, in order of preference."""
     largest_change: float = 1.5
-    """A joint that moves more on the way to a node next to it, or along a line, has left its branch [rad]."""
+    """Joint change between neighbouring nodes from which the branch is lost [rad]."""
 
 
 FILLING = FillingSettings()
@@ -39,69 +39,73 @@ FILLING = FillingSettings()
 
 @dataclass(frozen=True)
 class Postures:
-    """One posture on some nodes."""
+    """Postures on m nodes, one on each."""
 
     node: IntArray
-    """Numbers of nodes, shape (m,)."""
+    """Node numbers, shape (m,)."""
     yaw: IntArray
-    """Numbers of turns about the tool's axis, shape (m,)."""
+    """Yaw numbers about the tool's axis, shape (m,)."""
     q: FloatArray
-    """The arm's joints [rad], shape (m, n)."""
+    """Joints of the arm [rad], shape (m, n)."""
 
     def take(self, rows: IntArray | BoolArray) -> Postures:
-        """Returns some of them."""
+        """Select postures by their rows."""
         return Postures(self.node[rows], self.yaw[rows], self.q[rows])
 
 
 Accept = Callable[[Postures], BoolArray]
-"""Says which postures will do."""
+"""Function from postures to the mask of accepted ones."""
 
 
 def fill(
     model: CellModel, numeric: GeneralArm, arm: str, grid: TableGrid, accept: Accept
 ) -> Postures:
-    """Returns a posture on every node for which one was found, nodes ascending.
+    """Compute a posture on every node within reach, nodes ascending.
 
-    From some nodes on, the posture of a node is the start of descents to the nodes next to it, with the
-    same turn of the tool first and others after that. A node without a posture has none next to a posture of its
-    neighbours; that is not proven to mean that there is none.
+    From seed nodes on, the posture of a node starts descents to its neighbours, with the same yaw first and other yaws
+    after that. A node without a posture has none near a posture of its neighbours; this does not prove that it is out
+    of reach.
 
     Args:
         model: the cell, with closed forms where arms have them.
         numeric: the arm without closed forms.
-        arm: its name.
+        arm: name of the arm.
         grid: the nodes.
-        accept: which postures will do.
+        accept: function that selects acceptable postures.
     """
     axes = numeric.axes
     q, yaw = np.full((grid.size, axes), np.nan), np.zeros(grid.size, dtype=np.int64)
     done = np.zeros(grid.size, dtype=np.bool_)
-    tried = np.zeros((len(FILLING.turns), 2 * len(grid.shape), grid.size), dtype=np.bool_)
+    visited = np.zeros((len(FILLING.turns), 2 * len(grid.shape), grid.size), dtype=np.bool_)
 
-    def keep(found: Postures) -> bool:
-        """Keeps the first accepted posture of each node; returns whether there is one."""
-        some = False
-        left = found.take(~done[found.node])
-        while len(left.node):
-            # One of each node at a time: most are accepted, and then the others need not be looked at.
-            first = np.unique(left.node, return_index=True)[1]
-            tested = left.take(first)
-            good = tested.take(accept(tested))
-            q[good.node], yaw[good.node], done[good.node] = good.q, good.yaw, True
-            some |= len(good.node) > 0
-            left = left.take(np.delete(np.arange(len(left.node)), first))
-            left = left.take(~done[left.node])
-        return some
+    def keep(postures: Postures) -> bool:
+        """Store the first accepted posture of each node; returns whether any was accepted."""
+        any_accepted = False
+        candidates = postures.take(~done[postures.node])
+        while len(candidates.node):
+            # A posture of each node at a time: most are accepted, and then the others need no test.
+            first = np.unique(candidates.node, return_index=True)[1]
+            tested = candidates.take(first)
+            accepted = tested.take(accept(tested))
+            q[accepted.node], yaw[accepted.node], done[accepted.node] = (
+                accepted.q,
+                accepted.yaw,
+                True,
+            )
+            any_accepted |= len(accepted.node) > 0
+            candidates = candidates.take(np.delete(np.arange(len(candidates.node)), first))
+            candidates = candidates.take(~done[candidates.node])
+        return any_accepted
 
     keep(seeds(model, arm, grid))
     turn = 0
     while turn < len(FILLING.turns):
         rows: list[Postures] = []
         sources = np.flatnonzero(done)
-        for way, (there, exists) in enumerate(grid.neighbours(sources)):
-            open_ = exists & ~done[there] & ~tried[turn, way, there]
-            tried[turn, way, there[open_]] = True
-            source, target = sources[open_], there[open_]
+        for direction, (target, exists) in enumerate(grid.neighbours(sources)):
+            open_ = exists & ~done[target] & ~visited[turn, direction, target]
+            visited[turn, direction, target[open_]] = True
+            source, target = sources[open_], target[open_]
             rows.append(Postures(target, (yaw[source] + FILLING.turns[turn]) % YAWS, q[source]))
         starts = Postures(
             *(np.concatenate([getattr(r, f) for r in rows]) for f in ("node", "yaw", "q"))
@@ -110,27 +114,27 @@ def fill(
             turn += 1
             continue
         R, p = flange_poses(model, arm, grid, starts.node, starts.yaw)
-        # What is on nobody's way to anything is not descended to.
-        near = norm(p - numeric.p_parent_joint[0], axis=1) <= numeric.farthest
-        starts, R, p = starts.take(near), R[near], p[near]
+        # Poses out of reach are dropped before the descent.
+        within_reach = norm(p - numeric.p_parent_joint[0], axis=1) <= numeric.farthest
+        starts, R, p = starts.take(within_reach), R[within_reach], p[within_reach]
         reached, error = descend(numeric, R, p, starts.q)
-        good = (error <= INVERSE.residual).all(axis=1)
-        good &= np.abs(reached - starts.q).max(axis=1, initial=0.0) <= _most(FILLING.turns[turn])
-        if keep(Postures(starts.node, starts.yaw, reached).take(good)):
+        converged = (error <= INVERSE.residual).all(axis=1)
+        converged &= np.abs(reached - starts.q).max(axis=1, initial=0.0) <= _max_change(
+            FILLING.turns[turn]
+        )
+        if keep(Postures(starts.node, starts.yaw, reached).take(converged)):
             turn = 0
     nodes = np.flatnonzero(done)
     return Postures(nodes, yaw[nodes], q[nodes])
 
 
-def _most(turn: int) -> float:
-    """Returns how far a joint may move [rad] when the tool is turned by so many of YAWS."""
+def _max_change(turn: int) -> float:
+    """Compute the allowed joint change [rad] for a yaw change in steps of YAWS."""
     return FILLING.largest_change + abs(turn) * TURN / YAWS
 
 
 def seeds(model: CellModel, arm: str, grid: TableGrid) -> Postures:
-    """Find postures on nodes spread over the grid.
-
-    At most `seeds_kept` are kept of each pose.
+    """Compute postures on nodes spread over the grid, up to `seeds_kept` per pose.
 
     Args:
         model: the cell.
@@ -145,5 +149,5 @@ def seeds(model: CellModel, arm: str, grid: TableGrid) -> Postures:
     R, p = flange_poses(model, arm, grid, node, yaw)
     reached = kinematics.postures(R, p, first_only=True, thorough=False)
     pose = reached.pose
-    kept = np.arange(len(pose)) - np.searchsorted(pose, pose) < FILLING.seeds_kept
-    return Postures(node[pose[kept]], yaw[pose[kept]], reached.q[kept])
+    selected = np.arange(len(pose)) - np.searchsorted(pose, pose) < FILLING.seeds_kept
+    return Postures(node[pose[selected]], yaw[pose[selected]], reached.q[selected])

@@ -19,65 +19,65 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class ReachMap:
-    """What each arm reaches on the nodes of a table."""
+    """Nodes of a table within reach of each arm, with postures."""
 
     grid: TableGrid
-    """The nodes."""
+    """Grid of nodes."""
     postures: Mapping[str, Postures]
-    """By arm, a posture on every node that it reaches."""
+    """Postures by arm, one on every node within reach."""
     drawn_back: Mapping[str, FloatArray]
-    """By arm, the joints at the other end of the line, shape (m, n) [rad]; where no line was asked for, the same."""
+    """Joints by arm at the line's other end [rad], shape (m, n)."""
 
     def reached(self, arm: str) -> BoolArray:
-        """Returns the nodes that an arm reaches, in the shape of the grid."""
-        found = np.zeros(self.grid.size, dtype=np.bool_)
-        found[self.postures[arm].node] = True
-        return found.reshape(self.grid.shape)
+        """Return the mask of nodes within an arm's reach, shaped like the grid."""
+        mask = np.zeros(self.grid.size, dtype=np.bool_)
+        mask[self.postures[arm].node] = True
+        return mask.reshape(self.grid.shape)
 
     @property
     def both(self) -> BoolArray:
-        """The nodes that every arm reaches, each from the same platform angle, in the shape of the grid."""
+        """Mask of nodes that every arm reaches from the same platform angle."""
         return np.logical_and.reduce([self.reached(arm) for arm in self.postures])
 
 
 def reach_map(cell: Cell, grid: TableGrid, line: float = 0.0) -> ReachMap:
-    """Returns which nodes each arm reaches.
+    """Compute the reach map of a table grid.
 
-    A posture counts if all joints are within their limits and if the arm is clear of itself, of the platform and of
-    obstacles. The other arm is not looked at.
+    A posture counts if all joints are within their limits and the arm is collision-free with itself, the platform and
+    obstacles. The other arm is ignored.
 
     Args:
         cell: robot, tools and obstacles.
         grid: the nodes.
-        line: how far the tool is drawn back from there along its axis, without leaving its branch [m].
+        line: length by which the tool is drawn back along its axis on the same branch [m].
     """
     model, general = CellModel.from_cell(cell), general_arms(cell)
     clearance = CellClearance.of(cell, ())
-    found, ends = {}, {}
+    by_arm, ends = {}, {}
     for name in model.arms:
 
         def accepted(postures: Postures, arm: str = name) -> BoolArray:
-            good = is_clear(model, clearance, arm, grid, postures.node, postures.q)
+            mask = is_clear(model, clearance, arm, grid, postures.node, postures.q)
             if line:
-                rows = np.flatnonzero(good)
+                rows = np.flatnonzero(mask)
                 back, reached = _drawn_back(
                     model, general[arm], arm, grid, postures.take(rows), line
                 )
                 reached &= is_clear(model, clearance, arm, grid, postures.node[rows], back)
-                good[rows] = reached
-            return good
+                mask[rows] = reached
+            return mask
 
-        found[name] = fill(model, general[name], name, grid, accepted)
-        ends[name] = found[name].q
+        by_arm[name] = fill(model, general[name], name, grid, accepted)
+        ends[name] = by_arm[name].q
         if line:
-            ends[name] = _drawn_back(model, general[name], name, grid, found[name], line)[0]
-    return ReachMap(grid, found, ends)
+            ends[name] = _drawn_back(model, general[name], name, grid, by_arm[name], line)[0]
+    return ReachMap(grid, by_arm, ends)
 
 
 def positions(
     model: CellModel, arm: str, grid: TableGrid, node: IntArray, q: FloatArray
 ) -> FloatArray:
-    """Returns all joints of the robot [rad] with one arm at q (m, n) on nodes (m,), the other one at home."""
+    """Assemble robot configurations from an arm's joints on nodes, all others at home."""
     rows = np.tile(model.cell.robot.postures["home"], (len(q), 1))
     rows[:, model.platform_columns] = grid.platform_at(node)
     rows[:, model.arms[arm].columns] = q
@@ -92,7 +92,7 @@ def is_clear(
     node: IntArray,
     q: FloatArray,
 ) -> BoolArray:
-    """Returns which joints (m, n) of one arm on nodes (m,) are clear of all but the other arm, shape (m,)."""
+    """Check that an arm's joints on nodes are collision-free, the other arm aside."""
     if not len(q):
         return np.zeros(0, dtype=np.bool_)
     margins = clearance.test.margins(clearance.test.own(arm), positions(model, arm, grid, node, q))
@@ -107,8 +107,8 @@ def _drawn_back(
     postures: Postures,
     line: float,
 ) -> tuple[FloatArray, BoolArray]:
-    """Returns joints with the tool drawn back (m, n) [rad], and whether they are reached from the nodes' postures."""
+    """Compute joints with the tool drawn back [rad], and the mask on the branch."""
     R, p = flange_poses(model, arm, grid, postures.node, postures.yaw, line)
     back, error = descend(numeric, R, p, postures.q)
-    near = np.abs(back - postures.q).max(axis=1, initial=0.0) <= FILLING.largest_change
-    return back, np.asarray((error <= INVERSE.residual).all(axis=1) & near)
+    on_branch = np.abs(back - postures.q).max(axis=1, initial=0.0) <= FILLING.largest_change
+    return back, np.asarray((error <= INVERSE.residual).all(axis=1) & on_branch)

@@ -1,4 +1,4 @@
-"""Grid of a reach map: width, spacing, and height above the ground."""
+"""Region of a cell's arms: extent, spacing and height of reach-map grids."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class RegionSettings:
-    """Resolution of the region that arms reach."""
+    """Settings of reach-map grids."""
 
     angle_step: float = np.radians(15.0)
     """Spacing of platform angles [rad]."""
     rail_positions: int = 9
-    """Positions of a platform that slides."""
+    """Number of positions of a sliding platform."""
     steps: tuple[float, ...] = (0.01, 0.02, 0.025, 0.04, 0.05, 0.08, 0.1)
-    """Spacings that a grid may have [m]."""
+    """Allowed spacings of a grid [m]."""
     step_share: float = 0.08
-    """Spacing as a share of an arm's length."""
+    """Maximum spacing as a fraction of an arm's length."""
     below: float = 0.2
-    """Least depth of easy heights below the shoulder, as a share of the reach."""
-    some: float = 0.3
-    """Share of the best score above which only easy heights count. If no easy height exceeds it, all heights count."""
-    nearly: float = 0.9
-    """Share of the best score from which a height counts as equivalent."""
+    """Least depth of easy heights below the shoulder, as a fraction of the reach."""
+    easy_score: float = 0.3
+    """Fraction of the best score above which easy heights are preferred."""
+    equivalent_score: float = 0.9
+    """Fraction of the best score from which a height is equivalent."""
     coarser: int = 2
-    """By how many spacings the grid is coarser on which heights are compared."""
+    """Spacing factor of the grid on which heights are compared."""
 
 
 REGION = RegionSettings()
@@ -41,29 +41,29 @@ REGION = RegionSettings()
 
 @dataclass(frozen=True)
 class Region:
-    """What a cell's arms can reach at all."""
+    """Region of a cell within the arms' maximum reach."""
 
     centre: tuple[float, float]
-    """Middle of the arms' shoulders, or the axis of the platform [m]."""
+    """Horizontal midpoint of the shoulders, or position of the platform's axis [m]."""
     across: tuple[float, float]
-    """From the last arm's shoulder to the first one's [m]; zero for one arm."""
+    """Horizontal vector from the last to the first arm's shoulder [m]; zero for a single arm."""
     radius: float
-    """Nothing farther from there is reached while nothing slides [m]."""
+    """Radius of the reach about the centre without sliding joints [m]."""
     travel: float
-    """How much farther sliding joints get [m]."""
+    """Additional reach by sliding joints [m]."""
     low: float
-    """Height of the lowest shoulder less its arm's length [m]."""
+    """Lowest height within reach: a shoulder's height less its arm's length [m]."""
     high: float
     """Height of the highest shoulder [m]."""
     easy: tuple[float, float]
-    """Heights between the robot's root and where arms still bend well over a table [m]."""
+    """Range of heights for easy work: from the robot's base to below the shoulders [m]."""
     step: float
-    """Spacing that suits the shortest arm [m]."""
+    """Grid spacing for the shortest arm [m]."""
     home: FloatArray
-    """The platform's positions at home, shape (k,) [rad or m]."""
+    """Platform positions at home [rad or m], shape (k,)."""
 
     def is_easy(self, heights: FloatArray) -> BoolArray:
-        """Returns which heights (h,) [m] are between the robot's root and well below the shoulders."""
+        """Select easy heights: mask of heights [m], shape (h,)."""
         return (heights >= self.easy[0] - 1e-9) & (heights <= self.easy[1] + 1e-9)
 
     def grid(
@@ -75,14 +75,14 @@ class Region:
         *,
         whole: bool = False,
     ) -> TableGrid:
-        """Returns a grid over what may be reached, on multiples of its spacing.
+        """Make a grid over the region, on multiples of its spacing.
 
         Args:
             platform: positions of the platform's joints, shape (a, k) [rad or m].
-            heights: shape (h,) [m].
+            heights: heights of the tool centre point [m], shape (h,).
             step: spacing [m].
-            tilt: how far the tool leans [rad].
-            whole: whether it is as wide as sliding joints get.
+            tilt: tilt of the tool [rad].
+            whole: whether the reach of sliding joints is included.
         """
         radius = self.radius + (self.travel if whole else 0.0)
         sides = [
@@ -93,10 +93,10 @@ class Region:
 
 
 def region(cell: Cell) -> Region:
-    """Returns what a cell's arms can reach at all.
+    """Compute the region within the arms' maximum reach.
 
     Args:
-        cell: with its tools.
+        cell: the cell with its tools.
     """
     model = CellModel.from_cell(cell)
     home = cell.robot.postures["home"][model.platform_columns]
@@ -114,8 +114,8 @@ def region(cell: Cell) -> Region:
     radius = float((norm(at[:, :2] - centre, axis=1) + reach).max())
     along = platform_positions(cell) - home if model.platform.is_rail else np.zeros(1)
     travel = float(np.abs(along).max()) + max(slides)
-    wanted = REGION.step_share * float(reach.min())
-    step = max((s for s in REGION.steps if s <= wanted + 1e-9), default=REGION.steps[0])
+    max_step = REGION.step_share * float(reach.min())
+    step = max((s for s in REGION.steps if s <= max_step + 1e-9), default=REGION.steps[0])
     return Region(
         (float(centre[0]), float(centre[1])),
         (float(at[0, 0] - at[-1, 0]), float(at[0, 1] - at[-1, 1])),
@@ -130,10 +130,12 @@ def region(cell: Cell) -> Region:
 
 
 def platform_positions(cell: Cell) -> FloatArray:
-    """Returns platform positions at which reach is compared, shape (a, k): all round, all along a rail, else home.
+    """Choose the platform positions of reach maps, shape (a, k) [rad or m].
+
+    A full turn, the whole rail, or else the home position.
 
     Args:
-        cell: whose platform it is.
+        cell: the cell.
     """
     model = CellModel.from_cell(cell)
     home = cell.robot.postures["home"][model.platform_columns]
@@ -153,12 +155,15 @@ def platform_positions(cell: Cell) -> FloatArray:
 
 
 def heights_reached(cell: Cell, here: Region, line: float = 0.0) -> tuple[FloatArray, ReachMap]:
-    """Returns heights of the tool centre point, shape (h,) [m], and what is reached there from home on a coarse grid.
+    """Compute a coarse reach map over heights, with the platform at home.
 
     Args:
-        cell: with its tools.
-        here: its region.
-        line: how far the tool must be able to be drawn back [m].
+        cell: the cell with its tools.
+        here: region of the cell.
+        line: length by which the tool must be drawn back [m].
+
+    Returns:
+        Heights of the tool centre point [m], shape (h,), and the map.
     """
     step = REGION.coarser * here.step
     heights = np.arange(np.ceil(here.low / step), np.floor(here.high / step) + 1) * step
@@ -166,21 +171,21 @@ def heights_reached(cell: Cell, here: Region, line: float = 0.0) -> tuple[FloatA
 
 
 def best_height(cell: Cell, here: Region) -> float | None:
-    """Returns the height of the tool centre point at which most of a table is reached [m]; None where nothing is.
+    """Choose the height with the largest reachable area [m], or None.
 
-    Most by the arm that reaches less, then by both at one place. Heights below the robot's root or near the shoulders
-    count only where little is reached at others.
+    The score counts the nodes of the arm that reaches fewer, and half of those that both arms reach. Heights below the
+    robot's base or near the shoulders count only if other heights score low.
 
     Args:
-        cell: with its tools.
-        here: its region.
+        cell: the cell with its tools.
+        here: region of the cell.
     """
     heights, reach = heights_reached(cell, here)
     by_arm = [reach.reached(arm).sum(axis=(0, 2, 3)) for arm in reach.postures]
     score = np.min(by_arm, axis=0) + 0.5 * reach.both.sum(axis=(0, 2, 3))
     easy = here.is_easy(heights)
-    if score[easy].max(initial=0.0) > REGION.some * score.max():
+    if score[easy].max(initial=0.0) > REGION.easy_score * score.max():
         score = np.where(easy, score, 0.0)
-    # Among heights that are about as good as the best one, the middle one.
-    good = heights[score >= REGION.nearly * score.max()]
-    return round(float(good[len(good) // 2]), 6) if score.max() > 0.0 else None
+    # The middle one of nearly equal heights.
+    best = heights[score >= REGION.equivalent_score * score.max()]
+    return round(float(best[len(best) // 2]), 6) if score.max() > 0.0 else None

@@ -1,4 +1,4 @@
-"""The points of a table, and how a tool stands on them."""
+"""Grid of points on a table, with the tool poses at them."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.records import dataclass
 
 YAWS = 8
-"""Turns of a tool about its own axis that are tried: 45 degrees apart."""
+"""Number of yaws of a tool, 45 degrees apart."""
 
 
 @dataclass(frozen=True)
 class TableGrid:
-    """Points over platform angles, heights, y and x: n nodes, numbered in that order, x the quickest."""
+    """Grid of n nodes over platform angle, height, y and x, the last fastest."""
 
     platform: FloatArray
     """Positions of the platform's joints, shape (a, k) [rad or m]."""
     heights: FloatArray
     """Heights of the tool centre point above the world's origin [m], shape (h,)."""
     y: FloatArray
-    """[m], shape (ny,)."""
+    """Coordinates along y [m], shape (ny,)."""
     x: FloatArray
-    """[m], shape (nx,)."""
+    """Coordinates along x [m], shape (nx,)."""
     tilt: float = 0.0
-    """How far the tool leans from straight down, its tip away from the centre [rad]."""
+    """Tilt of the tool from straight down, its tip away from the centre [rad]."""
     centre: tuple[float, float] = (0.0, 0.0)
-    """What tips lean away from [m]."""
+    """Centre from which tips lean away [m]."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("platform", "heights", "y", "x"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """Numbers of platform positions, heights, y and x."""
+        """Number of platform positions, heights, y and x."""
         return len(self.platform), len(self.heights), len(self.y), len(self.x)
 
     @property
     def step(self) -> float:
-        """Distance of points next to each other [m]; 0 for a single one."""
+        """Distance of neighbouring points [m]; 0 for a single point."""
         side = max(self.x, self.y, key=len)
         return round(float(side[1] - side[0]), 9) if len(side) > 1 else 0.0
 
@@ -56,20 +56,20 @@ class TableGrid:
         return int(np.prod(self.shape))
 
     def points(self, node: IntArray) -> FloatArray:
-        """Returns where nodes (m,) are in the world [m], shape (m, 3)."""
+        """Compute the positions of nodes in the world [m], shape (m, 3)."""
         _, h, iy, ix = np.unravel_index(node, self.shape)
         return np.stack([self.x[ix], self.y[iy], self.heights[h]], axis=1)
 
     def platform_at(self, node: IntArray) -> FloatArray:
-        """Returns the platform's positions at nodes (m,), shape (m, k)."""
+        """Return the platform positions at nodes, shape (m, k)."""
         return self.platform[np.unravel_index(node, self.shape)[0]]
 
     def tools(self, node: IntArray, yaw: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Returns how tools stand on nodes (m,) in the world: rotations (m, 3, 3), and tips (m, 3) [m].
+        """Compute the tool poses at nodes: rotations (m, 3, 3) and tips (m, 3) [m].
 
         Args:
             node: numbers of nodes.
-            yaw: numbers of turns about the tool's axis, of YAWS, shape (m,).
+            yaw: yaw numbers about the tool's axis, of YAWS, shape (m,).
         """
         tip = self.points(node)
         away = arctan2(tip[:, 1] - self.centre[1], tip[:, 0] - self.centre[0])
@@ -85,20 +85,20 @@ class TableGrid:
         return R, tip
 
     def neighbours(self, node: IntArray) -> list[tuple[IntArray, BoolArray]]:
-        """Returns, for each way along an axis, the nodes next to some (m,), and whether there is one."""
+        """Compute the neighbours of nodes, and their mask, by direction along each axis."""
         index = np.array(np.unravel_index(node, self.shape))
-        found = []
+        neighbours = []
         for axis, length in enumerate(self.shape):
-            for way in (-1, 1):
+            for direction in (-1, 1):
                 moved = index.copy()
-                moved[axis] += way
-                there = (moved[axis] >= 0) & (moved[axis] < length)
+                moved[axis] += direction
+                exists = (moved[axis] >= 0) & (moved[axis] < length)
                 moved[axis] = np.clip(moved[axis], 0, length - 1)
-                found.append((np.ravel_multi_index(tuple(moved), self.shape), there))
-        return found
+                neighbours.append((np.ravel_multi_index(tuple(moved), self.shape), exists))
+        return neighbours
 
     def every(self, step: int) -> IntArray:
-        """Returns every so many nodes along each axis, beginning near the borders; all along short axes."""
+        """Select every `step`-th node along each axis, and all along short axes."""
         picked = [
             np.arange(
                 min(step // 2, length - 1) if length > 2 else 0, length, step if length > 2 else 1
@@ -112,15 +112,18 @@ class TableGrid:
 def flange_poses(
     model: CellModel, arm: str, grid: TableGrid, node: IntArray, yaw: IntArray, back: float = 0.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns the flange poses of tools on nodes, in the frame that carries the arms: (m, 3, 3), (m, 3) [m].
+    """Compute flange poses of tools at nodes, in the frame that carries the arms.
 
     Args:
         model: the cell.
-        arm: which arm.
+        arm: name of the arm.
         grid: the nodes.
-        node: their numbers, shape (m,).
-        yaw: numbers of turns about the tool's axis, shape (m,).
-        back: how far the tool is drawn back along its own axis [m].
+        node: node numbers, shape (m,).
+        yaw: yaw numbers about the tool's axis, shape (m,).
+        back: length by which the tool is drawn back along its axis [m].
+
+    Returns:
+        Rotations, shape (m, 3, 3), and positions [m], shape (m, 3).
     """
     T = model.arms[arm].T_flange_tcp.inverse()
     R, p = grid.tools(node, yaw)
