@@ -56,7 +56,7 @@ class LinePair:
     """Approach and retract lines of n candidates."""
 
     pose: tuple[FloatArray, FloatArray, FloatArray]
-    """Flange rotations and positions [m] at the targets, and directions of the lines, (n, 3, 3), (n, 3), (n, 3)."""
+    """Flange rotations (n, 3, 3) and positions (n, 3) [m] at targets, line directions (n, 3)."""
     branch: IntArray
     """Branches, shape (n,)."""
     psi: FloatArray
@@ -151,14 +151,16 @@ def nodes(
         _int64(ends),
         byref(rows),
     )
-    # Copies release the large arrays, of which unused pages were never touched.
+    # Copies release the large arrays, whose unused pages were never touched.
     return pose[:n].copy(), step[:n].copy(), branch[:n].copy(), swing[:n].copy(), q[:n].copy()
 
 
 def arm_angle_intervals(
     arm: FloatArray, R: FloatArray, p: FloatArray
 ) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Compute starts and ends of the arm angle intervals within limits [rad], (n, 8, k), and their numbers, (n, 8).
+    """Compute the arm-angle intervals within joint limits.
+
+    Returns their starts and ends [rad], shape (n, 8, k), and their number, shape (n, 8).
 
     Args:
         arm: the arm.

@@ -38,7 +38,7 @@ class Path(PointerStruct):
 
         Args:
             position: joints at equidistant gridpoints [rad], shape (m, n) or (lines, m, n), m at least 8.
-            limits: velocity, acceleration and jerk limits, of which the last may be infinite, shape (n,) each.
+            limits: limits of velocity, acceleration and jerk (may be infinite), shape (n,) each.
         """
         arrays = [numbers(array) for array in (position, *limits)]
         path = cls(*map(pointer, arrays), *position.shape[-2:])
@@ -198,7 +198,7 @@ def transfer_knots(
 
 
 def stays_between(phases: Array, lower: Array, upper: Array) -> bool:
-    """Check whether joints stay within position limits in all phases of constant jerk.
+    """Check that joints stay within position limits in phases of constant jerk.
 
     Args:
         phases: durations, and positions, velocities, accelerations and jerks at the starts, shape (n, 5, 7).
@@ -212,7 +212,7 @@ def stays_between(phases: Array, lower: Array, upper: Array) -> bool:
 def line_deviation(
     chain: tuple[Array, NDArray[np.bool_], Array], ends: Array, knots: Knots, parts: int
 ) -> tuple[float, float]:
-    """Compute the largest deviation of a tool from the line between two postures [m], and its rotation [rad].
+    """Compute a tool's deviation from the line between two postures [m], and its turn [rad].
 
     Args:
         chain: n joints along or about their z axes: poses of each joint at zero in its parent [m], and of the flange in

@@ -152,7 +152,7 @@ def work_times(
     work: NDArray[np.float32],
     groups: tuple[NDArray[np.int64], NDArray[np.int64], int],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Compute the times of all transfers including work, and their minima for each pair of groups [s].
+    """Compute the times of all transfers with work, and their minima by groups [s].
 
     Args:
         laws: tables of times.

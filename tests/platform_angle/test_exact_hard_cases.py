@@ -16,7 +16,7 @@ SCAN = 1440
 SOLVE = PLATFORM_SOLVERS["exact"].solve
 FAMILIES = (
     "reach",
-    "alike",
+    "always_balanced",
     "opposed",
     "square",
     "double",
@@ -51,7 +51,7 @@ def hard_moves(count, seed, family):
     angle_0 = rng.uniform(-2, 2, count)
     change = {
         "reach": touch_the_reach,
-        "alike": make_alike,
+        "always_balanced": make_always_balanced,
         "opposed": oppose,
         "square": square,
         "small": shrink,
@@ -80,7 +80,7 @@ def touch_the_reach(rng, a):
     a["fore"] = np.maximum(np.where(pick < 2, limit - upper, a["fore"]), 1e-3)
 
 
-def make_alike(rng, a):
+def make_always_balanced(rng, a):
     """Arm 2 is arm 1 or its mirror image, up to 1e-14 to 1e-2 in some of its numbers."""
     count = len(a["radius"])
     error = tiny(rng, -14, -2, count)
@@ -378,7 +378,7 @@ def test_reachable_roots_come_nearest_first_and_before_everything_else():
         assert solution.preferred(move)[: len(roots)] == solution.angle[move, roots].tolist()
 
 
-@pytest.mark.parametrize("family", ["consistent", "alike", "double"])
+@pytest.mark.parametrize("family", ["consistent", "always_balanced", "double"])
 def test_no_root_is_listed_twice(family):
     """Roots of one kind keep a distance."""
     solution = SOLVE(hard_moves(2_000, 5, family))

@@ -191,6 +191,6 @@ def test_a_planar_start_out_of_reach_is_refused_with_its_distance():
 def test_solutions_cannot_be_changed():
     """Frozen through, as every noun is."""
     solution = PLATFORM_SOLVERS["exact"].solve(arms(3, 9))
-    for name in ("angle", "kind", "valid", "reachable", "delta", "degenerate", "alike"):
+    for name in ("angle", "kind", "valid", "reachable", "delta", "degenerate", "always_balanced"):
         with pytest.raises(ValueError, match="read-only"):
             getattr(solution, name)[0] = 0
