@@ -242,7 +242,7 @@ def planned(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Pla
     """
     watch = watch or Watch(limit=settings.time_limit)
     schedule = planner.plan(job, settings, watch)
-    watch.tell("verifying")
+    watch.report("verifying")
     return Plan.judged(job, schedule)
 
 

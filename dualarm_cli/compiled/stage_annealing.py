@@ -49,7 +49,7 @@ class PairedStageTimes(PointerStruct):
         Args:
             length: times of each arm, as in `StageProblem.length` [s], shape (s + 1, s + 2, f, f).
             least: their minima over both angles [s], shape (s + 1, s + 2).
-            pair_cost: costs of simultaneous stops, as in `StageProblem.apart` [s], shape (s + 2, s + 2, f).
+            pair_cost: costs of simultaneous stops, as in `StageProblem.pair_cost` [s], shape (s + 2, s + 2, f).
             platform_return: times of the platform back from each angle [s], shape (f,).
             free_start: whether the platform may start at any angle.
         """

@@ -12,15 +12,15 @@ import numpy as np
 from dualarm_cli.effort import EFFORTS, FreeEffort
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.job import ANY, Job
-from dualarm_cli.orders.asynchronous.coordination import Diagram, quickest_together
+from dualarm_cli.orders.asynchronous.coordination import Diagram, quickest_path
 from dualarm_cli.orders.asynchronous.exact import exact_order, is_small
 from dualarm_cli.orders.asynchronous.problem import Order, SequencingProblem
 from dualarm_cli.orders.asynchronous.recreate import Recreator
-from dualarm_cli.orders.asynchronous.times import Timed, best_ways, timed
+from dualarm_cli.orders.asynchronous.times import Timed, best_options, timed
 from dualarm_cli.orders.model.meeting import stop_conflicts
 from dualarm_cli.orders.model.order_model import OrderModel
 from dualarm_cli.orders.proof.cp_sat import prove
-from dualarm_cli.orders.proof.relaxation import of_ways
+from dualarm_cli.orders.proof.relaxation import relax_options
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.records import dataclass
 
@@ -62,7 +62,7 @@ class FreeOrder:
 class FreeOrders:
     """What the search found."""
 
-    found: tuple[FreeOrder, ...]
+    ranked: tuple[FreeOrder, ...]
     """Some of the best ones of each angle, the best of all first; none where no angle serves all tasks."""
     bound: float | None
     """No order takes less with the search's postures and the platform at any of its angles [s]; None if unknown."""
@@ -95,7 +95,7 @@ def free_orders(order: OrderModel, effort: str, seed: int, watch: Watch) -> Free
         first = exact_order(one) if is_small(one) else _glance(Recreator(one, seed), how, watch)
         if first is not None and first.is_possible:
             best[f] = first
-            watch.found(first.total)
+            watch.record(first.total)
     if not best:
         return FreeOrders((), None, exact=False)
     # Where an arm begins at a stand that a free start puts it to nothing is known of the ways there and back.
@@ -103,13 +103,13 @@ def free_orders(order: OrderModel, effort: str, seed: int, watch: Watch) -> Free
     bound = None
     if not order.job.is_decided and not unknown:
         bound = _bound(problems, best, how, seed, watch)
-    rank = sorted(best, key=lambda f: best[f].worth)[: how.angles]
+    rank = sorted(best, key=lambda f: best[f].objective)[: how.angles]
     # Where arms depend on each other, the ways of tasks are those that are best for each arm alone: no proof.
     exact = all(is_small(one) and not one.coupled for one in problems.values())
     exact = exact and not watch.stopped and order.job.start != "free"
     found = []
     for f in rank:
-        if best[f].worth > FREE.promising * best[rank[0]].worth:
+        if best[f].objective > FREE.promising * best[rank[0]].objective:
             continue
         touch = None
         if how.iterations and any(task.arm == ANY for task in order.job.tasks):
@@ -117,7 +117,7 @@ def free_orders(order: OrderModel, effort: str, seed: int, watch: Watch) -> Free
         ranked = _improved(problems[f], touch, best[f], how, seed, watch)
         exact = exact and ranked[0][1] <= best[f].total + 1e-9
         found += [
-            FreeOrder(_decided(order, own, problems[f].ways), order.angles[f], total)
+            FreeOrder(_decided(order, own, problems[f].options), order.angles[f], total)
             for own, total in ranked
             if np.isfinite(total)
         ]
@@ -166,7 +166,7 @@ def _with_conflicts(
 ) -> SequencingProblem:
     """Returns a problem in which tasks are dearer by the waits that they cause with the other arm's present tasks."""
     first = np.concatenate([[0], np.cumsum(problem.stops)])
-    rows = current.order.tasks(problem.ways)
+    rows = current.order.tasks(problem.options)
     own = [[k for t in row for k in range(first[t], first[t + 1])] for row in rows]
     arms = []
     for a, arm in enumerate(problem.arms):
@@ -203,9 +203,9 @@ def _bound(
     for f, one in problems.items():
         if watch.stop():
             return None
-        watch.tell("bounding all orders")
-        start = best[f].order.tasks(one.ways) if f in best else None
-        found = min(found, prove(of_ways(one), start, how.proof / len(problems), seed).bound)
+        watch.report("bounding all orders")
+        start = best[f].order.tasks(one.options) if f in best else None
+        found = min(found, prove(relax_options(one), start, how.proof / len(problems), seed).bound)
     return float(found)
 
 
@@ -240,7 +240,8 @@ def time_together(problem: SequencingProblem, order: Order, touch: BoolArray) ->
     steps = [max(1, int(np.ceil(own[-1] / step - 1e-9))) for own in ends]
     first = np.concatenate([[0], np.cumsum(problem.stops)])
     stops = [
-        [k for t in row for k in range(first[t], first[t + 1])] for row in order.tasks(problem.ways)
+        [k for t in row for k in range(first[t], first[t + 1])]
+        for row in order.tasks(problem.options)
     ]
     doing = [
         _doing(own, row, count, step) for own, row, count in zip(ends, stops, steps, strict=True)
@@ -255,7 +256,7 @@ def time_together(problem: SequencingProblem, order: Order, touch: BoolArray) ->
         tuple(sorted({min(round(float(time) / step), count) for time in (0.0, *own[:-1])}))
         for own, count in zip(ends, steps, strict=True)
     )
-    found = quickest_together(
+    found = quickest_path(
         Diagram((steps[0], steps[1]), (rests[0], rests[1]), inside & both & ~home)
     )
     return np.inf if found is None else found.length * step
@@ -265,7 +266,7 @@ def _ends(problem: SequencingProblem, a: int, nodes: tuple[int, ...]) -> FloatAr
     """Compute by the arm's clock when each stop and the return end [s]."""
     if not nodes:
         return np.zeros(0)
-    start, w, arm = problem.start_node, problem.ways, problem.arms[a]
+    start, w, arm = problem.start_node, problem.options, problem.arms[a]
     found, clock, last = [], 0.0, start
     for node in nodes:
         t, way = divmod(node, w)
@@ -308,11 +309,11 @@ def together_ranked(
     """
     tries: list[Timed] = []
     for one in {one.order: one for one in orders}.values():
-        rows = one.order.tasks(problem.ways)
+        rows = one.order.tasks(problem.options)
         turned = problem.coupled or problem.sequences or problem.in_file_order
         for flip in ((False, False),) if turned else FLIPS:
             own = [row[::-1] if back else row for row, back in zip(rows, flip, strict=True)]
-            tries.append(timed(problem, best_ways(problem, own)) if any(flip) else one)
+            tries.append(timed(problem, best_options(problem, own)) if any(flip) else one)
     lengths = [max(one.total, time_together(problem, one.order, touch)) for one in tries]
     rank = np.argsort(lengths, kind="stable")
     return [(tries[k], float(lengths[k])) for k in rank]

@@ -96,8 +96,8 @@ def check_meetings(order: OrderModel, problem: StageProblem) -> None:
         for giver, pair in enumerate(((give, take), (take, give))):
             # The work of either holds what the other one needs: infinity where that one is out of reach.
             there = np.isfinite(problem.work[giver][give])
-            if problem.apart is not None:
-                there &= np.isfinite(problem.apart[pair])
+            if problem.pair_cost is not None:
+                there &= np.isfinite(problem.pair_cost[pair])
             possible |= bool(there.any())
         task = order.job.tasks[giving]
         if not possible and task.handover is not None:
@@ -193,7 +193,7 @@ def _buffer_rules(problem: Relaxation, job: Job) -> dict[str, Rule]:
     for k, name in enumerate(used_buffers(job)):
 
         def holds(p: Relaxation, k: int = k) -> Relaxation:
-            return replace(p, stores=every.only(k).beside(p.stores))
+            return replace(p, stores=every.only(k).joined(p.stores))
 
         found[_of_buffer(name, job.buffers[name])] = holds
     return found

@@ -11,9 +11,9 @@ from dualarm_cli.orders.model.stage_order_model import StageModel
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.proof.cp_sat import prove
 from dualarm_cli.orders.proof.graph import ENDS, StageGraph
-from dualarm_cli.orders.proof.near import near_orders
+from dualarm_cli.orders.proof.near_optimal import near_optimal_orders
 from dualarm_cli.orders.proof.proof import StageProof, can_prove, prove_order
-from dualarm_cli.orders.proof.relaxation import of_stages, pair_bound
+from dualarm_cli.orders.proof.relaxation import pair_bound, relax_stages
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.clearance import SAMPLES
@@ -53,7 +53,7 @@ class OrderMoves:
         return cls(order, stages, tuple(entry), tuple(leaving), held[:, [0, 2]].T)
 
     def costs(self, graph: StageGraph, moves: IntArray) -> FloatArray:
-        """Returns about how much longer moves take, so that all is collision-free [s]; see `proof/near.py`."""
+        """Returns about how much longer moves take, so that all is collision-free [s]; see `proof/near_optimal.py`."""
         found = np.zeros(len(moves))
         idle = np.append((graph.stops == IDLE).any(axis=1), False)
         asked = np.flatnonzero(~idle[moves].any(axis=1))
@@ -130,11 +130,11 @@ def proven_orders(
         effort: one of EFFORTS.
         watch: receives progress, and may end it.
     """
-    watch.tell("bounding all orders and searching for better ones")
+    watch.report("bounding all orders and searching for better ones")
     how = EFFORTS[effort].order_bound.of_stops(problem.stops)
     waits = bool(order.job.cell.tool_changes)
-    told = (lambda _: None) if waits else watch.bounded
-    proven = prove_order(problem, best, how.proof, watch.stop, watch.found, told)
+    told = (lambda _: None) if waits else watch.record_bound
+    proven = prove_order(problem, best, how.proof, watch.stop, watch.record, told)
     found = [proven.order, *_near(order, stages, problem, proven, effort, watch)]
     return found, None if waits else proven.bound
 
@@ -154,7 +154,7 @@ def _near(
     more = order.job.has_handovers or order.job.cell.tool_changes or problem.stores is not None
     if proven.graph is None or proven.prices is None or order.clearance is None or more:
         return []
-    return near_orders(
+    return near_optimal_orders(
         proven.graph,
         proven.prices,
         proven.order,
@@ -176,14 +176,16 @@ def least_total(
         seed: of CP-SAT's randomness.
         watch: receives progress, and may end it.
     """
-    watch.tell("bounding all orders")
+    watch.report("bounding all orders")
     found = 0.0
     if not order.job.cell.tool_changes:
         # While one arm changes its tool the other one may work: that is in no pair of stops.
         found = pair_bound(problem)
-        watch.bounded(found)
+        watch.record_bound(found)
     how = EFFORTS[effort].order_bound
     if len(problem.tasks) <= how.most_tasks:
-        relaxed = of_stages(problem)
-        found = max(found, prove(relaxed, None, how.seconds, seed, watch.stop, watch.bounded).bound)
+        relaxed = relax_stages(problem)
+        found = max(
+            found, prove(relaxed, None, how.seconds, seed, watch.stop, watch.record_bound).bound
+        )
     return found

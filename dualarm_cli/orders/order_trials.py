@@ -54,7 +54,7 @@ class _Trial:
     plan: Evaluated
 
     @property
-    def worth(self) -> float:
+    def objective(self) -> float:
         """About how long a plan in this order takes [s], with what it costs to avoid collisions."""
         lost = plan_clearance(self.problem, self.plan).penalty
         return self.plan.total + min(lost, TRIALS.unlikely)
@@ -86,15 +86,15 @@ def most_promising(
     others = [one for one in found if one.plan is None]
     if len(begun) < 2 or not trials:
         return found
-    watch.tell(f"trying {len(trials)} orders that are nearly as good")
+    watch.report(f"trying {len(trials)} orders that are nearly as good")
     count, rounds = how.polished, how.rounds
-    trials.sort(key=lambda one: one.worth)
+    trials.sort(key=lambda one: one.objective)
     trials = _polished(trials[:count], count, rounds, watch)
     while (count := count // TRIALS.fewer) >= how.planned and not watch.stop():
         rounds *= TRIALS.longer
         trials = _polished(trials, count, rounds, watch)
     answers = [
-        replace(one.order, plan=one.plan.decisions, expected=one.worth)
+        replace(one.order, plan=one.plan.decisions, expected=one.objective)
         for one in _different(trials)[: how.planned]
     ]
     return (*answers, *others)
@@ -110,7 +110,7 @@ def _polished(trials: list[_Trial], count: int, rounds: int, watch: Watch) -> li
         if better and watch.stop():
             break
         better.append(one.polished(rounds))
-    return [*sorted(better, key=lambda one: one.worth), *trials[len(better) :]]
+    return [*sorted(better, key=lambda one: one.objective), *trials[len(better) :]]
 
 
 def _different(trials: list[_Trial]) -> list[_Trial]:

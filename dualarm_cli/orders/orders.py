@@ -30,9 +30,9 @@ from dualarm_cli.orders.paired.changes import (
     with_whole_changes,
 )
 from dualarm_cli.orders.paired.orders import good_orders, is_few, searched_orders, short_search
-from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem, apart
+from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem, split_pairs
 from dualarm_cli.orders.paired.times import totals, with_angles
-from dualarm_cli.orders.proof.relaxation import of_stages, of_ways
+from dualarm_cli.orders.proof.relaxation import relax_options, relax_stages
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
@@ -68,7 +68,7 @@ class DecidedOrder:
 class Orders:
     """What the search found."""
 
-    found: tuple[DecidedOrder, ...]
+    ranked: tuple[DecidedOrder, ...]
     """Different orders, the best one first."""
     bound: float | None
     """No order takes less with the search's platform angles and postures [s]; None where none is known."""
@@ -119,7 +119,7 @@ class PairedSearch:
         Raises:
             InfeasibleError: a task that no arm reaches.
         """
-        watch.tell("timing each task at every platform angle")
+        watch.report("timing each task at every platform angle")
         order = OrderModel.of(model, job, clear=clear)
         check_reach(order)
         stages = stage_model(order)
@@ -139,7 +139,7 @@ class PairedSearch:
         # An arm's own clock knows windows of whole tasks only, not those of targets that move.
         if len(model.arms) == 1 and not model.platform.is_chosen and not job.moves:
             return _alone(self.order, self.effort, self.seed, watch)
-        watch.tell("putting tasks in order")
+        watch.report("putting tasks in order")
         tasks = len(self.problem.tasks)
         kept = EFFORTS[self.effort].order_bound.time_share * (watch.limit or 0.0)
         effort, provable = EFFORTS[self.effort].orders, is_provable(self.problem, self.effort)
@@ -151,7 +151,7 @@ class PairedSearch:
             effort,
             self.seed,
             self.start,
-            watch.found,
+            watch.record,
             lambda: watch.stop(kept),
         )
         found, few = good_orders(*wanted), is_few(self.problem) and self.start is None
@@ -163,7 +163,7 @@ class PairedSearch:
             # And with targets that move where they are guessed to be met it proves nothing.
             why = None
             if not job.moves:
-                why = why_impossible(self.order, of_stages(self.problem))
+                why = why_impossible(self.order, relax_stages(self.problem))
             if why is not None or not found:
                 raise why or InfeasibleError(Refusal(NO_ORDER_FOUND))
         bound, how = None, SEARCHED
@@ -181,7 +181,7 @@ class PairedSearch:
             )
             how = DYNAMIC if better[0].total < known.total else how
             found = _distinct([*better, *found])
-        if (bound is None or of_stages(self.problem).timed) and not watch.stop():
+        if (bound is None or relax_stages(self.problem).timed) and not watch.stop():
             least = least_total(self.order, self.problem, self.effort, self.seed, watch)
             bound = max(bound or 0.0, least)
         if job.moves:
@@ -249,15 +249,15 @@ class PairedSearch:
         cuts = {(numbers[one], numbers[other]) for one, other in pairs}
         stands = self.stands
         if stands is not None:
-            stands = replace(stands, whole=_kept_apart(stands.whole, cuts))
+            stands = replace(stands, whole=_forbid_pairs(stands.whole, cuts))
         # Stops at stands are none of the search.
         cuts = {(one, other) for one, other in cuts if max(one, other) < stops}
         slots = self._slots(near)
-        problem = _left_to_the_other(_kept_apart(self.problem, cuts), self._barred(others))
+        problem = _forbid_tasks(_forbid_pairs(self.problem, cuts), self._barred(others))
         # Most of a long order is as good as it was.
         effort = "quick" if len(slots) > 60 else self.effort
         done = {(task.arm, task.id) for task in near.tasks}
-        start = apart(slots, cuts) if done.isdisjoint(others) else None
+        start = split_pairs(slots, cuts) if done.isdisjoint(others) else None
         return replace(self, problem=problem, effort=effort, start=start, stands=stands)
 
     def _barred(self, others: set[ArmTask]) -> list[tuple[int, int]]:
@@ -297,7 +297,7 @@ ArmTask = tuple[str, str]
 """An arm, and the id of a task."""
 
 
-def _left_to_the_other(problem: StageProblem, barred: list[tuple[int, int]]) -> StageProblem:
+def _forbid_tasks(problem: StageProblem, barred: list[tuple[int, int]]) -> StageProblem:
     """Returns stages in which arms cannot do some tasks, each an arm's and a task's number."""
     if not barred:
         return problem
@@ -311,24 +311,24 @@ def _left_to_the_other(problem: StageProblem, barred: list[tuple[int, int]]) -> 
     return replace(problem, length=tuple(length), work=tuple(work))
 
 
-def _kept_apart(problem: StageProblem, cuts: set[tuple[int, int]]) -> StageProblem:
+def _forbid_pairs(problem: StageProblem, cuts: set[tuple[int, int]]) -> StageProblem:
     """Returns stages in which pairs of stops are not made in one stage."""
     size = problem.stops + 2
     table: FloatArray = np.zeros((size, size, len(problem.turn)))
-    if problem.apart is not None:
-        table = np.array(problem.apart)
+    if problem.pair_cost is not None:
+        table = np.array(problem.pair_cost)
     for one, other in cuts:
         table[one, other] = np.inf
-    return replace(problem, apart=table)
+    return replace(problem, pair_cost=table)
 
 
 def _alone(order: OrderModel, effort: str, seed: int, watch: Watch) -> Orders:
     """Returns the orders of one arm that nothing carries: it goes by its own clock, whatever the mode."""
     orders = free_orders(order, effort, seed, watch)
-    if not orders.found:
-        raise why_impossible(order, of_ways(order.problem(0))) or InfeasibleError(
+    if not orders.ranked:
+        raise why_impossible(order, relax_options(order.problem(0))) or InfeasibleError(
             Refusal(NO_ORDER_FOUND)
         )
     how = PROVEN if orders.exact else SEARCHED
-    answers = [DecidedOrder(one.job, one.total) for one in orders.found]
+    answers = [DecidedOrder(one.job, one.total) for one in orders.ranked]
     return Orders(tuple(answers), orders.bound, how)

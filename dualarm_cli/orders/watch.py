@@ -21,7 +21,7 @@ class SeenEnoughError(BaseException):
 class Watch:
     """Progress of a search, the best plan so far, and the end, by time or because the user has seen enough."""
 
-    tell: Callable[[str], None] = lambda _: None
+    report: Callable[[str], None] = lambda _: None
     """Receives what is being done."""
     limit: float | None = None
     """How long to search at most [s]; None for as long as the effort says."""
@@ -33,12 +33,12 @@ class Watch:
     """Least total that the search has found [s]; None where it has found nothing yet."""
     bound: float | None = None
     """Best bound known on all totals [s]."""
-    filed: float | None = None
+    file_order_best: float | None = None
     """Least total that it has found among orders in which each arm keeps that of the file [s]; None where it has not
     looked for one."""
     searching: bool = False
     """Whether a search is going on."""
-    kept: Schedule | None = None
+    best_plan: Schedule | None = None
     """The quickest plan of the whole job so far, with its notes; None where there is none yet."""
     catching: bool = False
     """Whether whoever makes plans goes on with the kept one after a SeenEnoughError."""
@@ -47,34 +47,34 @@ class Watch:
     @property
     def endable(self) -> bool:
         """Whether there is something that an end now must not lose: a plan, or what a search has found."""
-        return self.kept is not None or (self.searching and self.best is not None)
+        return self.best_plan is not None or (self.searching and self.best is not None)
 
     @property
     def droppable(self) -> bool:
         """Whether a SeenEnoughError may be raised into what is being done."""
-        return self.catching and self.kept is not None
+        return self.catching and self.best_plan is not None
 
     def begin(self) -> None:
         """A search begins; the time of all searches for a plan counts from the first one."""
         if not self.searching:
             self._begin = time.monotonic()
-        self.best = self.bound = self.filed = None
+        self.best = self.bound = self.file_order_best = None
         self.searching = True
 
     def end(self) -> None:
         """Nothing is left to search for."""
         self.searching = False
 
-    def found(self, total: float) -> None:
+    def record(self, total: float) -> None:
         """The search has found something [s]."""
         self.best = total if self.best is None else min(self.best, total)
 
     def keep(self, schedule: Schedule) -> None:
         """Keeps a plan of the whole job, if it is quicker than the one that is kept."""
-        if self.kept is None or schedule.duration < self.kept.duration:
-            self.kept = schedule
+        if self.best_plan is None or schedule.duration < self.best_plan.duration:
+            self.best_plan = schedule
 
-    def bounded(self, bound: float) -> None:
+    def record_bound(self, bound: float) -> None:
         """Nothing takes less than a bound [s]."""
         self.bound = bound if self.bound is None else max(self.bound, bound)
 

@@ -48,9 +48,9 @@ def decided_plan(
     """
     job = with_needs(job)
     problem = replace(work.problem, start=start, patient=patient, job=job)
-    watch.tell(f"deciding platform angles and postures ({work.method.name})")
+    watch.report(f"deciding platform angles and postures ({work.method.name})")
     quickest = next((kind.quickest for kind in work.kinds if kind.quickest), quickest_clear)
-    found = quickest(problem, work.method.solve, work.timing, watch.tell, clear=work.clear)
+    found = quickest(problem, work.method.solve, work.timing, watch.report, clear=work.clear)
     stages, motion = found.cleared.plans, found.cleared.motion
     notes = (
         *job.notes,

@@ -44,9 +44,9 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
         InfeasibleError: neither is possible.
     """
     problem, settings, effort = work.problem, work.settings, work.effort
-    planner = FreePlanner(problem, work.method.solve, work.timing, watch.tell, work.clear)
+    planner = FreePlanner(problem, work.method.solve, work.timing, watch.report, work.clear)
     watch.begin()
-    watch.tell("timing each task at every platform angle")
+    watch.report("timing each task at every platform angle")
     order = OrderModel.of(problem.model, problem.job, clear=planner.clear)
     check_reach(order)
     orders = free_orders(order, settings.effort, settings.seed, watch)
@@ -70,14 +70,14 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
     epochs, rail = None, problem.model.platform.is_rail
     if (best is None or not watch.stop()) and _turns(problem.model):
         most, excess = effort.clocks.planned_epochs, effort.trials.promising
-        longest = np.inf if best is None else (1.0 + excess) * orders.found[0].total
+        longest = np.inf if best is None else (1.0 + excess) * orders.ranked[0].total
         for several in epoch_orders(order, settings.effort, settings.seed, watch, most):
             if best is not None and watch.stop():
                 break
             if several.total > longest:
                 continue
             try:
-                watch.tell(f"planning with {len(several.epochs)} platform angles")
+                watch.report(f"planning with {len(several.epochs)} platform angles")
                 found = _schedule(work, plan_epochs(planner, several), several.job)
             except InfeasibleError:
                 continue
@@ -87,7 +87,7 @@ def plan_by_own_clocks(work: PlannedJob, watch: Watch) -> Schedule:
     together = None
     why = [_why_together(best, turns=turns)]
     if best is None or (not watch.enough() and _may_be_quicker(work, best)):
-        watch.tell("planning both arms in synchronous stages")
+        watch.report("planning both arms in synchronous stages")
         try:
             job = stage_by_stage(with_changes(problem.job))
             together = plan_in_best_order(
@@ -144,15 +144,15 @@ def _may_be_quicker(work: PlannedJob, found: Schedule) -> bool:
 
 def _worth_planning(orders: FreeOrders, effort: EffortSettings) -> list[FreeOrder]:
     """Returns the orders at the best angles."""
-    if not orders.found:
+    if not orders.ranked:
         return []
-    most, limit = effort.clocks.tried, (1.0 + effort.trials.promising) * orders.found[0].total
-    if len(orders.found[0].job.tasks) > effort.trials.long:
-        return list(orders.found[:most])
+    most, limit = effort.clocks.tried, (1.0 + effort.trials.promising) * orders.ranked[0].total
+    if len(orders.ranked[0].job.tasks) > effort.trials.long:
+        return list(orders.ranked[:most])
     # Found orders come the quickest first.
     return [
-        *(one for one in orders.found if one.total <= limit),
-        *(one for one in orders.found if one.total > limit),
+        *(one for one in orders.ranked if one.total <= limit),
+        *(one for one in orders.ranked if one.total > limit),
     ][:most]
 
 
@@ -191,7 +191,7 @@ def free_notes(
     """
     own = planning_note("mode", "own_clocks", turns=turns, total=total)
     notes = [own, *_together_notes(together)]
-    if orders.exact and total <= orders.found[0].total:
+    if orders.exact and total <= orders.ranked[0].total:
         notes.append(planning_note("order", "best"))
     elif orders.bound is not None:
         notes.append(planning_note("order bound", "clocks", total=total, bound=orders.bound))

@@ -75,9 +75,9 @@ def _in_best_order(
         except InfeasibleError:
             raise error from None
         # Only collisions at stops have excluded every order: the plan of one tells what collides with what.
-        return planned(orders.found[0], orders, False)
+        return planned(orders.ranked[0], orders, False)
     if job.order != "given" and not watch.stop():
-        watch.filed = search.in_file_order()
+        watch.file_order_best = search.in_file_order()
     return _searched(search, orders, settings, watch, planned)
 
 
@@ -99,7 +99,7 @@ def _searched(
     """
     effort = EFFORTS[settings.effort]
     tried, trials = _Tried(effort.hopeless_orders, search.of_either_arm()), effort.trials
-    long = len(orders.found[0].job.stages()) > trials.long
+    long = len(orders.ranked[0].job.stages()) > trials.long
     searches = trials.searches_of_long if long else trials.searches
     tries = 0
     while True:
@@ -108,7 +108,7 @@ def _searched(
         patient = not long or tries > searches or watch.stop()
         one_by_one = partial(planned, of=orders, patient=patient)
         try:
-            promising = _promising(search, orders.found, settings, watch)
+            promising = _promising(search, orders.ranked, settings, watch)
             # What touches in a long order is better kept apart in it than tried in another one.
             return _quickest(promising, watch, one_by_one, tried, only_first=long)
         except BlockedError as error:
@@ -116,8 +116,8 @@ def _searched(
             if last or tried.known == known or tried.is_hopeless:
                 raise
             # What turned out to touch is kept apart, and the search goes on from there.
-            first = orders.found[0].job
-            watch.tell(f"keeping {tried.known} stops or pairs of them apart: {error.stages}")
+            first = orders.ranked[0].job
+            watch.report(f"keeping {tried.known} stops or pairs of them apart: {error.stages}")
             search = search.without(tried.pairs, tried.others, first)
             # At last only what touches is taken apart, and all else stays as it is, so that a plan comes of it.
             again = search.start is None or (tries < searches and not watch.stop())
@@ -157,7 +157,7 @@ def _quickest(
             break
         if tried.repeats(one.job):
             continue
-        watch.tell(f"planning order {number} (about {one.total:.2f} s)")
+        watch.report(f"planning order {number} (about {one.total:.2f} s)")
         begin = watch.elapsed()
         try:
             schedule = planned(one)

@@ -35,7 +35,7 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
         watch: receives what is being done, and may end a search for orders early.
     """
     watch = watch or Watch(limit=settings.time_limit)
-    watch.tell("reading the robot")
+    watch.report("reading the robot")
     work = resolve(job, settings)
     bound = JobBound(job, work.closed_forms, work.kinds, settings.effort, work.blending)
     notes: list[str] = []
@@ -48,17 +48,17 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
             is_found = True
         except InfeasibleError:
             watch.end()
-            watch.tell("planning with less effort")
+            watch.report("planning with less effort")
             easier = None if watch.enough() else beside.result()
             if easier is None:
                 raise
             schedule = _as_asked(easier, settings)
             watch.keep(schedule)
             is_found = False
-        watch.tell("computing the lower bound")
+        watch.report("computing the lower bound")
         least = _until_seen_enough(watch, bounding.result) or no_bound("interrupted")
         if is_found and _less_efforts(work):
-            watch.tell("planning with less effort")
+            watch.report("planning with less effort")
             easier = None if watch.enough() else _until_seen_enough(watch, beside.result)
             if easier is None and watch.enough():
                 notes.append(planning_note("effort", "interrupted"))
@@ -87,16 +87,16 @@ def plan_without_bound(
         InfeasibleError: no posture reaches a target, or nothing that was found is collision-free.
     """
     watch = watch or Watch(limit=settings.time_limit)
-    watch.tell("reading the robot")
+    watch.report("reading the robot")
     return _planned(resolve(job, settings, clear=clear), watch)
 
 
 def _planned(work: PlannedJob, watch: Watch) -> Schedule:
     """Plan a resolved job; where the user has seen enough, return the plan that is kept."""
-    watch.kept = None
+    watch.best_plan = None
     schedule = _until_seen_enough(watch, lambda: _by_route(work, watch))
     watch.end()
-    schedule = schedule or watch.kept
+    schedule = schedule or watch.best_plan
     assert schedule is not None  # nothing else is dropped
     notes: list[str] = []
     for kind in work.kinds:
@@ -128,7 +128,7 @@ def _by_route(work: PlannedJob, watch: Watch) -> Schedule:
     if best is not None and _is_slower_as_filed(best, watch, work.effort.trials):
         filed = None
     if filed is not None and (best is None or not watch.stop()):
-        watch.tell("planning the file's order")
+        watch.report("planning the file's order")
         with suppress(InfeasibleError):
             given = ROUTES[work.route](work.with_job(filed), watch)
             if best is None or given.duration < best.duration:
@@ -147,10 +147,10 @@ def _is_slower_as_filed(found: Schedule, watch: Watch, trials: TrialEffort) -> b
 
     It cannot where the search for stages found it to be slower by far, and the plan is as quick as the search promised.
     """
-    if watch.best is None or watch.filed is None:
+    if watch.best is None or watch.file_order_best is None:
         return False
     stopping = found.duration + (found.blend_gain or 0.0)
-    return stopping <= watch.best and watch.filed > (1.0 + trials.far_slower) * watch.best
+    return stopping <= watch.best and watch.file_order_best > (1.0 + trials.far_slower) * watch.best
 
 
 def _by_sections(work: PlannedJob, watch: Watch) -> Schedule:

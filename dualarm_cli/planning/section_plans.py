@@ -216,7 +216,7 @@ def quickest_of_sections(work: PlannedJob, watch: Watch) -> Schedule:
         if best is not None and watch.stop(longest):
             break
         begin = watch.elapsed()
-        watch.tell(f"planning order {number} of {len(orders)} of tasks of both arms")
+        watch.report(f"planning order {number} of {len(orders)} of tasks of both arms")
         tried += 1
         try:
             found = sections_plan(work.with_job(one), watch)
@@ -224,7 +224,7 @@ def quickest_of_sections(work: PlannedJob, watch: Watch) -> Schedule:
             failure = failure or error
             continue
         longest = max(longest, watch.elapsed() - begin)
-        watch.found(found.duration)
+        watch.record(found.duration)
         watch.keep(_with_order(found, one, orders[0], tried))
         if best is None or found.duration < best.duration:
             best, chosen = found, one

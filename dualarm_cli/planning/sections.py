@@ -111,17 +111,17 @@ class SectionPlanner(SectionTools):
         if problem.job.is_decided:
             return problem
         job = own_rules(problem.job)
-        watch = Watch(tell=self.progress)
+        watch = Watch(report=self.progress)
         search = PairedSearch.of(
             problem.model, job, problem.effort, problem.seed, watch, clear=self.clear
         )
-        return replace(problem, job=search.orders(watch).found[0].job)
+        return replace(problem, job=search.orders(watch).ranked[0].job)
 
 
 def sections_plan(work: PlannedJob, watch: Watch) -> Schedule:
     """Plan a job with paths or seams, section after section in the order of its tasks."""
     planner = SectionPlanner(
-        work.problem, work.settings, work.timing, watch.tell, work.clear, (), work.method.solve
+        work.problem, work.settings, work.timing, watch.report, work.clear, (), work.method.solve
     )
     planned = planner.plan()
     # Sections begin where the ones before end: what is quicker by itself may cost more afterwards.

@@ -199,14 +199,14 @@ def test_the_status_line_says_what_a_search_has_and_for_how_long():
     line = StatusLine(watch, "planning")
     assert line.words() == "planning"
     watch.begin()
-    watch.tell("putting tasks in order")
+    watch.report("putting tasks in order")
     assert line.words() == "putting tasks in order: 0 s of 30 s"
     for total, bound in ((38.0, 30.0), (37.6, 33.1), (39.0, 32.0)):
-        watch.found(total)
-        watch.bounded(bound)
+        watch.record(total)
+        watch.record_bound(bound)
     assert line.words() == "putting tasks in order: best 37.60 s, bound 33.10 s, 0 s of 30 s"
     watch.end()
-    watch.tell("verifying")
+    watch.report("verifying")
     assert line.words() == "verifying"
 
 

@@ -138,7 +138,7 @@ def in_stages() -> Callable[..., StageProblem]:
             free_start,
             **rules,
             **windows,
-            apart=apart,
+            pair_cost=apart,
         )
 
     return made

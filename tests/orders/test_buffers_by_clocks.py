@@ -10,10 +10,10 @@ import pytest
 
 from dualarm_cli.orders.asynchronous.exact import exact_order, is_small
 from dualarm_cli.orders.asynchronous.recreate import Recreator
-from dualarm_cli.orders.asynchronous.times import StoredOrder, best_ways, timed
+from dualarm_cli.orders.asynchronous.times import StoredOrder, best_options, timed
 from dualarm_cli.orders.paired.exact import best_of_all
 from dualarm_cli.orders.proof.cp_sat import prove
-from dualarm_cli.orders.proof.relaxation import of_stages, of_ways
+from dualarm_cli.orders.proof.relaxation import relax_options, relax_stages
 from dualarm_cli.orders.rules.stores import Stores
 
 KINDS = ("", "before", "windows", "sequences", "file")
@@ -26,7 +26,7 @@ def legs(problem, order):
     for a, nodes in enumerate(order.nodes):
         own, last = [], problem.start_node
         for node in nodes:
-            t, way = divmod(node, problem.ways)
+            t, way = divmod(node, problem.options)
             for s in range(problem.stops[t]):
                 work = problem.arms[a].second[t, way] if s else problem.arms[a].first[t, way]
                 go = 0.0 if s else problem.between[a][last, node]
@@ -120,7 +120,7 @@ def test_few_tasks_the_best_of_all_orders_and_sequences_of_events(
         least = np.inf
         for rows in every_row(n, len(problem.arms)):
             if kept(problem, rows):
-                order = best_ways(problem, rows)
+                order = best_options(problem, rows)
                 if np.isfinite(timed(replace(problem, stores=None), order).total):
                     least = min(least, interleaved(problem, order))
         found = exact_order(problem)
@@ -128,7 +128,7 @@ def test_few_tasks_the_best_of_all_orders_and_sequences_of_events(
         if found is not None:
             there += 1
             assert found.total == pytest.approx(least, abs=1e-9), k
-            assert kept(problem, found.order.tasks(problem.ways))
+            assert kept(problem, found.order.tasks(problem.options))
     assert there >= 3
 
 
@@ -145,7 +145,7 @@ def test_first_served_is_best_where_each_buffer_has_one_giver(by_clocks):
         lasts = np.tile([0.15, 0.05], (first[-1], 1))
         stores = Stores(change, np.array([1 + seed % 2]), np.array([0]))
         problem = replace(made, stores=stores, lasts=lasts)
-        order = best_ways(problem, ((0, 1, 2), (3, 4, 5)))
+        order = best_options(problem, ((0, 1, 2), (3, 4, 5)))
         found = timed(problem, order)
         assert found.total == pytest.approx(interleaved(problem, order), abs=1e-9)
         assert found.total >= timed(replace(problem, stores=None), order).total - 1e-9
@@ -163,7 +163,7 @@ def test_where_both_arms_give_and_take_every_sequence_of_events_is_looked_at(by_
         lasts = np.sort(rng.uniform(0.0, 0.9, (6, 2)), axis=1)[:, ::-1]
         problem = replace(made, stops=(1,) * 6, arms=arms, stores=stores, lasts=lasts)
         names = rng.permutation(6).tolist()
-        order = best_ways(problem, (names[:3], names[3:]))
+        order = best_options(problem, (names[:3], names[3:]))
         least, found = interleaved(problem, order), timed(problem, order)
         assert np.isfinite(found.total) == np.isfinite(least), seed
         if np.isfinite(least):
@@ -183,7 +183,7 @@ def test_an_order_with_a_buffer_is_timed_as_by_hand(by_clocks):
     stores = Stores(np.array([[1], [1], [-1], [-1], [0]]), np.array([1]), np.array([0]))
     lasts = np.tile([0.2, 0.05], (4, 1))
     problem = replace(made, arms=arms, returns=False, stores=stores, lasts=lasts)
-    found = timed(problem, best_ways(problem, ((0, 1), (2, 3))))
+    found = timed(problem, best_options(problem, ((0, 1), (2, 3))))
     work = [problem.length[a][t] for a, t in ((0, 0), (0, 1), (1, 2), (1, 3))]
     way = problem.between
     put = way[0][4, 0] + work[0]
@@ -200,11 +200,11 @@ def test_an_order_with_a_buffer_is_timed_as_by_hand(by_clocks):
     )
     assert found.total == pytest.approx(max(put_again, take_again))
     # One arm that puts two before it takes any: its second put is never made, nor what comes after.
-    stuck = timed(problem, best_ways(problem, ((0, 1, 2, 3), ())))
+    stuck = timed(problem, best_options(problem, ((0, 1, 2, 3), ())))
     assert np.isinf(stuck.total)
     assert stuck.left == 3
     assert not stuck.is_possible
-    assert np.isfinite(stuck.worth)
+    assert np.isfinite(stuck.objective)
 
 
 def test_many_tasks_have_an_order_in_which_no_arm_waits_forever(by_clocks):
@@ -251,8 +251,8 @@ def test_the_bound_holds_with_buffers_and_what_is_impossible_is_proven(
         )
         stages = with_stores(in_stages(400 + k, kind, n, 1 if k % 3 == 2 else 2), 900 + k)
         for best, relaxed in (
-            (exact_order(problem), of_ways(problem)),
-            (best_of_all(stages), of_stages(stages)),
+            (exact_order(problem), relax_options(problem)),
+            (best_of_all(stages), relax_stages(stages)),
         ):
             proven = prove(relaxed, None, 4.0, 0)
             if best is None:

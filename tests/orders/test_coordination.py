@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dualarm_cli.orders.asynchronous.coordination import Diagram, quickest_together
+from dualarm_cli.orders.asynchronous.coordination import Diagram, quickest_path
 
 
 def free(diagram, i, j):
@@ -108,7 +108,7 @@ def test_it_is_the_quickest_of_all_ways(share, needs):
     none = 0
     for k in range(300):
         diagram = some_diagram(rng, share, needs=needs)
-        least, found = naive(diagram), quickest_together(diagram)
+        least, found = naive(diagram), quickest_path(diagram)
         assert (found is None) == (least is None), k
         if found is None:
             none += 1
@@ -133,7 +133,7 @@ def test_no_arm_goes_on_before_it_may(share):
         if share == 0.0:
             blocked = np.zeros((diagram.steps[0] + 1, 2 * max(diagram.steps) + 1), dtype=bool)
             diagram = replace(diagram, blocked=blocked)
-        least, found = naive(diagram), quickest_together(diagram)
+        least, found = naive(diagram), quickest_path(diagram)
         if found is not None:
             assert gone(diagram, found) == found.length, k
             assert least is not None
@@ -153,16 +153,16 @@ def test_one_arm_lets_the_other_pass():
         blocked[0, 4 + j] = False
     for i in range(1, 5):
         blocked[i, 4 + 4 - i] = False
-    found = quickest_together(Diagram((4, 4), ((0, 2), (0, 2)), blocked))
+    found = quickest_path(Diagram((4, 4), ((0, 2), (0, 2)), blocked))
     assert found.length == 7
     assert found.waits == (((0, 3),), ())
     # Not from its start: the second arm may not wait at its end forever, the first must not wait at 0.
-    assert quickest_together(Diagram((4, 4), ((2,), (0, 2)), blocked)) is None
+    assert quickest_path(Diagram((4, 4), ((2,), (0, 2)), blocked)) is None
 
 
 def test_no_way_leads_out_of_the_band():
     """The second arm has three steps more than the first, which may not be that far behind."""
     blocked = np.zeros((3, 3), dtype=bool)
-    assert quickest_together(Diagram((2, 5), ((0,), (0,)), blocked)) is None
+    assert quickest_path(Diagram((2, 5), ((0,), (0,)), blocked)) is None
     wide = np.zeros((3, 7), dtype=bool)
-    assert quickest_together(Diagram((2, 5), ((0,), (0,)), wide)).length == 5
+    assert quickest_path(Diagram((2, 5), ((0,), (0,)), wide)).length == 5

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from dualarm_cli.orders.asynchronous.exact import exact_order
-from dualarm_cli.orders.asynchronous.times import best_ways, timed
+from dualarm_cli.orders.asynchronous.times import best_options, timed
 from dualarm_cli.orders.paired.exact import best_of_all
 from dualarm_cli.orders.paired.search import StageSearch
 from dualarm_cli.orders.proof.cp_sat import prove
-from dualarm_cli.orders.proof.relaxation import Relaxation, of_stages, of_ways
+from dualarm_cli.orders.proof.relaxation import Relaxation, relax_options, relax_stages
 
 KINDS = ("", "before", "sequences", "windows", "file", "before sequences windows")
 EFFORT = 5.0
@@ -24,7 +24,7 @@ def test_least_times_of_stages_are_the_least_of_all_angles(in_stages, one_stop):
     """Word by word: from the last stop of a task to the last of the next, the way from the start and back."""
     for seed in range(6):
         problem = in_stages(seed, "", 4, one_stop=one_stop)
-        found, s, f = of_stages(problem), problem.stops, range(len(problem.turn))
+        found, s, f = relax_stages(problem), problem.stops, range(len(problem.turn))
         shortest = np.full(4, np.inf)
         for a, length in enumerate(problem.length):
             for t, own in enumerate(problem.tasks):
@@ -47,12 +47,12 @@ def test_no_order_by_clocks_is_faster_than_the_bound(by_clocks, every_row, kept,
     """Every order of five tasks in several ways."""
     for seed in range(4):
         problem = by_clocks(seed, kind, 5, 1 + seed % 3, 1 if seed == 3 else 2)
-        found = prove(of_ways(problem), None, EFFORT, 0)
+        found = prove(relax_options(problem), None, EFFORT, 0)
         totals = [
             one.total
             for rows in every_row(problem.tasks, len(problem.arms))
             if kept(problem, rows)
-            for one in [timed(problem, best_ways(problem, rows))]
+            for one in [timed(problem, best_options(problem, rows))]
             if one.is_possible
         ]
         assert found.bound <= min(totals, default=np.inf) + 1e-9
@@ -76,19 +76,19 @@ def test_of_one_way_by_clocks_the_bound_is_the_best_order(by_clocks, kind):
             one = problem.arms[0]
             same = [replace(arm, first=one.first, second=one.second) for arm in problem.arms]
             problem = replace(problem, arms=tuple(same))
-        best, found = exact_order(problem), prove(of_ways(problem), None, EFFORT, 0)
+        best, found = exact_order(problem), prove(relax_options(problem), None, EFFORT, 0)
         if best is None:
             assert found.impossible
             continue
         assert best.total - 1e-3 * (problem.tasks + 1) <= found.bound <= best.total + 1e-9
-        again = timed(problem, best_ways(problem, found.tasks))
+        again = timed(problem, best_options(problem, found.tasks))
         assert again.total <= found.bound + 1e-3 * (problem.tasks + 1)
 
 
 def test_an_order_of_less_than_a_second_is_bounded_by_what_it_takes(by_clocks):
     """The same work fifty times as quick: the bound follows."""
     problem = by_clocks(31, "", 4, 1, 2)
-    slow, best = of_ways(problem), exact_order(problem)
+    slow, best = relax_options(problem), exact_order(problem)
     quick = replace(slow, cost=tuple(c / 50.0 for c in slow.cost), least=slow.least / 50.0)
     found = prove(quick, None, EFFORT, 0)
     assert best is not None
@@ -101,7 +101,7 @@ def test_no_order_of_stages_is_faster_than_the_bound(in_stages, kind):
     """The best of all orders of five tasks, and what a search finds with idle arms."""
     for seed in range(4):
         problem = in_stages(seed, kind, 5, 1 + (seed > 0))
-        found = prove(of_stages(problem), None, EFFORT, 0)
+        found = prove(relax_stages(problem), None, EFFORT, 0)
         best = best_of_all(problem)
         totals = [np.inf if best is None else best.total]
         search = StageSearch(problem, seed)
@@ -122,14 +122,14 @@ def test_one_arm_at_one_angle_has_the_best_order_as_its_bound(in_stages):
             length[:, problem.stops] = 0.0
             problem = replace(problem, length=(length,))
         best = best_of_all(problem).total
-        found = prove(of_stages(problem), None, EFFORT, 0)
+        found = prove(relax_stages(problem), None, EFFORT, 0)
         assert best - 1e-3 * (problem.stops + 1) <= found.bound <= best + 1e-9
 
 
 def test_a_hint_changes_nothing_that_is_proven(by_clocks):
     """Good or bad."""
     problem = by_clocks(2, "before", 6, 1, restricted=False)
-    relaxed = of_ways(problem)
+    relaxed = relax_options(problem)
     plain = prove(relaxed, None, EFFORT, 0).bound
     for start in (exact_order(problem).order.tasks(1), ((0, 1, 2, 3, 4, 5), ())):
         assert prove(relaxed, start, EFFORT, 0).bound == plain
@@ -137,7 +137,7 @@ def test_a_hint_changes_nothing_that_is_proven(by_clocks):
 
 def test_bounds_that_are_told_grow_up_to_the_last_one(by_clocks):
     """And none is above it."""
-    relaxed, told = of_ways(by_clocks(4, "before", 8, 1)), []
+    relaxed, told = relax_options(by_clocks(4, "before", 8, 1)), []
     found = prove(relaxed, None, EFFORT, 0, bounded=told.append)
     assert told == sorted(told)
     assert all(one <= found.bound + 1e-9 for one in told)

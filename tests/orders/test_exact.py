@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.orders.asynchronous.exact import exact_order, is_small
-from dualarm_cli.orders.asynchronous.times import best_ways, keeps_rules, timed
+from dualarm_cli.orders.asynchronous.times import best_options, keeps_rules, timed
 
 KINDS = (
     "",
@@ -29,7 +29,7 @@ def naive(problem, every_row, kept):
     totals = []
     for rows in every_row(problem.tasks, len(problem.arms)):
         if kept(problem, rows):
-            found = timed(problem, best_ways(problem, rows))
+            found = timed(problem, best_options(problem, rows))
             if np.isfinite(found.total) and found.late <= 1e-9:
                 totals.append(found.total)
     return min(totals, default=None)
@@ -45,9 +45,9 @@ def test_it_is_the_best_of_all_orders(by_clocks, every_row, kept, kind):
         assert (found is None) == (least is None), k
         if found is not None:
             assert found.total == pytest.approx(least, abs=1e-9), k
-            assert kept(problem, found.order.tasks(problem.ways))
+            assert kept(problem, found.order.tasks(problem.options))
             assert timed(problem, found.order).total == found.total
-            done = sorted(t for row in found.order.tasks(problem.ways) for t in row)
+            done = sorted(t for row in found.order.tasks(problem.options) for t in row)
             assert done == list(range(problem.tasks))
 
 
@@ -84,9 +84,9 @@ def test_best_ways_make_an_arms_own_time_least(by_clocks):
                 clock += problem.between[0][last, node] + problem.length[0][node]
                 last = node
             times.append(clock + problem.between[0][last, problem.start_node])
-        found = timed(problem, best_ways(problem, [tasks]))
-        assert found.own[0] == pytest.approx(min(times), abs=1e-12)
-        assert found.total == found.own[0]
+        found = timed(problem, best_options(problem, [tasks]))
+        assert found.busy[0] == pytest.approx(min(times), abs=1e-12)
+        assert found.total == found.busy[0]
 
 
 def test_an_order_is_timed_as_by_hand(by_clocks):
@@ -100,7 +100,7 @@ def test_an_order_is_timed_as_by_hand(by_clocks):
         not_before=np.array([9.0, 0.0]),
         not_after=np.array([np.inf, 11.0]),
     )
-    found = timed(problem, best_ways(problem, ((0,), (1,))))
+    found = timed(problem, best_options(problem, ((0,), (1,))))
     # The first begins when its window opens, the second when the first is over: both have long been there.
     over = 9.0 + problem.length[0][0]
     done = over + problem.length[1][1]
@@ -114,4 +114,4 @@ def test_an_order_is_timed_as_by_hand(by_clocks):
     assert not missed.is_possible
     # Each waits for the other forever.
     crossed = replace(by_clocks(0, "", 4, 1, restricted=False), before=((0, 3), (2, 1)))
-    assert np.isinf(timed(crossed, best_ways(crossed, ((1, 0), (3, 2)))).total)
+    assert np.isinf(timed(crossed, best_options(crossed, ((1, 0), (3, 2)))).total)

@@ -89,7 +89,7 @@ def test_moves_cost_what_the_plan_of_the_same_postures_is_said_to_cost(search):
 def test_plans_that_are_tried_are_better_and_the_best_come_first(search):
     watch = Watch()
     watch.begin()
-    orders = search.orders(watch).found
+    orders = search.orders(watch).ranked
     kept = most_promising(search, orders, "quick", watch)
     assert 1 < len(kept) <= EFFORTS["quick"].trials.planned
     assert kept[0].expected == min(one.expected for one in kept)
@@ -116,7 +116,7 @@ def test_orders_that_are_all_but_the_same_are_planned_last(search, monkeypatch):
     watch.begin()
     quick = dataclasses.replace(EFFORTS["quick"], trials=TrialEffort(40, 1, 40))
     monkeypatch.setattr(order_trials, "EFFORTS", {"quick": quick})
-    orders = search.orders(watch).found
+    orders = search.orders(watch).ranked
     some = [one for one in orders if one.plan is not None]
     kept = most_promising(search, tuple(some), "quick", watch)
     assert {one.job.pairing for one in kept} == {one.job.pairing for one in some}
@@ -136,7 +136,7 @@ def test_a_third_of_the_orders_is_polished_on_and_twice_as_long(search, monkeypa
     """18 of them for one round, the best 6 of these for two, the best 2 for four; none is lost."""
     watch = Watch()
     watch.begin()
-    some = [one for one in search.orders(watch).found if one.plan is not None]
+    some = [one for one in search.orders(watch).ranked if one.plan is not None]
     orders = tuple(dataclasses.replace(some[0], total=float(k)) for k in range(20))
     effort = dataclasses.replace(EFFORTS["quick"], trials=TrialEffort(18, 1, 2))
     monkeypatch.setattr(order_trials, "EFFORTS", {"quick": effort})
@@ -149,7 +149,7 @@ def test_a_third_of_the_orders_is_polished_on_and_twice_as_long(search, monkeypa
         plan = SimpleNamespace(decisions=None)
 
         def __init__(self, order, done=0):
-            super().__init__(order=order, done=done, worth=100.0 - done * order.total)
+            super().__init__(order=order, done=done, objective=100.0 - done * order.total)
 
         def polished(self, count):
             rounds.append(count)
@@ -176,7 +176,7 @@ def test_few_orders_are_planned_also_where_none_is_tried_before(search, not_afte
     job = search.order.job
     some = [dataclasses.replace(task, not_after=not_after) for task in job.tasks[:4]]
     told = []
-    watch = Watch(tell=told.append)
+    watch = Watch(report=told.append)
     plan_without_bound(
         dataclasses.replace(job, tasks=tuple(some)), PlanSettings(effort="quick"), watch
     )

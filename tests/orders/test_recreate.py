@@ -37,14 +37,14 @@ def test_all_rules_are_kept_and_nothing_gets_worse(by_clocks, kept, kind):
         told = []
         found = search.improve(first, 60, told.append)
         for one in (first, *told, found):
-            rows = one.order.tasks(problem.ways)
+            rows = one.order.tasks(problem.options)
             assert kept(problem, rows)
             assert sorted(t for row in rows for t in row) == list(range(12))
             for a, nodes in enumerate(one.order.nodes):
                 assert np.isfinite(problem.length[a][list(nodes)]).all()
             assert timed(problem, one.order) == one
-        assert found.worth <= first.worth
-        worths = [one.worth for one in told]
+        assert found.objective <= first.objective
+        worths = [one.objective for one in told]
         assert worths == sorted(worths, reverse=True)
         # Without windows nothing can be late: what is found can be done.
         assert found.is_possible or "windows" in kind
@@ -83,7 +83,7 @@ def test_few_tasks_are_done_as_soon_as_they_can_be(by_clocks, kind):
         assert all(total >= best.total - 1e-9 for total in possible)
         # Where arms wait the search sees the waits of whole orders only, not of each place: nearly as soon.
         more = 0.06 * best.total if problem.coupled else 0.0
-        assert min(possible) <= best.total + 1e-3 * sum(best.own) + more + 1e-9, seed
+        assert min(possible) <= best.total + 1e-3 * sum(best.busy) + more + 1e-9, seed
 
 
 def test_it_stops_when_told(by_clocks):

@@ -13,11 +13,11 @@ from dualarm_cli.effort import StageEffort
 from dualarm_cli.orders.paired import orders as stage_orders
 from dualarm_cli.orders.paired.exact import best_of_all
 from dualarm_cli.orders.paired.orders import (
-    NearOrders,
+    NearOptimalOrders,
     StageAnnealing,
     good_orders,
     in_file_order,
-    is_served,
+    is_supported,
 )
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder
 from dualarm_cli.orders.paired.search import StageSearch
@@ -35,7 +35,9 @@ def length_of(problem, slots, angles, start):
             whole += 0.0 if angle == at else np.inf
             continue
         parts = [problem.length[a][came[a], row[a], at, angle] for a in (0, 1) if row[a] != IDLE]
-        extra = 0.0 if problem.apart is None or IDLE in row else problem.apart[(*row, angle)]
+        extra = (
+            0.0 if problem.pair_cost is None or IDLE in row else problem.pair_cost[(*row, angle)]
+        )
         whole += max(parts) + extra
         came = [stop if stop != IDLE else c for stop, c in zip(row, came, strict=True)]
         at = angle
@@ -216,7 +218,7 @@ def test_two_tours_of_points_in_a_ring_are_found(in_stages):
     ringed = replace(
         problem, length=tuple(lengths), work=work, turn=np.zeros((1, 1)), returns=False
     )
-    assert is_served(ringed)
+    assert is_supported(ringed)
     rng = np.random.default_rng(1)
     slots = np.stack([rng.permutation(n), n + rng.permutation(n)], axis=1)
     start = with_angles(ringed, slots)
@@ -229,7 +231,7 @@ def test_two_tours_of_points_in_a_ring_are_found(in_stages):
 def test_problems_with_rules_are_left_to_ruin_and_recreate(in_stages, kind):
     """Rounds of annealing change nothing for them."""
     problem = in_stages(7, kind, 9)
-    assert not is_served(problem)
+    assert not is_supported(problem)
     one, other = (
         good_orders(problem, StageEffort(1, 200, 0.5, rounds), 0)[0] for rounds in (0, 50)
     )
@@ -278,7 +280,7 @@ def test_quicker_coolings_come_first_so_that_ending_early_leaves_a_good_order(
 def test_orders_that_are_nearly_as_good_are_kept_with_every_cooling(in_stages):
     """Different ones, each as long as it is said to be, none longer than the best of its cooling by 2 %; best first."""
     problem = replace(in_stages(6, "", 30, one_stop=True), free_start=False)
-    assert is_served(problem)
+    assert is_supported(problem)
     few = good_orders(problem, StageEffort(1, 100, 0.5, 4000), 0)
     many = good_orders(problem, StageEffort(1, 100, 0.5, 4000, coolings=3, near=8), 0)
     # What was found at first is still there, and no cooling gives more than its own and eight others.
@@ -295,11 +297,11 @@ def test_of_more_orders_than_there_is_room_for_the_shortest_stay():
     """An order that comes again takes no room."""
     angles = np.zeros(1, dtype=np.int64)
     orders = [StageOrder(np.array([[k, IDLE]]), angles, 10.0 + 0.1 * k) for k in range(6)]
-    near = NearOrders(3)
+    near = NearOptimalOrders(3)
     for k in (5, 2, 4, 2, 0, 3, 0):
         near.add(orders[k])
     assert sorted(one.total for one in near.of(10.0)) == [10.0]
     assert sorted(one.total for one in near.of(10.15)) == pytest.approx([10.0, 10.2, 10.3])
-    nothing = NearOrders(0)
+    nothing = NearOptimalOrders(0)
     nothing.add(orders[0])
     assert nothing.of(10.0) == []

@@ -176,7 +176,7 @@ def test_every_place_is_priced_with_its_parts(in_stages, with_stores):
         ends = Stretches(problem, whole).ends(begin, begin + span)
         part = totals(problem, whole[None, begin : begin + span], ends)[0]
         before = problem.stores.missing(whole[None, :begin])[0]
-        after = begin + span + len(ends.then)
+        after = begin + span + len(ends.next_stages)
         level = problem.stores.after(whole[:after])
         rest = problem.stores.missing(whole[None, after:], level)[0]
         assert part + before + rest == pytest.approx(with_angles(problem, whole).total)

@@ -89,7 +89,7 @@ def test_two_rows_of_stops_keep_a_buffer(in_stages):
     """The first arm's stops put parts into a buffer for one, the second arm's take them out, against all ways."""
     waited = 0
     for seed in range(8):
-        tables = replace(in_stages(seed, "", 6, one_stop=True), apart=None)
+        tables = replace(in_stages(seed, "", 6, one_stop=True), pair_cost=None)
         lengths = [np.where(np.isinf(x) & (x > 0), 2.0, x) for x in tables.length]
         change = [1, 1, 1, -1, -1, -1]
         stores = Stores(np.array([*change, 0])[:, None], np.array([1]), np.array([0]))

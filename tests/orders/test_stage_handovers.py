@@ -213,7 +213,13 @@ def test_stops_that_touch_are_taken_apart_but_for_handovers():
     apart = np.zeros((9, 9, 2))
     apart[GIVE, TAKE] = apart[4, 6] = np.inf
     problem = StageProblem(
-        problem.length, problem.work, problem.turn, TASKS, False, handovers=((0, 1),), apart=apart
+        problem.length,
+        problem.work,
+        problem.turn,
+        TASKS,
+        False,
+        handovers=((0, 1),),
+        pair_cost=apart,
     )
     slots = np.array([[PICK, IDLE], [GIVE, TAKE], [4, PUT], [5, IDLE]])
     np.testing.assert_array_equal(never_touching(problem, slots), slots)

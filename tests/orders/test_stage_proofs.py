@@ -15,9 +15,16 @@ from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.paired.search import StageSearch
 from dualarm_cli.orders.paired.times import totals, with_angles
 from dualarm_cli.orders.proof import labels
-from dualarm_cli.orders.proof.graph import ENDS, AllWays, StageGraph, count_nodes, few_ways, ways_of
+from dualarm_cli.orders.proof.graph import (
+    ENDS,
+    DenseEdges,
+    StageGraph,
+    count_nodes,
+    edges_from_rows,
+    sparse_edges,
+)
 from dualarm_cli.orders.proof.labels import MOST_STOPS, Continuations, LabelSearch, StageSteps
-from dualarm_cli.orders.proof.near import near_orders
+from dualarm_cli.orders.proof.near_optimal import near_optimal_orders
 from dualarm_cli.orders.proof.prices import Paths, Prices, best_prices, good_prices, needed
 from dualarm_cli.orders.proof.proof import can_prove, keeps_rules, prove_order
 from dualarm_cli.orders.proof.relaxation import pair_bound
@@ -114,8 +121,8 @@ def _over(problem, stage, came, f0, g, over):
     """Returns when a stage is over, infinite where it cannot be or is late."""
     parts = [problem.length[a][came[a], stage[a], f0, g] for a in (0, 1) if stage[a] != IDLE]
     end = over + max(parts)
-    if problem.apart is not None and IDLE not in stage:
-        end += problem.apart[(*stage, g)]
+    if problem.pair_cost is not None and IDLE not in stage:
+        end += problem.pair_cost[(*stage, g)]
     for a, stop in enumerate(stage):
         if stop != IDLE and problem.not_before is not None and problem.not_before[stop] > 0.0:
             end = max(end, problem.not_before[stop] + problem.work[a][stop, g])
@@ -225,7 +232,7 @@ def test_ways_are_what_rules_allow_and_last_as_long_as_tables_say(in_stages, kin
         chains = [[stop for t in row for stop in problem.tasks[t]] for row in rows]
         after = {one: other for chain in chains for one, other in pairwise(chain)}
         before = {other: one for one, other in after.items()}
-        table = graph.ways.rows(np.arange(graph.nodes))
+        table = graph.edges.rows(np.arange(graph.nodes))
         stops, angle = graph.stops.tolist(), graph.angle.tolist()
         for u in range(graph.nodes):
             for v in range(graph.nodes):
@@ -243,8 +250,8 @@ def test_ways_are_what_rules_allow_and_last_as_long_as_tables_say(in_stages, kin
                     own = problem.length[a][:, then, angle[u], angle[v]]
                     others = np.delete(np.arange(problem.stops + 1), then)
                     whole = max(whole, own[came] if came != IDLE else own[others].min())
-                if problem.apart is not None:
-                    whole += problem.apart[(*stops[v], angle[v])]
+                if problem.pair_cost is not None:
+                    whole += problem.pair_cost[(*stops[v], angle[v])]
                 assert table[u, v] == pytest.approx(np.inf if wrong else whole, abs=1e-5)
                 allowed += bool(np.isfinite(table[u, v]))
     assert allowed > 1000
@@ -334,7 +341,7 @@ def test_prices_are_of_paths_that_have_as_many_stops_as_there_are(in_stages, see
     paid = np.append(price, 0.0)[graph.stops].sum(axis=1)
     every = [[u] for u in range(graph.nodes)]
     best, through = np.inf, np.full(graph.nodes, np.inf)
-    table = graph.ways.rows(np.arange(graph.nodes))
+    table = graph.edges.rows(np.arange(graph.nodes))
     while every:
         grown = []
         for nodes in every:
@@ -422,7 +429,7 @@ def test_orders_that_are_best_after_a_close_look_come_first(in_stages, seed, cos
     prices = best_prices(graph, 2.0 * plain, 40)
     slots = graph.stops[LabelSearch(graph, prices, 40.0, 10_000).run().orders[0]]
     best = StageOrder(slots, np.zeros(0, dtype=np.int64), plain)
-    found = near_orders(
+    found = near_optimal_orders(
         graph, prices, best, look, sizes=CloseOrders(labels=10_000, orders=30, rounds=60)
     )
     assert found
@@ -613,14 +620,14 @@ def test_few_ways_are_a_table_of_all_ways(seed):
     table[3], table[:, 5] = np.inf, np.inf
     goes, came = np.nonzero(np.isfinite(table))
     order = rng.permutation(len(goes))
-    few = few_ways(goes[order], came[order], table[goes, came][order], n, m)
+    few = sparse_edges(goes[order], came[order], table[goes, came][order], n, m)
     values = rng.uniform(0.0, 3.0, m).astype(np.float32)
     some_came, some_goes = rng.permutation(m)[:5], rng.permutation(n)[:4]
     pairs = np.unique(np.column_stack([rng.integers(0, m, 30), rng.integers(0, n, 30)]), axis=0)
     more = rng.uniform(0.1, 1.0, len(pairs))
     longer = table.copy()
     longer[pairs[:, 1], pairs[:, 0]] += more
-    for ways in (few, AllWays(table)):
+    for ways in (few, DenseEdges(table)):
         np.testing.assert_allclose(ways.least(values), (table + values).min(axis=1))
         np.testing.assert_array_equal(ways.rows(some_came), table[:, some_came].T)
         for node in range(n):
@@ -636,7 +643,7 @@ def test_few_ways_are_a_table_of_all_ways(seed):
     square = np.full((9, 9), np.inf, dtype=np.float32)
     square[:7] = table
     for whole in (square, np.where(np.isfinite(square), square, np.float32(4.0))):
-        ways = ways_of(iter([whole[:4], whole[4:6], whole[6:]]), 9)
+        ways = edges_from_rows(iter([whole[:4], whole[4:6], whole[6:]]), 9)
         np.testing.assert_array_equal(ways.rows(np.arange(9)), whole.T)
 
 

@@ -16,7 +16,7 @@ from dualarm_cli.orders.paired.orders import (
     nearest_stages,
     short_search,
 )
-from dualarm_cli.orders.paired.problem import IDLE, apart
+from dualarm_cli.orders.paired.problem import IDLE, split_pairs
 from dualarm_cli.orders.paired.search import StageSearch
 from dualarm_cli.orders.paired.times import totals, with_angles
 from dualarm_cli.orders.proof.proof import prove_order
@@ -157,10 +157,10 @@ def test_stops_that_touch_are_put_into_stages_of_their_own():
     """Pairs are by arm: the reverse of a pair is none."""
     slots = np.array([[0, 1], [2, IDLE], [3, 4], [1, 0]])
     np.testing.assert_array_equal(
-        apart(slots, {(0, 1), (4, 3)}),
+        split_pairs(slots, {(0, 1), (4, 3)}),
         [[0, IDLE], [IDLE, 1], [2, IDLE], [3, 4], [1, 0]],
     )
-    np.testing.assert_array_equal(apart(slots, set()), slots)
+    np.testing.assert_array_equal(split_pairs(slots, set()), slots)
 
 
 def test_stops_that_touch_everywhere_are_never_side_by_side(in_stages):
@@ -168,7 +168,7 @@ def test_stops_that_touch_everywhere_are_never_side_by_side(in_stages):
     problem = in_stages(1, "", 8)
     table = np.zeros((problem.stops + 2, problem.stops + 2, 3))
     table[: problem.stops, : problem.stops] = np.inf
-    lonely = replace(problem, apart=table)
+    lonely = replace(problem, pair_cost=table)
     found = good_orders(lonely, StageEffort(1, 100, 0.5), 0)
     assert len(found[0].slots) == problem.stops
     assert np.isfinite(found[0].total)

@@ -25,8 +25,8 @@ def at_angles(problem, slots, angles, begin):
         if not active:
             continue
         part = max(problem.length[a][last[a], row[a], here, angle] for a in active)
-        if problem.apart is not None and len(active) == 2:
-            part += problem.apart[row[0], row[1], angle]
+        if problem.pair_cost is not None and len(active) == 2:
+            part += problem.pair_cost[row[0], row[1], angle]
         clock += part
         if problem.not_before is not None and np.isfinite(clock):
             for a in active:
@@ -169,7 +169,7 @@ def test_a_stretch_with_its_ends_is_worth_the_whole_order(in_stages, kind):
         for first in range(len(slots) + 1):
             for last in range(first, len(slots) + 1):
                 ends = values.ends(first, last)
-                if kind == "windows" and ends.rest is not None:
+                if kind == "windows" and ends.remaining is not None:
                     continue
                 found = totals(problem, slots[None, first:last], ends)[0]
                 assert found == pytest.approx(whole, rel=1e-12), (first, last)
@@ -191,7 +191,7 @@ def test_insertions_cost_what_the_whole_order_costs(in_stages, kind, stretch):
             slots = slots[(slots != IDLE).any(axis=1)]
         begin, end = (1, len(slots) - 1) if stretch else (0, len(slots))
         ends = Stretches(problem, slots).ends(begin, end) if stretch else None
-        if ends is not None and ends.rest is not None and kind == "windows":
+        if ends is not None and ends.remaining is not None and kind == "windows":
             continue
         inside = slots[begin:end]
         for u in search._whole(inside):

@@ -6,7 +6,13 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dualarm_cli.orders.proof.graph import SPARSE, AllWays, FewWays, few_ways, ways_of
+from dualarm_cli.orders.proof.graph import (
+    SPARSE,
+    DenseEdges,
+    SparseEdges,
+    edges_from_rows,
+    sparse_edges,
+)
 
 
 @settings(max_examples=60, deadline=None)
@@ -17,8 +23,8 @@ def test_a_table_and_a_list_say_the_same(seed, n, share):
     table[rng.random((n, n)) > share] = np.inf
     goes, came = np.nonzero(np.isfinite(table))
     mixed = rng.permutation(len(goes))
-    few = few_ways(goes[mixed], came[mixed], table[goes, came][mixed], n, n)
-    every = AllWays(table)
+    few = sparse_edges(goes[mixed], came[mixed], table[goes, came][mixed], n, n)
+    every = DenseEdges(table)
     values = rng.uniform(-1.0, 1.0, n).astype(np.float32)
     some, others = rng.permutation(n)[: max(1, n // 2)], rng.permutation(n)[: max(1, n - 1)]
     one, other = rng.integers(0, n, 12), rng.integers(0, n, 12)
@@ -35,8 +41,8 @@ def test_a_table_and_a_list_say_the_same(seed, n, share):
     np.testing.assert_array_equal(few.one_by_one(one, other), table[other, one])
     np.testing.assert_array_equal(every.turned().into(0), table[:, 0])
     rows = (table[k : k + 2] for k in range(0, n, 2))
-    made = ways_of(rows, n)
-    assert isinstance(made, FewWays if np.isfinite(table).mean() < SPARSE else AllWays)
+    made = edges_from_rows(rows, n)
+    assert isinstance(made, SparseEdges if np.isfinite(table).mean() < SPARSE else DenseEdges)
     np.testing.assert_array_equal(made.rows(np.arange(n)), table.T)
     there = np.argwhere(np.isfinite(table))[::2]
     more = rng.uniform(0.0, 1.0, len(there))

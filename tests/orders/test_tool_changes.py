@@ -415,7 +415,7 @@ def test_visits_to_stands_are_kept_apart_from_stops_that_turned_out_to_touch(kit
     job = some(kit, "plate-1", "screw-1", "screw-3")
     watch = Watch()
     search = PairedSearch.of(CellModel.from_cell(job.cell), job, "quick", 0, watch, clear=False)
-    first = search.orders(watch).found[0].job
+    first = search.orders(watch).ranked[0].job
     beside = {}
     for work in first.stages():
         if len(work) == 2 and work["left"][0].is_change:
@@ -424,7 +424,7 @@ def test_visits_to_stands_are_kept_apart_from_stops_that_turned_out_to_touch(kit
     assert beside
     (tool, action), other = next(iter(beside.items()))
     pair = ((f"{action.split('_')[0]} {tool} (left arm)", action), other)
-    found = search.without({pair}, set(), first).orders(watch).found[0].job
+    found = search.without({pair}, set(), first).orders(watch).ranked[0].job
     visits = 0
     for work in found.stages():
         task, stop = work.get("left", (None, None))
@@ -453,7 +453,7 @@ def test_orders_with_tool_changes_keep_buffers(kit):
     job = dataclasses.replace(job, tasks=tasks, buffers={"tray": Buffer(1)})
     model, watch = CellModel.from_cell(job.cell), Watch()
     search = PairedSearch.of(model, job, "quick", 0, watch, clear=False)
-    for one in search.orders(watch).found:
+    for one in search.orders(watch).ranked:
         assert any(task.is_change for task in one.job.tasks)
         levels = [0]
         for work in one.job.stages():

@@ -12,7 +12,7 @@ from dualarm_cli.orders.asynchronous.epochs import Epoch, EpochProblem
 from dualarm_cli.orders.asynchronous.exact import exact_order
 from dualarm_cli.orders.asynchronous.recreate import Recreator
 from dualarm_cli.orders.asynchronous.times import timed
-from dualarm_cli.orders.proof.relaxation import of_ways
+from dualarm_cli.orders.proof.relaxation import relax_options
 from dualarm_cli.orders.rules.tool_stands import NO_TOOL, ToolStands, minimum_sums
 
 
@@ -77,9 +77,9 @@ def test_one_arms_best_order_is_the_best_of_all(by_clocks, start):
         least = min(least_time(problem, 0, row) for row in permutations(range(4)))
         found = exact_order(problem)
         assert found.total == pytest.approx(least, abs=1e-9)
-        [row] = found.order.tasks(problem.ways)
+        [row] = found.order.tasks(problem.options)
         assert least_time(problem, 0, row) == pytest.approx(least, abs=1e-9)
-        assert min(of_ways(problem).cost[0][4, :4]) <= least
+        assert min(relax_options(problem).cost[0][4, :4]) <= least
 
 
 def test_two_arms_share_what_only_one_has_to_change_for(by_clocks):

@@ -85,7 +85,7 @@ def test_where_the_search_finds_none_the_order_of_the_file_is_planned(made, monk
 
     def none_of_the_open(order, *more):
         found = free_orders(order, *more)
-        return found if order.job.is_decided else dataclasses.replace(found, found=())
+        return found if order.job.is_decided else dataclasses.replace(found, ranked=())
 
     job = made([move("a", 0.3, arm="left"), move("b", -0.3, arm="right")], mode=mode)
     monkeypatch.setattr(ordered_plan.PairedSearch, "of", none)
@@ -128,9 +128,9 @@ def test_by_own_clocks_the_order_of_the_file_is_planned_as_well(made, monkeypatc
         found = free_orders(order, *more)
         if order.job.is_decided:
             return found
-        tasks = found.found[0].job.tasks[::-1]
-        job = dataclasses.replace(found.found[0].job, tasks=tasks)
-        return dataclasses.replace(found, found=(dataclasses.replace(found.found[0], job=job),))
+        tasks = found.ranked[0].job.tasks[::-1]
+        job = dataclasses.replace(found.ranked[0].job, tasks=tasks)
+        return dataclasses.replace(found, ranked=(dataclasses.replace(found.ranked[0], job=job),))
 
     tasks = [move(f"m{k}", 0.6 - 0.15 * k, arm="left") for k in range(4)]
     job = made(tasks, mode="free", start="free")
@@ -163,12 +163,12 @@ def test_an_order_of_the_file_that_is_far_slower_is_not_planned(made):
     told = []
     for ys in (where, sorted(where)):
         tasks = [move(f"t{k}", y, arm="left") for k, y in enumerate(ys)]
-        watch = Watch(tell=lambda text: told[-1].append(text))
+        watch = Watch(report=lambda text: told[-1].append(text))
         told.append([])
         job = made(tasks, **{"return": True})
         schedule = plan_without_bound(job, QUICK, watch)
         assert verify(schedule, job, clearance=True).failures == ()
-        assert watch.filed is None or watch.filed >= watch.best - 1e-9
+        assert watch.file_order_best is None or watch.file_order_best >= watch.best - 1e-9
     assert "planning the file's order" not in told[0]
     assert "planning the file's order" in told[1]
 

@@ -82,7 +82,7 @@ class Interrupted:
         if event == "line":
             self.lines += 1
             if self.lines == self.at:
-                self.kept = self.watch.kept
+                self.kept = self.watch.best_plan
                 self.had = self.kept is not None or self.watch.best is not None
                 self.interrupts._interrupt(signal.SIGINT, frame)
         return self.line

@@ -70,4 +70,4 @@ def test_while_one_arm_changes_its_tool_the_other_works_and_no_bound_says_otherw
     model = CellModel.from_cell(job.cell)
     orders = PairedSearch.of(model, job, "quick", 0, watch, clear=False).orders(watch)
     assert orders.bound is not None
-    assert orders.bound <= min(one.total for one in orders.found)
+    assert orders.bound <= min(one.total for one in orders.ranked)

@@ -82,7 +82,7 @@ def searched(job):
     watch = Watch()
     watch.begin()
     search = PairedSearch.of(CellModel.from_cell(job.cell), job, "quick", 0, watch, clear=True)
-    return search, search.orders(watch).found
+    return search, search.orders(watch).ranked
 
 
 @pytest.mark.parametrize("seed", AT_LIMITS)

@@ -137,7 +137,7 @@ def test_a_task_is_left_to_the_other_arm(made):
     )
     left = search.without(set(), {("left", "open")}, near)
     assert left.start is None
-    for one in left.orders(Watch()).found:
+    for one in left.orders(Watch()).ranked:
         assert {task.id: task.arm for task in one.job.tasks} == {"open": "right", "own": "left"}
     with pytest.raises(InfeasibleError):
         search.without(set(), {("left", "own")}, near).orders(Watch())

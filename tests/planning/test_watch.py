@@ -68,11 +68,11 @@ def test_without_limit_and_interruption_it_never_stops(clock):
 def test_a_search_can_be_ended_while_it_goes_on_and_has_something():
     """Not before, and not after: then there is a plan, which is kept, or nothing."""
     watch = Watch()
-    watch.found(3.0)
+    watch.record(3.0)
     assert not watch.endable
     watch.begin()
     assert not watch.endable
-    watch.found(3.0)
+    watch.record(3.0)
     assert watch.endable
     watch.end()
     assert not watch.endable
@@ -89,7 +89,7 @@ def test_the_quickest_plan_is_kept():
     assert not watch.droppable
     for duration in (9.0, 8.0, 10.0):
         watch.keep(Plan(duration))
-    assert watch.kept == Plan(8.0)
+    assert watch.best_plan == Plan(8.0)
     assert watch.droppable
     watch.catching = False
     assert not watch.droppable
@@ -109,7 +109,7 @@ def planned(durations, watch, clock=None, takes=1.0, expected=None, only_first=F
         return Plan(duration)
 
     watch.begin()
-    watch.found(1.0)
+    watch.record(1.0)
     orders = [
         DecidedOrder(k, 1.0, expected=expected[k] if expected else None)
         for k in range(len(durations))

@@ -109,7 +109,7 @@ class StatusLine:
     def __init__(self, watch: Watch, doing: str) -> None:
         """Begins with what is being done first; the watch tells what comes then."""
         self.watch, self.doing = watch, doing
-        watch.tell = self.tell
+        watch.report = self.tell
 
     def tell(self, doing: str) -> None:
         """Something else is being done from now on."""

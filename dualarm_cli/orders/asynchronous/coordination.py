@@ -82,7 +82,7 @@ class Diagram:
 
 
 @dataclass(frozen=True)
-class Together:
+class DiagramPath:
     """A way through the plane."""
 
     length: int
@@ -101,16 +101,16 @@ class Together:
             gone += wait
         return time - gone
 
-    def comes(self, a: int, place: int) -> int:
+    def arrival(self, a: int, place: int) -> int:
         """Returns after how many steps of time an arm comes to a place of its way."""
         return place + sum(wait for at, wait in self.waits[a] if at < place)
 
-    def leaves(self, a: int, place: int) -> int:
+    def departure(self, a: int, place: int) -> int:
         """Returns after how many steps of time an arm goes on from a place of its way."""
         return place + sum(wait for at, wait in self.waits[a] if at <= place)
 
 
-def quickest_together(diagram: Diagram) -> Together | None:
+def quickest_path(diagram: Diagram) -> DiagramPath | None:
     """Returns the quickest way through the plane, None where there is none within the band."""
     n, m = diagram.steps
     band = diagram.band
@@ -192,7 +192,7 @@ def _largest(steps: int, rows: Sequence[tuple[int, int]]) -> FloatArray:
     return found
 
 
-def _traced(diagram: Diagram, time: FloatArray) -> Together:
+def _traced(diagram: Diagram, time: FloatArray) -> DiagramPath:
     """Returns the way that leads to the end, backwards step by step."""
     (n, m), band = diagram.steps, diagram.band
     i, j = n, m
@@ -227,4 +227,4 @@ def _traced(diagram: Diagram, time: FloatArray) -> Together:
         tuple(sorted((place, wait) for place, wait in own.items() if place < steps))
         for own, steps in zip(waits, (n, m), strict=True)
     )
-    return Together(int(time[n, m - n + band]), (ends[0], ends[1]))
+    return DiagramPath(int(time[n, m - n + band]), (ends[0], ends[1]))

@@ -43,7 +43,7 @@ class EpochOrder:
     """By how much windows are missed, together [s]."""
 
     @property
-    def worth(self) -> tuple[float, float]:
+    def objective(self) -> tuple[float, float]:
         """What is minimised: what is late, then the total [s]."""
         return (self.late, self.total)
 
@@ -100,7 +100,7 @@ class EpochProblem:
             found = self._known[key]
             if found is None or not np.isfinite(found.total):
                 return EpochOrder(epochs, (), np.inf, np.inf)
-            own = found.order.tasks(problem.ways)
+            own = found.order.tasks(problem.options)
             rows.append(tuple(tuple(one.tasks[k] for k in row) for row in own))
             clock += max(found.total, _idle_return(problem, found) if k == len(epochs) - 1 else 0.0)
             late += found.late
@@ -185,7 +185,7 @@ def leaving(
 ) -> list[FloatArray]:
     """Returns where each arm is after its last task [rad]."""
     return [
-        np.asarray(arm.leaving[nodes[-1] // problem.ways, nodes[-1] % problem.ways])
+        np.asarray(arm.leaving[nodes[-1] // problem.options, nodes[-1] % problem.options])
         if nodes
         else start
         for arm, nodes, start in zip(problem.arms, found.order.nodes, starts, strict=True)
@@ -196,7 +196,7 @@ def _tools_after(problem: SequencingProblem, found: Timed, tools: Sequence[int])
     """Returns by arm the tool that is on after its last task."""
     return (
         [
-            int(stands.tool[nodes[-1] // problem.ways]) if nodes and stands is not None else tool
+            int(stands.tool[nodes[-1] // problem.options]) if nodes and stands is not None else tool
             for stands, nodes, tool in zip(problem.stands, found.order.nodes, tools, strict=True)
         ]
         if tools
@@ -249,10 +249,10 @@ class EpochSearch:
                 found.append(one)
             if self.stop() and found:
                 break
-        found.sort(key=lambda one: one.worth)
+        found.sort(key=lambda one: one.objective)
         found = list({one.epochs: one for one in reversed(found)}.values())[::-1]
         some = [self.problem.evaluated(one.epochs, self.effort.close) for one in found[:most]]
-        return sorted(some, key=lambda one: one.worth)
+        return sorted(some, key=lambda one: one.objective)
 
     def _costs(self) -> FloatArray:
         """Returns about what each task costs at each angle [s], infinite where it is not reached, shape (tasks, f)."""
@@ -350,7 +350,7 @@ class EpochSearch:
             heat = self.effort.hot * (1.0 - k / self.effort.moves) * random.random()
             if found.late <= current.late and found.total <= (1.0 + heat) * current.total:
                 current = found
-                best = min(best, current, key=lambda one: one.worth)
+                best = min(best, current, key=lambda one: one.objective)
         return best
 
     def _units(self) -> list[tuple[int, ...]]:

@@ -8,7 +8,13 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.orders.asynchronous.problem import Order, SequencingProblem
-from dualarm_cli.orders.asynchronous.times import Timed, best_ways, keeps_rules, own_times, timed
+from dualarm_cli.orders.asynchronous.times import (
+    Timed,
+    best_options,
+    busy_times,
+    keeps_rules,
+    timed,
+)
 
 
 def is_small(problem: SequencingProblem) -> bool:
@@ -16,7 +22,7 @@ def is_small(problem: SequencingProblem) -> bool:
     if problem.coupled:
         # Few are enumerated, and fewer where buffers make arms wait.
         return problem.tasks <= (7 if problem.stores is None else 5)
-    nodes = problem.tasks * problem.ways
+    nodes = problem.tasks * problem.options
     # Subsets times nodes times nodes: beyond this dynamic programming takes too long.
     return problem.tasks <= 13 and nodes * nodes * 2**problem.tasks // 2 <= 700_000_000
 
@@ -63,7 +69,7 @@ def _enumerated(
                 if best is not None and max(one[1], other[1]) >= best.total:
                     break
                 tasks = (one[0], other[0])[: len(each)]
-                found = timed(problem, best_ways(problem, tasks))
+                found = timed(problem, best_options(problem, tasks))
                 if found.is_possible and (best is None or found.total < best.total):
                     best = found
     return best
@@ -79,7 +85,7 @@ def _orders(
         every: list[tuple[int, ...]] = [()] * arms
         every[a] = own
         if keeps_rules(problem, [own]):
-            found.append((own, own_times(problem, best_ways(problem, every))[a]))
+            found.append((own, busy_times(problem, best_options(problem, every))[a]))
     return sorted(found, key=lambda one: (one[1], one[0]))
 
 
@@ -91,7 +97,7 @@ class _Subsets:
 
     def __init__(self, problem: SequencingProblem, a: int) -> None:
         self._problem, self._a = problem, a
-        n, w = problem.tasks, problem.ways
+        n, w = problem.tasks, problem.options
         between, length = problem.between[a], problem.length[a]
         start, nodes = problem.start_node, np.arange(n * w)
         step = between[: n * w, : n * w] + length[None, : n * w]
@@ -111,7 +117,7 @@ class _Subsets:
         self.value[0] = 0.0
 
     def _fill(self, subset: int) -> None:
-        problem, table, w = self._problem, self._table, self._problem.ways
+        problem, table, w = self._problem, self._table, self._problem.options
         for task in range(problem.tasks):
             bit = 1 << task
             # What comes before another task of the same arm is not done after it.
@@ -126,7 +132,7 @@ class _Subsets:
 
     def _may_follow(self) -> BoolArray:
         """Returns which node may come right after which, shape (n w, n w)."""
-        n, w = self._problem.tasks, self._problem.ways
+        n, w = self._problem.tasks, self._problem.options
         task = np.arange(n * w) // w
         may = task[:, None] != task[None, :]
         for row in self._problem.sequences:
@@ -135,12 +141,12 @@ class _Subsets:
         return may
 
     def _may_begin(self) -> BoolArray:
-        task = np.arange(self._problem.tasks * self._problem.ways) // self._problem.ways
+        task = np.arange(self._problem.tasks * self._problem.options) // self._problem.options
         later = [t for row in self._problem.sequences for t in row[1:]]
         return ~np.isin(task, later)
 
     def _may_end(self) -> BoolArray:
-        task = np.arange(self._problem.tasks * self._problem.ways) // self._problem.ways
+        task = np.arange(self._problem.tasks * self._problem.options) // self._problem.options
         sooner = [t for row in self._problem.sequences for t in row[:-1]]
         return ~np.isin(task, sooner)
 
@@ -148,7 +154,7 @@ class _Subsets:
         """Returns the best order of a subset."""
         if subset == 0:
             return ()
-        w = self._problem.ways
+        w = self._problem.options
         node = int((self._table[subset] + self._ending).argmin())
         found = [node]
         while subset != 1 << node // w:

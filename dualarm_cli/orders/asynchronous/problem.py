@@ -45,7 +45,7 @@ class ArmTasks:
             object.__setattr__(self, "home", readonly(self.home))
 
     @property
-    def ways(self) -> int:
+    def options(self) -> int:
         """Most ways of a task."""
         return self.first.shape[1]
 
@@ -95,14 +95,14 @@ class SequencingProblem:
         return len(self.stops)
 
     @property
-    def ways(self) -> int:
+    def options(self) -> int:
         """Most ways of a task."""
-        return self.arms[0].ways
+        return self.arms[0].options
 
     @property
     def start_node(self) -> int:
         """Number of the node that is an arm's start."""
-        return self.tasks * self.ways
+        return self.tasks * self.options
 
     @cached_property
     def windows(self) -> bool:

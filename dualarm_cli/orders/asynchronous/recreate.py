@@ -9,7 +9,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.geometry.elementary import log, power
 from dualarm_cli.orders.asynchronous.problem import Order, SequencingProblem
-from dualarm_cli.orders.asynchronous.times import Timed, best_ways, timed
+from dualarm_cli.orders.asynchronous.times import Timed, best_options, timed
 from dualarm_cli.records import dataclass
 
 
@@ -94,7 +94,7 @@ def route_units(problem: SequencingProblem) -> list[TaskUnit]:
 
 
 def _unit(problem: SequencingProblem, tasks: tuple[int, ...]) -> TaskUnit:
-    w, nodes, inside = problem.ways, [], []
+    w, nodes, inside = problem.options, [], []
     for a in range(len(problem.arms)):
         between, length = problem.between[a], problem.length[a]
         # Every way to begin with; from there on what is quickest by itself.
@@ -141,7 +141,7 @@ def ranks(before: list[set[int]]) -> list[int]:
     return rank
 
 
-def order_that_is_served(
+def order_without_deadlock(
     problem: SequencingProblem, units: list[TaskUnit], random: np.random.Generator
 ) -> Timed | None:
     """Returns an order in which no arm waits forever, None where none was found.
@@ -180,7 +180,7 @@ def _tried(
                     more = tuple(units[u].nodes[a][way].tolist())
                     order = Order(tuple(r + more * (b == a) for b, r in enumerate(rows)))
                     one = timed(problem, order)
-                    if np.isfinite(one.total) and (best is None or one.worth < best.worth):
+                    if np.isfinite(one.total) and (best is None or one.objective < best.objective):
                         best, taken = one, (u, a)
             if best is not None:
                 break
@@ -236,7 +236,7 @@ class Recreator:
         if self._insert(routes, order, RECREATE.weights[0], 0.0):
             found = self._polished(routes)
         if self.problem.stores is not None and (found is None or found.left):
-            found = order_that_is_served(self.problem, self._units, self._random) or found
+            found = order_without_deadlock(self.problem, self._units, self._random) or found
         return found
 
     def improve(
@@ -270,10 +270,10 @@ class Recreator:
                 continue
             # Ways that suit the neighbours they were put between need not suit the whole order.
             found = self._polished(tried)
-            if found.worth >= current.worth - heat * log(1.0 - self._random.random()):
+            if found.objective >= current.objective - heat * log(1.0 - self._random.random()):
                 continue
             routes, current = self._routes(found.order), found
-            if found.worth < best.worth - 1e-12:
+            if found.objective < best.objective - 1e-12:
                 best = found
                 if best.is_possible:
                     better(best)
@@ -282,11 +282,11 @@ class Recreator:
     def _polished(self, routes: list[IntArray]) -> Timed:
         """Returns routes with the best ways along them."""
         plain = timed(self.problem, self._order(routes))
-        if self.problem.ways == 1:
+        if self.problem.options == 1:
             return plain
-        tasks = plain.order.tasks(self.problem.ways)
-        ways = timed(self.problem, best_ways(self.problem, tasks))
-        return min(plain, ways, key=lambda one: one.worth)
+        tasks = plain.order.tasks(self.problem.options)
+        ways = timed(self.problem, best_options(self.problem, tasks))
+        return min(plain, ways, key=lambda one: one.objective)
 
     def _order(self, routes: list[IntArray]) -> Order:
         return Order(
@@ -302,7 +302,7 @@ class Recreator:
         for a, nodes in enumerate(order.nodes):
             route, k = list[tuple[int, int]](), 0
             while k < len(nodes):
-                u = self._unit_of[nodes[k] // self.problem.ways]
+                u = self._unit_of[nodes[k] // self.problem.options]
                 unit = self._units[u]
                 own = np.array(nodes[k : k + len(unit.tasks)])
                 same = np.flatnonzero((unit.nodes[a] == own).all(axis=1))

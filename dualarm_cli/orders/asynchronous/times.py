@@ -237,7 +237,7 @@ def _legs(problem: SequencingProblem, a: int, nodes: tuple[int, ...]) -> list[Le
     first = np.concatenate([[0], np.cumsum(problem.stops)])
     arm, last, found = problem.arms[a], problem.start_node, list[Leg]()
     for node in nodes:
-        t, way = divmod(node, problem.ways)
+        t, way = divmod(node, problem.options)
         for s in range(problem.stops[t]):
             change = problem.stores.change[first[t] + s]
             store = int(np.abs(change).argmax())
@@ -269,7 +269,7 @@ class Timed:
     """The order."""
     total: float
     """When all is done [s]; infinite where it cannot be."""
-    own: tuple[float, ...]
+    busy: tuple[float, ...]
     """By arm, the time of its own transfers and tasks, without waiting [s]."""
     late: float = 0.0
     """By how much windows are missed, together [s]."""
@@ -286,22 +286,22 @@ class Timed:
         return np.isfinite(self.total) and self.late <= 1e-9
 
     @property
-    def worth(self) -> float:
+    def objective(self) -> float:
         """What is minimised [s]: the total, what is late many times, and a little of the arms' own times."""
         if self.left:
             # A stop that is never made counts this much [s].
-            return 1e6 * self.left + sum(self.own)
-        return self.total + LATE * self.late + 1e-3 * sum(self.own)
+            return 1e6 * self.left + sum(self.busy)
+        return self.total + LATE * self.late + 1e-3 * sum(self.busy)
 
 
 def timed(problem: SequencingProblem, order: Order) -> Timed:
     """Returns the times of an order, with waits for tasks that come before, for windows to open, and for buffers."""
-    own = own_times(problem, order)
+    own = busy_times(problem, order)
     if not problem.coupled:
         return Timed(order, max(own), own)
     if problem.stores is not None:
         return _stored(problem, order, own)
-    ways, first = problem.ways, _predecessors(problem)
+    ways, first = problem.options, _predecessors(problem)
     clock = [0.0] * len(order.nodes)
     place = [0] * len(order.nodes)
     last = [problem.start_node] * len(order.nodes)
@@ -348,7 +348,7 @@ def _stored(problem: SequencingProblem, order: Order, own: tuple[float, ...]) ->
     return Timed(order, stored.done(last), own, last.late, *stored.times(last))
 
 
-def own_times(problem: SequencingProblem, order: Order) -> tuple[float, ...]:
+def busy_times(problem: SequencingProblem, order: Order) -> tuple[float, ...]:
     """Returns, by arm, the time of its own transfers and tasks, without waiting [s]."""
     found = []
     for a, nodes in enumerate(order.nodes):
@@ -395,17 +395,17 @@ def keeps_rules(problem: SequencingProblem, tasks: Sequence[Sequence[int]]) -> b
     return True
 
 
-def best_ways(problem: SequencingProblem, tasks: Sequence[Sequence[int]]) -> Order:
+def best_options(problem: SequencingProblem, tasks: Sequence[Sequence[int]]) -> Order:
     """Returns each arm's tasks in the ways that make its own time least, by dynamic programming along its order."""
-    return Order(tuple(_best_ways(problem, a, own)[1] for a, own in enumerate(tasks)))
+    return Order(tuple(_best_options(problem, a, own)[1] for a, own in enumerate(tasks)))
 
 
-def _best_ways(
+def _best_options(
     problem: SequencingProblem, a: int, tasks: Sequence[int]
 ) -> tuple[float, tuple[int, ...]]:
     if not tasks:
         return 0.0, ()
-    w, between, length = problem.ways, problem.between[a], problem.length[a]
+    w, between, length = problem.options, problem.between[a], problem.length[a]
     value: FloatArray = np.zeros(1)
     nodes = np.array([problem.start_node])
     came = []

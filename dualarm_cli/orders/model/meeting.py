@@ -132,7 +132,7 @@ def meeting_costs(
             NaN where a stop cannot be made.
 
     Returns:
-        Shape (s + 2, s + 2, f), see StageProblem.apart; None for one arm or where nothing has to be collision-free.
+        Shape (s + 2, s + 2, f), see StageProblem.pair_cost; None for one arm or where nothing has to be collision-free.
     """
     if order.clearance is None or len(chosen) != 2:
         return None

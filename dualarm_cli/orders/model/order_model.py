@@ -54,7 +54,7 @@ class OrderNodeSettings:
     """Stops up to which twice as many platform angles are sampled."""
     most_lengths: int = 37_000_000
     """Maximum size of one arm's table of stage lengths."""
-    ways: tuple[tuple[int, ...], ...] = ((12, 6), (40, 4), (120, 2))
+    options: tuple[tuple[int, ...], ...] = ((12, 6), (40, 4), (120, 2))
     """Ways of every task, by up to how many tasks; one beyond."""
 
 
@@ -62,7 +62,7 @@ NODES = OrderNodeSettings()
 
 
 @dataclass(frozen=True)
-class TaskWays:
+class TaskOptions:
     """One arm's ways to do one task; m of them."""
 
     entry: FloatArray
@@ -79,7 +79,7 @@ class TaskWays:
     """How long its last line takes at least [s], infinite without any way."""
 
     @classmethod
-    def none(cls, joints: int) -> TaskWays:
+    def none(cls, joints: int) -> TaskOptions:
         """Returns that there is no way, for an arm of some joints."""
         empty = np.zeros(0)
         return cls(np.zeros((0, joints)), np.zeros((0, joints)), empty, empty, np.inf, np.inf)
@@ -145,7 +145,7 @@ def spread(ends: FloatArray, cost: FloatArray, most: int, duration: object) -> I
 
 def widened(arm: ArmTasks, width: int) -> ArmTasks:
     """Returns the same with more ways, which there are not."""
-    more = width - arm.ways
+    more = width - arm.options
     if more == 0:
         return arm
     pad = ((0, 0), (0, more))
@@ -227,14 +227,14 @@ class OrderModel:
         index = {task.id: t for t, task in enumerate(job.tasks)}
         arms, least, most = [], [], []
         for name in self.model.arms:
-            ways = [self._ways(name, t, f) for t in range(len(job.tasks))]
+            ways = [self._options(name, t, f) for t in range(len(job.tasks))]
             arms.append(self._arm(name, ways))
             least.append([one.lead for one in ways])
             most.append([one.tail for one in ways])
         lead, tail = np.min(least, axis=0), np.min(most, axis=0)
         early = np.array([task.not_before for task in job.tasks])
         late = np.array([task.not_after for task in job.tasks])
-        width = max(arm.ways for arm in arms)
+        width = max(arm.options for arm in arms)
         return SequencingProblem(
             tuple(widened(arm, width) for arm in arms),
             tuple(len(task.stops) for task in job.tasks),
@@ -259,7 +259,7 @@ class OrderModel:
             return None
         number = {tool: k - 1 for k, tool in enumerate(cell.tool_names(name))}
         ways = [
-            [self._ways(name, self.stand(name, tool, action), f) for tool in number if tool]
+            [self._options(name, self.stand(name, tool, action), f) for tool in number if tool]
             for action in ("leave_tool", "take_tool")
         ]
         width = max(1, *(len(one.first) for row in ways for one in row))
@@ -285,7 +285,7 @@ class OrderModel:
             if (task.arm, task.tool, task.stops[0].action) == (arm, tool, action)
         )
 
-    def _arm(self, name: str, ways: list[TaskWays]) -> ArmTasks:
+    def _arm(self, name: str, ways: list[TaskOptions]) -> ArmTasks:
         width = max(1, *(len(one.first) for one in ways))
         n, joints = len(ways), len(self.model.arms[name].columns)
         entry = np.full((n, width, joints), np.nan)
@@ -299,17 +299,17 @@ class OrderModel:
         law, free = self.clock.arms[name].law, self.job.start == "free"
         return ArmTasks(entry, leaving, first, second, start, law, free=free)
 
-    def _ways(self, name: str, t: int, f: int) -> TaskWays:
+    def _options(self, name: str, t: int, f: int) -> TaskOptions:
         """Returns the ways of one arm to do a task with the platform at an angle."""
         task = self.tasks[t]
         joints = len(self.model.arms[name].columns)
         if not task.allows(name):
-            return TaskWays.none(joints)
+            return TaskOptions.none(joints)
         given = all(isinstance(stop.target, JointTarget) for stop in task.stops)
-        few = next((w for most, w in NODES.ways if len(self.job.tasks) <= most), 1)
+        few = next((w for most, w in NODES.options if len(self.job.tasks) <= most), 1)
         rows = [self.rows(name, t, s, f) for s in range(len(task.stops))]
         if any(len(row) == 0 for row in rows):
-            return TaskWays.none(joints)
+            return TaskOptions.none(joints)
         law = self.clock.arms[name].law
         nodes = [self.nodes[name, t, s] for s in range(len(task.stops))]
         start = self.start[self.model.arms[name].columns]
@@ -323,7 +323,7 @@ class OrderModel:
                     one.q_approach[k], cost, few if not given else NODES.most_given, law.duration
                 )
             ]
-            return TaskWays(
+            return TaskOptions(
                 one.q_approach[kept],
                 one.q_retract[kept],
                 one.work[kept],
@@ -347,7 +347,7 @@ class OrderModel:
             return np.maximum(law.duration(moved[..., :half]), law.duration(moved[..., half:]))
 
         kept = spread(ends, cost, few if not given else NODES.most_given, apart)
-        return TaskWays(
+        return TaskOptions(
             one.q_approach[k[i[kept]]],
             other.q_retract[m[j[kept]]],
             one.work[k[i[kept]]],

@@ -117,7 +117,7 @@ def with_whole_changes(stands: StageStands, tasks: int) -> StageProblem:
         lengths.append(
             plain if own is None else _changed(plain, length, own, returns=whole.returns)
         )
-    apart = whole.apart
+    apart = whole.pair_cost
     if apart is not None:
         apart = apart[np.ix_(columns, columns)]
     return replace(
@@ -127,7 +127,7 @@ def with_whole_changes(stands: StageStands, tasks: int) -> StageProblem:
         work=tuple(work[:stops] for work in whole.work),
         not_before=None if whole.not_before is None else whole.not_before[:stops],
         not_after=None if whole.not_after is None else whole.not_after[:stops],
-        apart=apart,
+        pair_cost=apart,
         stores=None if whole.stores is None else whole.stores.of(range(stops), ()),
     )
 

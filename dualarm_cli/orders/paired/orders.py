@@ -25,7 +25,7 @@ from dualarm_cli.orders.paired.problem import (
     StageOrder,
     StageProblem,
     StopUnit,
-    apart,
+    split_pairs,
     stage_units,
 )
 from dualarm_cli.orders.paired.search import StageSearch
@@ -81,9 +81,9 @@ def _stages(
         stop, one = int(can[first][k]), float(own[k])
         rest = can[other][can[other] != stop]
         lengths: FloatArray = np.array(problem.length[other][came[other], rest, at, g])
-        if problem.apart is not None:
+        if problem.pair_cost is not None:
             pair = (stop, rest) if first == 0 else (rest, stop)
-            lengths = lengths + problem.apart[(*pair, g)]
+            lengths = lengths + problem.pair_cost[(*pair, g)]
         row = [IDLE, IDLE]
         row[first] = stop
         if len(rest) and np.isfinite(lengths).any():
@@ -143,7 +143,7 @@ class StageSearchSettings:
 SEARCH = StageSearchSettings()
 
 
-class NearOrders:
+class NearOptimalOrders:
     """Collects different orders that are nearly as good as the best one."""
 
     def __init__(self, most: int) -> None:
@@ -222,7 +222,7 @@ def searched_orders(
         if first is None:
             continue
         told(first)
-        if effort.rounds and is_served(problem) and np.isfinite(first.total):
+        if effort.rounds and is_supported(problem) and np.isfinite(first.total):
             found += _annealed(search, first, effort, told, stop, known=start is not None)
             break
         steps = max(SEARCH.least, effort.steps // len(first.slots))
@@ -291,7 +291,7 @@ def _annealed(
     for k in range(max(1, round(times))):
         if stop():
             break
-        near = NearOrders(effort.near)
+        near = NearOptimalOrders(effort.near)
         annealing = annealing if k == 0 else StageAnnealing(problem, search.seed + k)
         best = annealing.improve(one, rounds, told, stop, met=near.add)
         found += [best, *near.of(best.total)]
@@ -380,14 +380,14 @@ def never_touching(problem: StageProblem, slots: IntArray) -> IntArray:
     both = (slots != IDLE).all(axis=1)
     one, other = slots[both].T
     possible = np.isfinite(problem.work[0][one]) & np.isfinite(problem.work[1][other])
-    if problem.apart is not None:
-        possible &= np.isfinite(problem.apart[one, other])
+    if problem.pair_cost is not None:
+        possible &= np.isfinite(problem.pair_cost[one, other])
     never = {(int(i), int(j)) for i, j in slots[both][~possible.any(axis=1)]}
     # A hand-over cannot be made one after the other.
     for giving, taking in problem.handovers:
         give, take = problem.tasks[giving][-1], problem.tasks[taking][0]
         never -= {(give, take), (take, give)}
-    return apart(slots, never)
+    return split_pairs(slots, never)
 
 
 SHARES = AnnealingSettings.of((384, 48, 128), (1, 2, 3, 2, 4, 2, 3, 5), (0.15, 0.1, 0.02))
@@ -395,7 +395,7 @@ SHARES = AnnealingSettings.of((384, 48, 128), (1, 2, 3, 2, 4, 2, 3, 5), (0.15, 0
 shares of exchanges with a task that is not near, with an idle arm, and with stages of its own."""
 
 
-def is_served(problem: StageProblem) -> bool:
+def is_supported(problem: StageProblem) -> bool:
     """Test whether annealing supports a problem.
 
     It has to have two arms, and no rules of order, windows, hand-overs or buffers.
@@ -415,7 +415,7 @@ class StageAnnealing:
 
     def __init__(self, problem: StageProblem, seed: int) -> None:
         """Prepares what is near to what."""
-        assert is_served(problem)  # callers have looked
+        assert is_supported(problem)  # callers have looked
         self._problem = problem
         self._random = np.random.default_rng(seed)
         one, other = problem.length
@@ -424,7 +424,7 @@ class StageAnnealing:
         back = problem.turn[:, 0] if turns else np.zeros(len(problem.turn))
         start = problem.free_start
         self._lengths = PairedStageTimes.of(
-            (one, other), least, problem.apart, back, free_start=start
+            (one, other), least, problem.pair_cost, back, free_start=start
         )
         self._tasks = AnnealedTasks.of(problem.tasks, _near_tasks(problem, least))
 

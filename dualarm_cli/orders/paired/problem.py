@@ -50,7 +50,7 @@ class StageProblem:
     handovers: tuple[tuple[int, int], ...] = ()
     """Pairs of tasks, the giver's share of a hand-over and the taker's: one arm does the one, the other arm the other,
     and the last stop of the first falls into the same stage as the first stop of the second."""
-    apart: FloatArray | None = None
+    pair_cost: FloatArray | None = None
     """What it costs that the first arm makes a stop while the second one makes another, infinite where they would
     touch, by angle [s], shape (s + 2, s + 2, f); 0 in the last row and column, which IDLE points at."""
     stores: Stores | None = None
@@ -85,7 +85,7 @@ class StageOrder:
     infinite where it cannot be."""
 
 
-def apart(slots: IntArray, pairs: set[tuple[int, int]]) -> IntArray:
+def split_pairs(slots: IntArray, pairs: set[tuple[int, int]]) -> IntArray:
     """Returns an order (n, 2) in which pairs of stops are not made in the same stage: one after the other instead."""
     rows = []
     for one, other in slots.tolist():

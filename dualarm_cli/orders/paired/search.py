@@ -144,7 +144,7 @@ class Insertions:
         """
         self._problem, self._ends = problem, ends
         self._slots = slots
-        self._whole = slots if ends is None else np.concatenate([slots, ends.then])
+        self._whole = slots if ends is None else np.concatenate([slots, ends.next_stages])
         # Windows ask for the time at which everything is done.
         self._plain = problem.not_before is None and problem.not_after is None
         if self._plain:
@@ -153,21 +153,21 @@ class Insertions:
     def _prepare(self) -> None:
         problem, ends, n = self._problem, self._ends, len(self._whole)
         f = len(problem.turn)
-        start = None if ends is None else ends.came
+        start = None if ends is None else ends.last_stops
         self._came = previous(self._whole[None], problem.stops, start)[0]
         rows = np.arange(n)
         steps: FloatArray = np.full((n, f, f), -np.inf)
         for a, length in enumerate(problem.length):
             steps = np.maximum(steps, length[self._came[rows, a], self._whole[:, a]])
-        if problem.apart is not None:
-            steps += problem.apart[self._whole[:, 0], self._whole[:, 1]][:, None]
+        if problem.pair_cost is not None:
+            steps += problem.pair_cost[self._whole[:, 0], self._whole[:, 1]][:, None]
         self._values = np.full((n + 1, f), np.inf)
         self._rest = np.zeros((n + 1, f))
         if ends is not None:
             self._values[0] = ends.values
         else:
             self._values[0, slice(None) if problem.free_start else 0] = 0.0
-        rest = None if ends is None else ends.rest
+        rest = None if ends is None else ends.remaining
         self._rest[n] = closing(problem, self._came[n][None])[0] if rest is None else rest
         self._closes = rest is None
         for k in range(n):
@@ -462,7 +462,7 @@ class StageSearch:
 
     def _middle(self, slots: IntArray, a: int, ends: Ends | None) -> BoolArray:
         """Returns before which stages an arm is in the middle of other work, shape (n + 1,)."""
-        at = IDLE if ends is None else int(ends.came[a])
+        at = IDLE if ends is None else int(ends.last_stops[a])
         middle = [bool(at != IDLE and self._inner[at])]
         for stop in slots[:, a].tolist():
             at = stop if stop != IDLE else at

@@ -16,23 +16,23 @@ LATE = 1000.0
 class Ends:
     """What comes before and after a stretch of stages, while these are looked at."""
 
-    came: IntArray
+    last_stops: IntArray
     """The stop that each arm made last before them, shape (arms,) or (b, arms)."""
     values: FloatArray
     """When that is over with the platform at each angle [s], shape (f,) or (b, f)."""
-    then: IntArray
+    next_stages: IntArray
     """The stages right after them, until each arm has had a stop, shape (m, arms)."""
-    rest: FloatArray | None
+    remaining: FloatArray | None
     """How long all takes after those, from each angle [s], shape (f,) or (b, f); None for the way back alone."""
     parts: IntArray | None = None
     """How many parts are in each buffer before them, shape (K,); None where that does not count."""
 
     def take(self, rows: slice) -> Ends:
         """Returns those of some orders, where they are different ones."""
-        if self.came.ndim == 1:
+        if self.last_stops.ndim == 1:
             return self
-        rest = None if self.rest is None else self.rest[rows]
-        return Ends(self.came[rows], self.values[rows], self.then, rest, self.parts)
+        rest = None if self.remaining is None else self.remaining[rows]
+        return Ends(self.last_stops[rows], self.values[rows], self.next_stages, rest, self.parts)
 
 
 def totals(problem: StageProblem, slots: IntArray, ends: Ends | None = None) -> FloatArray:
@@ -46,7 +46,7 @@ def totals(problem: StageProblem, slots: IntArray, ends: Ends | None = None) -> 
     """
     f = len(problem.turn)
     if ends is not None:
-        then = np.broadcast_to(ends.then, (len(slots), *ends.then.shape))
+        then = np.broadcast_to(ends.next_stages, (len(slots), *ends.next_stages.shape))
         slots = np.concatenate([slots, then], axis=1)
     size = max(1, 3_000_000 // (f * f))  # numbers at once
     found = [
@@ -133,10 +133,10 @@ def _swept(
     """
     # Idle arms count minus infinity, what cannot be reached infinity: stages of neither are put right below.
     with np.errstate(invalid="ignore"):
-        came = previous(slots, problem.stops, None if ends is None else ends.came)
+        came = previous(slots, problem.stops, None if ends is None else ends.last_stops)
         values, chosen = _forward(problem, slots, came, ends, trace=trace)
         n = slots.shape[1]
-        rest = None if ends is None else ends.rest
+        rest = None if ends is None else ends.remaining
         last = values[n] + (closing(problem, came[:, n]) if rest is None else rest)
     total: FloatArray = last.min(axis=1)
     angles = np.zeros(n, dtype=np.int64)
@@ -187,8 +187,8 @@ def _ends(
     whole: FloatArray = problem.length[0][came[:, k, 0], slots[:, k, 0]]
     for a in range(1, slots.shape[2]):
         np.maximum(whole, problem.length[a][came[:, k, a], slots[:, k, a]], out=whole)
-    if problem.apart is not None:
-        whole += problem.apart[slots[:, k, 0], slots[:, k, 1]][:, None]
+    if problem.pair_cost is not None:
+        whole += problem.pair_cost[slots[:, k, 0], slots[:, k, 1]][:, None]
     whole += value[:, :, None]
     return whole
 

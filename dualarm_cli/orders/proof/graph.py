@@ -18,7 +18,7 @@ SPARSE = 0.25
 """Where fewer of all ways are possible only those are kept."""
 
 
-class StageLengths(Protocol):
+class StageEdges(Protocol):
     """Lengths of ways [s] from m nodes to n nodes, infinite where there is none; in single precision."""
 
     def least(self, values: SingleArray) -> SingleArray:
@@ -37,59 +37,59 @@ class StageLengths(Protocol):
         """Returns the lengths from nodes to nodes, pair by pair, shape (k,)."""
         ...
 
-    def part(self, came: IntArray, goes: IntArray) -> StageLengths:
+    def part(self, came: IntArray, goes: IntArray) -> StageEdges:
         """Returns the ways from some nodes to some others."""
         ...
 
-    def turned(self) -> StageLengths:
+    def turned(self) -> StageEdges:
         """Returns the same ways backwards."""
         ...
 
-    def longer(self, came: IntArray, goes: IntArray, more: FloatArray) -> StageLengths:
+    def longer(self, came: IntArray, goes: IntArray, more: FloatArray) -> StageEdges:
         """Returns ways of which some, all of them there, take longer [s], pair by pair; no pair is named twice."""
         ...
 
 
 @dataclass(frozen=True)
-class AllWays:
+class DenseEdges:
     """Every way."""
 
     table: SingleArray
     """By node gone to and node come from, so that `least` goes through memory in its order, shape (n, m)."""
 
     def least(self, values: SingleArray) -> SingleArray:
-        """See `StageLengths`."""
+        """See `StageEdges`."""
         return np.asarray((self.table + values).min(axis=1))
 
     def rows(self, came: IntArray) -> SingleArray:
-        """See `StageLengths`."""
+        """See `StageEdges`."""
         return np.asarray(self.table[:, came].T)
 
     def into(self, node: int) -> SingleArray:
-        """See `StageLengths`."""
+        """See `StageEdges`."""
         return np.asarray(self.table[node])
 
     def one_by_one(self, came: IntArray, goes: IntArray) -> SingleArray:
-        """See `StageLengths`."""
+        """See `StageEdges`."""
         return np.asarray(self.table[goes, came])
 
-    def part(self, came: IntArray, goes: IntArray) -> AllWays:
-        """See `StageLengths`."""
-        return AllWays(np.ascontiguousarray(self.table[goes][:, came]))
+    def part(self, came: IntArray, goes: IntArray) -> DenseEdges:
+        """See `StageEdges`."""
+        return DenseEdges(np.ascontiguousarray(self.table[goes][:, came]))
 
-    def turned(self) -> AllWays:
-        """See `StageLengths`."""
-        return AllWays(np.ascontiguousarray(self.table.T))
+    def turned(self) -> DenseEdges:
+        """See `StageEdges`."""
+        return DenseEdges(np.ascontiguousarray(self.table.T))
 
-    def longer(self, came: IntArray, goes: IntArray, more: FloatArray) -> AllWays:
-        """See `StageLengths`."""
+    def longer(self, came: IntArray, goes: IntArray, more: FloatArray) -> DenseEdges:
+        """See `StageEdges`."""
         table = self.table.copy()
         table[goes, came] += more
-        return AllWays(table)
+        return DenseEdges(table)
 
 
 @dataclass(frozen=True)
-class FewWays:
+class SparseEdges:
     """Only the ways that there are, by node gone to."""
 
     begin: IntArray
@@ -102,7 +102,7 @@ class FewWays:
     """How many nodes there are to come from."""
 
     def least(self, values: SingleArray) -> SingleArray:
-        """See `StageLengths`."""
+        """See `StageEdges`."""
         found = np.full(len(self.begin) - 1, np.inf, dtype=np.float32)
         some = np.flatnonzero(np.diff(self.begin))
         if len(some):
@@ -111,7 +111,7 @@ class FewWays:
         return found
 
     def rows(self, came: IntArray) -> SingleArray:
-        """See `StageLengths`."""
+        """See `StageEdges`."""
         found = np.full((len(came), len(self.begin) - 1), np.inf, dtype=np.float32)
         row = np.full(self.count, -1)
         row[came] = np.arange(len(came))
@@ -121,33 +121,35 @@ class FewWays:
         return found
 
     def into(self, node: int) -> SingleArray:
-        """See `StageLengths`."""
+        """See `StageEdges`."""
         found = np.full(self.count, np.inf, dtype=np.float32)
         own = slice(self.begin[node], self.begin[node + 1])
         found[self.came[own]] = self.length[own]
         return found
 
     def one_by_one(self, came: IntArray, goes: IntArray) -> SingleArray:
-        """See `StageLengths`."""
+        """See `StageEdges`."""
         found = np.full(len(goes), np.inf, dtype=np.float32)
         at, there = self._at(came, goes)
         found[there] = self.length[at[there]]
         return found
 
-    def part(self, came: IntArray, goes: IntArray) -> FewWays:
-        """See `StageLengths`."""
+    def part(self, came: IntArray, goes: IntArray) -> SparseEdges:
+        """See `StageEdges`."""
         number, place = np.full(self.count, -1), np.full(len(self.begin) - 1, -1)
         number[came], place[goes] = np.arange(len(came)), np.arange(len(goes))
         own = place[self._goes]
         kept = (own >= 0) & (number[self.came] >= 0)
-        return few_ways(own[kept], number[self.came[kept]], self.length[kept], len(goes), len(came))
+        return sparse_edges(
+            own[kept], number[self.came[kept]], self.length[kept], len(goes), len(came)
+        )
 
-    def turned(self) -> FewWays:
-        """See `StageLengths`."""
-        return few_ways(self.came, self._goes, self.length, self.count, len(self.begin) - 1)
+    def turned(self) -> SparseEdges:
+        """See `StageEdges`."""
+        return sparse_edges(self.came, self._goes, self.length, self.count, len(self.begin) - 1)
 
-    def longer(self, came: IntArray, goes: IntArray, more: FloatArray) -> FewWays:
-        """See `StageLengths`."""
+    def longer(self, came: IntArray, goes: IntArray, more: FloatArray) -> SparseEdges:
+        """See `StageEdges`."""
         length = self.length.copy()
         at, there = self._at(came, goes)
         length[at[there]] += more[there]
@@ -171,14 +173,16 @@ class FewWays:
         return self._goes * self.count + self.came
 
 
-def few_ways(goes: IntArray, came: IntArray, length: SingleArray, n: int, m: int) -> FewWays:
+def sparse_edges(
+    goes: IntArray, came: IntArray, length: SingleArray, n: int, m: int
+) -> SparseEdges:
     """Returns ways that are in any order, shape (ways,) each, to n nodes from m nodes."""
     order = np.lexsort((came, goes))
     begin = np.concatenate([[0], np.cumsum(np.bincount(goes, minlength=n))])
-    return FewWays(begin, came[order], length[order], m)
+    return SparseEdges(begin, came[order], length[order], m)
 
 
-def ways_of(rows: Iterator[SingleArray], nodes: int) -> StageLengths:
+def edges_from_rows(rows: Iterator[SingleArray], nodes: int) -> StageEdges:
     """Returns ways given by the nodes they go to, some rows (k, m) at a time, for as many nodes in all."""
     none = np.zeros(0, dtype=np.int64)
     goes, came, length, done = [none], [none], [np.zeros(0, dtype=np.float32)], 0
@@ -191,10 +195,10 @@ def ways_of(rows: Iterator[SingleArray], nodes: int) -> StageLengths:
         done += len(some)
     where, whence, lasts = np.concatenate(goes), np.concatenate(came), np.concatenate(length)
     if len(where) < SPARSE * nodes * nodes:
-        return few_ways(where, whence, lasts, nodes, nodes)
+        return sparse_edges(where, whence, lasts, nodes, nodes)
     table = np.full((nodes, nodes), np.inf, dtype=np.float32)
     table[where, whence] = lasts
-    return AllWays(table)
+    return DenseEdges(table)
 
 
 ENDS = -1
@@ -224,7 +228,7 @@ class StageGraph:
     """Length of a stage that comes first [s], shape (m,)."""
     last: FloatArray
     """Length of the way back after a stage that comes last [s], shape (m,)."""
-    ways: StageLengths
+    edges: StageEdges
     """Lengths of stages right after other ones [s], infinite where rules forbid it."""
 
     @classmethod
@@ -239,8 +243,8 @@ class StageGraph:
         came = np.where(stops == IDLE, problem.stops + 1, stops)
         lengths = [_with_forgotten(length) for length in problem.length]
         beside: FloatArray = np.zeros(len(angle))
-        if problem.apart is not None:
-            beside += problem.apart[stops[:, 0], stops[:, 1], angle]
+        if problem.pair_cost is not None:
+            beside += problem.pair_cost[stops[:, 0], stops[:, 1], angle]
         begun = [
             length[problem.stops, own, :, angle]
             for length, own in zip(lengths, stops.T, strict=True)
@@ -262,7 +266,7 @@ class StageGraph:
 
         weight = (stops != IDLE).sum(axis=1)
         back = _way_back(problem, lengths, stops, angle)
-        ways = ways_of(rows(), len(angle))
+        ways = edges_from_rows(rows(), len(angle))
         return cls(problem, stops, angle, weight, first, back, ways)
 
     @property
@@ -279,7 +283,7 @@ class StageGraph:
             weight=self.weight[which],
             first=self.first[which],
             last=self.last[which],
-            ways=self.ways.part(which, which),
+            edges=self.edges.part(which, which),
         )
 
     def longer(self, moves: IntArray, more: FloatArray) -> StageGraph:
@@ -294,12 +298,12 @@ class StageGraph:
         first[moves[begins, 1]] += more[begins]
         last[moves[ends, 0]] += more[ends]
         inner = ~(begins | ends)
-        ways = self.ways.longer(moves[inner, 0], moves[inner, 1], more[inner])
-        return replace(self, first=first, last=last, ways=ways)
+        ways = self.edges.longer(moves[inner, 0], moves[inner, 1], more[inner])
+        return replace(self, first=first, last=last, edges=ways)
 
     def length(self, nodes: IntArray) -> float:
         """Returns how long a path takes, the way back counted in [s]."""
-        ways = self.ways.one_by_one(nodes[:-1], nodes[1:])
+        ways = self.edges.one_by_one(nodes[:-1], nodes[1:])
         return float(self.first[nodes[0]] + ways.sum() + self.last[nodes[-1]])
 
 
@@ -335,8 +339,8 @@ def _nodes(problem: StageProblem, *, singles: bool) -> tuple[IntArray, IntArray]
     both = can[0][:, None, :] & can[1][None, :, :]
     task = task_of(problem)
     both &= (task[:, None] != task[None, :])[:, :, None]
-    if problem.apart is not None:
-        both &= np.isfinite(problem.apart[: problem.stops, : problem.stops])
+    if problem.pair_cost is not None:
+        both &= np.isfinite(problem.pair_cost[: problem.stops, : problem.stops])
     meets = np.zeros(problem.stops, dtype=np.bool_)
     for one, other in problem.handovers:
         give, take = problem.tasks[one][-1], problem.tasks[other][0]

@@ -64,8 +64,8 @@ class StageSteps:
             length[came[:, a], stops[:, a], angle, then] for a, length in enumerate(problem.length)
         ]
         found = np.maximum(ways[0], ways[1]).astype(np.float64)
-        if problem.apart is not None:
-            found += problem.apart[stops[:, 0], stops[:, 1], then]
+        if problem.pair_cost is not None:
+            found += problem.pair_cost[stops[:, 0], stops[:, 1], then]
         due, needs = self._after[came], self._before[stops]
         wrong = (due != IDLE) & (stops != due) & (stops != IDLE)
         wrong |= (needs != IDLE) & (came != needs)
@@ -263,7 +263,7 @@ class LabelSearch:
         labels = labels.take(np.argsort(labels.node, kind="stable"))
         came, begin = np.unique(labels.node, return_index=True)
         row = np.repeat(np.arange(len(came)), np.diff([*begin, len(labels)]))
-        onto = graph.ways.rows(came)
+        onto = graph.edges.rows(came)
         # What a continuation adds to the least that a label may become.
         more = onto[:, then] - self._paid[then] + self._rest[left, then]
         room = self.upper - self._whole - (labels.over - self._paid_for(labels.made))
@@ -392,7 +392,7 @@ class LabelSearch:
         begin, end = np.searchsorted(others.made, [made, made + 1])
         came = others.take(np.arange(begin, end))
         then = np.full(len(came), node)
-        every = self._after(came, then, self.graph.ways.one_by_one(came.node, then))
+        every = self._after(came, then, self.graph.edges.one_by_one(came.node, then))
         later = self._waited(every) - labels.over[row]
         later[every.idle != labels.idle[row]] = np.inf
         for number in np.flatnonzero(np.isfinite(later)).tolist():

@@ -59,7 +59,7 @@ class Paths:
             (int(weight), np.flatnonzero(graph.weight == weight))
             for weight in np.unique(graph.weight)
         ]
-        self._into = [graph.ways.part(every, rows) for _, rows in self._groups]
+        self._into = [graph.edges.part(every, rows) for _, rows in self._groups]
 
     def paid(self, price: FloatArray) -> SingleArray:
         """Returns the prices of each node's stops together [s], shape (m,).
@@ -100,7 +100,7 @@ class Paths:
         u = int((to[k] + graph.last).argmin())
         nodes = [u]
         while (k := k - int(graph.weight[u])) > 0:
-            u = int((to[k] + graph.ways.into(u)).argmin())
+            u = int((to[k] + graph.edges.into(u)).argmin())
             nodes.append(u)
         return np.array(nodes[::-1])
 

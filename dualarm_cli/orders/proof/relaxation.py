@@ -120,9 +120,9 @@ class Relaxation:
         return np.asarray(np.isfinite(self.cost[arm][:, : self.tasks]).any(axis=0))
 
 
-def of_ways(problem: SequencingProblem) -> Relaxation:
+def relax_options(problem: SequencingProblem) -> Relaxation:
     """Returns the least times of tasks that can be done in several ways with the platform standing still."""
-    n, w = problem.tasks, problem.ways
+    n, w = problem.tasks, problem.options
     costs, least = [], np.full(n, np.inf)
     for a in range(len(problem.arms)):
         whole = problem.between[a] + problem.length[a][None, :]
@@ -155,7 +155,7 @@ def _by_task(stores: Stores | None, stops: Sequence[int]) -> Stores | None:
     return replace(stores, change=change)
 
 
-def of_stages(problem: StageProblem) -> Relaxation:
+def relax_stages(problem: StageProblem) -> Relaxation:
     """Returns the least times of tasks over all platform angles, each arm as if the platform served it alone."""
     n = len(problem.tasks)
     first = np.array([own[0] for own in problem.tasks])

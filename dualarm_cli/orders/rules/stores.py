@@ -36,7 +36,7 @@ class Stores:
         """Returns one of the buffers by itself."""
         return Stores(self.change[:, [k]], self.capacity[[k]], self.initial[[k]])
 
-    def beside(self, other: Stores | None) -> Stores:
+    def joined(self, other: Stores | None) -> Stores:
         """Returns these and other buffers of the same stops."""
         if other is None:
             return self

@@ -55,7 +55,7 @@ def epoch_orders(
     """
     if len(order.angles) < 2 or len(order.job.tasks) < 2:
         return []
-    watch.tell("choosing platform angles for the tasks")
+    watch.report("choosing platform angles for the tasks")
     some = order.reached().any(axis=(0, 1))
     problems = {int(f): order.problem(int(f)) for f in np.flatnonzero(some)}
     turn = order.clock.platform_times(order.angles[:, None] - order.angles[None])

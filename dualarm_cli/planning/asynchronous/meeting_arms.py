@@ -12,7 +12,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import WaitReason
-from dualarm_cli.orders.asynchronous.coordination import Diagram, quickest_together
+from dualarm_cli.orders.asynchronous.coordination import Diagram, quickest_path
 from dualarm_cli.orders.model.buffer_numbers import used_buffers
 from dualarm_cli.planning.asynchronous.own_clock import (
     ClockSteps,
@@ -225,7 +225,7 @@ class ArmCoordination:
         buffers = uses.blocked(band)
         blocked |= buffers
         opens, after, needs = self._opens(steps), *self._after(steps)
-        found = quickest_together(
+        found = quickest_path(
             Diagram(
                 counts,
                 (steps[0].places, steps[1].places),
@@ -239,7 +239,7 @@ class ArmCoordination:
 
         def missed(a: int, rest: int) -> bool:
             place = steps[a].places[rest]
-            there = found.place(1 - a, found.comes(a, place))
+            there = found.place(1 - a, found.arrival(a, place))
             return first_missed(
                 blocked, buffers, counts, (place, there) if a == 0 else (there, place)
             )
@@ -251,16 +251,16 @@ class ArmCoordination:
                 "",
                 0.0,
                 steps[1 - a].reached(
-                    min(found.place(1 - a, found.leaves(a, place)), counts[1 - a])
+                    min(found.place(1 - a, found.departure(a, place)), counts[1 - a])
                 ),
             )
             for a, own in enumerate(steps)
             for place, _ in found.waits[a]
         ]
-        served = uses.rules(lambda a, place: found.place(1 - a, found.comes(a, place)))
+        served = uses.rules(lambda a, place: found.place(1 - a, found.arrival(a, place)))
         rules = sorted(
             [*opens, *after, *together, *served],
-            key=lambda rule: found.leaves(rule.arm, steps[rule.arm].places[rule.rest]),
+            key=lambda rule: found.departure(rule.arm, steps[rule.arm].places[rule.rest]),
         )
         return self._exact(steps, rules, missed)
 

@@ -20,7 +20,7 @@ Look = Callable[[StageGraph, IntArray], FloatArray]
 `StageGraph.longer`."""
 
 
-def near_orders(
+def near_optimal_orders(
     graph: StageGraph,
     prices: Prices,
     best: StageOrder,
