@@ -269,7 +269,7 @@ class ClearanceLoop:
             self.best = self._cleared(decided, repaired, replanned=True)
         no_goods = [*self._expensive_repairs(repaired), *self._blocked_stages(repaired)]
         # Only a method over the whole sequence uses no-goods.
-        if decided.hopeless or not no_goods or (repaired.blocked and not asked.patient):
+        if decided.is_infeasible or not no_goods or (repaired.blocked and not asked.patient):
             return None
         if asked.barred and same_postures(decided.stages, asked.unchecked):
             return None

@@ -87,7 +87,7 @@ class Decided:
     None for methods without a grid. It says nothing about plans off the grid."""
     alternatives: tuple[list[StagePlan], ...] = ()
     """Other plans that may turn out to be faster when they are timed exactly."""
-    hopeless: bool = False
+    is_infeasible: bool = False
     """Whether something has to touch at a stop whatever the method does: the plan only shows what."""
     simpler: Callable[[], list[list[StagePlan]]] | None = None
     """Simpler methods' plans, for where avoiding collisions costs much; None where they were tried."""

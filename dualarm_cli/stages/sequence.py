@@ -192,8 +192,8 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     if found is None:
         raise failure or InfeasibleError(Refusal("no_plan_on_grid"))
     stages = stage_plans(model, job, numbers, found.best.decisions, "sequence")
-    if found.hopeless:
-        return Decided(stages, hopeless=True)
+    if found.is_infeasible:
+        return Decided(stages, is_infeasible=True)
     # Where the search is begun again from its plan it seldom loses against simpler ones.
     blends = numbers.ways is not None
     few = problem.settings.search.refined if blends else numbers.settings.few_stages

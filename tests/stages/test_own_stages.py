@@ -141,7 +141,7 @@ def test_one_narrow_stage_does_not_refuse_the_sequence(packing: Job, width_deg: 
     problem = problem_of(job)
     found = search(problem, [], "quick", 0)
     assert found is not None
-    assert not found.hopeless
+    assert not found.is_infeasible
     assert np.isfinite(found.best.total)
     assert low - 1e-4 <= found.best.decisions.angle[1] <= high + 1e-4
 
@@ -247,7 +247,7 @@ def test_a_stage_whose_nodes_touch_at_all_angles_of_the_grid_gets_others(
     problem = sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job))
     found = search(problem, [], "quick", 0)
     assert found is not None
-    assert not found.hopeless
+    assert not found.is_infeasible
     assert plan_clearance(problem, found.best).stops.all()
 
 

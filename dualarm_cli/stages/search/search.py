@@ -35,7 +35,7 @@ class FoundSequence:
     """No plan on the grid's nodes is faster, with the nodes' own line times [s]; None without a plan there."""
     grid_total: float | None
     """The best plan found on the nodes, before polishing [s]."""
-    hopeless: bool = False
+    is_infeasible: bool = False
     """Whether something has to touch at a stop, on all nodes: the plan only shows what."""
     roomy: tuple[Decisions, ...] = ()
     """The plan with room to come to rest beyond lines, if there is one: it may be clear where the best one is not."""
@@ -70,7 +70,7 @@ def search(
     if problem.roomy and problem.stages <= SCALING.short:
         one_grid = replace(how, meshes=how.meshes[:1], local_rounds=0, rivals=0)
         narrow = _searched(next(_with_room(problem)), starts, one_grid, seed)
-        others = [] if narrow is None or narrow.hopeless else [narrow.best.decisions]
+        others = [] if narrow is None or narrow.is_infeasible else [narrow.best.decisions]
     found = _searched(problem, (*starts, *others), how, seed, further, others)
     return None if found is None else replace(found, roomy=tuple(others))
 
@@ -208,7 +208,7 @@ def search_in_parts(
         own = [start.take(np.arange(first, past)) for start in starts]
         for part in _with_room(stretch_of(problem, first, past)):
             found = search(part, own, effort, seed)
-            if found is not None and not found.hopeless:
+            if found is not None and not found.is_infeasible:
                 return found.best.decisions
         return None
 
