@@ -262,14 +262,18 @@ class ClearanceLoop:
     def _next_problem(self, asked: MethodProblem, decided: Decided) -> MethodProblem | None:
         """Repair a proposal; return the problem of the next round, or None to stop."""
         plans = self._time(decided)
-        if not asked.patient:
+        if not asked.repair_touching_stops:
             refuse_touching_lines(self.clearing, plans[0])
         repaired = self._shortest_repaired(plans)
         if self.best is None or repaired.rank < self.best.cleared.rank:
             self.best = self._cleared(decided, repaired, replanned=True)
         no_goods = [*self._expensive_repairs(repaired), *self._blocked_stages(repaired)]
         # Only a method over the whole sequence uses no-goods.
-        if decided.is_infeasible or not no_goods or (repaired.blocked and not asked.patient):
+        if (
+            decided.is_infeasible
+            or not no_goods
+            or (repaired.blocked and not asked.repair_touching_stops)
+        ):
             return None
         if asked.barred and same_postures(decided.stages, asked.unchecked):
             return None

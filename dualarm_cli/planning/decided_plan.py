@@ -32,7 +32,7 @@ def decided_plan(
     watch: Watch,
     start: Decisions | None = None,
     *,
-    patient: bool = True,
+    repair_touching_stops: bool = True,
 ) -> Schedule:
     """Plan a variant of a job that says which arm does what in which order.
 
@@ -41,7 +41,7 @@ def decided_plan(
         job: its variant.
         watch: receives progress.
         start: plan to begin the search with, or None.
-        patient: whether stages that collide are decided again.
+        repair_touching_stops: whether stages that collide are decided again.
 
     Raises:
         InfeasibleError: nothing that was found is collision-free, or a task is done too late.

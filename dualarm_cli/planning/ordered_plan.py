@@ -56,8 +56,10 @@ def _in_best_order(
     watch.begin()
     settings = work.settings
 
-    def planned(one: DecidedOrder, of: Orders, patient: bool) -> Schedule:
-        found = decided_plan(work, one.job, watch, one.plan, patient=patient)
+    def planned(one: DecidedOrder, of: Orders, repair_touching_stops: bool) -> Schedule:
+        found = decided_plan(
+            work, one.job, watch, one.plan, repair_touching_stops=repair_touching_stops
+        )
         notes = (*found.notes, *order_notes(of, one.total))
         found = replace(found, order_grid_gap=of.gap(one.total), notes=notes)
         keep(found)
@@ -95,7 +97,7 @@ def _searched(
         orders: what it finds at first.
         settings: as for any plan.
         watch: receives progress, and may end the search.
-        planned: plans an order, `of` those found; `patient` where what collides is decided again.
+        planned: plans an order, `of` those found; `repair_touching_stops` where what collides is decided again.
     """
     effort = EFFORTS[settings.effort]
     tried, trials = _Tried(effort.hopeless_orders, search.of_either_arm()), effort.trials
@@ -105,8 +107,8 @@ def _searched(
     while True:
         known = tried.known
         # There is no other order to hope for where nothing more is searched.
-        patient = not long or tries > searches or watch.stop()
-        one_by_one = partial(planned, of=orders, patient=patient)
+        repair_touching_stops = not long or tries > searches or watch.stop()
+        one_by_one = partial(planned, of=orders, repair_touching_stops=repair_touching_stops)
         try:
             promising = _promising(search, orders.ranked, settings, watch)
             # What touches in a long order is better kept apart in it than tried in another one.

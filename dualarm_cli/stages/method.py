@@ -47,7 +47,7 @@ class MethodProblem:
     A method may plan with both. Where it finds no plan on its grid it tries nothing else: this one is solved next."""
     blending: Blending = STOPPING
     """Law of where tools pass in motion."""
-    patient: bool = True
+    repair_touching_stops: bool = True
     """Whether stages in which arms touch at their stops are repaired and decided once more; else the order
     will be changed, which is what helps most."""
 

@@ -107,7 +107,7 @@ def test_an_open_order_is_not_slower_than_the_same_file_with_its_order_given(mad
         job = file_order(search.order.job)
         pairing = tuple((key,) for stage in job.stages() for key in keys(stage))
         one = ordered_plan.DecidedOrder(dataclasses.replace(job, pairing=pairing), 9.0)
-        return planned(one, orders, patient=True)
+        return planned(one, orders, repair_touching_stops=True)
 
     def keys(stage):
         return [(arm, task.id, stop.action) for arm, (task, stop) in stage.items()]

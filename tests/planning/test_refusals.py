@@ -58,7 +58,7 @@ class Blocked:
 
     as_it_is = orders
 
-    def planned(self, _one, of, patient):
+    def planned(self, _one, of, repair_touching_stops):
         """No plan."""
         self.tries += 1
         raise BlockedError(TOUCHES, stages=(self.tries - 1,), alone=self.alone)
@@ -169,7 +169,7 @@ class OneArm(Blocked):
         job = SimpleNamespace(stages=lambda: [{arm: task}], arm=arm)
         return Orders((DecidedOrder(job, 1.0), DecidedOrder(job, 1.1)), None, "")
 
-    def planned(self, one, of, patient):
+    def planned(self, one, of, repair_touching_stops):
         """A plan where the right arm does it."""
         self.tries += 1
         if one.job.arm == "left":
