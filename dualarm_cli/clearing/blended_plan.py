@@ -41,7 +41,7 @@ def with_room(
                 job = replace(asked.job, cell=roomy.job.cell)
                 found = solve(replace(asked, model=roomy.model, job=job, own=asked))
             except InfeasibleError:
-                if asked.only_near:
+                if asked.neighbourhood_only:
                     raise
                 found = None
             # At the platform angle that a method wants, reach may end a little earlier.

@@ -239,7 +239,7 @@ class ClearanceLoop:
                 self.settings.compare_less_effort
             )
             try:
-                decided = self.solve(replace(asked, only_near=bool(is_cheap)))
+                decided = self.solve(replace(asked, neighbourhood_only=bool(is_cheap)))
             except InfeasibleError as failure:
                 return decided, failure
             if (following := self._next_problem(asked, decided)) is None:

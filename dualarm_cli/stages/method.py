@@ -37,7 +37,7 @@ class MethodProblem:
     """The method's own plan for the same job that collides, if there is one."""
     touching: tuple[int, ...] = ()
     """Its stages that do not, or only at a cost; the number of stages stands for the return."""
-    only_near: bool = False
+    neighbourhood_only: bool = False
     """Whether a plan is asked for only if there is one near that one: a good one is known that is collision-free.
     Thorough effort, and methods that look at no plan, heed it not."""
     start: Decisions | None = None

@@ -166,7 +166,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
         # Simpler methods, which take long with clearance, are then asked only where that turns out to be dear.
         if nearby:
             return Decided(nearby[0], simpler=None if given else lambda: _simpler(problem))
-        if problem.only_near:
+        if problem.neighbourhood_only:
             raise InfeasibleError(Refusal("no_plan_on_grid"))
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
