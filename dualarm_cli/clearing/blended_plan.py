@@ -31,15 +31,15 @@ def with_room(
         problem: what it is asked, now and in variations.
         solve: the method; it serves where that leaves no plan.
     """
-    roomy = with_stopping_room(problem)
+    with_margin = with_stopping_room(problem)
     serves = True
 
     def solved(asked: MethodProblem) -> Decided:
         nonlocal serves
         if serves:
             try:
-                job = replace(asked.job, cell=roomy.job.cell)
-                found = solve(replace(asked, model=roomy.model, job=job, own=asked))
+                job = replace(asked.job, cell=with_margin.job.cell)
+                found = solve(replace(asked, model=with_margin.model, job=job, own=asked))
             except InfeasibleError:
                 if asked.neighbourhood_only:
                     raise

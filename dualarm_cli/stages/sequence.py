@@ -155,9 +155,9 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     short = numbers.stages <= SCALING.short and numbers.ways is not None
     if problem.own is not None and (in_parts or short):
         # Plans with narrower limits are candidates of the search with the robot's own ones.
-        model, job, roomy = problem.own.model, problem.own.job, numbers.arms
+        model, job, with_margin = problem.own.model, problem.own.job, numbers.arms
         problem = replace(problem, model=model, job=job, own=None)
-        numbers = replace(_numbers(problem), roomy=roomy)
+        numbers = replace(_numbers(problem), with_margin=with_margin)
     # Long orders were chosen by a plan that simpler methods, which take long themselves, do not come near.
     long = len(job.stages()) > numbers.settings.given_stages
     given = problem.start is not None and long and spares
@@ -197,8 +197,8 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     # Where the search is begun again from its plan it seldom loses against simpler ones.
     blends = numbers.ways is not None
     few = problem.settings.search.refined if blends else numbers.settings.few_stages
-    roomy_ones = (stage_plans(model, job, numbers, one, "sequence") for one in found.roomy)
-    alternatives = *_rivals(problem, starts, found, few), *roomy_ones
+    with_margin = (stage_plans(model, job, numbers, one, "sequence") for one in found.with_margin)
+    alternatives = *_rivals(problem, starts, found, few), *with_margin
     # With clearance the plan on the grid counts what that costs, which the grid's bound does not know.
     gap = _grid_gap(found) if problem.holding is None else None
     simpler = (lambda: _simpler(problem)) if general else None

@@ -143,8 +143,8 @@ def with_stopping_room(problem: MethodProblem) -> MethodProblem:
                     if given.shape[1] == len(columns):
                         lower[columns] = np.minimum(lower[columns], given.min(axis=0))
                         upper[columns] = np.maximum(upper[columns], given.max(axis=0))
-    roomy = replace(robot, limits=replace(limits, lower=lower, upper=upper))
-    cell = replace(job.cell, robot=roomy)
+    with_margin = replace(robot, limits=replace(limits, lower=lower, upper=upper))
+    cell = replace(job.cell, robot=with_margin)
     model = cell_model(cell, problem.redundancy)
     # Whether the platform is held is the problem's.
     model = replace(model, platform=problem.model.platform)

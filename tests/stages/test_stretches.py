@@ -108,7 +108,7 @@ def test_parts_of_one_plan_make_that_plan(random_problem: Problems, stages: int)
     assert in_parts(problem, lambda first, past: None if first else decided(first, past)) is None
 
 
-def _roomy(job: Job, model: CellModel) -> tuple[ArmWork, ...]:
+def _with_margin(job: Job, model: CellModel) -> tuple[ArmWork, ...]:
     """The arms with limits that leave room."""
     found = with_stopping_room(MethodProblem(model, job, "arm_angle", "quick"))
     return sequence_problem(found.model, found.job).arms
@@ -118,23 +118,23 @@ def test_parts_keep_room_where_they_have_a_plan_with_it(random_job: Callable[...
     """Joints are within narrower limits; from a start the plan is no slower; on two processes it is the same."""
     job = random_job(5, (48, 48), line=0.04)
     model = CellModel.from_cell(job.cell)
-    problem, roomy = sequence_problem(model, job), _roomy(job, model)
+    problem, with_margin = sequence_problem(model, job), _with_margin(job, model)
     plain = search_in_parts(problem, [], "quick", 0)
-    found = search_in_parts(replace(problem, roomy=roomy), [], "quick", 0)
+    found = search_in_parts(replace(problem, with_margin=with_margin), [], "quick", 0)
     assert plain is not None
     assert found is not None
-    for work, postures in zip(roomy, found.best.arms, strict=True):
+    for work, postures in zip(with_margin, found.best.arms, strict=True):
         assert work.kinematics.within_limits(postures.q_target).all()
     kept = [
         work.kinematics.within_limits(q.q_target)
-        for work, q in zip(roomy, plain.best.arms, strict=True)
+        for work, q in zip(with_margin, plain.best.arms, strict=True)
     ]
     assert not np.concatenate(kept).all()
     again = search_in_parts(problem, [found.best.decisions], "quick", 0)
     assert again is not None
     assert again.best.total <= found.best.total
     with copies(True):
-        shared = search_in_parts(replace(problem, roomy=roomy), [], "quick", 0)
+        shared = search_in_parts(replace(problem, with_margin=with_margin), [], "quick", 0)
     assert shared is not None
     np.testing.assert_array_equal(shared.best.stages, found.best.stages)
 
@@ -143,13 +143,13 @@ def test_parts_without_room_are_decided_without(random_job: Callable[..., Job]) 
     """Where no joint may move, every part is decided as if nobody had asked for room."""
     job = random_job(6, (48, 48))
     model = CellModel.from_cell(job.cell)
-    problem, roomy = sequence_problem(model, job), _roomy(job, model)
+    problem, with_margin = sequence_problem(model, job), _with_margin(job, model)
     fixed = tuple(
         replace(work, kinematics=replace(work.kinematics, lower=work.start, upper=work.start))
-        for work in roomy
+        for work in with_margin
     )
     plain = search_in_parts(problem, [], "quick", 0)
-    found = search_in_parts(replace(problem, roomy=fixed), [], "quick", 0)
+    found = search_in_parts(replace(problem, with_margin=fixed), [], "quick", 0)
     assert plain is not None
     assert found is not None
     np.testing.assert_array_equal(found.best.stages, plain.best.stages)

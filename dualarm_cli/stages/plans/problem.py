@@ -218,7 +218,7 @@ class SequenceProblem:
     ways: tuple[IntArray, ...] | None = None
     """By arm, how the outer ends of approach and retract are passed in motion in every stage, see `plans/ways`, shape
     (n, 2) each; None where all tools stop there."""
-    roomy: tuple[ArmWork, ...] = ()
+    with_margin: tuple[ArmWork, ...] = ()
     """The arms with limits of position that leave room to pass lines' ends in motion; empty without any."""
     settings: SequenceSettings = SequenceSettings()
     """Numbers of the search."""

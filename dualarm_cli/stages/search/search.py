@@ -37,7 +37,7 @@ class FoundSequence:
     """The best plan found on the nodes, before polishing [s]."""
     is_infeasible: bool = False
     """Whether something has to touch at a stop, on all nodes: the plan only shows what."""
-    roomy: tuple[Decisions, ...] = ()
+    with_margin: tuple[Decisions, ...] = ()
     """The plan with room to come to rest beyond lines, if there is one: it may be clear where the best one is not."""
 
 
@@ -67,12 +67,12 @@ def search(
     """
     how = search_effort(problem, effort)
     others: list[Decisions] = []
-    if problem.roomy and problem.stages <= SCALING.short:
+    if problem.with_margin and problem.stages <= SCALING.short:
         one_grid = replace(how, meshes=how.meshes[:1], local_rounds=0, rivals=0)
         narrow = _searched(next(_with_room(problem)), starts, one_grid, seed)
         others = [] if narrow is None or narrow.is_infeasible else [narrow.best.decisions]
     found = _searched(problem, (*starts, *others), how, seed, further, others)
-    return None if found is None else replace(found, roomy=tuple(others))
+    return None if found is None else replace(found, with_margin=tuple(others))
 
 
 def _searched(
@@ -239,11 +239,11 @@ def search_in_parts(
 
 def _with_room(part: SequenceProblem) -> Iterator[SequenceProblem]:
     """Yield a part of a sequence with its arms' limits of position narrowed, if that is asked for, and as it is."""
-    if part.roomy:
-        arms = zip(part.roomy, part.arms, strict=True)
+    if part.with_margin:
+        arms = zip(part.with_margin, part.arms, strict=True)
         narrow = (replace(one, stops=own.stops, start=own.start) for one, own in arms)
-        yield replace(part, arms=tuple(narrow), roomy=())
-    yield replace(part, roomy=())
+        yield replace(part, arms=tuple(narrow), with_margin=())
+    yield replace(part, with_margin=())
 
 
 def search_near(
