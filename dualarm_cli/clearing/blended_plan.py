@@ -39,7 +39,9 @@ def with_room(
         if serves:
             try:
                 job = replace(asked.job, cell=with_margin.job.cell)
-                found = solve(replace(asked, model=with_margin.model, job=job, own=asked))
+                found = solve(
+                    replace(asked, model=with_margin.model, job=job, without_margin=asked)
+                )
             except InfeasibleError:
                 if asked.neighbourhood_only:
                     raise

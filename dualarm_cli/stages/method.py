@@ -42,7 +42,7 @@ class MethodProblem:
     Thorough effort, and methods that look at no plan, heed it not."""
     start: Decisions | None = None
     """A plan to begin a search with: that which an order was chosen by."""
-    own: MethodProblem | None = None
+    without_margin: MethodProblem | None = None
     """The same problem with the robot's own limits, where this one keeps joints away from them; None where it does not.
     A method may plan with both. Where it finds no plan on its grid it tries nothing else: this one is solved next."""
     blending: Blending = STOPPING

@@ -153,10 +153,14 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     general = not problem.model.has_arm_angles
     in_parts = spares and not general and long
     short = numbers.stages <= SCALING.short and numbers.ways is not None
-    if problem.own is not None and (in_parts or short):
+    if problem.without_margin is not None and (in_parts or short):
         # Plans with narrower limits are candidates of the search with the robot's own ones.
-        model, job, with_margin = problem.own.model, problem.own.job, numbers.arms
-        problem = replace(problem, model=model, job=job, own=None)
+        model, job, with_margin = (
+            problem.without_margin.model,
+            problem.without_margin.job,
+            numbers.arms,
+        )
+        problem = replace(problem, model=model, job=job, without_margin=None)
         numbers = replace(_numbers(problem), with_margin=with_margin)
     # Long orders were chosen by a plan that simpler methods, which take long themselves, do not come near.
     long = len(job.stages()) > numbers.settings.given_stages
@@ -174,7 +178,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
 
     def simpler_starts(on_grid: bool) -> list[Decisions]:
         nonlocal starts, failure
-        if given or general or (not begun if on_grid else problem.own is not None):
+        if given or general or (not begun if on_grid else problem.without_margin is not None):
             return []
         starts, failure = _starts(problem)
         return [decisions_of(numbers, model, stages) for stages in starts.values()]
@@ -234,10 +238,12 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
     numbers = replace(numbers, settings=problem.settings.sequence)
     if not (problem.blends and known and lines):
         return numbers
-    if problem.own is not None:
-        own = problem.own.job
+    if problem.without_margin is not None:
+        own = problem.without_margin.job
         limits = own.limits
-        arms = (replace(work, own=limits.select(work.limits.joints)) for work in numbers.arms)
+        arms = (
+            replace(work, robot_limits=limits.select(work.limits.joints)) for work in numbers.arms
+        )
         numbers = replace(numbers, arms=tuple(arms))
     return replace(numbers, ways=middling_ways(numbers))
 

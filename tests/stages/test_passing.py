@@ -257,7 +257,7 @@ def test_ways_know_the_robots_own_limits_of_position(sequence):
     _, problem, plan = sequence
     every = [np.concatenate([arm.q_approach, arm.q_retract]) for arm in plan.arms]
     arms = tuple(
-        replace(work, own=replace(work.limits, lower=q.min(axis=0), upper=q.max(axis=0)))
+        replace(work, robot_limits=replace(work.limits, lower=q.min(axis=0), upper=q.max(axis=0)))
         for work, q in zip(problem.arms, every, strict=True)
     )
     free = sum(int((ways > 0).sum()) for ways in best_ways(problem, plan))

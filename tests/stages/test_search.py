@@ -394,4 +394,4 @@ def test_where_the_grids_have_no_plan_simpler_methods_plans_serve(
     assert sum(one.duration for one in found.stages) <= 1.1 * sum(one.duration for one in single)
     monkeypatch.setattr(sequence, "_starts", lambda _: pytest.fail("asked"))
     with pytest.raises(InfeasibleError):
-        sequence.solve_sequence(_method_problem(job, own=_method_problem(job)))
+        sequence.solve_sequence(_method_problem(job, without_margin=_method_problem(job)))

@@ -67,7 +67,7 @@ class ArmWork:
     """Its target in each stage; None where it has nothing to do and stands still."""
     start: FloatArray
     """Joints before the first stage [rad], shape (joints,); not used where the start is free."""
-    own: JointLimits | None = None
+    robot_limits: JointLimits | None = None
     """The robot's own limits, where those keep joints away from theirs; what is in motion may come nearer to them."""
 
     @property

@@ -76,7 +76,7 @@ def _best_ways(
 ) -> list[tuple[int, int]]:
     """Returns how an arm best passes the ends of the retract before each of some stages and of its approach there."""
     work, postures = problem.arms[a], plan.arms[a]
-    limits, passes = work.own or work.limits, _passes(problem, work)
+    limits, passes = work.robot_limits or work.limits, _passes(problem, work)
     chain = TransferChain.of(work)
     start = start_joints(problem, work, chain, postures)
 
