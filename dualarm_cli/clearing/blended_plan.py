@@ -87,8 +87,8 @@ def blended_plan(
         timing: how motions are timed.
         stopping: transfers between stops all the same, by the stage that they lead to and arm.
     """
-    model, job, known = problem.model, problem.job, found.known
-    drive = Drive.of(model, job, timing, known)
+    model, job, cache = problem.model, problem.job, found.cache
+    drive = Drive.of(model, job, timing, cache)
     clearing = found.clearing(problem, timing)
     before = found.cleared.motion
     through = passed_targets(drive, found.cleared.plans, stopping)
@@ -99,7 +99,7 @@ def blended_plan(
     while ways or through:
         plans = with_ways(with_passed_targets(drive, found.cleared.plans, through), ways)
         try:
-            motion = realise(model, job, plans, timing, known)
+            motion = realise(model, job, plans, timing, cache)
         except InfeasibleError:
             if not through:
                 raise
@@ -149,7 +149,7 @@ def _with_detours_in_motion(
         chosen = {key: ways[0] for key, ways in tries.items()}
         bent = with_bent_ways(drive, plans, chosen)
         try:
-            found = realise(drive.model, job, bent, drive.timing, drive.known)
+            found = realise(drive.model, job, bent, drive.timing, drive.cache)
         except InfeasibleError:
             # With what the platform does then, one of them cannot be timed.
             own = set(tries)

@@ -33,7 +33,7 @@ from dualarm_cli.effort import ClearanceSettings, less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.blending import STOPPING
 from dualarm_cli.motion.motion import realise
-from dualarm_cli.motion.transfers import Known
+from dualarm_cli.motion.transfers import MotionCache
 from dualarm_cli.motion.waiting import transfer_ends
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import same_postures
@@ -131,7 +131,7 @@ class ClearanceLoop:
     """Receives a message at the beginning of each step."""
     holding: Holding | None
     """Bodies that must not collide; None disables collision checking."""
-    known: Known = field(default_factory=Known, init=False)
+    cache: MotionCache = field(default_factory=MotionCache, init=False)
     """Motions timed so far."""
     best: ClearedPlan | None = field(default=None, init=False)
     """Best plan so far; stages of it may be blocked."""
@@ -171,14 +171,14 @@ class ClearanceLoop:
         """Collision checks and repairs."""
         assert self.holding is not None  # else `run` has ended
         model, job, seed = self.problem.model, self.problem.job, self.problem.seed
-        timing, known = self.timing, self.known
-        return Clearing(model, job, self.holding, timing, seed, known, settings=self.settings)
+        timing, cache = self.timing, self.cache
+        return Clearing(model, job, self.holding, timing, seed, cache, settings=self.settings)
 
     def _time(self, decided: Decided) -> list[TimedPlan]:
         """Time a proposal and its alternatives; sort them by duration."""
         model, job = self.problem.model, self.problem.job
         plans = [
-            TimedPlan(stages, realise(model, job, stages, self.timing, self.known))
+            TimedPlan(stages, realise(model, job, stages, self.timing, self.cache))
             for stages in (decided.stages, *decided.alternatives)
             if stages
         ]
@@ -193,7 +193,7 @@ class ClearanceLoop:
     ) -> ClearedPlan:
         """Join a plan with the proposal that it came from."""
         reference = self.proposals[0].duration
-        return ClearedPlan(decided, plan, reference, replanned, self.holding, self.known)
+        return ClearedPlan(decided, plan, reference, replanned, self.holding, self.cache)
 
     def _may_win_blended(self, plan: TimedPlan) -> bool:
         """Return whether an unchecked plan may be the shortest one when blended."""

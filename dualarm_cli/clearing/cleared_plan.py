@@ -7,7 +7,7 @@ from dataclasses import field
 from functools import partial
 
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
-from dualarm_cli.motion.transfers import Known
+from dualarm_cli.motion.transfers import MotionCache
 from dualarm_cli.notes import Note
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.records import dataclass
@@ -51,7 +51,7 @@ class ClearedPlan:
     """Whether other postures or platform angles were needed."""
     holding: Holding | None = field(compare=False, repr=False)
     """What had to be collision-free; None where nothing had to."""
-    known: Known = field(default_factory=Known, compare=False, repr=False)
+    cache: MotionCache = field(default_factory=MotionCache, compare=False, repr=False)
     """What was timed for it."""
     rivals: tuple[TimedPlan, ...] = field(default=(), compare=False, repr=False)
     """Other collision-free plans of the method that take longer with all stops, but perhaps not in motion."""
@@ -62,8 +62,8 @@ class ClearedPlan:
         """Returns what other plans of the same problem are tested with; None where nothing has to be collision-free."""
         if self.holding is None:
             return None
-        known, settings = self.known, problem.settings.clearing
-        given = problem.model, problem.job, self.holding, timing, problem.seed, known
+        cache, settings = self.cache, problem.settings.clearing
+        given = problem.model, problem.job, self.holding, timing, problem.seed, cache
         return Clearing(*given, settings=settings)
 
     @property

@@ -29,7 +29,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.motion.bent_transfers import CurveCost, curve, quick_curves
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.motion import realise
-from dualarm_cli.motion.transfers import Known, largest_tool_speed
+from dualarm_cli.motion.transfers import MotionCache, largest_tool_speed
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import Detour, StagePlan
 from dualarm_cli.records import dataclass
@@ -120,7 +120,7 @@ class Clearing:
     """How transfers and curves are timed."""
     seed: int
     """Of what is tried at random."""
-    known: Known = field(default_factory=Known)
+    cache: MotionCache = field(default_factory=MotionCache)
     """What is timed already: repaired stages keep their lines."""
     seen: dict[tuple[Hashable, ...], bool] = field(default_factory=dict)
     """Which stages are collision-free, as far as known, by their number and all that their motion depends on."""
@@ -131,11 +131,11 @@ class Clearing:
 
     def timed(self, plans: list[StagePlan]) -> Motion:
         """Returns the motion of all stages."""
-        return realise(self.model, self.job, plans, self.timing, self.known)
+        return realise(self.model, self.job, plans, self.timing, self.cache)
 
     def alone(self, plan: StagePlan) -> Motion:
         """Returns the motion of one stage by itself."""
-        return realise(self.model, self.job, [plan], self.timing, self.known, clock=None)
+        return realise(self.model, self.job, [plan], self.timing, self.cache, clock=None)
 
     def touching(self, plans: Sequence[StagePlan], motion: Motion) -> list[int]:
         """Returns the stages of a motion that collide; how long arms wait in them must always be the same."""

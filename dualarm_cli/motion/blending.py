@@ -67,7 +67,7 @@ def passing_ways(
     for k, passed in enumerate(halves(of, range(len(plans)))):
         for name, one in passed.items():
             found[k, name] = one.ways
-            drive.known.moving.update(one.transfers)
+            drive.cache.moving.update(one.transfers)
             for at, line, trajectory in one.lines:
                 launch = one.ways[line == "approach"]
                 assert launch is not None  # only lines that are passed in motion are listed
@@ -85,7 +85,7 @@ class _Passed:
     lines: tuple[tuple[int, str, Trajectory], ...]
     """Stage, name and motion of those that are passed in motion."""
     transfers: Mapping[Key, Trajectory | None]
-    """What was timed in motion on the way to them, see `Known`."""
+    """What was timed in motion on the way to them, see `MotionCache`."""
 
 
 def _passed(
@@ -101,7 +101,7 @@ def _passed(
     for name in drive.model.arms:
         if (k, name) in stopping or name in plan.waits or name in plan.detours:
             continue
-        timed = len(drive.known.moving)
+        timed = len(drive.cache.moving)
         tried = _ways(drive, before, plan, name, platform, widths)
         ways = next((one for one in tried if _holds(drive, before, plan, name, one)), None)
         if ways is None:
@@ -111,7 +111,7 @@ def _passed(
             if launch is not None:
                 passing = _with_pass(plans[at], name, line, launch)
                 lines.append((at, line, timed_line(drive, passing, passing.stops[name], line)))
-        transfers = dict(islice(drive.known.moving.items(), timed, None))
+        transfers = dict(islice(drive.cache.moving.items(), timed, None))
         found[name] = _Passed(ways, tuple(lines), transfers)
     return found
 

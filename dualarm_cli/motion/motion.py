@@ -27,7 +27,7 @@ from dualarm_cli.motion.transfers import (
     PLATFORM,
     Drive,
     Key,
-    Known,
+    MotionCache,
     Transfers,
     transfers_within_tool_speed,
 )
@@ -196,7 +196,7 @@ def realise(
     job: Job,
     plans: list[StagePlan],
     timing: TimingSolver,
-    known: Known | None = None,
+    cache: MotionCache | None = None,
     *,
     clock: float | None = 0.0,
 ) -> Motion:
@@ -207,11 +207,11 @@ def realise(
         job: what is to be done.
         plans: its stages in order.
         timing: how transfers and lines are timed.
-        known: what is timed already; what is new is added.
+        cache: motions timed so far, added to.
         clock: when the first stage begins [s], for windows of tasks; the motion itself is from 0. None for a stage by
             itself, which waits for no window.
     """
-    drive = Drive.of(model, job, timing, known)
+    drive = Drive.of(model, job, timing, cache)
     time_lines(drive, plans)
     record = MotionBuilder({name: [] for name in drive.columns})
     before: StagePlan | None = None
@@ -249,9 +249,9 @@ def _transfers(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Trans
         for name, own in rates.items()
     )
     key: Key = (*plan.stops, plan.start.tobytes(), plan.arrival.tobytes(), *passed)
-    if key not in drive.known.transfers:
-        drive.known.transfers[key] = transfers_within_tool_speed(drive, plan, rates)
-    return drive.known.transfers[key]
+    if key not in drive.cache.transfers:
+        drive.cache.transfers[key] = transfers_within_tool_speed(drive, plan, rates)
+    return drive.cache.transfers[key]
 
 
 def _wait(record: MotionBuilder, drive: Drive, plan: StagePlan, waits: StageWaits) -> None:

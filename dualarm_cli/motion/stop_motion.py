@@ -216,12 +216,12 @@ def add_handover(
 def timed_line(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Trajectory:
     """Returns the timed `approach` or `retract` of a stop in its stage, which has one; see `solve_line`."""
     key = _timed_key(drive, plan, arm_stop, line)
-    if key not in drive.known.lines:
+    if key not in drive.cache.lines:
         launch = plan.passes.get((arm_stop.arm, line))
         path = joints_along(drive, plan, arm_stop, line)
         timed = solve_line(drive, arm_stop, line, path, launch)
-        drive.known.lines[key] = arm_stop.stop, timed
-    return drive.known.lines[key][1]
+        drive.cache.lines[key] = arm_stop.stop, timed
+    return drive.cache.lines[key][1]
 
 
 def time_lines(drive: Drive, plans: Sequence[StagePlan]) -> None:
@@ -230,7 +230,7 @@ def time_lines(drive: Drive, plans: Sequence[StagePlan]) -> None:
     Lines that cannot be timed are left for who needs them.
 
     Args:
-        drive: of the job; its `known` gets the lines.
+        drive: of the job; its `cache` gets the lines.
         plans: stages.
     """
     asked: dict[Key, tuple[StagePlan, ArmStop, str]] = {}
@@ -243,7 +243,7 @@ def time_lines(drive: Drive, plans: Sequence[StagePlan]) -> None:
                 ("retract", arm_stop.stop.retract),
             ):
                 key = _timed_key(drive, plan, arm_stop, line)
-                if way > 0.0 and key not in drive.known.lines:
+                if way > 0.0 and key not in drive.cache.lines:
                     asked[key] = plan, arm_stop, line
 
     def timed(some: Sequence[tuple[StagePlan, ArmStop, str]]) -> list[Trajectory | None]:
@@ -266,7 +266,7 @@ def remember_line(
 ) -> None:
     """Notes how a line of a stop in its stage is timed, as `timed_line` returned it."""
     key = _timed_key(drive, plan, arm_stop, line)
-    drive.known.lines.setdefault(key, (arm_stop.stop, timed))
+    drive.cache.lines.setdefault(key, (arm_stop.stop, timed))
 
 
 def _timed_key(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Key:
@@ -280,10 +280,10 @@ def joints_along(
 ) -> tuple[FloatArray, FloatArray]:
     """Returns the joints along a line of a stop in its stage, and the lengths travelled; see `line_path`."""
     key = (line, *_line_key(drive.model, plan, arm_stop, line))
-    if key not in drive.known.paths:
+    if key not in drive.cache.paths:
         q, length = line_path(arm_stop.problem, arm_stop.posture, line, PATH_SAMPLES)
-        drive.known.paths[key] = arm_stop.stop, q, length
-    _, q, length = drive.known.paths[key]
+        drive.cache.paths[key] = arm_stop.stop, q, length
+    _, q, length = drive.cache.paths[key]
     return q, length
 
 

@@ -86,7 +86,7 @@ Key = tuple[Hashable, ...]
 
 
 @dataclass(frozen=True)
-class Known:
+class MotionCache:
     """What has been timed already in one job, so that it is not timed again where other stages are repaired."""
 
     lines: dict[Key, tuple[Stop, Trajectory]] = field(default_factory=dict)
@@ -113,17 +113,19 @@ class Drive:
     """How transfers, lines and curves are timed."""
     cap: float | None
     """Largest speed of any tool centre point in the world [m/s], or None."""
-    known: Known = field(default_factory=Known)
+    cache: MotionCache = field(default_factory=MotionCache)
     """What is timed already."""
 
     @staticmethod
-    def of(model: CellModel, job: Job, timing: TimingSolver, known: Known | None = None) -> Drive:
+    def of(
+        model: CellModel, job: Job, timing: TimingSolver, cache: MotionCache | None = None
+    ) -> Drive:
         """Returns the drive of a job: the platform's group, if there is one, then the arms'."""
         robot = job.cell.robot
         columns = {PLATFORM: model.platform_columns} if robot.platform else {}
         columns |= {name: arm.columns for name, arm in model.arms.items()}
-        known = Known() if known is None else known
-        return Drive(model, columns, job.limits, timing, job.tool_speed, known)
+        cache = MotionCache() if cache is None else cache
+        return Drive(model, columns, job.limits, timing, job.tool_speed, cache)
 
     @cached_property
     def own_limits(self) -> Mapping[str, JointLimits]:
@@ -214,9 +216,9 @@ def _moving(drive: Drive, group: str, asked: TransferProblem) -> Trajectory | No
     """Returns a group's transfer that begins or ends in motion, under the job's limits; None where there is none."""
     ends = (asked.start, asked.goal, *asked.rates())
     key: Key = (group, asked.minimum_duration, *(end.tobytes() for end in ends))
-    if key not in drive.known.moving:
-        drive.known.moving[key] = solve_moving_transfer(asked)
-    return drive.known.moving[key]
+    if key not in drive.cache.moving:
+        drive.cache.moving[key] = solve_moving_transfer(asked)
+    return drive.cache.moving[key]
 
 
 def _all_together(
@@ -279,7 +281,7 @@ def transfers_within_tool_speed(
         if factor == 1.0:
             return transfers
         slow = replace(limits, velocity=limits.velocity * factor)
-        return time_transfers(replace(drive, limits=slow, known=Known()), plan)
+        return time_transfers(replace(drive, limits=slow, cache=MotionCache()), plan)
 
     best = slowed(slower, lambda tried: tool_speed_of(drive, plan, tried), cap)
     if best is None:

@@ -25,7 +25,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.motion.blending import passing_ways, with_ways
 from dualarm_cli.motion.motion import realise
-from dualarm_cli.motion.transfers import Drive, Known
+from dualarm_cli.motion.transfers import Drive, MotionCache
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.refusals import Refusal
@@ -473,13 +473,13 @@ def test_a_stage_is_judged_anew_with_every_way_of_passing_its_lines(packing):
     model, timing = CellModel.from_cell(job.cell), TIMING_SOLVERS["ruckig"]
     plans = choose_stages(MethodProblem(model, job, "arm_angle"), "fixed")
     drive = Drive.of(model, job, timing)
-    clearing = Clearing(model, job, Holding.of(job), timing, 0, Known())
+    clearing = Clearing(model, job, Holding.of(job), timing, 0, MotionCache())
     ways = passing_ways(drive, plans)
     assert {k for k, _ in ways} >= {1, 2}
     for chosen in ({}, ways, {key: way for key, way in ways.items() if key[0] == 1}):
         own = with_ways(plans, chosen)
         motion = realise(model, job, own, timing)
-        fresh = Clearing(model, job, Holding.of(job), timing, 0, Known())
+        fresh = Clearing(model, job, Holding.of(job), timing, 0, MotionCache())
         assert clearing.touching(own, motion) == fresh.touching(own, motion)
     # With no way, with all of them, and the first two stages with those about the second stage's transfers.
     assert len(clearing.seen) == 2 * len(plans) + 2
@@ -500,6 +500,6 @@ def test_transfers_in_motion_are_timed_once(packing, copied, monkeypatch):
         raise AssertionError(f"{problem} is timed again")
 
     monkeypatch.setattr("dualarm_cli.motion.transfers.solve_moving_transfer", refused)
-    together = realise(model, packing, own, timing, drive.known).trajectory
+    together = realise(model, packing, own, timing, drive.cache).trajectory
     np.testing.assert_array_equal(together.time, apart.time)
     np.testing.assert_array_equal(together.position, apart.position)

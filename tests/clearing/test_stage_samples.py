@@ -20,7 +20,7 @@ from dualarm_cli.collision.loads import Loads
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.motion.motion import realise
-from dualarm_cli.motion.transfers import Known
+from dualarm_cli.motion.transfers import MotionCache
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.stage_by_stage import choose_stages
@@ -59,16 +59,16 @@ def test_lines_that_are_timed_already_are_the_same_lines(tasks_folder):
     """A plan realised twice with one memory is the plan realised without; other postures get lines of their own."""
     job = load_job(tasks_folder / "01_first_pick" / "tasks.yaml")
     model, timing = CellModel.from_cell(job.cell), TIMING_SOLVERS["ruckig"]
-    known = Known()
+    cache = MotionCache()
     one = choose_stages(MethodProblem(model, job, "arm_angle"), "fixed", refine=False)
     other = choose_stages(MethodProblem(model, job, "arm_angle"), "exact")
     for plans in (one, other, one):
-        again = realise(model, job, plans, timing, known)
+        again = realise(model, job, plans, timing, cache)
         anew = realise(model, job, plans, timing)
         np.testing.assert_array_equal(again.trajectory.position, anew.trajectory.position)
         np.testing.assert_array_equal(again.trajectory.time, anew.trajectory.time)
     stops = sum(len(plan.stops) for plan in one)
-    assert 2 * stops < len(known.lines) <= 4 * stops
+    assert 2 * stops < len(cache.lines) <= 4 * stops
 
 
 def test_a_part_that_reaches_into_something_for_a_moment_on_its_line_is_seen():

@@ -17,7 +17,7 @@ from dualarm_cli.model.cell import OnBelt
 from dualarm_cli.model.job import Job
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.motion import realise
-from dualarm_cli.motion.transfers import Known
+from dualarm_cli.motion.transfers import MotionCache
 from dualarm_cli.postures import StopPosture
 from dualarm_cli.postures.problem import NoPosture
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan
@@ -235,7 +235,7 @@ class ConveyorMeeting:
     """How transfers and lines are timed."""
     delays: Delays = field(default_factory=dict)
     """What is known of how late arms turn out to be, as when they have to be clear of each other."""
-    known: Known = field(default_factory=Known)
+    cache: MotionCache = field(default_factory=MotionCache)
     """What is timed already."""
 
     def met(self, plans: list[StagePlan]) -> list[StagePlan]:
@@ -404,7 +404,7 @@ class ConveyorMeeting:
         return replace(plan, start=start, arrival=arrival, end=end, stops=stops)
 
     def _timed(self, stage: StagePlan, clock: float) -> Motion:
-        return realise(self.model, self.job, [stage], self.timing, self.known, clock=clock)
+        return realise(self.model, self.job, [stage], self.timing, self.cache, clock=clock)
 
     def _earliest(self, stage: StagePlan, clock: float) -> dict[str, float]:
         """Returns when the arms could be at their targets if no part had to be waited for [s]."""
