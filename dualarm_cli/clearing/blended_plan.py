@@ -95,7 +95,7 @@ def blended_plan(
     passing = with_passed_targets(drive, found.cleared.plans, through)
     widths = problem.settings.widths
     ways = dict(passing_ways(drive, passing, stopping, widths))
-    touching: list[int] = []
+    colliding_stages: list[int] = []
     while ways or through:
         plans = with_ways(with_passed_targets(drive, found.cleared.plans, through), ways)
         try:
@@ -107,11 +107,11 @@ def blended_plan(
             through = {}
             ways = dict(passing_ways(drive, found.cleared.plans, stopping, widths))
             continue
-        touching = clearing.touching(plans, motion) if clearing is not None else []
+        colliding_stages = clearing.colliding_stages(plans, motion) if clearing is not None else []
         # A stage has the transfers to its lines, and ends as those of the next one begin.
-        own = {key for key in ways if key[0] in touching}
-        own = own or {key for key in ways if key[0] - 1 in touching}
-        passed = {k for k in through if {k, k + 1} & set(touching)}
+        own = {key for key in ways if key[0] in colliding_stages}
+        own = own or {key for key in ways if key[0] - 1 in colliding_stages}
+        passed = {k for k in through if {k, k + 1} & set(colliding_stages)}
         if not own and not passed:
             break
         for key in own:
@@ -120,7 +120,7 @@ def blended_plan(
             del through[k]
         # Ways beside it were chosen for that state.
         ways = {key: way for key, way in ways.items() if not {key[0], key[0] - 1} & passed}
-    if touching or not (ways or through):
+    if colliding_stages or not (ways or through):
         plans, motion = found.cleared.plans, before
     plans, motion = _with_detours_in_motion(drive, job, clearing, plans, motion, stopping)
     gain = before.trajectory.duration - motion.trajectory.duration
@@ -154,10 +154,12 @@ def _with_detours_in_motion(
             # With what the platform does then, one of them cannot be timed.
             own = set(tries)
         else:
-            touching = clearing.touching(bent, found) if clearing is not None else []
-            own = {key for key in tries if key[0] in touching}
-            own = own or {key for key in tries if key[0] - 1 in touching}
-            if not touching and found.trajectory.duration < motion.trajectory.duration:
+            colliding_stages = (
+                clearing.colliding_stages(bent, found) if clearing is not None else []
+            )
+            own = {key for key in tries if key[0] in colliding_stages}
+            own = own or {key for key in tries if key[0] - 1 in colliding_stages}
+            if not colliding_stages and found.trajectory.duration < motion.trajectory.duration:
                 return bent, found
             if not own:
                 break

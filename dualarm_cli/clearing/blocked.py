@@ -96,7 +96,9 @@ def refuse_touching_lines(clearing: Clearing, plan: TimedPlan) -> None:
     Raises:
         BlockedError: with those stages.
     """
-    apart = tuple(clearing.side_by_side(plan.plans, clearing.touching(plan.plans, plan.motion)))
+    apart = tuple(
+        clearing.side_by_side(plan.plans, clearing.colliding_stages(plan.plans, plan.motion))
+    )
     if len(apart) > max(1.0, clearing.settings.crowded_stages * len(plan.plans)):
         raise BlockedError(*why_blocked(clearing, replace(plan, blocked=apart)), stages=apart)
 

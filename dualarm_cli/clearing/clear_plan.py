@@ -184,9 +184,9 @@ class ClearanceLoop:
         ]
         return sorted(plans, key=attrgetter("duration"))
 
-    def _touching(self, plan: TimedPlan) -> list[int]:
+    def _colliding_stages(self, plan: TimedPlan) -> list[int]:
         """Return the stages of a plan that collide."""
-        return self.clearing.touching(plan.plans, plan.motion)
+        return self.clearing.colliding_stages(plan.plans, plan.motion)
 
     def _cleared(
         self, decided: Decided, plan: TimedPlan, *, replanned: bool = False
@@ -207,16 +207,16 @@ class ClearanceLoop:
             is_slower = best is not None and best.is_done_within(plan.duration)
             if is_slower and not self._may_win_blended(plan):
                 break
-            touching = self._touching(plan)
-            is_repairable = len(touching) <= max(
+            colliding_stages = self._colliding_stages(plan)
+            is_repairable = len(colliding_stages) <= max(
                 1, self.settings.repairable_stages * len(plan.plans)
             )
-            if not touching:
+            if not colliding_stages:
                 collision_free.append(plan)
                 best = _better(best, plan)
             elif not is_slower and is_repairable:
                 self.progress("avoiding collisions")
-                best = _better(best, self.clearing.repaired(plan, touching, give_up=True))
+                best = _better(best, self.clearing.repaired(plan, colliding_stages, give_up=True))
         if best is None:
             return None
         self.best = self._cleared(self.unchecked, best)
@@ -256,7 +256,10 @@ class ClearanceLoop:
             holding=self.holding,
             barred=(*problem.barred, *no_goods),
             unchecked=tuple(plan.plans),
-            touching=(*self._touching(plan), *(no_good.stage for no_good in no_goods)),
+            colliding_stages=(
+                *self._colliding_stages(plan),
+                *(no_good.stage for no_good in no_goods),
+            ),
         )
 
     def _next_problem(self, asked: MethodProblem, decided: Decided) -> MethodProblem | None:
@@ -287,7 +290,7 @@ class ClearanceLoop:
         for plan in plans:
             if best is not None and best.is_done_within(plan.duration):
                 break
-            best = _better(best, self.clearing.repaired(plan, self._touching(plan)))
+            best = _better(best, self.clearing.repaired(plan, self._colliding_stages(plan)))
         assert best  # a method always has a plan of its own
         return best
 

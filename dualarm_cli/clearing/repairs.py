@@ -137,7 +137,7 @@ class Clearing:
         """Returns the motion of one stage by itself."""
         return realise(self.model, self.job, [plan], self.timing, self.cache, clock=None)
 
-    def touching(self, plans: Sequence[StagePlan], motion: Motion) -> list[int]:
+    def colliding_stages(self, plans: Sequence[StagePlan], motion: Motion) -> list[int]:
         """Returns the stages of a motion that collide; how long arms wait in them must always be the same."""
         keys = [_stage_key(k, plan, plans[k - 1] if k else None) for k, plan in enumerate(plans)]
         if self.holding.cell.skew > 0.0:
@@ -150,25 +150,25 @@ class Clearing:
         return [k for k, key in enumerate(keys) if not self.seen[key]]
 
     def repaired(
-        self, plan: TimedPlan, touching: Sequence[int], *, give_up: bool = False
+        self, plan: TimedPlan, colliding_stages: Sequence[int], *, give_up: bool = False
     ) -> TimedPlan:
         """Repair the stages of a plan that collide.
 
         Args:
             plan: stages and their motion.
-            touching: the stages that collide.
+            colliding_stages: the stages that collide.
             give_up: whether nothing more is repaired after the first stage that cannot be.
         """
         stages, blocked = list(plan.plans), []
-        for k in touching:
+        for k in colliding_stages:
             repaired = self._repaired(stages[k], k, self._sampled(plan.motion, k).before)
             if repaired is not None:
                 stages[k] = repaired
             elif give_up:
-                return replace(plan, blocked=tuple(touching))
+                return replace(plan, blocked=tuple(colliding_stages))
             else:
                 blocked.append(k)
-        is_changed = len(blocked) < len(touching)
+        is_changed = len(blocked) < len(colliding_stages)
         motion = self.timed(stages) if is_changed else plan.motion
         return TimedPlan(stages, motion, tuple(blocked))
 
@@ -178,11 +178,13 @@ class Clearing:
         cell = self.holding.cell
         return not all(alone_clear(cell, samples, a) for a in range(len(cell.arms)))
 
-    def side_by_side(self, plans: Sequence[StagePlan], touching: Sequence[int]) -> list[int]:
+    def side_by_side(
+        self, plans: Sequence[StagePlan], colliding_stages: Sequence[int]
+    ) -> list[int]:
         """Returns the stages of two arms in which these touch where they work, not on their ways only."""
         return [
             k
-            for k in touching
+            for k in colliding_stages
             if k < len(plans)
             and len(plans[k].stops) == 2
             and not _lines_apart(self._context(plans[k], k))

@@ -35,7 +35,7 @@ class MethodProblem:
     """Stages that turned out to collide; only methods over the whole sequence avoid them."""
     unchecked: tuple[StagePlan, ...] = ()
     """The method's own plan for the same job that collides, if there is one."""
-    touching: tuple[int, ...] = ()
+    colliding_stages: tuple[int, ...] = ()
     """Its stages that do not, or only at a cost; the number of stages stands for the return."""
     neighbourhood_only: bool = False
     """Whether a plan is asked for only if there is one near that one: a good one is known that is collision-free.

@@ -216,7 +216,7 @@ def _near_unchecked(problem: MethodProblem, numbers: SequenceProblem) -> list[li
     near = search_near(
         numbers,
         decisions_of(numbers, problem.model, list(problem.unchecked)),
-        problem.touching,
+        problem.colliding_stages,
         problem.effort,
         problem.seed,
         # The search knows no cap on the tools' speed: under one, what is good is left as it is.

@@ -480,7 +480,7 @@ def test_a_stage_is_judged_anew_with_every_way_of_passing_its_lines(packing):
         own = with_ways(plans, chosen)
         motion = realise(model, job, own, timing)
         fresh = Clearing(model, job, Holding.of(job), timing, 0, MotionCache())
-        assert clearing.touching(own, motion) == fresh.touching(own, motion)
+        assert clearing.colliding_stages(own, motion) == fresh.colliding_stages(own, motion)
     # With no way, with all of them, and the first two stages with those about the second stage's transfers.
     assert len(clearing.seen) == 2 * len(plans) + 2
 

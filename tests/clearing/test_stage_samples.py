@@ -49,9 +49,9 @@ def test_stages_that_touch_are_those_of_which_an_instant_touches(tasks_folder):
             assert not (lacks and clear)
         touched += int((~together).sum())
         clearing = Clearing(model, job, holding, timing, 0)
-        touching = clearing.touching(plans, motion)
-        assert touching == np.flatnonzero(~together).tolist()
-        assert clearing.touching(plans, motion) == touching
+        colliding = clearing.colliding_stages(plans, motion)
+        assert colliding == np.flatnonzero(~together).tolist()
+        assert clearing.colliding_stages(plans, motion) == colliding
     assert 0 < touched < 40
 
 
@@ -77,8 +77,8 @@ def test_a_part_that_reaches_into_something_for_a_moment_on_its_line_is_seen():
     position = np.arange(1000.0)[:, None]
 
     def margins(position, held):
-        touching = (position[:, 0] > 88.5) & (position[:, 0] < 94.5) & (held[:, 0] == 3)
-        return np.where(touching, -0.005, 0.2)
+        colliding = (position[:, 0] > 88.5) & (position[:, 0] < 94.5) & (held[:, 0] == 3)
+        return np.where(colliding, -0.005, 0.2)
 
     assert _kept(LINES, [StageSamples(position, lies)], margins)[0]
     on_line = lies.copy()
@@ -124,8 +124,8 @@ def test_with_a_skew_stages_touch_whose_arms_touch_when_one_is_late(tasks_folder
     plans = choose_stages(MethodProblem(model, job, "arm_angle"), "fixed", refine=False)
     motion = realise(model, job, plans, timing)
     holding = Holding.of(replace(job, skew=skew))
-    plain = Clearing(model, job, Holding.of(job), timing, 0).touching(plans, motion)
-    touching = Clearing(model, job, holding, timing, 0).touching(plans, motion)
+    plain = Clearing(model, job, Holding.of(job), timing, 0).colliding_stages(plans, motion)
+    colliding = Clearing(model, job, holding, timing, 0).colliding_stages(plans, motion)
     late = set()
     for k, stage in enumerate(motion.stages):
         times = np.arange(stage.start, stage.end, 0.01)
@@ -137,6 +137,6 @@ def test_with_a_skew_stages_touch_whose_arms_touch_when_one_is_late(tasks_folder
                 if holding.cell.cross_margins(q, held).min() < KEPT:
                     late.add(k)
     assert late - set(plain)
-    assert set(plain) | late <= set(touching)
+    assert set(plain) | late <= set(colliding)
     # Between the instants and delays of this test there are others, but few.
-    assert len(set(touching) - set(plain) - late) <= 1
+    assert len(set(colliding) - set(plain) - late) <= 1

@@ -88,11 +88,11 @@ def test_a_few_stages_in_which_lines_touch_are_mended_more_are_refused(stages, f
         def __init__(self, count):
             self.count = count
 
-        def touching(self, plans, _motion):
+        def colliding_stages(self, plans, _motion):
             return list(range(len(plans)))
 
-        def side_by_side(self, _plans, touching):
-            return touching[: self.count]
+        def side_by_side(self, _plans, colliding_stages):
+            return colliding_stages[: self.count]
 
     monkeypatch.setattr(clear_words, "why_blocked", lambda *_: [Refusal("not_clear")])
     plan = TimedPlan([None] * stages, None)

@@ -249,7 +249,7 @@ def _with_room(part: SequenceProblem) -> Iterator[SequenceProblem]:
 def search_near(
     problem: SequenceProblem,
     near: Decisions,
-    touching: Sequence[int],
+    colliding_stages: Sequence[int],
     effort: str,
     seed: int,
     *,
@@ -268,13 +268,13 @@ def search_near(
     Args:
         problem: the sequence, with clearance.
         near: the plan.
-        touching: numbers of stages, and of stages in all for the return, that are known to collide.
+        colliding_stages: numbers of stages, and of stages in all for the return, that are known to collide.
         effort: one of EFFORTS.
         seed: of the random steps of polishing.
         local: whether all else stays as it is.
     """
     how, plan = search_effort(problem, effort), evaluate(problem, near)
-    loose = _loose(problem, plan, touching)
+    loose = _loose(problem, plan, colliding_stages)
     if problem.stages <= SCALING.long and not local:
         loose[:] = True
 
@@ -282,7 +282,7 @@ def search_near(
         found = []
         for stretch in some:
             tried = (
-                _near(replace(stretch, problem=part), plan, touching, (how, mesh), seed)
+                _near(replace(stretch, problem=part), plan, colliding_stages, (how, mesh), seed)
                 for part in _with_room(stretch.problem)
             )
             found.append(next((one for one in tried if one is not None), None))
@@ -321,7 +321,7 @@ def search_near(
 def _near(
     stretch: Stretch,
     given: Decisions,
-    touching: Sequence[int],
+    colliding_stages: Sequence[int],
     effort: tuple[SearchEffort, Mesh],
     seed: int,
 ) -> Decisions | None:
@@ -330,7 +330,7 @@ def _near(
     Args:
         stretch: which stages.
         given: the plan of the whole sequence.
-        touching: numbers of the whole sequence's stages that are known to collide.
+        colliding_stages: numbers of the whole sequence's stages that are known to collide.
         effort: how hard is searched, and on which grid.
         seed: of the random steps of polishing.
     """
@@ -339,7 +339,7 @@ def _near(
     how, mesh = effort
     near = given.take(stretch.stages)
     start = evaluate(problem, near)
-    known = set(np.flatnonzero(np.isin(stretch.stages, list(touching))).tolist())
+    known = set(np.flatnonzero(np.isin(stretch.stages, list(colliding_stages))).tolist())
     exact = ExactStages(problem)
     while True:
         found = plans_on_nodes(problem, exact, mesh, how.plans, start, loose)
@@ -389,17 +389,17 @@ def search_effort(problem: SequenceProblem, effort: str) -> SearchEffort:
     return how if Variables.of(problem).count else replace(how, local_rounds=0)
 
 
-def _loose(problem: SequenceProblem, plan: Evaluated, touching: Sequence[int]) -> BoolArray:
+def _loose(problem: SequenceProblem, plan: Evaluated, colliding_stages: Sequence[int]) -> BoolArray:
     """Returns the stages to decide anew for a plan to avoid collisions, shape (n,), with those before moves.
 
     Args:
         problem: the sequence, with clearance.
         plan: a plan for it.
-        touching: numbers of stages that are known to collide, of moves as of stops.
+        colliding_stages: numbers of stages that are known to collide, of moves as of stops.
     """
     clear, n = plan_clearance(problem, plan), problem.stages
     moves = ~clear.moves | (clear.waits > 0.0)
-    moves[list(touching)] = True
+    moves[list(colliding_stages)] = True
     touched = ~clear.stops | moves[:n] | moves[1:]
     return _beside(touched, problem.settings.neighbours)
 
