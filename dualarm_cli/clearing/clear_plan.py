@@ -39,7 +39,7 @@ from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import same_postures
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.method import Decided, MethodProblem
-from dualarm_cli.stages.plans.clearance import Barred
+from dualarm_cli.stages.plans.clearance import NoGood
 from dualarm_cli.timing import TimingSolver
 
 
@@ -248,13 +248,13 @@ class ClearanceLoop:
         return decided, None
 
     def _near(
-        self, problem: MethodProblem, plan: TimedPlan, no_goods: Sequence[Barred] = ()
+        self, problem: MethodProblem, plan: TimedPlan, no_goods: Sequence[NoGood] = ()
     ) -> MethodProblem:
         """Return a problem with collision checking near a plan that collides, without its no-goods."""
         return replace(
             problem,
             holding=self.holding,
-            barred=(*problem.barred, *no_goods),
+            no_goods=(*problem.no_goods, *no_goods),
             unchecked=tuple(plan.plans),
             colliding_stages=(
                 *self._colliding_stages(plan),
@@ -278,7 +278,7 @@ class ClearanceLoop:
             or (repaired.blocked and not asked.repair_touching_stops)
         ):
             return None
-        if asked.barred and same_postures(decided.stages, asked.unchecked):
+        if asked.no_goods and same_postures(decided.stages, asked.unchecked):
             return None
         [proposed] = [plan for plan in plans if plan.plans is decided.stages]
         return self._near(asked, proposed, no_goods)
@@ -294,7 +294,7 @@ class ClearanceLoop:
         assert best  # a method always has a plan of its own
         return best
 
-    def _expensive_repairs(self, plan: TimedPlan) -> Iterator[Barred]:
+    def _expensive_repairs(self, plan: TimedPlan) -> Iterator[NoGood]:
         """Yield no-goods, with their true costs, of stages whose repairs take long."""
         all_joints = tuple(range(len(self.problem.job.cell.robot.joints)))
         pace = self.clearing.holding.pace
@@ -308,9 +308,9 @@ class ClearanceLoop:
             straight = self.clearing.alone(replace(stage, detours={}, waits={}))
             cost = span.end - span.start - straight.trajectory.duration
             if cost > self.settings.expensive_repair * pace:
-                yield Barred(k, all_joints, stage.start, stage.arrival, cost)
+                yield NoGood(k, all_joints, stage.start, stage.arrival, cost)
 
-    def _blocked_stages(self, plan: TimedPlan) -> Iterator[Barred]:
+    def _blocked_stages(self, plan: TimedPlan) -> Iterator[NoGood]:
         """Yield no-goods of stages that no repair fixes.
 
         A collision after the transfers depends on the stops alone: its no-good leaves the start open.
@@ -325,7 +325,7 @@ class ClearanceLoop:
             arrived = (min(ends, default=span.end) - span.start) / length if length > 0 else 0.0
             worst = int(np.argmin(margins)) / (len(margins) - 1)
             start = None if stage.stops and worst >= arrived else stage.start
-            yield Barred(k, self._colliding_columns(samples), start, stage.arrival)
+            yield NoGood(k, self._colliding_columns(samples), start, stage.arrival)
 
     def _colliding_columns(self, samples: StageSamples) -> tuple[int, ...]:
         """Return the columns of platform and arm if it collides alone, else all."""

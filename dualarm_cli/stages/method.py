@@ -11,7 +11,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.records import dataclass
-from dualarm_cli.stages.plans.clearance import Barred
+from dualarm_cli.stages.plans.clearance import NoGood
 from dualarm_cli.stages.plans.problem import Decisions
 
 
@@ -31,7 +31,7 @@ class MethodProblem:
     """Seed of all randomness."""
     holding: Holding | None = None
     """What has to be collision-free; None where nothing has to."""
-    barred: tuple[Barred, ...] = ()
+    no_goods: tuple[NoGood, ...] = ()
     """Stages that turned out to collide; only methods over the whole sequence avoid them."""
     unchecked: tuple[StagePlan, ...] = ()
     """The method's own plan for the same job that collides, if there is one."""

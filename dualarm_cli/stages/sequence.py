@@ -234,7 +234,7 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
     # The search knows no cap on the tools' speed and no conveyor.
     known = job.tool_speed is None and all(stop.belt is None for stop in stops)
     lines = any(stop.approach or stop.retract for stop in stops)
-    numbers = sequence_problem(problem.model, job, problem.holding, problem.barred)
+    numbers = sequence_problem(problem.model, job, problem.holding, problem.no_goods)
     numbers = replace(numbers, settings=problem.settings.sequence)
     if not (problem.blends and known and lines):
         return numbers

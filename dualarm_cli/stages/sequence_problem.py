@@ -13,7 +13,7 @@ from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.postures.holding import Holding
-from dualarm_cli.stages.plans.clearance import Barred, SequenceClearance
+from dualarm_cli.stages.plans.clearance import NoGood, SequenceClearance
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem, StopTarget
 
 
@@ -21,7 +21,7 @@ def sequence_problem(
     model: CellModel,
     job: Job,
     holding: Holding | None = None,
-    barred: tuple[Barred, ...] = (),
+    no_goods: tuple[NoGood, ...] = (),
 ) -> SequenceProblem:
     """Returns a job's stages in their order, under its limits at its speed.
 
@@ -29,7 +29,7 @@ def sequence_problem(
         model: the job's cell.
         job: what is to be done.
         holding: what has to be collision-free; None where nothing has to.
-        barred: stages that turned out to collide.
+        no_goods: stages that turned out to collide.
     """
     stages = job.stages()
     stops = {
@@ -46,7 +46,7 @@ def sequence_problem(
     if holding is None:
         return found
     start = np.array(job.start_joints)
-    return replace(found, clearance=_clearance(model, start, holding, barred))
+    return replace(found, clearance=_clearance(model, start, holding, no_goods))
 
 
 def stops_problem(
@@ -93,7 +93,7 @@ def _problem(
 
 
 def _clearance(
-    model: CellModel, start: FloatArray, holding: Holding, barred: tuple[Barred, ...]
+    model: CellModel, start: FloatArray, holding: Holding, no_goods: tuple[NoGood, ...]
 ) -> SequenceClearance:
     return SequenceClearance(
         holding.cell,
@@ -103,7 +103,7 @@ def _clearance(
         holding.before,
         holding.after,
         holding.handing,
-        barred,
+        no_goods,
         holding.pace,
     )
 

@@ -435,8 +435,8 @@ def test_rounds_end_where_nothing_new_is_proposed_or_after_twelve(packing, propo
     # The first plan is made without collision checking; after each round there is something new to avoid.
     assert len(asked) == 1 + rounds
     assert [one.holding is None for one in asked] == [True] + rounds * [False]
-    assert not asked[1].barred
-    counts = [len(one.barred) for one in asked[1:]]
+    assert not asked[1].no_goods
+    counts = [len(one.no_goods) for one in asked[1:]]
     assert counts == sorted(set(counts))
 
 

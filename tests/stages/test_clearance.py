@@ -12,7 +12,7 @@ from dualarm_cli.geometry.arrays import best_of_each
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.method import MethodProblem
-from dualarm_cli.stages.plans.clearance import LIKE, Barred
+from dualarm_cli.stages.plans.clearance import LIKE, NoGood
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.plan_clearance import PENALTY, plan_clearance, step_waits
 from dualarm_cli.stages.search.search import search_near
@@ -73,16 +73,16 @@ def test_who_touches_at_a_target_may_come_after_the_other_but_not_in_a_hand_over
     assert known == turns
 
 
-def test_known_costs_count_for_moves_that_are_alike_and_for_no_others(shelves):
-    """A barred stage makes its own move impossible; half a radian away, or in another stage, nothing is known."""
+def test_no_good_costs_count_for_moves_that_are_alike_and_for_no_others(shelves):
+    """A no-good makes its own move impossible; half a radian away, or in another stage, nothing is known."""
     problem, plans, _ = shelves
     everything = tuple(range(len(plans[0].start)))
-    bar = Barred(3, everything, plans[3].start, plans[3].arrival, 2.5)
-    test = dataclasses.replace(problem.clearance, barred=(bar,))
+    no_good = NoGood(3, everything, plans[3].start, plans[3].arrival, 2.5)
+    test = dataclasses.replace(problem.clearance, no_goods=(no_good,))
     starts = np.array([plans[3].start, plans[3].start + 1.01 * LIKE])
     ends = np.array([plans[3].arrival, plans[3].arrival])
-    np.testing.assert_array_equal(test.known_costs(3, starts, ends), [2.5, 0.0])
-    np.testing.assert_array_equal(test.known_costs(4, starts, ends), [0.0, 0.0])
+    np.testing.assert_array_equal(test.no_good_costs(3, starts, ends), [2.5, 0.0])
+    np.testing.assert_array_equal(test.no_good_costs(4, starts, ends), [0.0, 0.0])
 
 
 def test_local_repair_touches_nothing_else_and_makes_better_what_it_touches(shelves):

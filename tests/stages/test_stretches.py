@@ -15,7 +15,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.method import MethodProblem
-from dualarm_cli.stages.plans.clearance import Barred
+from dualarm_cli.stages.plans.clearance import NoGood
 from dualarm_cli.stages.plans.problem import ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
@@ -157,7 +157,7 @@ def test_parts_without_room_are_decided_without(random_job: Callable[..., Job]) 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_stretches_are_as_clear_as_in_the_whole(tasks_folder: Path, seed: int) -> None:
-    """Stops, waits and bars, of a crowded job with idle arms, whose last stops are decided anew as well."""
+    """Stops, waits and no_goods, of a crowded job with idle arms, whose last stops are decided anew as well."""
     job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
     model = CellModel.from_cell(job.cell)
     plans = choose_stages(MethodProblem(model, job, "arm_angle"), "exact", refine=False)
@@ -168,8 +168,8 @@ def test_stretches_are_as_clear_as_in_the_whole(tasks_folder: Path, seed: int) -
     assert problem.clearance is not None
     problem = _uneven(problem, seed)
     everything = tuple(range(len(plans[0].start)))
-    bars = tuple(Barred(k, everything, plans[k].start, plans[k].arrival, 2.5) for k in (2, 7))
-    problem = replace(problem, clearance=replace(problem.clearance, barred=bars))
+    no_goods = tuple(NoGood(k, everything, plans[k].start, plans[k].arrival, 2.5) for k in (2, 7))
+    problem = replace(problem, clearance=replace(problem.clearance, no_goods=no_goods))
     loose = np.random.default_rng(seed).random(problem.stages) < 0.25
     before = _evaluated(problem, one)
     after = _evaluated(problem, one.put(np.flatnonzero(loose), found.best.decisions))

@@ -13,12 +13,12 @@ from dualarm_cli.records import dataclass
 SAMPLES = 8
 """Postures along a move, between its ends."""
 ALIKE, LIKE = 0.15, 0.5
-"""Stages whose joints that matter are all nearer than this to those of a barred one are as that: by their stops alone,
+"""Stages whose joints that matter are all nearer than this to those of a no-good are as that: by their stops alone,
 or by a move [rad]."""
 
 
 @dataclass(frozen=True)
-class Barred:
+class NoGood:
     """A stage that turned out to collide when it was timed, whatever was tried, or at what cost it does."""
 
     stage: int
@@ -51,7 +51,7 @@ class SequenceClearance:
     """What each arm holds after them, shape (n, arms)."""
     handing: BoolArray
     """In which stages a part is handed over: both arms are there at once, and neither waits elsewhere, shape (n,)."""
-    barred: tuple[Barred, ...] = ()
+    no_goods: tuple[NoGood, ...] = ()
     """Stages that are not possible although postures and straight moves are."""
     pace: float = 1.0
     """How much slower than at full speed everything moves."""
@@ -118,8 +118,8 @@ class SequenceClearance:
         way = start[:, None] + share[:, None] * (end - start)[:, None]
         return way.reshape(-1, start.shape[1])
 
-    def known_costs(self, stage: int, start: FloatArray, arrival: FloatArray) -> FloatArray:
-        """Returns what moves into a stage like barred ones cost [s], shape (n,).
+    def no_good_costs(self, stage: int, start: FloatArray, arrival: FloatArray) -> FloatArray:
+        """Returns what moves into a stage like no-goods cost [s], shape (n,).
 
         Args:
             stage: its number, or the number of stages for the return.
@@ -127,14 +127,14 @@ class SequenceClearance:
             arrival: all joints after them [rad], shape (n, columns).
         """
         found = np.zeros(len(start))
-        for bar in self.barred:
-            if bar.stage != stage:
+        for no_good in self.no_goods:
+            if no_good.stage != stage:
                 continue
-            columns = list(bar.columns)
-            like = np.abs(arrival - bar.arrival)[:, columns].max(axis=1) <= (
-                ALIKE if bar.start is None else LIKE
+            columns = list(no_good.columns)
+            like = np.abs(arrival - no_good.arrival)[:, columns].max(axis=1) <= (
+                ALIKE if no_good.start is None else LIKE
             )
-            if bar.start is not None:
-                like &= np.abs(start - bar.start)[:, columns].max(axis=1) <= LIKE
-            found[like] = np.maximum(found[like], bar.cost)
+            if no_good.start is not None:
+                like &= np.abs(start - no_good.start)[:, columns].max(axis=1) <= LIKE
+            found[like] = np.maximum(found[like], no_good.cost)
         return found

@@ -240,10 +240,10 @@ def _path(beam: _Beam, steps: list[BeamStep], states: IntArray, total: float) ->
 def _return_costs(
     beam: _Beam, states: _States, steps: list[BeamStep], trace: IntArray
 ) -> FloatArray:
-    """Compute what returns like barred ones cost from the final states [s], shape (b,)."""
+    """Compute what returns like no-goods cost from the final states [s], shape (b,)."""
     problem, test, b = beam.problem, beam.problem.clearance, len(states.spent)
     n = problem.stages
-    if test is None or not problem.returns or all(bar.stage != n for bar in test.barred):
+    if test is None or not problem.returns or all(no_good.stage != n for no_good in test.no_goods):
         return np.zeros(b)
     home = problem.platform_start if problem.turns else np.zeros(1)
     angle = np.repeat(home, b)
@@ -258,7 +258,7 @@ def _return_costs(
         begins.append(first[:, : work.joints])
         ends.append(arm.table.joints(states.joints[a])[:, : work.joints])
     last = beam.angles[-1, steps[-1].angle_index]
-    return test.known_costs(n, test.positions(last, ends), test.positions(angle, begins))
+    return test.no_good_costs(n, test.positions(last, ends), test.positions(angle, begins))
 
 
 def _first(problem: SequenceProblem, arms: tuple[ArmLayers, ...]) -> _States:

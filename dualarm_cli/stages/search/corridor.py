@@ -107,11 +107,11 @@ def combined(
     cost = stage_costs(problem, best, pool.arms, pool.angle)
     closing = closing_costs(problem, best, pool.arms, pool.angle)
     worth = best.total
-    barred: set[tuple[int, int, int]] = set()
+    raised: set[tuple[int, int, int]] = set()
     if problem.clearance is not None:
         clear = plan_clearance(problem, best)
         worth += clear.penalty
-        _bar(cost, closing, np.zeros(len(cost), dtype=np.int64), clear, barred)
+        _raise_blocked(cost, closing, np.zeros(len(cost), dtype=np.int64), clear, raised)
     for _ in range(problem.settings.clear_tries):
         picked = _shortest(cost, closing)
         if not picked.any() or not _length(cost, closing, picked) < worth:
@@ -128,7 +128,7 @@ def combined(
         clear = plan_clearance(problem, result)
         if result.total + clear.penalty < worth:
             return result
-        if not _bar(cost, closing, picked, clear, barred):
+        if not _raise_blocked(cost, closing, picked, clear, raised):
             break
     return best
 
@@ -141,12 +141,12 @@ def _length(cost: FloatArray, closing: FloatArray, picked: IntArray) -> float:
     return float(total)
 
 
-def _bar(
+def _raise_blocked(
     cost: FloatArray,
     closing: FloatArray,
     picked: IntArray,
     clear: PlanClearance,
-    barred: set[tuple[int, int, int]],
+    raised: set[tuple[int, int, int]],
 ) -> bool:
     """Makes costlier what collides along a path, and returns whether there was anything new.
 
@@ -157,7 +157,7 @@ def _bar(
         closing: of the return, shape (m, m).
         picked: the path, shape (n,).
         clear: what is collision-free along it.
-        barred: stage and choices that have been dealt with.
+        raised: stage and choices that have been dealt with.
     """
     n, before = len(picked), np.concatenate([[0], picked[:-1]])
     news = False
@@ -169,8 +169,8 @@ def _bar(
             (closing, (picked[-1], picked[0])) if k == n else (cost[k], (before[k], picked[k]))
         )
         key = (k, int(place[0]), int(place[1]))
-        if key not in barred:
-            barred.add(key)
+        if key not in raised:
+            raised.add(key)
             news = True
             table[place] += clear.waits[k] if clear.moves[k] else np.inf
     return news

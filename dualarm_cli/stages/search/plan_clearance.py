@@ -38,7 +38,7 @@ class PlanClearance:
     stops: BoolArray
     """Where approach, target and retract of each arm are collision-free, and where retracts of both end, shape (n,)."""
     moves: BoolArray
-    """Where the move into a stage, and last the return, is not barred, shape (n + 1,)."""
+    """Where the move into a stage, and last the return, is not a no-good, shape (n + 1,)."""
     waits: FloatArray
     """About what it costs that an arm's straight move touches something or the arms meet, by stage, and last in the
     return [s], shape (n + 1,)."""
@@ -91,8 +91,8 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     lacks = np.maximum(-own[stops:], 0.0).reshape(n + 1, SAMPLES).max(axis=1)
     apart = np.all((cross[stops:] >= 0.0).reshape(n + 1, SAMPLES), axis=1)
     known = np.zeros(n + 1)
-    for k in {bar.stage for bar in test.barred}:
-        [known[k]] = test.known_costs(k, starts[k, None], ends[k, None])
+    for k in {no_good.stage for no_good in test.no_goods}:
+        [known[k]] = test.no_good_costs(k, starts[k, None], ends[k, None])
     waits = move_waits(test.pace, lacks, apart)
     waits = np.maximum(waits, np.where(np.isfinite(known), known, 0.0))
     waits[:n] += np.where(both[:-1].all(axis=0), 0.0, test.pace * PENALTY.turns)
@@ -135,7 +135,7 @@ def step_waits(
     apart = np.all((cross[: len(way)] >= 0.0).reshape(n, SAMPLES), axis=1)
     stops = (cross[len(way) :] >= SLACK).reshape(3, n)
     waits = move_waits(test.pace, lacks.reshape(n, SAMPLES).max(axis=1), apart)
-    waits = np.maximum(waits, test.known_costs(stage, start, arrival))
+    waits = np.maximum(waits, test.no_good_costs(stage, start, arrival))
     must = test.handing[stage] and stage not in test.settled
     turns = np.inf if must else test.pace * PENALTY.turns
     waits += np.where(stops[:2].all(axis=0), 0.0, turns)

@@ -126,13 +126,13 @@ def _joints_before(problem: SequenceProblem, plan: Evaluated, a: int, first: int
 def _test_of(test: SequenceClearance, first: int, past: int) -> SequenceClearance:
     """Returns the quick test of the stages from the first one to before the one past them."""
     here = slice(first, past)
-    bars = [bar for bar in test.barred if first <= bar.stage < past]
+    no_goods = [no_good for no_good in test.no_goods if first <= no_good.stage < past]
     return replace(
         test,
         before=test.before[here],
         after=test.after[here],
         handing=test.handing[here],
-        barred=tuple(replace(bar, stage=bar.stage - first) for bar in bars),
+        no_goods=tuple(replace(no_good, stage=no_good.stage - first) for no_good in no_goods),
         settled=frozenset(k - first for k in test.settled if first <= k < past),
     )
 
