@@ -14,7 +14,7 @@ from dualarm_cli.clearing.stage_samples import (
     StageSamples,
     alone_clear,
     apart,
-    arm_ways,
+    arm_motions,
     combined,
     is_clear,
     missing_clearance,
@@ -50,7 +50,7 @@ def quickest_curve(
         clear: whether a stage with another way of the arm is collision-free.
         with_other: whether the other arm counts while curves are looked for.
     """
-    arm, way = context.model.arms[name], context.ways[name]
+    arm, way = context.model.arms[name], context.motions[name]
     start, goal = context.plan.start[arm.columns], context.plan.arrival[arm.columns]
     limits = context.job.limits.select(arm.arm.joints)
     pace = 1.0 / context.job.speed
@@ -66,11 +66,13 @@ def quickest_curve(
         for controls in found[: context.settings.timed_curves]:
             detour = Detour(controls)
             try:
-                timed.append(context.way_by(name, detour))
+                timed.append(context.detoured(name, detour))
             except InfeasibleError:
                 # With the platform's motion the tool is too fast at any speed of the arm.
                 continue
-            stage = combined(context.model, context.samples, {**context.ways, name: timed[-1]}, {})
+            stage = combined(
+                context.model, context.samples, {**context.motions, name: timed[-1]}, {}
+            )
             if clear(stage):
                 return replace(context.plan, detours={**context.plan.detours, name: detour})
         if not timed:
@@ -225,7 +227,7 @@ class Clearing:
     def _context(self, plan: StagePlan, k: int, before: StageSamples | None = None) -> StageContext:
         motion = self.alone(plan)
         samples = replace(stage_samples(motion, 0, k, self.holding), before=before)
-        ways = arm_ways(self.model, motion, 0, samples)
+        motions = arm_motions(self.model, motion, 0, samples)
         joints = self.job.cell.robot.platform
         platform = motion.trajectory.select(joints) if joints else None
         return StageContext(
@@ -308,7 +310,7 @@ def _stage_key(k: int, plan: StagePlan, before: StagePlan | None) -> tuple[Hasha
 def _repairable(context: StageContext, a: int) -> bool:
     """Returns whether an arm is collision-free at both ends of its transfer and from there on."""
     name = context.cell.arms[a]
-    arrival = context.ways[name].arrival
+    arrival = context.motions[name].arrival
     first, rest = context.samples.position[:1], context.samples.position[arrival:]
     held = context.samples.held
     rows = StageSamples(np.concatenate([first, rest]), np.concatenate([held[:1], held[arrival:]]))
@@ -320,23 +322,24 @@ def _repairable(context: StageContext, a: int) -> bool:
 def _lines_apart(context: StageContext) -> bool:
     """Returns whether the arms are clear of each other if all of them begin their lines at once."""
     first = {
-        name: way.arrival if way.meets is None else way.meets for name, way in context.ways.items()
+        name: way.arrival if way.meets is None else way.meets
+        for name, way in context.motions.items()
     }
-    rests = {name: way.q[first[name] :] for name, way in context.ways.items()}
+    rests = {name: way.q[first[name] :] for name, way in context.motions.items()}
     length = max(len(rest) for rest in rests.values())
     position = np.tile(context.plan.arrival, (length, 1))
     held = np.empty((length, len(rests)), dtype=np.int64)
     for a, (name, rest) in enumerate(rests.items()):
         rows = np.minimum(np.arange(length), len(rest) - 1)
         position[:, context.model.arms[name].columns] = rest[rows]
-        held[:, a] = context.ways[name].held[first[name] :][rows]
+        held[:, a] = context.motions[name].held[first[name] :][rows]
     return bool((context.cell.cross_margins(position, held) >= 0.0).all())
 
 
 def _least_delay(context: StageContext) -> StagePlan | None:
     """Returns the stage with the delay of one arm that makes it shortest, None where no delay serves."""
     for delay, name in _delays(context):
-        stage = combined(context.model, context.samples, context.ways, {name: delay})
+        stage = combined(context.model, context.samples, context.motions, {name: delay})
         if is_clear(context.cell, stage):
             return replace(context.plan, waits={name: delay * context.samples.step})
     return None
@@ -346,8 +349,8 @@ def _delays(context: StageContext) -> Iterator[tuple[int, str]]:
     """Yields delays and arms, those that make the stage shortest first."""
     shift = max(1, round(context.settings.delay_step / (context.job.speed * context.samples.step)))
     tries = []
-    for name, way in context.ways.items():
-        others = max((w.end for other, w in context.ways.items() if other != name), default=0)
+    for name, way in context.motions.items():
+        others = max((w.end for other, w in context.motions.items() if other != name), default=0)
         for delay in range(shift, max(others, 1) + shift, shift):
             tries.append((max(way.end + delay, others), delay, name))
     for _, delay, name in sorted(tries):

@@ -69,7 +69,7 @@ class StageSamples:
 
 
 @dataclass(frozen=True)
-class ArmWay:
+class ArmMotion:
     """What one arm does in a stage, by itself."""
 
     q: FloatArray
@@ -136,9 +136,9 @@ def _on_lines(motion: Motion, arms: Sequence[str], start: float, end: float) -> 
     )
 
 
-def arm_ways(
+def arm_motions(
     model: CellModel, motion: Motion, number: int, samples: StageSamples
-) -> dict[str, ArmWay]:
+) -> dict[str, ArmMotion]:
     """Returns what each arm does in one stage of a motion.
 
     Args:
@@ -148,66 +148,66 @@ def arm_ways(
         samples: of that stage.
     """
     this = motion.stages[number]
-    ways: dict[str, ArmWay] = {}
+    motions: dict[str, ArmMotion] = {}
     for a, (name, arm) in enumerate(model.arms.items()):
         own = [part for part in motion.segments if part.arm == name]
         ends = transfer_ends(own, this.start, this.end + samples.step)
         arrival = round((max(ends, default=this.start) - this.start) / samples.step)
         arrival = min(arrival, len(samples.position) - 1)
-        ways[name] = ArmWay(samples.position[:, arm.columns], samples.held[:, a], arrival)
+        motions[name] = ArmMotion(samples.position[:, arm.columns], samples.held[:, a], arrival)
     span = this.start - SAME_TIME, this.end + SAME_TIME
     if any(part.action == "give" and span[0] <= part.start <= span[1] for part in motion.segments):
         # Whoever is early waits: that is part of neither's lines.
-        meets = max(way.arrival for way in ways.values())
-        ways = {name: replace(way, meets=meets) for name, way in ways.items()}
-    return ways
+        meets = max(motion.arrival for motion in motions.values())
+        motions = {name: replace(motion, meets=meets) for name, motion in motions.items()}
+    return motions
 
 
 def combined(
     model: CellModel,
     samples: StageSamples,
-    ways: Mapping[str, ArmWay],
+    motions: Mapping[str, ArmMotion],
     delays: Mapping[str, int],
 ) -> StageSamples:
-    """Returns a stage with other ways of its arms, some of them late.
+    """Returns a stage with other motions of its arms, some of them late.
 
     Args:
         model: the cell.
         samples: of the stage as it was, for the platform.
-        ways: of every arm.
+        motions: of every arm.
         delays: instants that an arm waits before it leaves, by arm.
     """
-    ways = {name: _late(way, delays.get(name, 0)) for name, way in ways.items()}
-    if all(way.meets is not None for way in ways.values()):
-        met = max(way.arrival for way in ways.values())
-        ways = {name: _meeting(way, met) for name, way in ways.items()}
-    length = max(*(way.end + 1 for way in ways.values()), 2)
+    motions = {name: _late(motion, delays.get(name, 0)) for name, motion in motions.items()}
+    if all(motion.meets is not None for motion in motions.values()):
+        met = max(motion.arrival for motion in motions.values())
+        motions = {name: _meeting(motion, met) for name, motion in motions.items()}
+    length = max(*(motion.end + 1 for motion in motions.values()), 2)
     length = max(length, last_motion(samples.position[:, model.platform_columns]) + 1)
     rows = np.minimum(np.arange(length), len(samples.position) - 1)
     position = samples.position[rows]
-    held = np.empty((length, len(ways)), dtype=np.int64)
-    for a, (name, way) in enumerate(ways.items()):
-        own = np.minimum(np.arange(length), len(way.q) - 1)
-        position[:, model.arms[name].columns] = way.q[own]
-        held[:, a] = way.held[own]
+    held = np.empty((length, len(motions)), dtype=np.int64)
+    for a, (name, motion) in enumerate(motions.items()):
+        own = np.minimum(np.arange(length), len(motion.q) - 1)
+        position[:, model.arms[name].columns] = motion.q[own]
+        held[:, a] = motion.held[own]
     return StageSamples(position, held, samples.step, samples.before)
 
 
-def _late(way: ArmWay, delay: int) -> ArmWay:
-    """Returns an arm's way some instants later."""
+def _late(motion: ArmMotion, delay: int) -> ArmMotion:
+    """Returns an arm's motion some instants later."""
     if not delay:
-        return way
-    meets = None if way.meets is None else way.meets + delay
-    rows = np.maximum(np.arange(len(way.q) + delay) - delay, 0)
-    return ArmWay(way.q[rows], way.held[rows], way.arrival + delay, meets)
+        return motion
+    meets = None if motion.meets is None else motion.meets + delay
+    rows = np.maximum(np.arange(len(motion.q) + delay) - delay, 0)
+    return ArmMotion(motion.q[rows], motion.held[rows], motion.arrival + delay, meets)
 
 
-def _meeting(way: ArmWay, met: int) -> ArmWay:
-    """Returns an arm's way in which its lines begin at an instant not before its arrival."""
-    assert way.meets is not None  # asked for only in hand-overs
-    wait = np.full(met - way.arrival, way.arrival)
-    rows = np.concatenate([np.arange(way.arrival), wait, np.arange(way.meets, len(way.q))])
-    return ArmWay(way.q[rows], way.held[rows], way.arrival, met)
+def _meeting(motion: ArmMotion, met: int) -> ArmMotion:
+    """Returns an arm's motion in which its lines begin at an instant not before its arrival."""
+    assert motion.meets is not None  # asked for only in hand-overs
+    wait = np.full(met - motion.arrival, motion.arrival)
+    rows = np.concatenate([np.arange(motion.arrival), wait, np.arange(motion.meets, len(motion.q))])
+    return ArmMotion(motion.q[rows], motion.held[rows], motion.arrival, met)
 
 
 def is_clear(cell: CellClearance, samples: StageSamples) -> bool:
@@ -291,9 +291,9 @@ def _kept(cell: CellClearance, stages: Sequence[StageSamples], margins: Margins)
     tight = tight[(stage[tight] == stage[tight + 1]) & kept[stage[tight]]]
     # Between two instants joints are taken to go straight.
     share = ((np.arange(between) + 1.0) / (between + 1.0))[None, :, None]
-    way = position[tight, None] + share * (position[tight + 1] - position[tight])[:, None]
+    motion = position[tight, None] + share * (position[tight + 1] - position[tight])[:, None]
     rows = np.repeat(tight, between)
-    looked_at(rows, way.reshape(-1, position.shape[1]), held[rows])
+    looked_at(rows, motion.reshape(-1, position.shape[1]), held[rows])
     return kept
 
 
@@ -305,7 +305,7 @@ def last_motion(position: FloatArray) -> int:
 
 @dataclass(frozen=True)
 class StageContext:
-    """One stage and all that its ways are measured by."""
+    """One stage and all that its motions are measured by."""
 
     model: CellModel
     """The job's cell."""
@@ -317,7 +317,7 @@ class StageContext:
     """The stage."""
     samples: StageSamples
     """Its motion."""
-    ways: dict[str, ArmWay]
+    motions: dict[str, ArmMotion]
     """What each arm does in it."""
     platform: Trajectory | None
     """What the platform does in it; None where there is none."""
@@ -328,12 +328,12 @@ class StageContext:
     settings: ClearanceSettings
     """Numbers of the repairs."""
 
-    def way_by(self, name: str, detour: Detour) -> ArmWay:
-        """Returns an arm's way along a curve."""
+    def detoured(self, name: str, detour: Detour) -> ArmMotion:
+        """Returns an arm's motion along a curve."""
         drive = Drive.of(self.model, self.job, self.timing)
         plan = replace(self.plan, detours={name: detour})
         piece = curved_transfer(drive, plan, name, self.platform)
-        base = self.ways[name]
+        base = self.motions[name]
         rows = piece.at(np.arange(0.0, piece.duration, self.samples.step))[0]
         out = np.concatenate([base.q[:1], rows])
         # A line begins when the platform is there as well.
@@ -343,7 +343,7 @@ class StageContext:
         q = np.concatenate([out, np.repeat(rest[:1], wait, axis=0), rest])
         held = np.concatenate([np.full(len(out) + wait, base.held[0]), base.held[lines:]])
         there = len(out) + wait
-        return ArmWay(q, held, there, None if base.meets is None else there)
+        return ArmMotion(q, held, there, None if base.meets is None else there)
 
     def _platform_arrival(self) -> int:
         turned = self.samples.position[:, self.model.platform_columns]
@@ -352,18 +352,18 @@ class StageContext:
 
 
 def missing_clearance(
-    context: StageContext, name: str, way: ArmWay, points: FloatArray, with_other: bool
+    context: StageContext, name: str, motion: ArmMotion, points: FloatArray, with_other: bool
 ) -> Missing:
     """Returns what curves of an arm lack of the clearance beside what all others do about then.
 
     Args:
         context: the stage.
         name: the arm.
-        way: what is known of how it gets along a curve.
+        motion: what is known of how it gets along a curve.
         points: of that curve [rad], shape (s, n).
         with_other: whether the other arm counts.
     """
-    stage, instants = _meanwhile(context, name, way, points)
+    stage, instants = _meanwhile(context, name, motion, points)
     a = context.cell.arms.index(name)
 
     def missing(curves: FloatArray) -> FloatArray:
@@ -382,7 +382,7 @@ def missing_clearance(
 
 
 def tool_times(
-    context: StageContext, name: str, way: ArmWay, points: FloatArray
+    context: StageContext, name: str, motion: ArmMotion, points: FloatArray
 ) -> ToolTimes | None:
     """Returns how long an arm's tool needs at least along curves under its cap; None without one.
 
@@ -391,7 +391,7 @@ def tool_times(
     cap = context.job.tool_speed
     if cap is None:
         return None
-    stage, instants = _meanwhile(context, name, way, points)
+    stage, instants = _meanwhile(context, name, motion, points)
 
     def times(curves: FloatArray) -> FloatArray:
         rows = _beside(context, name, stage.position[instants], curves)
@@ -403,11 +403,11 @@ def tool_times(
 
 
 def _meanwhile(
-    context: StageContext, name: str, way: ArmWay, points: FloatArray
+    context: StageContext, name: str, motion: ArmMotion, points: FloatArray
 ) -> tuple[StageSamples, IntArray]:
-    """Returns a stage with another way of an arm, and about when in it the arm is at points (s, 7) of its curve."""
-    stage = combined(context.model, context.samples, {**context.ways, name: way}, {})
-    moving = way.q[: way.arrival + 1]
+    """Returns a stage with another motion of an arm, and about when in it the arm is at points (s, 7) of its curve."""
+    stage = combined(context.model, context.samples, {**context.motions, name: motion}, {})
+    moving = motion.q[: motion.arrival + 1]
     far = np.abs(moving[None] - points[:, None]).max(axis=2)
     instants: IntArray = np.maximum.accumulate(np.argmin(far, axis=1))
     return stage, instants

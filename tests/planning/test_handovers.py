@@ -11,7 +11,7 @@ import pytest
 from dualarm_cli.bound.bound import lower_bound
 from dualarm_cli.bound.job_bound import _least_work, job_bound
 from dualarm_cli.clearing.repairs import Clearing
-from dualarm_cli.clearing.stage_samples import arm_ways, combined, stage_samples
+from dualarm_cli.clearing.stage_samples import arm_motions, combined, stage_samples
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
@@ -268,7 +268,7 @@ def test_an_arm_that_is_late_makes_both_late(flip, late):
     clearing = Clearing(model, flip, holding, timing, 0)
     motion = clearing.alone(plan)
     samples = stage_samples(motion, 0, 1, holding)
-    ways = arm_ways(model, motion, 0, samples)
+    motions = arm_motions(model, motion, 0, samples)
     delay = 75
     thought = combined(model, samples, ways, {late: delay})
     made = clearing.alone(dataclasses.replace(plan, waits={late: delay * samples.step}))
