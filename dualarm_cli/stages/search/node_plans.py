@@ -23,7 +23,7 @@ from dualarm_cli.stages.plans.problem import (
 from dualarm_cli.stages.plans.source import grid_nodes, postures
 from dualarm_cli.stages.plans.times import Evaluated, TransferChain, evaluate, held
 from dualarm_cli.stages.search.beam import NodePath, beam_search
-from dualarm_cli.stages.search.own_stages import (
+from dualarm_cli.stages.search.exact_stages import (
     ExactStages,
     free_nodes,
     stages_without_angle,

@@ -18,7 +18,7 @@ from dualarm_cli.stages.plans.times import Evaluated, evaluate
 from dualarm_cli.stages.plans.ways import best_ways
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.node_plans import plans_on_nodes
-from dualarm_cli.stages.search.own_stages import ExactStages
+from dualarm_cli.stages.search.exact_stages import ExactStages
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.polish import Polishing
 from dualarm_cli.stages.search.stretches import Stretch, in_parts, loose_stretches, stretch_of

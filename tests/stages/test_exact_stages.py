@@ -22,9 +22,9 @@ from dualarm_cli.stages import sequence
 from dualarm_cli.stages.plans.candidates import Grid
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.source import grid_nodes, postures
-from dualarm_cli.stages.search import beam, own_stages
+from dualarm_cli.stages.search import beam, exact_stages
 from dualarm_cli.stages.search.node_plans import grid_angles, plans_on_nodes
-from dualarm_cli.stages.search.own_stages import (
+from dualarm_cli.stages.search.exact_stages import (
     ExactStages,
     exact_nodes,
     shared_intervals,
@@ -477,7 +477,7 @@ def test_exact_nodes_of_a_stage_are_worked_out_once(
         asked.append(args[1])
         return shared_intervals(*args)
 
-    monkeypatch.setattr(own_stages, "shared_intervals", counted)
-    monkeypatch.setattr(own_stages, "stages_without_angle", lambda *_: [0])
+    monkeypatch.setattr(exact_stages, "shared_intervals", counted)
+    monkeypatch.setattr(exact_stages, "stages_without_angle", lambda *_: [0])
     assert search(problem, [], "normal", 0) is not None
     assert asked == [0]
