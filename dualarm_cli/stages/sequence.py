@@ -25,7 +25,7 @@ from dualarm_cli.stages.plans.times import (
     start_angle,
     start_joints,
 )
-from dualarm_cli.stages.plans.ways import middling_ways
+from dualarm_cli.stages.plans.launches import default_launches
 from dualarm_cli.stages.search.search import FoundSequence, search, search_in_parts, search_near
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.serving import FIXED
@@ -80,7 +80,7 @@ def stage_plans(
         solver: name of the method that made it.
     """
     # In times with stops, which is what plans are compared by before they are blended.
-    found = evaluate(replace(problem, ways=None), decisions)
+    found = evaluate(replace(problem, launches=None), decisions)
     position = _start(model, job, problem, found)
     first = position
     plans = []
@@ -152,7 +152,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     # Greedy plans of arms without an arm angle take as long as the search: only where that finds none.
     general = not problem.model.has_arm_angles
     in_parts = spares and not general and long
-    short = numbers.stages <= SCALING.short and numbers.ways is not None
+    short = numbers.stages <= SCALING.short and numbers.launches is not None
     if problem.without_margin is not None and (in_parts or short):
         # Plans with narrower limits are candidates of the search with the robot's own ones.
         model, job, with_margin = (
@@ -199,7 +199,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     if found.is_infeasible:
         return Decided(stages, is_infeasible=True)
     # Where the search is begun again from its plan it seldom loses against simpler ones.
-    blends = numbers.ways is not None
+    blends = numbers.launches is not None
     few = problem.settings.search.refined if blends else numbers.settings.few_stages
     with_margin = (stage_plans(model, job, numbers, one, "sequence") for one in found.with_margin)
     alternatives = *_rivals(problem, starts, found, few), *with_margin
@@ -245,7 +245,7 @@ def _numbers(problem: MethodProblem) -> SequenceProblem:
             replace(work, robot_limits=limits.select(work.limits.joints)) for work in numbers.arms
         )
         numbers = replace(numbers, arms=tuple(arms))
-    return replace(numbers, ways=middling_ways(numbers))
+    return replace(numbers, launches=default_launches(numbers))
 
 
 def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:

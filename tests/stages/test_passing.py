@@ -16,7 +16,7 @@ from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.stages.plans.passing import outwards, passed, timed_slopes, transfer_times
 from dualarm_cli.stages.plans.source import postures
 from dualarm_cli.stages.plans.times import evaluate
-from dualarm_cli.stages.plans.ways import best_ways, middling_ways
+from dualarm_cli.stages.plans.launches import best_launches, default_launches
 from dualarm_cli.stages.search.corridor import Pool, stage_costs
 from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.search.stretches import stretch_of
@@ -35,7 +35,7 @@ def sequence(request, random_job):
     job = random_job(request.param, (5, 4), line=0.08, dwell=0.1)
     problem = sequence_problem(CellModel.from_cell(job.cell), job)
     plan = search(problem, [], "normal", 0).best
-    return job, replace(problem, ways=middling_ways(problem)), plan
+    return job, replace(problem, launches=default_launches(problem)), plan
 
 
 def test_estimated_lines_are_near_exact_ones(sequence):
@@ -51,7 +51,7 @@ def test_estimated_lines_are_near_exact_ones(sequence):
         found = evaluate(problem, plan.decisions).arms[a]
         for k in range(problem.stages):
             for line, name in enumerate(("approach", "retract")):
-                number = int(problem.ways[a][k, line])
+                number = int(problem.launches[a][k, line])
                 if not number:
                     assert not found.rates[k, line].any()
                     continue
@@ -100,8 +100,8 @@ def test_a_way_is_estimated_as_in_its_family(sequence):
 def test_work_is_dwell_and_both_lines_as_they_are_passed(sequence):
     """By hand from what it is made of; from rest to rest without ways."""
     _, problem, plan = sequence
-    for ways in (problem.ways, None):
-        asked = replace(problem, ways=ways)
+    for ways in (problem.launches, None):
+        asked = replace(problem, launches=launches)
         for a, work in enumerate(problem.arms):
             found = evaluate(asked, plan.decisions).arms[a]
             for k, stop in enumerate(work.stops):
@@ -116,15 +116,15 @@ def test_ends_beside_which_an_arm_does_not_move_on_are_at_rest(random_job):
     """Behind an arm's last stop; at a free start; in hand-overs, which a sequence can have anywhere."""
     job = random_job(3, (4, 2), line=0.05, start="free")
     problem = sequence_problem(CellModel.from_cell(job.cell), job)
-    left, right = (ways > 0 for ways in middling_ways(problem))
+    left, right = (ways > 0 for ways in default_launches(problem))
     np.testing.assert_array_equal(left, [[False, True], [True, True], [True, True], [True, False]])
     np.testing.assert_array_equal(right, [[False, True], [True, False], [False] * 2, [False] * 2])
     handing = replace(problem, handing=(False, True, False, False))
-    left, _ = (ways > 0 for ways in middling_ways(handing))
+    left, _ = (ways > 0 for ways in default_launches(handing))
     np.testing.assert_array_equal(left[:, 0], [False, False, True, True])
     np.testing.assert_array_equal(left[:, 1], [True, False, True, False])
-    part = stretch_of(replace(problem, ways=middling_ways(problem)), 1, 3)
-    assert [len(ways) for ways in part.ways] == [2, 2]
+    part = stretch_of(replace(problem, launches=default_launches(problem)), 1, 3)
+    assert [len(ways) for ways in part.launches] == [2, 2]
 
 
 def test_transfers_take_what_ruckig_needs_between_their_states(sequence):
@@ -197,7 +197,7 @@ def test_stage_costs_of_a_plan_are_its_stages(sequence):
 def test_stages_within_a_stretch_take_as_long_as_in_the_whole(sequence):
     """All but the first one, into which the stage before it is left in motion."""
     _, problem, plan = sequence
-    moving = replace(problem, ways=best_ways(problem, plan))
+    moving = replace(problem, launches=best_launches(problem, plan))
     whole = evaluate(moving, plan.decisions)
     for first in (0, 1, 2):
         part = stretch_of(moving, first, problem.stages, whole)
@@ -207,19 +207,19 @@ def test_stages_within_a_stretch_take_as_long_as_in_the_whole(sequence):
         np.testing.assert_allclose(alone.stages[1:], whole.stages[first + 1 :], rtol=1e-12)
 
 
-def test_best_ways_are_the_same_with_a_second_process(sequence):
+def test_best_launches_are_the_same_with_a_second_process(sequence):
     """Which has half of the transfers."""
     _, problem, plan = sequence
-    alone = best_ways(problem, plan)
+    alone = best_launches(problem, plan)
     settings = replace(problem.settings, shared_transfers=2)
     with copies(True):
-        shared = best_ways(replace(problem, settings=settings), plan)
+        shared = best_launches(replace(problem, settings=settings), plan)
     for one, other in zip(alone, shared, strict=True):
         np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("jerk", ["limited", "unlimited"])
-def test_best_ways_are_no_slower_than_rest_at_any_transfer(sequence, jerk):
+def test_best_launches_are_no_slower_than_rest_at_any_transfer(sequence, jerk):
     """A retract, the transfer after it and the approach after that, for each arm alone."""
     job, problem, plan = sequence
     if jerk == "unlimited":
@@ -229,10 +229,10 @@ def test_best_ways_are_no_slower_than_rest_at_any_transfer(sequence, jerk):
         job = replace(job, cell=cell)
         problem = sequence_problem(CellModel.from_cell(cell), job)
         plan = evaluate(problem, plan.decisions)
-        [number] = {int(n) for ways in middling_ways(problem) for n in ways.ravel() if n}
+        [number] = {int(n) for ways in default_launches(problem) for n in ways.ravel() if n}
         assert divmod(number - 1, len(CUTS)) == problem.settings.passing_without_jerk
-    ways = best_ways(problem, plan)
-    moving = evaluate(replace(problem, ways=ways), plan.decisions)
+    ways = best_launches(problem, plan)
+    moving = evaluate(replace(problem, launches=launches), plan.decisions)
     gained = []
     for a, work in enumerate(problem.arms):
         own, rest = moving.arms[a], plan.arms[a]
@@ -260,8 +260,8 @@ def test_ways_know_the_robots_own_limits_of_position(sequence):
         replace(work, robot_limits=replace(work.limits, lower=q.min(axis=0), upper=q.max(axis=0)))
         for work, q in zip(problem.arms, every, strict=True)
     )
-    free = sum(int((ways > 0).sum()) for ways in best_ways(problem, plan))
-    kept = sum(int((ways > 0).sum()) for ways in best_ways(replace(problem, arms=arms), plan))
+    free = sum(int((ways > 0).sum()) for ways in best_launches(problem, plan))
+    kept = sum(int((ways > 0).sum()) for ways in best_launches(replace(problem, arms=arms), plan))
     assert kept < free
 
 

@@ -1,6 +1,6 @@
-"""Candidates and transfers as tools pass the outer ends of lines in motion, in given ways: estimates.
+"""Candidates and transfers as tools pass the outer ends of lines in motion, in given launches: estimates.
 
-A way (`plans/ways`) makes a line the first part of one profile, which fixes the state of motion at its outer end; the
+A way (`plans/launches`) makes a line the first part of one profile, which fixes the state of motion at its outer end; the
 transfer between two such states is ruckig's, its limits of position left out. Our own.
 """
 
@@ -19,18 +19,18 @@ from dualarm_cli.timing.ruckig_ import StatesToStates
 from dualarm_cli.timing.shapes import lagrange_basis
 
 
-def passed(work: ArmWork, ways: IntArray, found: CandidatePostures) -> CandidatePostures:
+def passed(work: ArmWork, launches: IntArray, found: CandidatePostures) -> CandidatePostures:
     """Returns candidates whose lines' outer ends are passed in motion.
 
     Args:
         work: their arm.
-        ways: of approach and retract, shape (n, 2).
+        launches: of approach and retract, shape (n, 2).
         found: the candidates, at rest at both ends of lines.
     """
     rest = np.stack([found.approach.max(axis=1), found.retract.max(axis=1)], axis=1)
-    asked = (ways > 0) & found.possible[:, None] & (rest > 0.0)
+    asked = (launches > 0) & found.possible[:, None] & (rest > 0.0)
     paths = np.concatenate([outwards(found, line)[asked[:, line]] for line in (0, 1)])
-    way = np.concatenate([ways[asked[:, line], line] for line in (0, 1)]) - 1
+    way = np.concatenate([launches[asked[:, line], line] for line in (0, 1)]) - 1
     limits = work.limits.velocity, work.limits.acceleration, work.limits.jerk
     _, *estimates = trajectories.launched_lines(
         trajectories.Path.of(paths, limits),
@@ -121,7 +121,7 @@ def timed_slopes(
         _states(*(x[None] for x in arriving))[0],
     )
 
-    step, steepest = 1e-6, 50.0  # Where ways jump a steeper slope means nothing.
+    step, steepest = 1e-6, 50.0  # Where launches jump a steeper slope means nothing.
 
     def alone(k: int, moved: float) -> FloatArray | None:
         position, *rates = goals[k]

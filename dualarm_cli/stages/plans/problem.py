@@ -215,8 +215,8 @@ class SequenceProblem:
     """Which stages are hand-overs; empty for none."""
     clearance: SequenceClearance | None = None
     """What is collision-free; None where nothing is asked for."""
-    ways: tuple[IntArray, ...] | None = None
-    """By arm, how the outer ends of approach and retract are passed in motion in every stage, see `plans/ways`, shape
+    launches: tuple[IntArray, ...] | None = None
+    """By arm, how the outer ends of approach and retract are passed in motion in every stage, see `plans/launches`, shape
     (n, 2) each; None where all tools stop there."""
     with_margin: tuple[ArmWork, ...] = ()
     """The arms with limits of position that leave room to pass lines' ends in motion; empty without any."""

@@ -34,7 +34,7 @@ def postures(
     """
     work = problem.arms[arm]
     found = _source(work).postures(problem, arm, stage, angle, candidates)
-    return found if problem.ways is None else passed(work, problem.ways[arm][stage], found)
+    return found if problem.launches is None else passed(work, problem.launches[arm][stage], found)
 
 
 def grid_nodes(

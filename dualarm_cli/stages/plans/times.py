@@ -117,7 +117,7 @@ def stage_times(
         came = chain.previous[k]
         q_from = np.where(came[:, None] >= 0, found.q_retract[came], start)
         transfer = work.law.duration(found.q_approach[k] - q_from)
-        if problem.ways is not None:
+        if problem.launches is not None:
             leaving = q_from[:, None], left_with(found, came)[:, None]
             arriving = found.q_approach[k, None], found.rates[k, None, 0]
             transfer = transfer_times(work, leaving, arriving)[:, 0, 0]

@@ -224,7 +224,7 @@ def stage_costs(
         q_from[later] = now.q_retract[came[later], None]
         next_door = later & (came == k - 1)
         q_from[next_door] = arm.q_retract[came[next_door]]
-        if problem.ways is not None:
+        if problem.launches is not None:
             rates = np.empty((len(k), m, 2, work.joints))
             rates[:] = left_with(now, came)[:, None]
             rates[next_door] = arm.rates[came[next_door], :, 1]

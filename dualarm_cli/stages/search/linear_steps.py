@@ -176,7 +176,7 @@ class _LinearisedPlan:
             came[:, None] >= 0, found.q_retract[came], start_joints(problem, work, chain, found)
         )
         timed = timed_slopes(work.law, found.q_approach[k] - q_from)
-        if problem.ways is None:
+        if problem.launches is None:
             return timed
         leaving = q_from, left_with(found, came)
         return passing.timed_slopes(work, leaving, (found.q_approach[k], found.rates[k, 0]), timed)

@@ -30,7 +30,7 @@ class Polishing:
     @property
     def at_rest(self) -> Polishing:
         """Polishing of the same sequence with all lines' ends at rest."""
-        return replace(self, problem=replace(self.problem, ways=None))
+        return replace(self, problem=replace(self.problem, launches=None))
 
     def polished(self, start: Evaluated, rounds: int, random_steps: int) -> Evaluated:
         """Polish a plan; the result is nowhere slower.

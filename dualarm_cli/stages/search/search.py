@@ -15,7 +15,7 @@ from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
-from dualarm_cli.stages.plans.ways import best_ways
+from dualarm_cli.stages.plans.launches import best_launches
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.node_plans import plans_on_nodes
 from dualarm_cli.stages.search.exact_stages import ExactStages
@@ -84,7 +84,7 @@ def _searched(
     others: Sequence[Decisions] = (),
 ) -> FoundSequence | None:
     """Search with one set of limits of position, see `search`; `others` are plans that were polished in motion."""
-    asked, problem = problem, replace(problem, ways=None)
+    asked, problem = problem, replace(problem, launches=None)
     exact, polishing = ExactStages(problem), Polishing(problem, seed)
     made = halves(
         lambda meshes: [plans_on_nodes(problem, exact, mesh, how.plans) for mesh in meshes],
@@ -110,7 +110,7 @@ def _searched(
         tried += more
         if best.total > (1.0 - problem.settings.least_grid_gain) * before:
             break
-    rivals = _apart(problem, best, tried)[: how.rivals] if asked.ways is not None else []
+    rivals = _apart(problem, best, tried)[: how.rivals] if asked.launches is not None else []
     given = [evaluate(problem, decisions) for decisions in others]
     best = polished_thoroughly(replace(polishing, problem=asked), best, how, (rivals, given))
     return FoundSequence(best, bound, total)
@@ -149,14 +149,14 @@ def polished_thoroughly(
     """
     problem, at_rest = polishing.problem, polishing.at_rest
     best = at_rest.polished(best, how.rounds, how.random_steps)
-    if problem.ways is None:
+    if problem.launches is None:
         return best
     polished = partial(polished_in_motion, polishing, how)
     unpolished, others = rivals
     found = [*halves(partial(polished, range(how.cycles)), [best, *unpolished]), *others]
     if len(found) == 1:
         return found[0]
-    moving = [with_best_ways(problem, plan) for plan in found]
+    moving = [with_best_launches(problem, plan) for plan in found]
     k = min(range(len(moving)), key=lambda k: _worth(*moving[k]))
     beside = [plan.decisions for plan in found[:k] + found[k + 1 :]]
     best = best_combination(moving[k][0], moving[k][1], beside)
@@ -164,9 +164,11 @@ def polished_thoroughly(
     return polished(range(1, how.cycles), [evaluate(at_rest.problem, best.decisions)])[0]
 
 
-def with_best_ways(problem: SequenceProblem, plan: Evaluated) -> tuple[SequenceProblem, Evaluated]:
+def with_best_launches(
+    problem: SequenceProblem, plan: Evaluated
+) -> tuple[SequenceProblem, Evaluated]:
     """Returns a sequence with the ways of passing lines' ends that are best for a plan, and the plan with them."""
-    moving = replace(problem, ways=best_ways(problem, plan))
+    moving = replace(problem, launches=best_launches(problem, plan))
     return moving, evaluate(moving, plan.decisions)
 
 
@@ -179,7 +181,7 @@ def polished_in_motion(
         best = plan
         for cycle in cycles:
             if cycle:
-                moving, start = with_best_ways(problem, best)
+                moving, start = with_best_launches(problem, best)
             else:
                 moving, start = problem, evaluate(problem, best.decisions)
             moved = replace(polishing, problem=moving, seed=polishing.seed + cycle)
@@ -202,7 +204,7 @@ def search_in_parts(
         effort: one of EFFORTS.
         seed: of the random steps of polishing.
     """
-    at_rest = replace(problem, ways=None)
+    at_rest = replace(problem, launches=None)
 
     def decided(first: int, past: int) -> Decisions | None:
         own = [start.take(np.arange(first, past)) for start in starts]
@@ -335,7 +337,7 @@ def _near(
         seed: of the random steps of polishing.
     """
     asked, loose = stretch.problem, np.array(stretch.loose)
-    problem = replace(asked, ways=None)
+    problem = replace(asked, launches=None)
     how, mesh = effort
     near = given.take(stretch.stages)
     start = evaluate(problem, near)
@@ -359,7 +361,7 @@ def _near(
         return None
     polishing = Polishing(problem, seed, loose)
     best, _ = combination(polishing, [*around, start], how)
-    moving = replace(problem, ways=asked.ways)
+    moving = replace(problem, launches=asked.launches)
     best = polished_thoroughly(replace(polishing, problem=moving), best, how)
     return best.decisions if np.isfinite(_worth(problem, best)) else None
 

@@ -108,7 +108,9 @@ def stretch_of(
         returns=False,
         handing=problem.handing[here],
         clearance=None if test is None else _test_of(test, first, past),
-        ways=None if problem.ways is None else tuple(ways[here] for ways in problem.ways),
+        launches=None
+        if problem.launches is None
+        else tuple(ways[here] for ways in problem.launches),
     )
 
 

@@ -109,7 +109,7 @@ def slopes(
     step = np.tile(DIFFERENCE * np.eye(v)[free], (n, 1))
     candidates = shifted(decisions.arms[arm].take(stage), step[:, 1:])
     # From rest to rest: lines that are passed in motion are taken to change alike.
-    at_rest = replace(problem, ways=None)
+    at_rest = replace(problem, launches=None)
     found = postures(at_rest, arm, stage, decisions.angle[stage] + step[:, 0], candidates)
 
     def rate(ahead: FloatArray, here: FloatArray) -> FloatArray:

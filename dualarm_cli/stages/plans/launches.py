@@ -1,8 +1,8 @@
 """Ways of passing the outer ends of lines in motion, by which postures are chosen.
 
 A way is a number: 0 at rest, else one of the profiles and cuts of `timing/launch`, counted as `timing/line_ends` does.
-A plan begins with the same middling way everywhere, by which postures can be chosen; the ways that go best with these
-postures are what they are improved by. `motion/blending` looks at ways again, exactly, when postures no longer change.
+A plan begins with the same middling way everywhere, by which postures can be chosen; the launches that go best with these
+postures are what they are improved by. `motion/blending` looks at launches again, exactly, when postures no longer change.
 At rest remain ends beside which an arm does not move on, hand-overs, and the return. Our own.
 """
 
@@ -29,7 +29,7 @@ from dualarm_cli.timing.line_ends import Passings, quickest_pair
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 
 
-def middling_ways(problem: SequenceProblem) -> tuple[IntArray, ...]:
+def default_launches(problem: SequenceProblem) -> tuple[IntArray, ...]:
     """Returns one way for all lines' ends that may be passed, by arm, shape (n, 2) each."""
     found, settings = [], problem.settings
     for work in problem.arms:
@@ -52,26 +52,26 @@ def _passes(problem: SequenceProblem, work: ArmWork) -> BoolArray:
     return passes
 
 
-def best_ways(problem: SequenceProblem, plan: Evaluated) -> tuple[IntArray, ...]:
-    """Returns the ways that go best with the postures of a plan, each transfer by itself, by arm, shape (n, 2) each."""
+def best_launches(problem: SequenceProblem, plan: Evaluated) -> tuple[IntArray, ...]:
+    """Returns the launches that go best with the postures of a plan, each transfer by itself, by arm, shape (n, 2) each."""
     angle = plan.decisions.angle
     before = np.concatenate([[start_angle(problem, angle)], angle[:-1]])
     platform = platform_times(problem, angle - before)
     found = []
     for a, work in enumerate(problem.arms):
-        ways = np.zeros((problem.stages, 2), dtype=np.int64)
-        of = partial(_best_ways, problem, plan, a, platform)
+        launches = np.zeros((problem.stages, 2), dtype=np.int64)
+        of = partial(_best_launches, problem, plan, a, platform)
         stages = TransferChain.of(work).active
-        own_ways = halves(of, stages.tolist(), problem.settings.shared_transfers)
-        for k, own in zip(stages.tolist(), own_ways, strict=True):
-            ways[k, 0] = own[1]
+        stage_launches = halves(of, stages.tolist(), problem.settings.shared_transfers)
+        for k, own in zip(stages.tolist(), stage_launches, strict=True):
+            launches[k, 0] = own[1]
             if k:
-                ways[k - 1, 1] = own[0]
-        found.append(ways)
+                launches[k - 1, 1] = own[0]
+        found.append(launches)
     return tuple(found)
 
 
-def _best_ways(
+def _best_launches(
     problem: SequenceProblem, plan: Evaluated, a: int, platform: FloatArray, stages: Sequence[int]
 ) -> list[tuple[int, int]]:
     """Returns how an arm best passes the ends of the retract before each of some stages and of its approach there."""
