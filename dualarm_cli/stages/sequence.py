@@ -26,7 +26,7 @@ from dualarm_cli.stages.plans.times import (
     start_joints,
 )
 from dualarm_cli.stages.plans.launches import default_launches
-from dualarm_cli.stages.search.search import FoundSequence, search, search_in_parts, search_near
+from dualarm_cli.stages.search.search import SequenceResult, search, search_in_parts, search_near
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.serving import FIXED
 from dualarm_cli.stages.stage_by_stage import choose_stages, choose_stages_with
@@ -278,14 +278,14 @@ def _starts(
     return starts, failure
 
 
-def _grid_gap(found: FoundSequence) -> float | None:
+def _grid_gap(found: SequenceResult) -> float | None:
     if found.grid_total is None or found.grid_bound is None or found.grid_total <= 0.0:
         return None
     return max(0.0, 1.0 - found.grid_bound / found.grid_total)
 
 
 def _rivals(
-    problem: MethodProblem, starts: dict[str, list[StagePlan]], found: FoundSequence, most: int
+    problem: MethodProblem, starts: dict[str, list[StagePlan]], found: SequenceResult, most: int
 ) -> tuple[list[StagePlan], ...]:
     """Returns simpler methods' refined plans that may be as fast as the search's when timed exactly.
 

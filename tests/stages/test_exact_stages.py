@@ -32,7 +32,7 @@ from dualarm_cli.stages.search.exact_stages import (
 )
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.potentials import arm_layers, with_potentials
-from dualarm_cli.stages.search.search import FoundSequence, search, search_near
+from dualarm_cli.stages.search.search import SequenceResult, search, search_near
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification import verify
 
@@ -236,7 +236,7 @@ def test_a_stage_whose_nodes_touch_at_all_angles_of_the_grid_gets_others(
     job = touching_job(packing)
     asked = []
 
-    def counted(*args: object) -> FoundSequence | None:
+    def counted(*args: object) -> SequenceResult | None:
         asked.append(args)
         return search(*args)
 

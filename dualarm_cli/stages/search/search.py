@@ -26,7 +26,7 @@ from dualarm_cli.stages.search.variables import Variables
 
 
 @dataclass(frozen=True)
-class FoundSequence:
+class SequenceResult:
     """What the search found."""
 
     best: Evaluated
@@ -47,7 +47,7 @@ def search(
     effort: str,
     seed: int,
     further: Callable[[bool], Sequence[Decisions]] = lambda _: (),
-) -> FoundSequence | None:
+) -> SequenceResult | None:
     """Returns the fastest plan found, None if there is none at all.
 
     The nodes of all stops on several grids; backward dynamic programming per arm with the other one relaxed; a beam
@@ -82,7 +82,7 @@ def _searched(
     seed: int,
     further: Callable[[bool], Sequence[Decisions]] = lambda _: (),
     others: Sequence[Decisions] = (),
-) -> FoundSequence | None:
+) -> SequenceResult | None:
     """Search with one set of limits of position, see `search`; `others` are plans that were polished in motion."""
     asked, problem = problem, replace(problem, launches=None)
     exact, polishing = ExactStages(problem), Polishing(problem, seed)
@@ -96,7 +96,7 @@ def _searched(
     possible = any(path.is_possible for path, _ in on_nodes)
     pool = [evaluate(problem, start) for start in (*further(possible), *starts)]
     if not pool and on_nodes and not possible:
-        return FoundSequence(min(on_nodes, key=lambda one: one[0].total)[1], bound, total, True)
+        return SequenceResult(min(on_nodes, key=lambda one: one[0].total)[1], bound, total, True)
     pool += [plan for _, plan in on_nodes]
     pool = best_of_each_kind(problem, [plan for plan in pool if np.isfinite(plan.total)])
     if not pool:
@@ -113,7 +113,7 @@ def _searched(
     rivals = _apart(problem, best, tried)[: how.rivals] if asked.launches is not None else []
     given = [evaluate(problem, decisions) for decisions in others]
     best = polished_thoroughly(replace(polishing, problem=asked), best, how, (rivals, given))
-    return FoundSequence(best, bound, total)
+    return SequenceResult(best, bound, total)
 
 
 def _apart(
@@ -192,7 +192,7 @@ def polished_in_motion(
 
 def search_in_parts(
     problem: SequenceProblem, starts: Sequence[Decisions], effort: str, seed: int
-) -> FoundSequence | None:
+) -> SequenceResult | None:
     """Returns a fast plan of a long sequence, decided part by part; None if a part has none.
 
     Stages far apart hardly depend on each other: parts are decided side by side, take memory one by one, and each with
@@ -236,7 +236,7 @@ def search_in_parts(
     for stretch, part in zip(stretches, halves(polished, stretches), strict=True):
         decisions = stretch.put(decisions, part)
     best = evaluate(at_rest, decisions)
-    return FoundSequence(best, None, None) if np.isfinite(best.total) else None
+    return SequenceResult(best, None, None) if np.isfinite(best.total) else None
 
 
 def _with_room(part: SequenceProblem) -> Iterator[SequenceProblem]:
