@@ -29,8 +29,8 @@ from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.plans.candidates import Grid, Nodes
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.source import grid_nodes
-from dualarm_cli.stages.search.node_plans import grid_angles
 from dualarm_cli.stages.search.exact_stages import ExactStages, free_nodes
+from dualarm_cli.stages.search.node_plans import grid_angles
 from dualarm_cli.stages.sequence_problem import sequence_problem
 
 LINE = 0.08

@@ -236,7 +236,7 @@ class Clearing:
             self.holding.cell,
             plan,
             samples,
-            ways,
+            motions,
             platform,
             self.timing,
             self.seed,

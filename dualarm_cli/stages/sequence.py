@@ -17,6 +17,7 @@ from dualarm_cli.postures.stage_problems import stop_problems
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
+from dualarm_cli.stages.plans.launches import default_launches
 from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions, SequenceProblem
 from dualarm_cli.stages.plans.times import (
     Evaluated,
@@ -25,7 +26,6 @@ from dualarm_cli.stages.plans.times import (
     start_angle,
     start_joints,
 )
-from dualarm_cli.stages.plans.launches import default_launches
 from dualarm_cli.stages.search.search import SequenceResult, search, search_in_parts, search_near
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.serving import FIXED
@@ -201,8 +201,8 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     # Where the search is begun again from its plan it seldom loses against simpler ones.
     blends = numbers.launches is not None
     few = problem.settings.search.refined if blends else numbers.settings.few_stages
-    with_margin = (stage_plans(model, job, numbers, one, "sequence") for one in found.with_margin)
-    alternatives = *_rivals(problem, starts, found, few), *with_margin
+    narrowed = (stage_plans(model, job, numbers, one, "sequence") for one in found.with_margin)
+    alternatives = *_rivals(problem, starts, found, few), *narrowed
     # With clearance the plan on the grid counts what that costs, which the grid's bound does not know.
     gap = _grid_gap(found) if problem.holding is None else None
     simpler = (lambda: _simpler(problem)) if general else None

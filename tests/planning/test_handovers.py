@@ -270,7 +270,7 @@ def test_an_arm_that_is_late_makes_both_late(flip, late):
     samples = stage_samples(motion, 0, 1, holding)
     motions = arm_motions(model, motion, 0, samples)
     delay = 75
-    thought = combined(model, samples, ways, {late: delay})
+    thought = combined(model, samples, motions, {late: delay})
     made = clearing.alone(dataclasses.replace(plan, waits={late: delay * samples.step}))
     real = stage_samples(made, 0, 1, holding)
     count = min(len(thought.position), len(real.position))

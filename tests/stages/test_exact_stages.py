@@ -23,13 +23,13 @@ from dualarm_cli.stages.plans.candidates import Grid
 from dualarm_cli.stages.plans.problem import SequenceProblem
 from dualarm_cli.stages.plans.source import grid_nodes, postures
 from dualarm_cli.stages.search import beam, exact_stages
-from dualarm_cli.stages.search.node_plans import grid_angles, plans_on_nodes
 from dualarm_cli.stages.search.exact_stages import (
     ExactStages,
     exact_nodes,
     shared_intervals,
     spread,
 )
+from dualarm_cli.stages.search.node_plans import grid_angles, plans_on_nodes
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.potentials import arm_layers, with_potentials
 from dualarm_cli.stages.search.search import SequenceResult, search, search_near

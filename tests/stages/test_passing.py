@@ -13,10 +13,10 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.postures.candidates import line_path
+from dualarm_cli.stages.plans.launches import best_launches, default_launches
 from dualarm_cli.stages.plans.passing import outwards, passed, timed_slopes, transfer_times
 from dualarm_cli.stages.plans.source import postures
 from dualarm_cli.stages.plans.times import evaluate
-from dualarm_cli.stages.plans.launches import best_launches, default_launches
 from dualarm_cli.stages.search.corridor import Pool, stage_costs
 from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.search.stretches import stretch_of
@@ -74,20 +74,20 @@ def test_estimated_lines_are_near_exact_ones(sequence):
 
 
 def test_a_way_is_estimated_as_in_its_family(sequence):
-    """One way of each of many lines, against all ways of each line."""
+    """One launch of each of many lines, against all launches of each line."""
     _, problem, plan = sequence
     random = np.random.default_rng(0)
     for work, found in zip(problem.arms, plan.arms, strict=True):
         rows = [k for k, stop in enumerate(work.stops) if stop is not None]
         at_rest = found.take(np.array(rows).repeat(20))
-        ways = random.integers(0, 1 + len(PROFILES) * len(CUTS), (len(at_rest.work), 2))
-        moving = passed(work, ways, at_rest)
+        chosen = random.integers(0, 1 + len(PROFILES) * len(CUTS), (len(at_rest.work), 2))
+        moving = passed(work, chosen, at_rest)
         for line, whole in ((0, at_rest.approach.max(axis=1)), (1, at_rest.retract.max(axis=1))):
             for k, path in enumerate(outwards(at_rest, line)):
                 share = np.linspace(0.0, 1.0, len(path))
                 asked = LineProblem(work.limits.joints, path, share, work.limits)
                 family = Passings.along(asked, float(whole[k]), away=line == 1)
-                way = ways[k, line]
+                way = chosen[k, line]
                 assert moving.shares[k, line] * whole[k] == pytest.approx(
                     family.time[way], rel=1e-12
                 )
@@ -98,10 +98,10 @@ def test_a_way_is_estimated_as_in_its_family(sequence):
 
 
 def test_work_is_dwell_and_both_lines_as_they_are_passed(sequence):
-    """By hand from what it is made of; from rest to rest without ways."""
+    """By hand from what it is made of; from rest to rest without launches."""
     _, problem, plan = sequence
-    for ways in (problem.launches, None):
-        asked = replace(problem, launches=launches)
+    for chosen in (problem.launches, None):
+        asked = replace(problem, launches=chosen)
         for a, work in enumerate(problem.arms):
             found = evaluate(asked, plan.decisions).arms[a]
             for k, stop in enumerate(work.stops):
@@ -109,22 +109,22 @@ def test_work_is_dwell_and_both_lines_as_they_are_passed(sequence):
                     continue
                 lines = found.approach[k].max(), found.retract[k].max()
                 assert found.work[k] == pytest.approx(stop.dwell + lines @ found.shares[k])
-                assert ways is not None or (found.shares[k] == 1.0).all()
+                assert chosen is not None or (found.shares[k] == 1.0).all()
 
 
 def test_ends_beside_which_an_arm_does_not_move_on_are_at_rest(random_job):
     """Behind an arm's last stop; at a free start; in hand-overs, which a sequence can have anywhere."""
     job = random_job(3, (4, 2), line=0.05, start="free")
     problem = sequence_problem(CellModel.from_cell(job.cell), job)
-    left, right = (ways > 0 for ways in default_launches(problem))
+    left, right = (chosen > 0 for chosen in default_launches(problem))
     np.testing.assert_array_equal(left, [[False, True], [True, True], [True, True], [True, False]])
     np.testing.assert_array_equal(right, [[False, True], [True, False], [False] * 2, [False] * 2])
     handing = replace(problem, handing=(False, True, False, False))
-    left, _ = (ways > 0 for ways in default_launches(handing))
+    left, _ = (chosen > 0 for chosen in default_launches(handing))
     np.testing.assert_array_equal(left[:, 0], [False, False, True, True])
     np.testing.assert_array_equal(left[:, 1], [True, False, True, False])
     part = stretch_of(replace(problem, launches=default_launches(problem)), 1, 3)
-    assert [len(ways) for ways in part.launches] == [2, 2]
+    assert [len(chosen) for chosen in part.launches] == [2, 2]
 
 
 def test_transfers_take_what_ruckig_needs_between_their_states(sequence):
@@ -229,10 +229,10 @@ def test_best_launches_are_no_slower_than_rest_at_any_transfer(sequence, jerk):
         job = replace(job, cell=cell)
         problem = sequence_problem(CellModel.from_cell(cell), job)
         plan = evaluate(problem, plan.decisions)
-        [number] = {int(n) for ways in default_launches(problem) for n in ways.ravel() if n}
+        [number] = {int(n) for chosen in default_launches(problem) for n in chosen.ravel() if n}
         assert divmod(number - 1, len(CUTS)) == problem.settings.passing_without_jerk
-    ways = best_launches(problem, plan)
-    moving = evaluate(replace(problem, launches=launches), plan.decisions)
+    chosen = best_launches(problem, plan)
+    moving = evaluate(replace(problem, launches=chosen), plan.decisions)
     gained = []
     for a, work in enumerate(problem.arms):
         own, rest = moving.arms[a], plan.arms[a]
@@ -260,8 +260,10 @@ def test_ways_know_the_robots_own_limits_of_position(sequence):
         replace(work, robot_limits=replace(work.limits, lower=q.min(axis=0), upper=q.max(axis=0)))
         for work, q in zip(problem.arms, every, strict=True)
     )
-    free = sum(int((ways > 0).sum()) for ways in best_launches(problem, plan))
-    kept = sum(int((ways > 0).sum()) for ways in best_launches(replace(problem, arms=arms), plan))
+    free = sum(int((chosen > 0).sum()) for chosen in best_launches(problem, plan))
+    kept = sum(
+        int((chosen > 0).sum()) for chosen in best_launches(replace(problem, arms=arms), plan)
+    )
     assert kept < free
 
 

@@ -23,9 +23,9 @@ from dualarm_cli.stages.plans.source import grid_nodes
 from dualarm_cli.stages.plans.times import evaluate
 from dualarm_cli.stages.search.beam import beam_search
 from dualarm_cli.stages.search.corridor import best_combination
+from dualarm_cli.stages.search.exact_stages import ExactStages
 from dualarm_cli.stages.search.linear_steps import _windows
 from dualarm_cli.stages.search.node_plans import NodePlans, grid_angles, plans_on_nodes
-from dualarm_cli.stages.search.exact_stages import ExactStages
 from dualarm_cli.stages.search.polish import Polishing
 from dualarm_cli.stages.search.potentials import arm_layers, with_potentials
 from dualarm_cli.stages.search.search import search

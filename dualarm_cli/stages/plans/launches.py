@@ -1,9 +1,9 @@
-"""Ways of passing the outer ends of lines in motion, by which postures are chosen.
+"""Launches for the outer ends of lines, by which the search estimates transfers that begin or end in motion.
 
-A way is a number: 0 at rest, else one of the profiles and cuts of `timing/launch`, counted as `timing/line_ends` does.
-A plan begins with the same middling way everywhere, by which postures can be chosen; the launches that go best with these
-postures are what they are improved by. `motion/blending` looks at launches again, exactly, when postures no longer change.
-At rest remain ends beside which an arm does not move on, hand-overs, and the return. Our own.
+A launch is a number: 0 at rest, else a profile and cut of `timing/launch`, counted as in `timing/line_ends`. A search
+begins with one default launch everywhere, and polishes postures with the launches that suit them best.
+`motion/blending` chooses launches again, exactly, for the final postures. At rest remain line ends without a
+neighbouring transfer of the same arm, hand-overs and the return. Our own.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from dualarm_cli.timing.problem import LineProblem, TransferProblem
 
 
 def default_launches(problem: SequenceProblem) -> tuple[IntArray, ...]:
-    """Returns one way for all lines' ends that may be passed, by arm, shape (n, 2) each."""
+    """Return the default launch of every line end that may be passed, by arm, shape (n, 2) each."""
     found, settings = [], problem.settings
     for work in problem.arms:
         jerky = not np.isfinite(work.limits.jerk).all()
@@ -40,7 +40,7 @@ def default_launches(problem: SequenceProblem) -> tuple[IntArray, ...]:
 
 
 def _passes(problem: SequenceProblem, work: ArmWork) -> BoolArray:
-    """Returns whether an arm may pass the outer ends of its approach and retract in each stage, shape (n, 2)."""
+    """Return which outer ends of approach and retract may be passed in each stage, shape (n, 2)."""
     stops = [(0.0, 0.0) if stop is None else (stop.approach, stop.retract) for stop in work.stops]
     passes = np.array(stops) > 0.0
     active = np.array([stop is not None for stop in work.stops], dtype=np.bool_)
@@ -53,7 +53,7 @@ def _passes(problem: SequenceProblem, work: ArmWork) -> BoolArray:
 
 
 def best_launches(problem: SequenceProblem, plan: Evaluated) -> tuple[IntArray, ...]:
-    """Returns the launches that go best with the postures of a plan, each transfer by itself, by arm, shape (n, 2) each."""
+    """Select the fastest launches for a plan's postures, transfer by transfer, by arm, shape (n, 2) each."""
     angle = plan.decisions.angle
     before = np.concatenate([[start_angle(problem, angle)], angle[:-1]])
     platform = platform_times(problem, angle - before)
@@ -74,7 +74,7 @@ def best_launches(problem: SequenceProblem, plan: Evaluated) -> tuple[IntArray, 
 def _best_launches(
     problem: SequenceProblem, plan: Evaluated, a: int, platform: FloatArray, stages: Sequence[int]
 ) -> list[tuple[int, int]]:
-    """Returns how an arm best passes the ends of the retract before each of some stages and of its approach there."""
+    """Select the launches of the retract before and the approach of each given stage."""
     work, postures = problem.arms[a], plan.arms[a]
     limits, passes = work.robot_limits or work.limits, _passes(problem, work)
     chain = TransferChain.of(work)

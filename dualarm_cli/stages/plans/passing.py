@@ -1,7 +1,7 @@
 """Candidates and transfers as tools pass the outer ends of lines in motion, in given launches: estimates.
 
-A way (`plans/launches`) makes a line the first part of one profile, which fixes the state of motion at its outer end; the
-transfer between two such states is ruckig's, its limits of position left out. Our own.
+A launch (`plans/launches`) makes a line the first part of one profile, which fixes the motion at its outer end;
+the transfer between two such states is ruckig's, its limits of position left out. Our own.
 """
 
 from __future__ import annotations

@@ -216,8 +216,7 @@ class SequenceProblem:
     clearance: SequenceClearance | None = None
     """What is collision-free; None where nothing is asked for."""
     launches: tuple[IntArray, ...] | None = None
-    """By arm, how the outer ends of approach and retract are passed in motion in every stage, see `plans/launches`, shape
-    (n, 2) each; None where all tools stop there."""
+    """Launch numbers of approach and retract by arm, shape (n, 2) each; None if all line ends are at rest."""
     with_margin: tuple[ArmWork, ...] = ()
     """The arms with limits of position that leave room to pass lines' ends in motion; empty without any."""
     settings: SequenceSettings = SequenceSettings()

@@ -13,12 +13,12 @@ from dualarm_cli.effort import EFFORTS
 from dualarm_cli.effort.stages import SCALING, Mesh, SearchEffort
 from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.records import dataclass
+from dualarm_cli.stages.plans.launches import best_launches
 from dualarm_cli.stages.plans.problem import Decisions, SequenceProblem
 from dualarm_cli.stages.plans.times import Evaluated, evaluate
-from dualarm_cli.stages.plans.launches import best_launches
 from dualarm_cli.stages.search.corridor import best_combination
-from dualarm_cli.stages.search.node_plans import plans_on_nodes
 from dualarm_cli.stages.search.exact_stages import ExactStages
+from dualarm_cli.stages.search.node_plans import plans_on_nodes
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.polish import Polishing
 from dualarm_cli.stages.search.stretches import Stretch, in_parts, loose_stretches, stretch_of

@@ -110,7 +110,7 @@ def stretch_of(
         clearance=None if test is None else _test_of(test, first, past),
         launches=None
         if problem.launches is None
-        else tuple(ways[here] for ways in problem.launches),
+        else tuple(rows[here] for rows in problem.launches),
     )
 
 
