@@ -47,7 +47,9 @@ def decided_plan(
         InfeasibleError: nothing that was found is collision-free, or a task is done too late.
     """
     job = with_needs(job)
-    problem = replace(work.problem, start=start, patient=patient, job=job)
+    problem = replace(
+        work.problem, start=start, repair_touching_stops=repair_touching_stops, job=job
+    )
     watch.report(f"deciding platform angles and postures ({work.method.name})")
     quickest = next((kind.quickest for kind in work.kinds if kind.quickest), quickest_clear)
     found = quickest(problem, work.method.solve, work.timing, watch.report, clear=work.clear)
