@@ -1,4 +1,4 @@
-"""Budget: what a job's plan must keep beyond what makes it a plan, and whether it did."""
+"""Budget of a job: its largest cycle time, least clearance and skew, and the comparison with a plan."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class Budget:
-    """Figures that somebody wants of every plan of a job."""
+    """Required cycle time, clearance and skew of every plan of a job."""
 
     cycle_time: float | None = None
-    """Longest cycle time [s]; None for any."""
+    """Largest cycle time [s]; None for any."""
     clearance: float | None = None
-    """Least distance of any two bodies that must keep apart [m]; None for what the cell demands."""
+    """Least distance of bodies that may not touch [m]; None for the cell's own."""
     cycle_time_place: Place = NOWHERE
-    """Where the cycle time is written."""
+    """Place of the cycle time in its file."""
     clearance_place: Place = NOWHERE
-    """Where the clearance is written."""
+    """Place of the clearance in its file."""
     skew: float | None = None
     """Required tolerated delay of either arm [s], or None."""
     skew_place: Place = NOWHERE
@@ -26,25 +26,25 @@ class Budget:
 
 @dataclass(frozen=True)
 class Kept:
-    """One line of a budget, compared with what was measured."""
+    """Line of a budget compared with the measured value."""
 
     name: str
-    """cycle_time, clearance or skew."""
+    """Name of the figure: cycle_time, clearance or skew."""
     allowed: float
-    """Most of a cycle time [s], least of a clearance [m] or skew [s]."""
+    """Largest cycle time [s], or least clearance [m] or skew [s]."""
     measured: float | None
-    """What the plan has; None where it was not proven."""
+    """Measured value of the plan; None if it was not proven."""
     kept: bool
-    """Whether the plan is within it."""
+    """Whether the plan satisfies the line."""
     file: str
-    """Where it is written."""
+    """File of the line."""
     line: int
-    """Line from 1."""
+    """Line number, from 1."""
     column: int
-    """Column from 1."""
+    """Column number, from 1."""
 
     def __str__(self) -> str:
-        """Return a sentence: measured, allowed, and the place of a line that is missed."""
+        """Describe the measured and the allowed value, and the place of a line that is missed."""
         verdict = "kept" if self.kept else f"MISSED ({self.file}:{self.line}:{self.column})"
         return f"{self.figures}: {verdict}"
 

@@ -20,7 +20,7 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class Tool:
-    """What an arm carries on its flange."""
+    """Tool that is fixed to the flange of an arm."""
 
     tcp: pin.SE3
     """Tool centre point in the flange frame."""
@@ -35,43 +35,46 @@ class ChangedTool:
     """A tool that an arm takes from a stand and leaves there."""
 
     tool: Tool
-    """What it is; its tool centre point and solids are in the flange frame, as those of what is always on the arm."""
+    """Tool; its frames and solids are in the flange frame."""
     stand: pin.SE3
-    """Where the arm's own tool frame is in the world while it takes it or leaves it."""
+    """Pose of the arm's fixed tool frame in the world at the stand."""
 
 
 @dataclass(frozen=True)
 class ToolChanges:
-    """The tools that one arm changes by itself."""
+    """Tools that one arm changes by itself."""
 
     tools: Mapping[str, ChangedTool]
-    """By their names."""
+    """Tools by name."""
     start: str = ""
-    """The one that is on when the motion starts, and at the end of a cycle; empty for none."""
+    """Tool that is on at the start, and at the end of a cycle; empty for none."""
     time: float = 0.0
-    """How long the arm stands still at a stand to take a tool or to leave it [s]."""
+    """Time at rest at a stand while a tool is taken or left [s]."""
     approach: float = 0.0
-    """Length of the straight approach to a stand along the own tool's +z axis [m]."""
+    """Length of the straight approach to a stand, along +z of the fixed tool [m]."""
     retract: float = 0.0
-    """Length of the straight retract from it along the own tool's -z axis [m]."""
+    """Length of the straight retract from a stand, along -z of the fixed tool [m]."""
     place: Place = NOWHERE
-    """Where it is written."""
+    """Place of the tool changes in the cell file."""
 
 
 @dataclass(frozen=True)
 class Held:
-    """What an arm holds besides the tool that is always on it."""
+    """Changed tool and part that an arm holds."""
 
     tool: str = ""
-    """The changed tool that is on; empty for none."""
+    """Changed tool that is on; empty for none."""
     part: str = ""
-    """The part in it; empty for none."""
+    """Part in the tool; empty for none."""
     docking: bool = False
-    """Whether the tool is being taken or left: on the lines at its stand it may touch what stands still."""
+    """Whether the tool is being taken or left.
+
+    On the lines at its stand it may then touch bodies that stand still.
+    """
 
     @property
     def name(self) -> str:
-        """What it is called; empty for nothing."""
+        """Name of tool and part; empty for nothing."""
         whole = " with ".join(name for name in (self.tool, self.part) if name)
         return f"{whole} at its stand" if self.docking else whole
 
@@ -88,10 +91,10 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class Cell:
-    """The fixed world of a job."""
+    """Fixed world of a job."""
 
     robot: Robot
-    """The robot, or both robots as one tree."""
+    """Robot, or both robots as one tree."""
     base: pin.SE3
     """Pose of the robot's root link in the world."""
     tools: Mapping[str, Tool] = field(default_factory=dict)
@@ -99,46 +102,49 @@ class Cell:
     frames: Mapping[str, pin.SE3] = field(default_factory=dict)
     """Named frames, in the world."""
     obstacles: tuple[Obstacle, ...] = ()
-    """What must not be touched."""
+    """Fixed solids that must not be touched."""
     clearance: float = 0.0
-    """Least distance demanded between everything that may not touch [m]."""
+    """Required distance of all bodies that may not touch [m]."""
     tool_speed: float | None = None
-    """Cap on the speed of every tool centre point in the world [m/s], or None."""
+    """Limit of the speed of every tool centre point in the world [m/s], or None."""
     clearances: tuple[tuple[str, str, float], ...] = ()
-    """Pairs of bodies (links, `left_tool`, parts, obstacles) with a least distance of their own [m]."""
+    """Required distance of single pairs of bodies (links, `left_tool`, parts, obstacles) [m]."""
     allowed_contacts: tuple[tuple[str, str], ...] = ()
-    """Pairs of bodies that may touch, besides those of the robot."""
+    """Pairs of bodies that may touch, in addition to those of the robot."""
     parts: Mapping[str, tuple[Shape, ...]] = field(default_factory=dict)
-    """Solids of each kind of part in the frame of the tool centre point that carries it."""
+    """Solids of each kind of part, in the frame of the tool that carries it."""
     tool_changes: Mapping[str, ToolChanges] = field(default_factory=dict)
-    """By arm, the tools that it changes by itself; arms that change none are missing."""
+    """Tool changes by arm; arms that change no tools are missing."""
     conveyors: Mapping[str, Conveyor] = field(default_factory=dict)
-    """Belts that carry targets, by name."""
+    """Conveyors by name."""
 
     def tool_names(self, arm: str) -> tuple[str, ...]:
-        """Returns the tools that an arm may have on, the empty name of none among them."""
+        """List the names of the tools that an arm may have on; the empty name is none."""
         changes = self.tool_changes.get(arm)
         return ("", *changes.tools) if changes is not None else ("",)
 
     def start_tool(self, arm: str) -> str:
-        """Returns the changed tool that an arm has on when the motion starts; empty for none."""
+        """Return the tool that an arm has on at the start; empty for none."""
         changes = self.tool_changes.get(arm)
         return changes.start if changes is not None else ""
 
     def all_held(self, arm: str) -> dict[str, Held]:
-        """Returns everything that an arm may ever hold, by its name."""
-        found = [Held(tool, part) for tool in self.tool_names(arm) for part in ("", *self.parts)]
-        found += [Held(tool, docking=True) for tool in self.tool_names(arm) if tool]
-        return {one.name: one for one in found}
+        """List every combination of tool and part that an arm may hold, by name."""
+        held = [Held(tool, part) for tool in self.tool_names(arm) for part in ("", *self.parts)]
+        held += [Held(tool, docking=True) for tool in self.tool_names(arm) if tool]
+        return {item.name: item for item in held}
 
     def T_own_tool(self, arm: str, tool: str) -> pin.SE3:
-        """Returns a changed tool's centre point in the frame of the arm's own; the identity for no tool."""
+        """Return a changed tool's centre point in the fixed tool's frame.
+
+        The identity for no tool.
+        """
         if not tool:
             return pin.SE3.Identity()
         return self.tools[arm].tcp.actInv(self.tool_changes[arm].tools[tool].tool.tcp)
 
     def held_shapes(self, arm: str, held: Held) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
-        """Returns the solids of a held tool and of a held part, in the frame of the arm's own tool centre point."""
+        """Return the solids of a held tool and part, in the frame of the fixed tool."""
         T_flange_own, of_tool = self.tools[arm].tcp, tuple[Shape, ...]()
         if held.tool:
             of_tool = tuple(
@@ -152,31 +158,31 @@ class Cell:
 
 @dataclass(frozen=True)
 class Buffer:
-    """Places for parts that are all alike: whoever takes one takes any.
+    """Storage for a limited number of equal parts.
 
     A place takes its room from its event on, the tool at the target; its part can be taken once its dwell is over. A
     pick takes its part at its event, and frees the room once its dwell is over.
     """
 
     capacity: int
-    """Maximum number of parts in it."""
+    """Maximum number of parts."""
     initial: int = 0
-    """Number of parts in it at the start."""
+    """Number of parts at the start."""
     place: Place = NOWHERE
-    """Where it is written."""
+    """Place of the buffer in its file."""
 
 
 @dataclass(frozen=True)
 class Conveyor:
-    """A belt that moves at one velocity all the time."""
+    """Belt with constant velocity."""
 
     name: str
     """Name in the cell file."""
     velocity: FloatArray
-    """In the world [m/s], shape (3,); not zero."""
+    """Velocity in the world [m/s], shape (3,); not zero."""
 
     def __post_init__(self) -> None:
-        """Freezes the array."""
+        """Freeze the array."""
         object.__setattr__(self, "velocity", readonly(self.velocity))
 
     @property
@@ -187,7 +193,7 @@ class Conveyor:
 
 @dataclass(frozen=True)
 class OnBelt:
-    """Motion of a target with a conveyor, and where it may be served.
+    """Motion of a target with a conveyor, and the range in which it may be reached.
 
     The target does not turn.
     """
@@ -195,12 +201,14 @@ class OnBelt:
     conveyor: Conveyor
     """Conveyor that carries the target."""
     passes: float
-    """Time after the start at which the target passes the file's pose [s]. It may be served from then on."""
+    """Time at which the target passes the file's pose [s]; it may be reached from then on."""
     within: float
-    """Largest distance past the file's pose at which the target may be served [m]."""
+    """Largest distance past the file's pose at which the target may be reached [m]."""
     at: float
-    """Time at which the target is at the stop's own pose [s]. It is `passes` at first, later the time at which the
-    planner means to meet the target."""
+    """Time at which the target is at the stop's own pose [s].
+
+    At first this is `passes`, later the planned time of the event.
+    """
 
     @property
     def last(self) -> float:
@@ -212,9 +220,9 @@ class OnBelt:
         return self.conveyor.speed * (time - self.passes)
 
     def moved(self, pose: pin.SE3, time: float) -> tuple[pin.SE3, OnBelt]:
-        """Move a pose with the belt to a time [s].
+        """Move a pose that holds at time `at` with the belt to a time [s].
 
-        The pose holds at the time `at`. It comes back with the target whose `at` is the new time.
+        The target comes back with the new time as `at`.
         """
         shift = self.conveyor.velocity * (time - self.at)
         return pin.SE3(pose.rotation, pose.translation + shift), replace(self, at=time)

@@ -1,4 +1,4 @@
-"""Evaluation: what planning and judging one job came to, as plain data that goes through JSON without loss."""
+"""Evaluation: result of planning and verifying one job, as plain data that JSON represents without loss."""
 
 from __future__ import annotations
 
@@ -20,76 +20,82 @@ Status = Literal[
     "internal_error",
 ]
 STATUSES: tuple[Status, ...] = get_args(Status)
-"""All of them, best first."""
+"""All statuses, best first."""
 REPEATABLE: tuple[str, ...] = ("planned", "fails_verification", "infeasible")
-"""What the same input always comes to again, so that it may be kept; `bad_input` is as quick to find anew."""
+"""Statuses that the same input always reproduces, so that results may be cached.
+
+`bad_input` is as quick to determine again.
+"""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something to be said about a place of a file, or about the case as a whole."""
+    """Message about a place in a file, or about the job."""
 
     message: str
-    """What was found, and what to do."""
+    """Problem and remedy."""
     file: str = ""
-    """The file as the user would name it; empty where no place is known."""
+    """Name of the file as the user gave it; empty without a known place."""
     line: int = 0
-    """Line from 1; 0 for the file as a whole."""
+    """Line number, from 1; 0 for the whole file."""
     column: int = 0
-    """Column from 1; 0 for the line as a whole."""
+    """Column number, from 1; 0 for the whole line."""
 
     def __str__(self) -> str:
-        """Returns `file:line:column: message`, or less where less is known."""
+        """Return `file:line:column: message`, or as much of it as is known."""
         place = ":".join([self.file, *(str(n) for n in (self.line, self.column) if n)])
         return f"{place}: {self.message}" if self.file else self.message
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What one job came to: figures where there is a plan, findings where there is something to say."""
+    """Result of one job: figures of its plan, findings about its input."""
 
     case: str
-    """The task file as the user names it, relative to the working directory, with forward slashes."""
+    """Path of the task file relative to the working directory, with forward slashes."""
     status: Status
-    """How it ended."""
+    """Outcome."""
     cycle_time: float | None = None
-    """Length of the motion [s]: the period of the repeating cycle where it closes."""
+    """Duration of the motion [s]; the period if the motion closes."""
     closes: bool = False
-    """Whether the motion ends where it began, so that the cycle time is a period."""
+    """Whether the motion ends where it began; then the cycle time is a period."""
     lower_bound: float | None = None
-    """No plan of the same work is faster [s]; None where no bound is known."""
+    """Lower bound of the cycle time of the same work [s], or None."""
     gap: float | None = None
-    """By what share of its length the plan is above the bound."""
+    """Optimality gap: share of the cycle time above the lower bound."""
     clearance: float | None = None
-    """The least clearance proven over the whole motion, nearest to what is required there [m]."""
+    """Proven clearance of the pair that is nearest to its required distance [m]."""
     required_clearance: float | None = None
-    """What is required of that pair [m]."""
+    """Required clearance of that pair [m]."""
     travel: float | None = None
-    """Way of all turning joints together [rad]."""
+    """Total travel of all revolute joints [rad]."""
     limiting: Mapping[str, float] = field(default_factory=dict)
-    """What the length is made of [s]: transfers by the joint that decides them, lines, dwells, and so on."""
+    """Time [s] by its cause: transfers by bottleneck joint, lines, dwells, and so on."""
     limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """By joint what it may do, as used: acceleration, jerk, lower, upper, velocity [rad, s]; infinite ones left out."""
+    """Finite limits by joint: acceleration, jerk, lower, upper, velocity [rad, s]."""
     sliding: tuple[str, ...] = ()
-    """The joints that slide: their limits are in m."""
+    """Names of the prismatic joints, whose limits are in m."""
     budgets: tuple[Kept, ...] = ()
-    """The job's budget, line by line."""
+    """Lines of the job's budget."""
     findings: tuple[Finding, ...] = ()
-    """What is wrong, or is to be known."""
+    """Errors and remarks."""
     caveats: tuple[str, ...] = ()
-    """Sentences on what the verifier's pass leaves open."""
+    """Sentences on the properties that the verifier could not check."""
     inputs: Mapping[str, str] = field(default_factory=dict)
-    """SHA-256 of every file that was read, by its name from the task file's folder; see `loading.text_source`."""
+    """SHA-256 of every file that was read; see `loading.text_source`.
+
+    Keys are paths relative to the task file's folder.
+    """
     page: str = ""
-    """Data of the plan's page, packed; empty where none were asked for, or there is no plan."""
+    """Packed data of the plan's page; empty if not requested or without a plan."""
 
     @property
     def has_plan(self) -> bool:
-        """Whether there is a plan that the verifier passes."""
+        """Whether there is a verified plan."""
         return self.status == "planned"
 
     def as_document(self) -> dict[str, Any]:
-        """Returns it as JSON-ready data; `of_document` gives the same value back."""
+        """Convert to JSON-ready data; `of_document` is the inverse."""
         document = asdict(self)
         document["limiting"] = dict(self.limiting)
         document["limits"] = {joint: dict(limits) for joint, limits in self.limits.items()}
@@ -101,7 +107,7 @@ class Evaluation:
 
     @classmethod
     def of_document(cls, document: Any) -> Evaluation:
-        """Returns the value that a document holds.
+        """Build an evaluation from JSON data.
 
         Args:
             document: as `as_document` makes it, read from JSON.
@@ -109,8 +115,8 @@ class Evaluation:
         Raises:
             ValueError: it is anything else: a key too many or too few, a wrong type, a number that is not finite.
         """
-        known = {entry.name for entry in fields(cls)}
-        if not isinstance(document, dict) or set(document) != known:
+        names = {entry.name for entry in fields(cls)}
+        if not isinstance(document, dict) or set(document) != names:
             raise ValueError("not an evaluation: its keys differ")
         if not isinstance(document["page"], str):
             raise ValueError("page must be text")
@@ -148,7 +154,7 @@ _TYPES: dict[str, tuple[type, ...]] = {
 
 
 def is_number(value: Any) -> bool:
-    """Check that a value of a JSON file is a finite number which a float can hold."""
+    """Check that a JSON value is a finite number that fits a float."""
     return type(value) in (int, float) and abs(value) <= sys.float_info.max
 
 
@@ -178,7 +184,7 @@ def _list(value: Any) -> list[Any]:
 
 
 def _entry(kind: type[Any], value: Any) -> Any:
-    """Returns a Kept or a Finding; raises ValueError for anything else."""
+    """Build a Kept or a Finding from JSON data."""
     types = {entry.name: _TYPES[str(entry.type)] for entry in fields(kind)}
     if not isinstance(value, dict) or set(value) != set(types):
         raise ValueError(f"not a {kind.__name__}: its keys are other ones")

@@ -1,4 +1,4 @@
-"""Hand-over: a part goes from one arm's tool into the other's while the giving one stands still."""
+"""Hand-over of a part between the tools of two arms."""
 
 from __future__ import annotations
 
@@ -13,25 +13,27 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class Handover:
-    """How a part goes from the giving arm to the taking one."""
+    """Arms and grip of a hand-over."""
 
     giver: str
-    """The arm that picks and gives."""
+    """Arm that picks and gives."""
     taker: str
-    """The arm that takes and places."""
+    """Arm that takes and places."""
     grip: pin.SE3
-    """The taking tool's centre point in the frame of the giving tool's centre point."""
+    """Taking tool centre point in the frame of the giving one."""
     place: Place = NOWHERE
-    """Where it is written."""
+    """Place of the hand-over in its file."""
 
 
 def taken_part(part: str, task: str) -> str:
-    """Returns what the part is called once the taking tool holds it, in which it hangs otherwise; empty for none."""
+    """Name a part as held by the taking tool; empty for none."""
     return f"{part}@{task}" if part else ""
 
 
 def with_taken_part(cell: Cell, part: str, task: str, grip: pin.SE3) -> Cell:
-    """Returns a cell that knows a part also as it hangs in the taking tool, with the same clearances and contacts.
+    """Add a part, as held by the taking tool, to a cell.
+
+    It has the same solids, clearances and allowed contacts as in the giving tool.
 
     Args:
         cell: with the part as it hangs in the giving tool.
@@ -42,18 +44,22 @@ def with_taken_part(cell: Cell, part: str, task: str, grip: pin.SE3) -> Cell:
     name, back = taken_part(part, task), grip.inverse()
     shapes = tuple(replace(shape, pose=back * shape.pose) for shape in cell.parts[part])
 
-    def other(body: str) -> str:
+    def in_taker(body: str) -> str:
         return name if body == part else body
 
     return replace(
         cell,
         clearances=(
             *cell.clearances,
-            *((other(a), other(b), least) for a, b, least in cell.clearances if part in (a, b)),
+            *(
+                (in_taker(a), in_taker(b), least)
+                for a, b, least in cell.clearances
+                if part in (a, b)
+            ),
         ),
         allowed_contacts=(
             *cell.allowed_contacts,
-            *((other(a), other(b)) for a, b in cell.allowed_contacts if part in (a, b)),
+            *((in_taker(a), in_taker(b)) for a, b in cell.allowed_contacts if part in (a, b)),
         ),
         parts={**cell.parts, name: shapes},
     )

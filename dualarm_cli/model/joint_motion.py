@@ -1,8 +1,8 @@
-"""Motion of all joints, group by group: what each group needs to be told, and all of them as one trajectory.
+"""Motion of all joints in groups with their own knots, and merged into one trajectory.
 
-The joints of a group are timed together and share knots. Accelerations at the knots say all of a motion but where it
-begins: velocities and positions follow from knot to knot, by one formula and in one order, so that whoever follows it
-gets the same doubles. At some knots, the anchors, they are stated anew, so that rounding does not grow.
+The joints of a group are timed together and share knots. Accelerations at the knots determine the motion: velocities
+and positions follow from knot to knot by one formula in one order, so that every evaluation gives the same doubles. At
+some knots, the anchors, position and velocity are stored, so that rounding errors do not grow.
 """
 
 from __future__ import annotations
@@ -17,36 +17,36 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.records import dataclass
 
 SAME_TIME = 1e-9
-"""Difference of two instants that count as one [s], for plans, reports and checks alike."""
+"""Largest difference of equal times [s], for plans, reports and checks."""
 SAME_JERK = 1e-9
-"""Jerks that differ by less than this share of the joint's largest one are the same."""
+"""Relative difference below which jerks are equal, per largest jerk of the joint."""
 DEVIATION = 1e-11
-"""How far the motion may be off at a knot that is left out [rad or m]."""
+"""Largest position error where a knot is removed [rad or m]."""
 ANCHORS_APART = 64
-"""Knots after which an anchor is set where a group does not come to rest before."""
+"""Largest number of knots between anchors where a group does not stop."""
 BLOCK = 1 << 16
-"""Knots that are worked on at a time: long motions take little more memory than their numbers."""
+"""Knots per block, which limits memory for long motions."""
 ALL = "all"
-"""Name of the group of all joints together."""
+"""Name of the group of all joints."""
 
 
 @dataclass(frozen=True)
 class JointMotion:
-    """Motion of all joints of a robot, in groups with knots of their own."""
+    """Motion of all joints, in groups with their own knots."""
 
     joints: tuple[str, ...]
-    """Names of all joints, in the order of the robot's columns."""
+    """Names of all joints, in the robot's column order."""
     groups: Mapping[str, Trajectory]
-    """Motion of each group by its name; every joint belongs to one."""
+    """Motion of each group by name; each joint belongs to one group."""
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> JointMotion:
-        """Returns the motion of joints that share all knots."""
+        """Build the motion of joints that share all knots."""
         return cls(trajectory.joints, {ALL: trajectory})
 
     @cached_property
     def trajectory(self) -> Trajectory:
-        """All joints together, with the knots of all groups."""
+        """Motion of all joints, with the knots of all groups."""
         parts = list(self.groups.values())
         if len(parts) == 1 and parts[0].joints == self.joints:
             return parts[0]
@@ -54,12 +54,15 @@ class JointMotion:
 
 
 def anchors(trajectory: Trajectory) -> IntArray:
-    """Returns the knots whose position and velocity do not follow from the knot before; the first one always."""
+    """Return the knots whose position and velocity must be stored, the first included.
+
+    Those of all other knots follow from the knot before.
+    """
     q, v = trajectory.position, trajectory.velocity
-    step, gain, way = _steps(trajectory.time, trajectory.acceleration)
+    step, gain, travel = _steps(trajectory.time, trajectory.acceleration)
     with np.errstate(invalid="ignore", over="ignore"):
-        ahead = v[:-1] + gain, q[:-1] + (step * v[:-1] + way)
-    # Bit by bit: a zero has two signs, and what is not a number equals nothing.
+        ahead = v[:-1] + gain, q[:-1] + (step * v[:-1] + travel)
+    # Compare bits: zero has two signs, and NaN does not equal itself.
     follows = (ahead[0].view(np.int64) == np.ascontiguousarray(v[1:]).view(np.int64)) & (
         ahead[1].view(np.int64) == np.ascontiguousarray(q[1:]).view(np.int64)
     )
@@ -72,7 +75,7 @@ def followed(
     acceleration: FloatArray,
     stated: tuple[IntArray, FloatArray, FloatArray],
 ) -> Trajectory:
-    """Returns the motion that accelerations and anchors say.
+    """Integrate accelerations from knot to knot, starting at each anchor.
 
     Args:
         joints: names of the n joints.
@@ -84,7 +87,7 @@ def followed(
     count = len(time)
     q, v = np.empty(acceleration.shape), np.empty(acceleration.shape)
     q[anchor], v[anchor] = position, velocity
-    step, gain, way = _steps(time, acceleration)
+    step, gain, travel = _steps(time, acceleration)
     ends = np.append(anchor[1:], count)
     with np.errstate(invalid="ignore", over="ignore"):
         for first, end in zip(anchor.tolist(), ends.tolist(), strict=True):
@@ -93,16 +96,16 @@ def followed(
             intervals = slice(first, end - 1)
             v[first + 1 : end] = gain[intervals]
             np.add.accumulate(v[first:end], axis=0, out=v[first:end])
-            q[first + 1 : end] = step[intervals] * v[intervals] + way[intervals]
+            q[first + 1 : end] = step[intervals] * v[intervals] + travel[intervals]
             np.add.accumulate(q[first:end], axis=0, out=q[first:end])
     return Trajectory(joints, time, frozen(q), frozen(v), acceleration)
 
 
 def _steps(time: FloatArray, acceleration: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns what happens between knots.
+    """Compute interval lengths and the changes of velocity and position.
 
     Returns:
-        Length of each interval [s], shape (k-1, 1); by how much velocity rises in it, shape (k-1, n); by how much
+        Length of each interval [s], shape (k-1, 1); velocity change, shape (k-1, n);
         position rises on top of what the velocity at its begin brings, shape (k-1, n).
     """
     step = np.diff(time)[:, None]
@@ -114,54 +117,56 @@ def _steps(time: FloatArray, acceleration: FloatArray) -> tuple[FloatArray, Floa
 def lean(
     trajectory: Trajectory, groups: Mapping[str, Sequence[str]], keep: Mapping[str, FloatArray]
 ) -> JointMotion:
-    """Returns the same motion, within 1e-10 rad, with no knots but those that its groups need, and with few anchors.
+    """Remove the knots and anchors that groups of joints do not need.
+
+    Positions stay within 1e-10 rad of the given motion.
 
     Args:
         trajectory: of all joints.
         groups: names of the joints of each group; every joint belongs to one.
-        keep: times at which a group's knots stay [s], in any order.
+        keep: times of knots that are not removed, by group [s], in any order.
     """
-    found = {}
+    motions = {}
     for name, joints in groups.items():
-        own = trajectory.select(joints)
-        part = _at_knots(own, own_knots(own, keep.get(name)))
-        moves = np.hstack([part.velocity, part.acceleration]).any(axis=1)
-        few = _few_anchors(np.logical_not(moves))
-        stated = few, part.position[few], part.velocity[few]
-        found[name] = followed(part.joints, part.time, part.acceleration, stated)
-    return JointMotion(trajectory.joints, found)
+        group = trajectory.select(joints)
+        reduced = _at_knots(group, own_knots(group, keep.get(name)))
+        moves = np.hstack([reduced.velocity, reduced.acceleration]).any(axis=1)
+        anchor = _few_anchors(np.logical_not(moves))
+        stated = anchor, reduced.position[anchor], reduced.velocity[anchor]
+        motions[name] = followed(reduced.joints, reduced.time, reduced.acceleration, stated)
+    return JointMotion(trajectory.joints, motions)
 
 
 def _few_anchors(at_rest: BoolArray) -> IntArray:
-    """Returns the knot that begins each rest, and more where two of these are far apart."""
+    """Select the first knot of each rest as anchors, and knots at most ANCHORS_APART later."""
     begins = at_rest & ~np.append(False, at_rest[:-1])
-    found = distinct(np.append(0, np.flatnonzero(begins)))
-    ends = np.append(found[1:], len(at_rest))
-    rows = [np.arange(*pair, ANCHORS_APART) for pair in zip(found, ends, strict=True)]
+    first = distinct(np.append(0, np.flatnonzero(begins)))
+    ends = np.append(first[1:], len(at_rest))
+    rows = [np.arange(*pair, ANCHORS_APART) for pair in zip(first, ends, strict=True)]
     return np.concatenate(rows)
 
 
-def _at_knots(trajectory: Trajectory, kept: IntArray) -> Trajectory:
+def _at_knots(trajectory: Trajectory, knots: IntArray) -> Trajectory:
     return Trajectory(
         trajectory.joints,
-        trajectory.time[kept],
-        trajectory.position[kept],
-        trajectory.velocity[kept],
-        trajectory.acceleration[kept],
+        trajectory.time[knots],
+        trajectory.position[knots],
+        trajectory.velocity[knots],
+        trajectory.acceleration[knots],
     )
 
 
 def own_knots(trajectory: Trajectory, keep: FloatArray | None = None) -> IntArray:
-    """Returns the knots at which a joint's jerk changes, and the first and last one.
+    """Select the knots at which a jerk changes, and the first and last one.
 
     Args:
-        trajectory: whose knots may be those of other joints as well.
-        keep: times at which knots stay [s].
+        trajectory: motion that may also have the knots of other joints.
+        keep: times of knots that are not removed [s].
     """
     time, count = trajectory.time, trajectory.time.size
     if count <= 2:
         return np.arange(count)
-    # Where another joint's acceleration jumps there are two knots, of which these joints need none.
+    # A jump of another joint's acceleration has two knots, which these joints do not need.
     differs = (np.diff(time) != 0.0) | np.diff(trajectory.acceleration, axis=0).any(axis=1)
     if not differs.all():
         distinct = np.append(0, 1 + np.flatnonzero(differs))
@@ -177,28 +182,28 @@ def own_knots(trajectory: Trajectory, keep: FloatArray | None = None) -> IntArra
         after = np.clip(np.searchsorted(time, keep), 1, count - 1)
         kept[np.where(keep - time[after - 1] < time[after] - keep, after - 1, after)] = True
     while True:
-        found = np.flatnonzero(kept)
-        off = _deviation(trajectory, found) > DEVIATION
-        if not off.any():
-            return found
-        # The first knot of each stretch that is off stays; what follows it is measured from there.
-        kept |= off & ~np.append(False, off[:-1])
+        knots = np.flatnonzero(kept)
+        wrong = _deviation(trajectory, knots) > DEVIATION
+        if not wrong.any():
+            return knots
+        # The first wrong knot of each stretch stays; later errors are measured from there.
+        kept |= wrong & ~np.append(False, wrong[:-1])
 
 
-def _deviation(trajectory: Trajectory, kept: IntArray) -> FloatArray:
-    """Returns how far the motion from the kept knots is off at all knots, shape (k,)."""
-    part = _at_knots(trajectory, kept)
-    index = np.searchsorted(kept, np.arange(trajectory.time.size), "right") - 1
+def _deviation(trajectory: Trajectory, knots: IntArray) -> FloatArray:
+    """Compute the largest position error at each knot without the removed ones, shape (k,)."""
+    part = _at_knots(trajectory, knots)
+    index = np.searchsorted(knots, np.arange(trajectory.time.size), "right") - 1
     dt = (trajectory.time - part.time[index])[:, None]
     jerk = np.vstack([part.jerk, np.zeros((1, len(part.joints)))])[index]
     q, v, a = part.position[index], part.velocity[index], part.acceleration[index]
     off = np.abs(q + dt * (v + dt * (a / 2 + dt * jerk / 6)) - trajectory.position)
-    found: FloatArray = off.max(axis=1)
-    return found
+    errors: FloatArray = off.max(axis=1)
+    return errors
 
 
 def merge(groups: Sequence[Trajectory], joints: tuple[str, ...]) -> Trajectory:
-    """Returns trajectories of different joints, over the same time, as one over all of them.
+    """Merge trajectories of different joints into one over all of them.
 
     Args:
         groups: trajectories that all start at 0; a shorter one stands at its end.
@@ -213,31 +218,31 @@ def merge(groups: Sequence[Trajectory], joints: tuple[str, ...]) -> Trajectory:
     time, cluster = distinct_times(np.concatenate([group.time for group in groups]))
     jumps = []
     for group in groups:
-        own, cluster = np.split(cluster, [group.time.size])
-        jumps.append(_jumps(group, own, len(time)))
+        own_cluster, cluster = np.split(cluster, [group.time.size])
+        jumps.append(_jumps(group, own_cluster, len(time)))
     # A jump of acceleration is two knots at one time: the left limit goes before the right one.
     jump = np.logical_or.reduce(jumps)
     index = np.repeat(np.arange(len(time)), 1 + jump)
-    first_of_two = np.flatnonzero(index[:-1] == index[1:])
+    left_limits = np.flatnonzero(index[:-1] == index[1:])
     rates = [np.empty((len(index), len(joints))) for _ in range(3)]
     column = {name: k for k, name in enumerate(joints)}
     for group, own_jump in zip(groups, jumps, strict=True):
         columns = [column[name] for name in group.joints]
         for k in range(0, len(index), BLOCK):
             block = _side(group, time[index[k : k + BLOCK]], "right")
-            for rate, found in zip(rates, block, strict=True):
-                rate[k : k + BLOCK, columns] = found
-        # Only where this group's acceleration jumps do its two limits differ by more than rounding.
-        rows = first_of_two[own_jump[index[first_of_two]]]
-        for rate, found in zip(rates, _side(group, time[index[rows]], "left"), strict=True):
-            rate[rows[:, None], columns] = found
+            for rate, values in zip(rates, block, strict=True):
+                rate[k : k + BLOCK, columns] = values
+        # The two limits of a group differ only where its own acceleration jumps.
+        rows = left_limits[own_jump[index[left_limits]]]
+        for rate, values in zip(rates, _side(group, time[index[rows]], "left"), strict=True):
+            rate[rows[:, None], columns] = values
     return Trajectory(joints, time[index], *map(frozen, rates))
 
 
 def distinct_times(time: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Returns the knots left of many, and for each of the many the index of its knot.
+    """Merge nearly equal times; return the knots and each time's knot index.
 
-    From the first on, all that follow a knot by SAME_TIME or less are that knot.
+    Times within SAME_TIME after a knot belong to that knot.
     """
     order = np.argsort(time, kind="stable")
     risen = time[order]
@@ -249,16 +254,16 @@ def distinct_times(time: FloatArray) -> tuple[FloatArray, IntArray]:
         for k in candidates.tolist():
             starts[k] = risen[k] - last > SAME_TIME
             last = float(risen[k]) if starts[k] else last
-    kept = risen[starts]
-    # The end is exact, whatever came shortly before it.
-    kept[-1] = risen[-1]
+    knots = risen[starts]
+    # The last time is kept exactly.
+    knots[-1] = risen[-1]
     cluster = np.empty(len(time), dtype=np.int64)
     cluster[order] = np.cumsum(starts) - 1
-    return kept, cluster
+    return knots, cluster
 
 
 def _jumps(group: Trajectory, cluster: IntArray, knots: int) -> BoolArray:
-    """Returns at which of the merged knots the group's acceleration jumps, shape (knots,)."""
+    """Find the merged knots at which a group's acceleration jumps, shape (knots,)."""
     jump = np.zeros(knots, dtype=np.bool_)
     changes = (group.acceleration[1:] != group.acceleration[:-1]).any(axis=1)
     jump[cluster[1:][(np.diff(group.time) == 0.0) & changes]] = True
@@ -266,22 +271,22 @@ def _jumps(group: Trajectory, cluster: IntArray, knots: int) -> BoolArray:
 
 
 def _side(trajectory: Trajectory, time: FloatArray, side: str) -> FloatArray:
-    """Returns position, velocity, acceleration at knots as limits from one side, shape (3, k, n).
+    """Evaluate position, velocity and acceleration as one-sided limits, shape (3, k, n).
 
-    A knot within SAME_TIME of one of the trajectory's own counts as that one.
+    A time within SAME_TIME of a knot of the trajectory is evaluated at that knot.
     """
     shift = -SAME_TIME if side == "left" else SAME_TIME
-    found = np.searchsorted(trajectory.time, time + shift, side="right") - 1
-    # Before its first knot a trajectory is that knot, from its last one on that one.
-    index = np.clip(found, 0, trajectory.time.size - 1)
+    interval = np.searchsorted(trajectory.time, time + shift, side="right") - 1
+    # The trajectory is constant before its first and after its last knot.
+    index = np.clip(interval, 0, trajectory.time.size - 1)
     dt = np.clip(time, trajectory.time[0], trajectory.time[-1]) - trajectory.time[index]
     dt = dt[:, None]
     q, v, a = (
         getattr(trajectory, name)[index] for name in ("position", "velocity", "acceleration")
     )
     j = np.vstack([trajectory.jerk, np.zeros((1, q.shape[1]))])[index]
-    # A knot that stands in for one of the trajectory's own a moment later has that one's velocity and acceleration: led
-    # back along the interval behind it, they could exceed their limits.
+    # A merged knot shortly before a knot of the trajectory has that knot's velocity and acceleration: extrapolated
+    # back, they could exceed their limits.
     ahead = np.maximum(dt, 0.0)
     return np.stack(
         [q + dt * (v + dt * (a / 2 + dt * j / 6)), v + ahead * (a + ahead * j / 2), a + ahead * j]
@@ -290,15 +295,15 @@ def _side(trajectory: Trajectory, time: FloatArray, side: str) -> FloatArray:
 
 @dataclass(frozen=True)
 class LoggedMotion:
-    """Samples of some of a robot's joints; time 0 is the start of the plan."""
+    """Samples of some of a robot's joints; time 0 is the plan's start."""
 
     joints: tuple[str, ...]
     """Names of the n joints, in column order."""
     time: FloatArray
-    """Instants, rising [s], shape (k,) with k > 1."""
+    """Sample times, rising [s], shape (k,) with k > 1."""
     position: FloatArray
-    """[rad], shape (k, n); m for joints that slide, here and below."""
+    """Positions [rad], or [m] of prismatic joints, shape (k, n)."""
     velocity: FloatArray | None = None
-    """[rad/s], shape (k, n); None where not every joint has it."""
+    """Velocities [rad/s or m/s], shape (k, n); None unless known for every joint."""
     acceleration: FloatArray | None = None
-    """[rad/s²], shape (k, n); None where not every joint has it."""
+    """Accelerations [rad/s² or m/s²], shape (k, n); None unless known for every joint."""

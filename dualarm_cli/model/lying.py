@@ -33,22 +33,22 @@ class LyingPart:
     """A part at rest, or on a belt, between two events of a job."""
 
     task: Task
-    """The task that picks it there, or that has placed it there."""
+    """Task that picks the part there or has placed it there."""
     stop: Stop
-    """The pick or place whose tool pose says where it is."""
+    """Pick or place whose tool pose locates the part."""
     since: StopKey | None = None
-    """Place after which it is there; None from the start, unless fed."""
+    """Place that puts it there; None from the start, unless fed."""
     until: StopKey | None = None
-    """The pick that takes it; None for none."""
+    """Pick that takes it; None for none."""
     fed: bool = False
-    """Flag of parts that are brought to their pick after `since`.
+    """Whether the part is brought to its pick after `since`.
 
-    At the latest they are there as the tool comes onto the approach.
+    It is there at the latest when the tool begins the approach.
     """
 
     @property
     def key(self) -> StopKey:
-        """Arm, task and action of its stop."""
+        """Key of its stop: arm, task and action."""
         return self.task.arm, self.task.id, self.stop.action
 
     @property
@@ -58,7 +58,7 @@ class LyingPart:
 
 
 Visit = tuple[Task, Stop]
-"""A stop with its task."""
+"""Task and stop."""
 
 
 def lying_label(task: Task) -> str:
@@ -73,10 +73,12 @@ def lying_parts(job: Job, visits: Sequence[Visit]) -> tuple[LyingPart, ...]:
         job: with its cell and buffers.
         visits: its stops in the order in which they happen, each with its task and the arm that does it.
     """
-    own = [(t, s) for t, s in visits if s.action in ("pick", "place")]
-    put_down = {task.id: (task.arm, task.id, "place") for task, s in own if s.action == "place"}
-    found: list[LyingPart] = []
-    for spot in _spots(own):
+    transports = [(t, s) for t, s in visits if s.action in ("pick", "place")]
+    put_down = {
+        task.id: (task.arm, task.id, "place") for task, s in transports if s.action == "place"
+    }
+    lying_parts: list[LyingPart] = []
+    for spot in _spots(transports):
         picked = any(stop.action == "pick" for _, stop in spot)
         for before, (task, stop), after in zip(
             (None, *spot), spot, (*spot[1:], None), strict=False
@@ -86,20 +88,20 @@ def lying_parts(job: Job, visits: Sequence[Visit]) -> tuple[LyingPart, ...]:
             if after is not None and after[1].action == "pick":
                 taker = after[0].arm, after[0].id, "pick"
             if stop.action == "place":
-                # A chute moves on what is put into it, and a pile is beneath what is put onto it.
+                # Parts move on in a chute; parts in a pile are beneath the next one.
                 moves_on = stop.buffer and not (taker or (picked and after is None))
                 if not (task.leaves or moves_on):
-                    found.append(LyingPart(task, stop, since=key, until=taker))
+                    lying_parts.append(LyingPart(task, stop, since=key, until=taker))
             elif before is None:
                 fed = bool(stop.buffer) and not job.buffers[stop.buffer].initial
-                found.append(LyingPart(task, stop, until=key, fed=fed))
+                lying_parts.append(LyingPart(task, stop, until=key, fed=fed))
             elif before[1].action == "pick" or before[0].leaves:
                 since = put_down.get(before[0].id)
-                found.append(LyingPart(task, stop, since, key, fed=True))
+                lying_parts.append(LyingPart(task, stop, since, key, fed=True))
             elif not _has_shape(job, before[0]):
                 since = before[0].arm, before[0].id, "place"
-                found.append(LyingPart(task, stop, since, key))
-    return tuple(lying for lying in found if _has_shape(job, lying.task))
+                lying_parts.append(LyingPart(task, stop, since, key))
+    return tuple(part for part in lying_parts if _has_shape(job, part.task))
 
 
 def _has_shape(job: Job, task: Task) -> bool:
@@ -107,43 +109,43 @@ def _has_shape(job: Job, task: Task) -> bool:
 
 
 def _spots(visits: Sequence[Visit]) -> list[list[Visit]]:
-    """Group stops by their tool positions, with each one on a belt by itself."""
+    """Group stops by tool position; each stop on a belt is a group by itself."""
     spots: list[list[Visit]] = []
     places = np.empty((len(visits), 3))
     for task, stop in visits:
         if not isinstance(stop.target, PoseTarget):
             continue
-        here = np.full(3, np.nan) if stop.moves else stop.target.pose.translation
-        apart = np.abs(places[: len(spots)] - here).max(axis=1, initial=0.0)
-        same = np.flatnonzero(apart <= SAME_SPOT)
+        position = np.full(3, np.nan) if stop.moves else stop.target.pose.translation
+        distances = np.abs(places[: len(spots)] - position).max(axis=1, initial=0.0)
+        same = np.flatnonzero(distances <= SAME_SPOT)
         if not stop.moves and len(same):
             spots[int(same[0])].append((task, stop))
         else:
-            places[len(spots)] = here
+            places[len(spots)] = position
             spots.append([(task, stop)])
     return spots
 
 
 def lying_beside(job: Job, done: Sequence[Task], now: Sequence[Task]) -> tuple[Visit, ...]:
-    """List the stops of parts that lie during all of some tasks.
+    """List the stops of parts that lie throughout the given tasks.
 
     Args:
-        job: the whole of it, decided.
-        done: its tasks before.
-        now: those that are done meanwhile; their own parts are left out.
+        job: the complete job, with arms and order decided.
+        done: tasks before them.
+        now: the given tasks; their own parts are not listed.
     """
-    before, own = ({(t.arm, t.id) for t in some} for some in (done, now))
-    later = [t for t in job.tasks if (t.arm, t.id) not in before | own]
-    visits = [(t, s) for t in (*done, *now, *later) for s in t.stops]
-    found = []
-    for lying in lying_parts(job, visits):
-        since, until = (None if key is None else key[:2] for key in (lying.since, lying.until))
-        begun = since in before if since is not None else not lying.fed
-        if begun and until not in before | own and lying.key[:2] not in own:
-            found.append((lying.task, lying.stop))
-    return tuple(found)
+    before, current = ({(t.arm, t.id) for t in tasks} for tasks in (done, now))
+    later = [t for t in job.tasks if (t.arm, t.id) not in before | current]
+    order = [(t, s) for t in (*done, *now, *later) for s in t.stops]
+    visits = []
+    for part in lying_parts(job, order):
+        since, until = (None if key is None else key[:2] for key in (part.since, part.until))
+        is_there = since in before if since is not None else not part.fed
+        if is_there and until not in before | current and part.key[:2] not in current:
+            visits.append((part.task, part.stop))
+    return tuple(visits)
 
 
-def may_touch(one: Task, other: Task) -> bool:
-    """Return whether the parts of two tasks may touch."""
-    return other.id in one.touches or one.id in other.touches
+def may_touch(task: Task, other_task: Task) -> bool:
+    """Check whether the parts of two tasks may touch."""
+    return other_task.id in task.touches or task.id in other_task.touches

@@ -1,4 +1,4 @@
-"""Work of a path task: paths that one tool or both follow together, and how."""
+"""Path work: paths that one tool or both follow together, with speed and tolerances."""
 
 from __future__ import annotations
 
@@ -11,41 +11,47 @@ from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.records import dataclass
 
 SAME_SHARE = 1e-9
-"""Difference of two shares of a way that count as one."""
+"""Largest difference of equal path fractions."""
 
 
 @dataclass(frozen=True)
 class PathWork:
-    """Paths that one tool or both follow together, and how."""
+    """Paths that one tool or both follow together, with speed and tolerances."""
 
     paths: Mapping[str, ToolPath]
-    """By arm. Both tools have gone the same share of their paths at every instant."""
+    """Paths by arm; both tools have the same progress at every time."""
     speed: float
-    """Largest speed of the tool with the longer path along it [m/s]."""
+    """Largest speed along the longer path [m/s]."""
     acceleration: float | None = None
-    """Largest acceleration along that path [m/s²]; None leaves the ramps to the planner."""
+    """Largest acceleration along that path [m/s²]; None lets the planner choose."""
     jerk: float | None = None
-    """Largest jerk along that path [m/s³]; None leaves it to the planner."""
+    """Largest jerk along that path [m/s³]; None lets the planner choose."""
     redundancy: str | None = None
     """Name of the path follower; None for the default one."""
     posture: str | None = None
-    """Name of the posture that the motion begins near; None leaves it to the planner."""
+    """Posture next to which the motion begins; None lets the planner choose."""
     slower: bool = False
-    """Whether the speed may be reduced where the joints' limits need it."""
+    """Whether the speed may be reduced to keep joint limits."""
     tolerance: float = 1e-4
-    """How far the tools may leave their paths [m], and turn away by tolerance over TURN_LENGTH [rad]."""
+    """Largest position error of the tools [m]; divided by TURN_LENGTH, of rotation [rad]."""
     critical_points: Mapping[str, FloatArray] = field(default_factory=dict)
-    """By arm, where a virtual spring pulls the elbow, in the frame of the last platform joint [m], shape (3,)."""
+    """Attraction point of the elbow's virtual spring, by arm [m], shape (3,).
+
+    In the frame of the last platform joint.
+    """
     stiffness: float = 10.0
-    """Of the virtual springs: K of [Choi2020] Eq. 9."""
+    """Stiffness K of the virtual springs, [Choi2020] Eq. 9."""
     torque: bool = False
-    """Whether the joints' torques are kept within the limits of the URDF."""
+    """Whether joint torques are kept within the limits of the URDF."""
     blend: float = 0.0
-    """How far a tool that does not stop at corners may leave them [m]; 0: it stops. For paths of one tool."""
+    """Largest distance from corners that are rounded [m], for one tool.
+
+    With 0 the tool stops at corners.
+    """
     place: Place = NOWHERE
-    """Where it is written."""
+    """Place of the path in its file."""
     sharp: Mapping[str, ToolPath] = field(default_factory=dict)
-    """By arm, the paths before their corners were rounded; empty where none were."""
+    """Paths before their corners were rounded, by arm; empty if none were."""
 
     @property
     def length(self) -> float:
@@ -53,21 +59,23 @@ class PathWork:
         return max(path.length for path in self.paths.values())
 
     def rounded(self) -> PathWork:
-        """Returns the work with rounded corners, as far as the file allows it."""
+        """Round the corners, as far as the file allows it."""
         if not self.blend or self.sharp:
             return self
         paths = {arm: path.rounded(self.blend) for arm, path in self.paths.items()}
         return replace(self, paths=paths, sharp=self.paths)
 
     def stopping(self) -> PathWork:
-        """Returns the work with its corners as they are written, at which the tools stop."""
+        """Restore the corners at which the tools stop."""
         return replace(self, paths=self.sharp, sharp={}) if self.sharp else self
 
     def corners(self) -> tuple[float, ...]:
-        """Returns the shares of the way at which the tools have to stop, without 0 and 1."""
-        found: list[float] = []
-        for share in sorted(c / path.length for path in self.paths.values() for c in path.corners):
-            # What both tools' shares differ by rounding is one corner.
-            if not found or share - found[-1] > SAME_SHARE:
-                found.append(share)
-        return tuple(found)
+        """List the path fractions at which the tools must stop, without 0 and 1."""
+        corners: list[float] = []
+        for progress in sorted(
+            c / path.length for path in self.paths.values() for c in path.corners
+        ):
+            # Corners of both tools that differ by rounding are one.
+            if not corners or progress - corners[-1] > SAME_SHARE:
+                corners.append(progress)
+        return tuple(corners)

@@ -10,7 +10,7 @@ class Place:
     """A place in a file."""
 
     file: str
-    """File as the user names it."""
+    """Location in a file."""
     line: int
     """Line, from 1."""
     column: int
@@ -22,9 +22,9 @@ class Place:
         return self.file, self.line, self.column
 
     def __str__(self) -> str:
-        """Returns `file:line:column`."""
+        """Return `file:line:column`."""
         return f"{self.file}:{self.line}:{self.column}"
 
 
 NOWHERE = Place("", 0, 0)
-"""Of what stands in no file."""
+"""Place of data that no file contains."""

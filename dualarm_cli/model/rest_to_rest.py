@@ -1,6 +1,6 @@
 """Minimum times of joint motions under velocity, acceleration and jerk limits, in closed form.
 
-They hold between states at rest, and as lower bounds between any states of motion.
+Times hold between states at rest, and as lower bounds between any states of motion.
 """
 
 from __future__ import annotations
@@ -21,23 +21,24 @@ TABLE_STEPS = 1 << 13
 
 @dataclass(frozen=True)
 class RestToRest:
-    """The double-S law of n joints, its constants computed once.
+    """Double-S timing law of n joints, with precomputed constants.
 
     With v, a, j the limits (j may be infinite: a trapezoid), a joint that reaches its speed limit needs
-    d/v + t_v, with t_v = v/a + a/j where the acceleration limit is reached on the way (v j >= a²) and 2 sqrt(v/j)
-    where it is not. Shorter ways reach a peak speed w < v: with the acceleration limit, w (w/a + a/j) = d; without,
-    four jerk phases of (d / 2j)^(1/3). Source: [Biagiotti2008] §3.4; the case distinction by distance is ours.
+    d/v + t_v, with t_v = v/a + a/j where the acceleration limit is reached (v j >= a²) and 2 sqrt(v/j)
+    where it is not. Shorter distances reach a peak speed w < v: with the acceleration limit, w (w/a + a/j) = d;
+    without, four jerk phases of (d / 2j)^(1/3). Source: [Biagiotti2008] §3.4; the case distinction by distance is
+    ours.
     """
 
     velocity: FloatArray
-    """Largest speed [rad/s], shape (n,)."""
+    """Velocity limits [rad/s], shape (n,)."""
     acceleration: FloatArray
-    """Largest acceleration [rad/s²], shape (n,)."""
+    """Acceleration limits [rad/s²], shape (n,)."""
     jerk: FloatArray
-    """Largest jerk [rad/s³] or infinity, shape (n,)."""
+    """Jerk limits [rad/s³] or infinity, shape (n,)."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays and computes the constants."""
+        """Freeze the arrays and compute the constants."""
         for name in ("velocity", "acceleration", "jerk"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
         v, a, j = self.velocity, self.acceleration, self.jerk
@@ -65,10 +66,10 @@ class RestToRest:
     _t_a: FloatArray = field(init=False, repr=False)
 
     def per_joint(self, distance: FloatArray) -> FloatArray:
-        """Returns each joint's least time [s], shape (..., n), for displacements [rad], (..., n)."""
+        """Compute each joint's minimum time [s], shape (..., n), for displacements [rad], (..., n)."""
         d = np.abs(distance)
         a = self.acceleration
-        # Peak speed w of a way that reaches the acceleration limit, 2 (w/a + a/j): the positive
+        # Peak speed w of a motion that reaches the acceleration limit, 2 (w/a + a/j): the positive
         # root of w²/a + w a/j = d. In place, since this is the inner loop of everything.
         time: FloatArray = d * a
         time += np.square(self._half)
@@ -82,12 +83,12 @@ class RestToRest:
         return time
 
     def duration(self, distance: FloatArray) -> FloatArray:
-        """Returns the time of the slowest joint [s], shape (...), for displacements (..., n)."""
+        """Compute the time of the slowest joint [s], shape (...), for displacements (..., n)."""
         slowest: FloatArray = self.per_joint(distance).max(axis=-1)
         return slowest
 
     def reachable_distance(self, duration: FloatArray) -> FloatArray:
-        """Returns the farthest each joint gets in the given times [rad]: the inverse of `per_joint`.
+        """Compute each joint's largest distance in given times [rad]: the inverse of `per_joint`.
 
         With the speed limit reached v (T - t_v); with the acceleration limit w T/2 with the peak speed
         w = a (T/2 - a/j); with neither j T³/32.
@@ -105,9 +106,9 @@ class RestToRest:
 
     @cached_property
     def reach_table(self) -> tuple[float, FloatArray]:
-        """A step of time [s], and how far each joint gets in 0, 1, … of them [rad], shape (n, TABLE_STEPS).
+        """Time step [s], and the reach after 0, 1, … steps [rad], shape (n, TABLE_STEPS).
 
-        All together are long enough for half a turn of every joint.
+        The table covers half a turn of every joint.
         """
         longest = float(self.duration(np.full(len(self.velocity), np.pi)))
         times = np.linspace(0.0, longest, TABLE_STEPS)
@@ -115,14 +116,17 @@ class RestToRest:
 
     @cached_property
     def time_table(self) -> tuple[float, NDArray[np.float32]]:
-        """Steps per radian, and the least time of 0, 1, … of them [s], rounded down, shape (n, TABLE_STEPS).
+        """Steps per radian, and minimum times of 0, 1, … steps [s], shape (n, TABLE_STEPS).
 
-        The inverse of `reach_table`, up to half a turn.
+        Times are rounded down. The inverse of `reach_table`, up to half a turn.
         """
         step, reach = self.reach_table
-        way = np.arange(TABLE_STEPS) * (np.pi / TABLE_STEPS)
-        found = [step * (np.searchsorted(own, way, side="right") - 1) for own in reach]
-        table = np.nextafter(np.array(found, dtype=np.float32), np.float32(0.0))
+        distance = np.arange(TABLE_STEPS) * (np.pi / TABLE_STEPS)
+        times = [
+            step * (np.searchsorted(joint_reach, distance, side="right") - 1)
+            for joint_reach in reach
+        ]
+        table = np.nextafter(np.array(times, dtype=np.float32), np.float32(0.0))
         table.flags.writeable = False
         return TABLE_STEPS / np.pi, table
 
@@ -130,7 +134,7 @@ class RestToRest:
 def rest_to_rest_duration(
     distance: FloatArray, velocity: FloatArray, acceleration: FloatArray, jerk: FloatArray
 ) -> FloatArray:
-    """Returns least times [s], shape (..., n); see `RestToRest`.
+    """Compute minimum times [s], shape (..., n); see `RestToRest`.
 
     Args:
         distance: displacements [rad], shape (..., n).
@@ -142,28 +146,27 @@ def rest_to_rest_duration(
 
 
 AT_ONCE = 1e12
-"""Acceleration limit that costs no time worth a digit, per speed limit [1/s]."""
+"""Acceleration limit that stands for infinity, per speed limit [1/s]."""
 
 
 @dataclass(frozen=True)
 class PassingLaw(RestToRest):
     """Lower bounds on times between any states of motion, and reachable distances from rest.
 
-    The bound on plans whose tools pass the outer ends of lines in motion rests on it. Stages are as they are: both arms
-    begin one together, with transfers, then approach, dwell and retract. Only at its target a tool is at rest, its
-    joints' accelerations zero as well. So
+    The bound on plans with blending rests on it. Both arms begin each stage together, with transfers, then approach,
+    dwell and retract. Only at its target a tool is at rest, with zero joint accelerations. Therefore
 
-    - a transfer takes at least the way of each joint at its full speed, in whatever motion it begins and ends; the
-      platform, which is at rest at both ends, takes its rest-to-rest time as before;
-    - on a line joint j turns D_j(T) at most in time T after it left the target or before it comes there, forth and
+    - a transfer takes at least each joint's distance at its full speed, whatever its end velocities; the
+      platform, which is at rest at both ends, takes its rest-to-rest time;
+    - on a line joint j turns at most D_j(T) in time T after it leaves the target or before it arrives, forth and
       back added up: its acceleration is at most min(a, j t) after a time t, and so its speed at most the integral of
       that, and v.
 
-    Our own derivation.
+    The derivation is ours.
     """
 
-    own: RestToRest
-    """The joints' limits."""
+    rest_law: RestToRest
+    """Law from rest to rest with the joints' limits."""
 
     @classmethod
     def of(cls, law: RestToRest) -> PassingLaw:
@@ -177,23 +180,23 @@ class PassingLaw(RestToRest):
         Args:
             duration: times T [s], 0 or more, shape (..., n) or (..., 1).
         """
-        v, a = self.own.velocity, self.own.acceleration
-        limited = np.isfinite(self.own.jerk)
-        j = np.where(limited, self.own.jerk, 1.0)
+        v, a = self.rest_law.velocity, self.rest_law.acceleration
+        limited = np.isfinite(self.rest_law.jerk)
+        j = np.where(limited, self.rest_law.jerk, 1.0)
         rise = np.where(limited, np.minimum(a / j, np.sqrt(2.0 * v / j)), 0.0)
-        gained = np.where(limited, j * np.square(rise) / 2.0, 0.0)
-        ramp = np.maximum(v - gained, 0.0) / a
+        ramp_speed = np.where(limited, j * np.square(rise) / 2.0, 0.0)
+        ramp = np.maximum(v - ramp_speed, 0.0) / a
         first = np.minimum(duration, rise)
         second = np.clip(duration - rise, 0.0, ramp)
         third = np.maximum(duration - rise - ramp, 0.0)
-        way: FloatArray = (
+        distance: FloatArray = (
             np.where(limited, j * cube(first) / 6.0, 0.0)
-            + second * (gained + a * second / 2.0)
+            + second * (ramp_speed + a * second / 2.0)
             + v * third
         )
-        return way
+        return distance
 
 
 def at_rest(law: RestToRest) -> RestToRest:
     """Return the law from rest to rest of joints with the same limits."""
-    return law.own if isinstance(law, PassingLaw) else law
+    return law.rest_law if isinstance(law, PassingLaw) else law

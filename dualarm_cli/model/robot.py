@@ -1,7 +1,7 @@
 """Robot: arms, a platform that may carry them, joint limits and named postures.
 
-Positions of joints that turn are in rad, of joints that slide in m; rates likewise. Where only rad is named, it is m
-for those that slide.
+Positions of revolute joints are in rad, of prismatic joints in m; rates likewise. Where only rad is named, it is m
+for prismatic joints.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ArmKind = Literal["srs", "spherical_wrist", "parallel_axes", "general"]
 
 
 def sliding_joints(urdf: str) -> frozenset[str]:
-    """Returns the names of a URDF's joints that slide."""
+    """List the names of a URDF's prismatic joints."""
     joints = ElementTree.fromstring(urdf).iter("joint")
     return frozenset(j.get("name", "") for j in joints if j.get("type") == "prismatic")
 
@@ -37,25 +37,25 @@ def rate_source(acceleration: str, jerk: str) -> str:
 
 @dataclass(frozen=True)
 class JointLimits:
-    """What each joint may do; infinite where nothing is demanded."""
+    """Limits of each joint; infinite where none is required."""
 
     joints: tuple[str, ...]
     """Names of the n joints."""
     lower: FloatArray
-    """Lowest position [rad], shape (n,)."""
+    """Lower position limits [rad], shape (n,)."""
     upper: FloatArray
-    """Highest position [rad], shape (n,)."""
+    """Upper position limits [rad], shape (n,)."""
     velocity: FloatArray
-    """Largest speed [rad/s], shape (n,)."""
+    """Velocity limits [rad/s], shape (n,)."""
     acceleration: FloatArray
-    """Largest acceleration [rad/s²], shape (n,)."""
+    """Acceleration limits [rad/s²], shape (n,)."""
     jerk: FloatArray
-    """Largest jerk [rad/s³], infinite where the robot file sets none, shape (n,)."""
+    """Jerk limits [rad/s³], infinite if the robot file has none, shape (n,)."""
     source: tuple[str, ...]
-    """Sources of acceleration and jerk, as `rate_source` says them: datasheet, assumed, …"""
+    """Sources of acceleration and jerk limits, as `rate_source` formats them."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays and refuses limits that no motion could meet.
+        """Freeze the arrays and refuse limits that no motion could satisfy.
 
         Raises:
             ValueError: wrong shape, NaN, lower above upper, or a rate that is not positive.
@@ -72,13 +72,13 @@ class JointLimits:
             raise ValueError("a lower position limit is above its upper one")
 
     def assumed(self, rate: Literal["acceleration", "jerk"]) -> list[int]:
-        """Return the columns of the joints whose acceleration or jerk limit is assumed."""
+        """List the columns of joints whose acceleration or jerk limit is assumed."""
         parts = [source.partition(", jerk ") for source in self.source]
         sources = [(jerk or both) if rate == "jerk" else both for both, _, jerk in parts]
         return [k for k, source in enumerate(sources) if source == "assumed"]
 
     def scaled(self, speed: float) -> JointLimits:
-        """Returns limits under which every motion takes 1/speed times as long along the same path.
+        """Scale the limits: motions along the same path take 1/speed times as long.
 
         Args:
             speed: fraction of full speed, above 0.
@@ -95,11 +95,11 @@ class JointLimits:
 
     @cached_property
     def law(self) -> RestToRest:
-        """Least times of the joints from rest to rest, computed once."""
+        """Timing law of the joints from rest to rest."""
         return RestToRest(self.velocity, self.acceleration, self.jerk)
 
     def select(self, joints: Sequence[str]) -> JointLimits:
-        """Returns the limits of the named joints, in the order of the names."""
+        """Select the limits of the named joints, in that order."""
         index = [self.joints.index(name) for name in joints]
         return JointLimits(
             tuple(joints),
@@ -114,43 +114,43 @@ class JointLimits:
 
 @dataclass(frozen=True)
 class Arm:
-    """One serial arm and the flange that carries its tool."""
+    """Serial arm with the flange that carries its tool."""
 
     name: str
-    """left or right."""
+    """Name: left or right."""
     joints: tuple[str, ...]
-    """Its joints from base to flange."""
+    """Joints from base to flange."""
     flange: str
-    """Link of the URDF to which the tool is bolted."""
+    """Link of the URDF that carries the tool."""
     kind: ArmKind
-    """How its inverse kinematics is solved; `dualarm check` compares it with the URDF."""
+    """Type of inverse kinematics; `dualarm check` compares it with the URDF."""
     place: Place = field(default=NOWHERE, compare=False)
-    """Where its kind is written."""
+    """Place of the kind in its file."""
 
 
 @dataclass(frozen=True)
 class Robot:
-    """One or two arms, on a platform or not, as one tree of joints."""
+    """Robot with one or two arms, with or without a platform."""
 
     name: str
-    """What people call it."""
+    """Name for users."""
     urdf: str
-    """Complete URDF text: every moving joint with its limits, primitive geometry only."""
+    """Complete URDF text: all moving joints with limits, primitive geometry only."""
     platform: tuple[str, ...]
     """Joints that carry both arms: none, one or two."""
     arms: tuple[Arm, ...]
-    """One or two arms, left before right."""
+    """Arms, left before right."""
     limits: JointLimits
     """Limits of all moving joints, in the URDF's order."""
     postures: Mapping[str, FloatArray] = field(default_factory=dict)
-    """Named postures [rad], each of shape (n,) over `joints`; home is always there."""
+    """Named postures [rad], each of shape (n,) over `joints`; home is always included."""
     allowed_contacts: tuple[tuple[str, str], ...] = ()
-    """Pairs of links whose shapes may touch: the shapes are wider than the links."""
+    """Pairs of links whose shapes may touch, because shapes are larger than links."""
     meshes: Mapping[str, tuple[Shape, ...]] = field(default_factory=dict)
-    """Collision meshes by their links, in the links' frames; they are not in the URDF text."""
+    """Collision meshes by link, in the links' frames; the URDF text has none."""
 
     def __post_init__(self) -> None:
-        """Adds the home posture, where there is none, and freezes all.
+        """Add a missing home posture and freeze all.
 
         Raises:
             ValueError: arms share a name or a joint, or a joint is not among the limits.
@@ -171,21 +171,21 @@ class Robot:
 
     @cached_property
     def sliding(self) -> frozenset[str]:
-        """Names of the joints that slide."""
+        """Names of the prismatic joints."""
         return sliding_joints(self.urdf).intersection(self.joints)
 
     @property
     def without_closed_form(self) -> tuple[str, ...]:
-        """Names of the arms that are not said to be spherical-revolute-spherical."""
+        """Names of the arms whose kind is not `srs`."""
         return tuple(arm.name for arm in self.arms if arm.kind != "srs")
 
     def arm(self, name: str) -> Arm:
-        """Returns the arm of that name (KeyError where there is none)."""
+        """Return the arm with a name (KeyError without one)."""
         for arm in self.arms:
             if arm.name == name:
                 return arm
         raise KeyError(name)
 
     def columns(self, joints: Sequence[str]) -> list[int]:
-        """Returns the columns of the named joints within `joints`."""
+        """Return the columns of the named joints within `joints`."""
         return [self.joints.index(name) for name in joints]

@@ -1,4 +1,4 @@
-"""Schedule: the joint motion of a job with everything that happens in it."""
+"""Schedule: joint motion of a job with its stages, segments and events."""
 
 from __future__ import annotations
 
@@ -22,38 +22,36 @@ from dualarm_cli.model.verification import Verification
 from dualarm_cli.records import dataclass
 
 DURATION = "duration"
-"""What decides a stage whose transfer takes the time that the task file gives it."""
+"""Bottleneck of a stage whose duration the task file gives."""
 TOOL_SPEED = "tool_speed"
-"""What the bottleneck of a transfer is called that was slowed for a cap on the tools' speed."""
+"""Bottleneck of a transfer that was slowed for the limit of tool speed."""
 SegmentKind = Literal["transfer", "approach", "dwell", "retract", "wait", "return", "path", "seam"]
 WORK_ENDS: Mapping[str, str] = {"path": "path", "seam": "seam_end"}
-"""Kinds of segments in which a tool works on its way, and the action of the event that each leads to."""
+"""Kinds of segments in which a moving tool works, and the final event's action."""
 WaitReason = Literal[
     "", "platform", "partner", "shared_zone", "after", "window", "buffer", "conveyor", "end"
 ]
-"""Why an arm waits: for the platform to be there; for the other arm to finish the stage; for it to be out of the way;
-for a task that has to be done before; for the time before which a task must not begin; for a part in a buffer or room
-in it; for a part that a conveyor brings; because its work is done."""
+"""Reason of a wait; the glossary explains each."""
 
 
 @dataclass(frozen=True)
 class ScheduleArm:
-    """What a reader needs to find an arm's tool."""
+    """Flange, tool and joints of an arm."""
 
     flange: str
-    """Link of the URDF to which the tool is bolted."""
+    """Link of the URDF that carries the tool."""
     tcp: pin.SE3
     """Tool centre point in the flange frame."""
     joints: tuple[str, ...] = ()
-    """The arm's own joints, base to flange; empty where the file does not say."""
+    """Joints of the arm, base to flange; empty if the file omits them."""
 
 
 @dataclass(frozen=True)
 class ScheduleRobot:
-    """The robot as far as a schedule needs it."""
+    """Robot of a schedule."""
 
     name: str
-    """What people call it."""
+    """Name for users."""
     urdf: str
     """Complete URDF text."""
     base: pin.SE3
@@ -61,28 +59,28 @@ class ScheduleRobot:
     arms: Mapping[str, ScheduleArm]
     """Arms by name."""
     limits: JointLimits
-    """Limits that the motion keeps; infinite and `unstated` where the file does not say."""
+    """Limits that the motion keeps; infinite and `unstated` if the file omits them."""
     platform: tuple[str, ...] = ()
     """Joints that carry both arms."""
     tool_speed: float | None = None
-    """Cap on the speed of every tool centre point [m/s], or None."""
+    """Limit of the speed of every tool centre point [m/s], or None."""
 
     @cached_property
     def sliding(self) -> frozenset[str]:
-        """Names of the joints that slide."""
+        """Names of the prismatic joints."""
         return sliding_joints(self.urdf)
 
     @property
     def groups(self) -> dict[str, tuple[str, ...]]:
-        """Joints that are timed together, by the name of their group: the platform's, each arm's, and all others'."""
+        """Joints that are timed together: platform, each arm, and all others."""
         named = {"platform": self.platform, **{name: arm.joints for name, arm in self.arms.items()}}
         taken: set[str] = set()
-        found = {}
+        groups = {}
         for name, joints in [*named.items(), ("others", self.limits.joints)]:
-            if own := tuple(joint for joint in joints if joint not in taken):
-                found[name] = own
-                taken.update(own)
-        return found
+            if remaining := tuple(joint for joint in joints if joint not in taken):
+                groups[name] = remaining
+                taken.update(remaining)
+        return groups
 
     @property
     def platform_slides(self) -> bool:
@@ -91,7 +89,7 @@ class ScheduleRobot:
 
     @classmethod
     def of_job(cls, job: Job) -> ScheduleRobot:
-        """Returns a job's robot with its tools and with limits at the job's speed."""
+        """Build a job's robot with its tools and the limits at the job's speed."""
         robot, cell = job.cell.robot, job.cell
         return cls(
             name=robot.name,
@@ -109,106 +107,116 @@ class ScheduleRobot:
 
 @dataclass(frozen=True)
 class Stage:
-    """A stretch of the schedule that both arms start together; of asynchronous arms, one arm's stop."""
+    """Period that both arms start together; of asynchronous arms, one arm's stop."""
 
     start: float
-    """When it starts [s]."""
+    """Start time [s]."""
     end: float
-    """When the last of its arms is done [s]."""
+    """End time of the last arm [s]."""
     tasks: tuple[str, ...]
-    """Ids of the tasks worked on, left arm's first; empty for the return to the start."""
+    """Ids of its tasks, left arm's first; empty for the return."""
     platform_solver: str
-    """The method that gave the platform angle."""
+    """Method that chose the platform angle."""
     platform_angle: float | None
-    """Where the platform stands at the end [rad]; None without a one-joint platform."""
+    """Platform angle at the end [rad]; None without a one-joint platform."""
     platform_time: float
-    """How long the platform alone would need [s]."""
+    """Minimum time of the platform alone [s]."""
     arm_times: Mapping[str, float]
-    """How long each arm alone would need for its transfer [s]."""
+    """Minimum transfer time of each arm alone [s]."""
     joint_times: Mapping[str, float]
-    """How long each joint alone would need for its transfer [s]."""
+    """Minimum transfer time of each joint alone [s]."""
     bottleneck: str
-    """The joint that decides the transfer's duration, TOOL_SPEED where a cap does, DURATION where the
-    task file does; empty where nothing moves."""
+    """Joint that decides the transfer's duration, TOOL_SPEED or DURATION.
+
+    Empty if nothing moves.
+    """
     arm: str = ""
-    """The arm whose stage it is by its own clock; empty where it is both arms'."""
+    """Arm of an asynchronous stage; empty for both arms."""
     saved: float = 0.0
-    """How much shorter it is than with stops at the outer ends of lines [s]."""
+    """Time gained by blending [s], compared with stops at the outer ends of lines."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """What one arm does between two instants."""
+    """Activity of one arm between two times."""
 
     arm: str
-    """left or right."""
+    """Arm: left or right."""
     kind: SegmentKind
-    """What it is."""
+    """Kind of activity."""
     task: str
     """Id of the task; empty for a return."""
     action: str
-    """What is done at its target, such as pick or place; empty for a return."""
+    """Action at its target, such as pick or place; empty for a return."""
     start: float
-    """When it starts [s]."""
+    """Start time [s]."""
     end: float
-    """When it ends [s]."""
+    """End time [s]."""
     dwell: Dwell | None = None
-    """The shares of a dwell."""
+    """Times of a dwell by purpose."""
     reason: WaitReason = ""
-    """Why the arm waits; empty where it does not, or where that is not known."""
+    """Reason of a wait; empty for other kinds, or if unknown."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """An instant at which a tool is commanded to be somewhere."""
+    """Time at which a tool is commanded to be at a pose."""
 
     time: float
-    """When [s]; the tool then stands still for `dwell`."""
+    """Time [s]; the tool then stands still for `dwell`."""
     arm: str
-    """left or right."""
+    """Arm: left or right."""
     task: str
     """Id of the task."""
     action: str
-    """pick, place, move, take_tool or another one of `Action`."""
+    """Action, such as pick, place, move or take_tool."""
     frame: str
-    """Name of the frame that is there, such as left_tcp: that of the arm's own tool, whatever tool is on besides."""
+    """Name of the frame, such as left_tcp: always the arm's fixed tool."""
     pose: pin.SE3
     """Commanded pose of that frame in the world."""
     dwell: float = 0.0
-    """How long it stands there [s]."""
+    """Time at rest at the pose [s]."""
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Of the conveyor that it moves with from `time` on, for `dwell`, in the world [m/s]; zero where it stands."""
+    """Velocity of the conveyor from `time` on, for `dwell`, in the world [m/s].
+
+    Zero for a target that stands still.
+    """
     signal: str = ""
-    """Name of the signal that is set at `time`; empty for none."""
+    """Signal that is set at `time`; empty for none."""
 
     @property
     def moves(self) -> bool:
-        """Whether the tool is to move with a conveyor instead of standing still."""
+        """Whether the tool moves with a conveyor instead of standing still."""
         return any(self.velocity)
 
     @property
     def changes_held(self) -> float:
-        """When what its arm holds changes, if it does [s]: at once, or at the end of the dwell."""
+        """Time at which the held object changes, if it does [s].
+
+        This is the event or the end of the dwell.
+        """
         return self.time + (self.dwell if self.action in AFTER_DWELL else 0.0)
 
 
 @dataclass(frozen=True)
 class JointSamples:
-    """Joint motion at instants."""
+    """Samples of the joint motion."""
 
     joints: tuple[str, ...]
     """Names of the n joints, in column order."""
     time: FloatArray
-    """Instants [s], shape (k,)."""
+    """Sample times [s], shape (k,)."""
     position: FloatArray
-    """[rad], or [m] where a joint slides, shape (k, n)."""
+    """Positions [rad], or [m] of prismatic joints, shape (k, n)."""
     velocity: FloatArray
-    """[rad/s or m/s], shape (k, n)."""
+    """Velocities [rad/s or m/s], shape (k, n)."""
     acceleration: FloatArray
-    """[rad/s² or m/s²], shape (k, n)."""
+    """Accelerations [rad/s² or m/s²], shape (k, n)."""
 
     def to_dataframe(self) -> Any:
-        """Returns a pandas data frame: by time [s], three columns for each joint, such as `left_s_velocity`.
+        """Convert to a pandas data frame by time [s], three columns for each joint.
+
+        Columns have names such as `left_s_velocity`.
 
         Raises:
             MissingDependencyError: pandas is not installed.
@@ -228,60 +236,64 @@ class JointSamples:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a schedule comes from; enough to make it again."""
+    """Origin of a schedule; enough to reproduce it."""
 
     version: str
     """Version of dualarm."""
     inputs: Mapping[str, str]
     """SHA-256 of every input, by name."""
     settings: Mapping[str, Any]
-    """Everything that was asked for."""
+    """All requested settings."""
     seed: int
-    """Seed of all randomness."""
+    """Random seed."""
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """The answer: who does what from when to when."""
+    """Plan of a job: motion, stages, segments and events."""
 
     robot: ScheduleRobot
-    """The robot that plays it."""
+    """Robot that executes it."""
     motion: JointMotion
-    """The motion of all its moving joints, by groups that are timed together."""
+    """Motion of all joints, by groups that are timed together."""
     stages: tuple[Stage, ...]
-    """In time order."""
+    """Stages in time order."""
     segments: tuple[Segment, ...]
-    """In order of arm and time."""
+    """Segments by arm and time."""
     events: tuple[Event, ...]
-    """In time order."""
+    """Events in time order."""
     provenance: Provenance
-    """Where it comes from."""
+    """Inputs, settings and version that produced it."""
     lower_bound: float | None = None
-    """A bound on every plan of the same stages [s], or None."""
+    """Lower bound of every plan of the same stages [s], or None."""
     grid_gap: float | None = None
-    """How far the best plan on the method's grid was from that grid's own bound, as a share, before it was refined."""
+    """Grid gap: relative excess over the grid's own bound, before refinement; or None."""
     order_grid_gap: float | None = None
-    """By what share another order may at most be quicker than this one on the grid of the search for orders, which says
-    nothing of their plans; None where the order was given or no bound is known."""
+    """Bound of the relative gain by another order, on the search grid.
+
+    It does not bound their plans. None if the order was given or no bound is known.
+    """
     clearance_cost: float | None = None
-    """How much longer it is than the same method's plan where nothing has to be collision-free [s], or None."""
+    """Additional time for collision avoidance [s], or None.
+
+    Compared with the same method's plan without collision checking.
+    """
     blend_gain: float | None = None
-    """How much shorter it is than the same stages with stops at the outer ends of lines [s]; None where tools stop
-    there."""
+    """Time gained by blending [s]; None if tools stop at the outer ends of lines."""
     verification: Verification | None = None
-    """The judgement, once there is one."""
+    """Result of the verification, or None."""
     notes: tuple[str, ...] = ()
-    """What a reader should know: choices, assumptions, what was not used."""
+    """Remarks for users: choices, assumptions, unused input."""
     extra: Mapping[str, Any] = field(default_factory=dict)
-    """What a file states and the data model derives itself: `duration` and `files`, kept to be checked."""
+    """Redundant values of a file that are checked: `duration` and `files`."""
 
     @property
     def trajectory(self) -> Trajectory:
-        """The motion of all joints together, with the knots of all groups."""
+        """Motion of all joints, with the knots of all groups."""
         return self.motion.trajectory
 
     def sample(self, rate: float) -> JointSamples:
-        """Returns the motion of all joints at equal steps from the start, and at its end.
+        """Sample the motion of all joints at equal steps, and at its end.
 
         Args:
             rate: samples per second [Hz].
@@ -297,40 +309,44 @@ class Schedule:
         return JointSamples(motion.joints, time, *motion.at(time + motion.time[0]))
 
     def joint(self, name: str) -> JointSamples:
-        """Returns one joint's motion at its knots, between which its jerk is constant; its arrays have one column.
+        """Select one joint's motion at its knots; arrays have one column.
+
+        The jerk is constant between knots.
 
         Args:
             name: of the joint, such as `left_s`.
 
         Raises:
-            UsageError: there is no such joint.
+            UsageError: unknown joint.
         """
         if name not in self.trajectory.joints:
-            known = ", ".join(self.trajectory.joints)
-            raise UsageError(f"joint {name!r}: {self.robot.name} has {known}")
-        own = self.trajectory.select([name])
-        return JointSamples((name,), own.time, own.position, own.velocity, own.acceleration)
+            names = ", ".join(self.trajectory.joints)
+            raise UsageError(f"joint {name!r}: {self.robot.name} has {names}")
+        motion = self.trajectory.select([name])
+        return JointSamples(
+            (name,), motion.time, motion.position, motion.velocity, motion.acceleration
+        )
 
     def to_dataframe(self, rate: float = 250.0) -> Any:
-        """Returns samples of all joints as a pandas data frame; see `sample` and `JointSamples.to_dataframe`."""
+        """Sample all joints into a pandas data frame; see `sample` and `JointSamples.to_dataframe`."""
         return self.sample(rate).to_dataframe()
 
     @property
     def blending(self) -> Blending:
-        """Law of where tools were allowed to pass in motion.
+        """Blending law of the schedule.
 
         Raises:
-            UsageError: the schedule names a law that there is not.
+            UsageError: the schedule names an unknown law.
         """
         name = str(self.provenance.settings.get("blend", STOPPING.name))
         if name not in BLENDINGS.names:
-            known = ", ".join(BLENDINGS.names)
+            names = ", ".join(BLENDINGS.names)
             raise UsageError(
-                f"settings.blend {name!r} of the schedule: known are {known}; plan again"
+                f"settings.blend {name!r} of the schedule: known are {names}; plan again"
             )
         return BLENDINGS[name]
 
     @property
     def duration(self) -> float:
-        """Length of the motion [s]; the period where it closes."""
+        """Duration of the motion [s]; the period if it closes."""
         return self.trajectory.duration

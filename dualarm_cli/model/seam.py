@@ -1,4 +1,4 @@
-"""Seams: one arm holds a part, the other's tool works along a curve on it."""
+"""Seams: one arm holds a part while the other's tool follows a curve on it."""
 
 from __future__ import annotations
 
@@ -16,53 +16,65 @@ from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.records import dataclass
 
 RAMP = 1.2
-"""Longest time of a ramp of a seam that may not be slower, where its file gives no acceleration, at full speed [s]."""
+"""Longest ramp of a seam without given acceleration, at full speed [s].
+
+For seams whose speed may not be reduced.
+"""
 INTO = np.diag([1.0, -1.0, -1.0])
-"""Rotation of a tool that points into the surface, in the curve's frame: z against z, x along the curve."""
+"""Rotation of a tool that points into the surface, in the curve's frame.
+
+Its z axis is opposite to the curve's, x is along the curve.
+"""
 
 
 @dataclass(frozen=True)
 class SeamTool:
-    """How the tool stands on a seam: P_j to T_G of [Qin2024], with the freedoms that the work leaves."""
+    """Orientation of the tool on a seam: P_j to T_G of [Qin2024], with free rotations."""
 
     standoff: float = 0.0
     """Distance of the tool centre point from the seam, along the tool [m]."""
     work_angle: float = 0.0
-    """Turn about the seam's tangent [rad]."""
+    """Rotation about the seam's tangent [rad]."""
     travel_angle: float = 0.0
-    """Then about the frame's y [rad]: the tool leans forwards or backwards."""
+    """Rotation about the frame's y after that [rad]; the tool leans forwards or backwards."""
     spin: float = 0.0
-    """Then about the tool's own axis [rad]: at 0 its x axis is along the curve."""
+    """Rotation about the tool's axis after that [rad]; 0 is x along the curve."""
     free_spin: bool = False
-    """Whether the tool may turn about its own axis."""
+    """Whether the rotation about the tool's axis is free."""
     tilt: float = 0.0
-    """By how much the tool's axis may lean away from where it should point [rad]."""
+    """Largest angle of the tool's axis from its nominal direction [rad]."""
 
     @cached_property
     def R_curve_tool(self) -> FloatArray:
-        """Rotation of the tool in the curve's frame as it should be, shape (3, 3)."""
+        """Nominal rotation of the tool in the curve's frame, shape (3, 3)."""
         work = exp_rotation(np.array([self.work_angle, 0.0, 0.0]))
         travel = exp_rotation(np.array([0.0, self.travel_angle, 0.0]))
         spin = exp_rotation(np.array([0.0, 0.0, self.spin]))
-        found: FloatArray = product(work, travel, INTO, spin)
-        return found
+        rotation: FloatArray = product(work, travel, INTO, spin)
+        return rotation
 
 
 @dataclass(frozen=True)
 class Hold:
-    """Where the part is while its seam is worked on."""
+    """Pose or path of the part while its seam is worked."""
 
-    way: ToolPath | None = None
-    """What the part's frame follows in the world, at the same share as the tool follows the seam; or None."""
+    part_path: ToolPath | None = None
+    """Path of the part's frame in the world, or None.
+
+    Part and tool have the same progress along their paths.
+    """
     pose: pin.SE3 | None = None
-    """Where it stands still in the world; or None."""
+    """Fixed pose of the part in the world, or None."""
     still: bool = False
-    """With neither of them: whether it stands still where the planner likes, or may move as well."""
+    """Whether the part stands still, if neither path nor pose is given.
+
+    The planner then chooses where.
+    """
 
     @property
     def given(self) -> bool:
         """Whether the file gives the pose of the part."""
-        return self.way is not None or self.pose is not None
+        return self.part_path is not None or self.pose is not None
 
     @property
     def stands(self) -> bool:
@@ -70,12 +82,12 @@ class Hold:
         return self.still or self.pose is not None
 
     def at(self, share: FloatArray) -> Poses:
-        """Returns the part's rotations (k, 3, 3) and positions (k, 3) [m] in the world at shares (k,) of the seam.
+        """Return the part's rotations (k, 3, 3) and positions (k, 3) [m] in the world.
 
-        Only where the file gives them.
+        At fractions (k,) of the seam; only if the file gives them.
         """
-        if self.way is not None:
-            return self.way.at(share * self.way.length)
+        if self.part_path is not None:
+            return self.part_path.at(share * self.part_path.length)
         assert self.pose is not None
         k = len(share)
         return np.tile(self.pose.rotation, (k, 1, 1)), np.tile(self.pose.translation, (k, 1))
@@ -83,57 +95,60 @@ class Hold:
 
 @dataclass(frozen=True, eq=False)
 class SeamWork:
-    """One seam on one part, and how it is to be worked.
+    """Seam on a part, with the conditions under which it is worked.
 
-    Each is only equal to itself: tasks of both arms share one, and curves hold arrays, which have no hash.
+    Compared by identity: tasks of both arms share an instance, and curves hold arrays, which cannot be hashed.
     """
 
     master: str | None
-    """The arm that holds the part; None where it stands in the cell."""
+    """Arm that holds the part; None if it stands in the cell."""
     slave: str
-    """The arm whose tool works."""
+    """Arm whose tool works."""
     part: pin.SE3
-    """The part's frame in the master's flange; without a master in the world."""
+    """Part's frame in the master's flange, or in the world without a master."""
     curve: MeasuredCurve
-    """The seam in the part's frame."""
+    """Seam in the part's frame."""
     tool: SeamTool
-    """How the tool stands on it."""
+    """Orientation of the tool on the seam."""
     hold: Hold
-    """Where the part is meanwhile."""
+    """Pose or path of the part meanwhile."""
     speed: float | None
-    """Speed of the tool along the seam, relative to the part [m/s]; None where the duration is given."""
+    """Speed of the tool relative to the part [m/s]; None with a given duration."""
     duration: float | None = None
-    """Time for the seam, ramps included [s]; None where the speed is given."""
+    """Duration of the seam, ramps included [s]; None with a given speed."""
     acceleration: float | None = None
-    """Largest acceleration along the seam [m/s²]; None leaves the ramps to the planner."""
+    """Largest acceleration along the seam [m/s²]; None lets the planner choose."""
     slower: bool = False
-    """Whether the speed may be reduced where the joints' limits need it."""
+    """Whether the speed may be reduced to keep joint limits."""
     downhand: float | None = None
-    """By how much the seam's surface may lean away from facing upwards [rad]; None where it does not matter."""
+    """Largest angle of the seam's surface from facing upwards [rad], or None."""
     entry_duration: float | None = None
-    """Time for the way to the seam, approach and dwell included [s]; None for as quick as can be."""
+    """Time to reach the seam, approach and dwell included [s]; None for the shortest."""
     approach: float = 0.0
-    """Length of the straight way to the seam along the tool [m]; 0 for none."""
+    """Length of the straight approach to the seam, along the tool [m]."""
     retract: float = 0.0
-    """Length of the straight way from the seam along the tool [m]; 0 for none."""
+    """Length of the straight retract from the seam, along the tool [m]."""
     dwell_start: float = 0.0
-    """How long the tool stands where the seam begins [s]."""
+    """Dwell at the start of the seam [s]."""
     dwell_end: float = 0.0
-    """How long the tool stands where the seam ends [s]."""
+    """Dwell at the end of the seam [s]."""
     not_before: float = 0.0
-    """When the seam begins at the earliest, from the start of the motion [s]."""
+    """Earliest start of the seam [s]."""
     touches: tuple[str, ...] = ()
-    """Bodies that the slave's tool may touch, but not reach into, while it works: the part, as tool or obstacle."""
+    """Bodies that the slave's tool may touch but not penetrate while it works.
+
+    Usually the part, as a tool or an obstacle.
+    """
     posture: str | None = None
-    """Name of the posture near which it begins; None leaves it to the planner."""
+    """Posture next to which the seam begins; None lets the planner choose."""
     method: str | None = None
     """Name of the seam solver; None for the default one."""
     place: Place = NOWHERE
-    """Where it is written."""
+    """Place of the seam in its file."""
 
     @property
     def arms(self) -> tuple[str, ...]:
-        """The arms that work: the slave, then the master where there is one."""
+        """Arms that work: the slave, then the master if there is one."""
         return (self.slave,) if self.master is None else (self.slave, self.master)
 
     @property
@@ -142,7 +157,9 @@ class SeamWork:
         return self.curve.length
 
     def tool_frames(self, share: FloatArray) -> Poses:
-        """Returns the tool's rotations (k, 3, 3) as they should be and the seam's points (k, 3) [m], in the part.
+        """Return the tool's nominal rotations (k, 3, 3) and seam points (k, 3) [m].
+
+        Both are in the part's frame.
 
         The tool centre point is `standoff` from the point, back along the tool's z axis.
         """
@@ -151,13 +168,13 @@ class SeamWork:
 
 
 def longest_ramp(work: SeamWork, pace: float) -> float:
-    """Returns the longest time in which a seam that may not be slower comes to its speed [s].
+    """Compute the longest ramp of a seam whose speed may not be reduced [s].
 
-    RAMP, or twice what the file's acceleration takes: it rises and falls too.
+    RAMP, or twice the time at the file's acceleration, because jerk is limited.
 
     Args:
         work: with a speed.
-        pace: the job's share of full speed.
+        pace: the job's fraction of full speed.
     """
     longest = RAMP / pace
     if work.acceleration is not None and work.speed is not None:

@@ -1,4 +1,4 @@
-"""Layout studies: parameters of files, the values they take, and what is to become good."""
+"""Layout studies: parameters of files, their values, and the objectives."""
 
 from __future__ import annotations
 
@@ -14,94 +14,94 @@ Apply = Literal["set", "shift", "scale"]
 Sense = Literal["minimise", "maximise"]
 SamplingMethod = Literal["latin_hypercube", "halton"]
 DIGITS = 12
-"""Significant digits of computed values, so that 0.1 + 2 * 0.1 is 0.3, as people write it."""
+"""Significant digits of computed values, so that 0.1 + 2 * 0.1 is 0.3."""
 
 
 @dataclass(frozen=True)
 class Amount:
-    """A number as it stands in a file, with its unit if it has one."""
+    """Number in a file, with its unit if it has one."""
 
     number: float
-    """The number; an int where it was written as one and has no unit."""
+    """Number as written; an int only if written as one and without unit."""
     unit: str = ""
-    """Unit as written; nothing for a plain number, which is SI."""
+    """Unit as written; empty for a plain number, which is SI."""
     factor: float = 1.0
     """SI value of one unit."""
     base: str = ""
-    """SI unit of the same dimension; nothing for plain numbers and fractions."""
+    """SI unit of the same dimension; empty for plain numbers and fractions."""
 
     @property
     def si(self) -> float:
-        """Its value in SI."""
+        """Value in SI units."""
         return self.number * self.factor
 
     @property
     def written(self) -> float | str:
-        """How it is written into a file."""
+        """Value as it is written into a file."""
         return f"{self.number!r} {self.unit}" if self.unit else self.number
 
     @property
     def shown(self) -> str:
-        """How it is shown to people, to six digits."""
+        """Value for users, with six digits."""
         return f"{self.number:.6g} {self.unit}" if self.unit else f"{self.number:.6g}"
 
 
 Level = Amount | str | bool
-"""One value of a parameter."""
+"""Value of a parameter."""
 Point = tuple[Level, ...]
-"""One value of every parameter, in their order."""
+"""Values of all parameters, in their order."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """A value of a file that a parameter changes."""
+    """Value of a file that a parameter changes."""
 
     role: str
-    """Which file: tasks, cell, robot, robot.left, robot.right."""
+    """File of the value: tasks, cell, robot, robot.left, robot.right."""
     path: str
     """Path to the value, as written."""
     apply: Apply
-    """set: the parameter is the value; shift: is added to the file's; scale: multiplies it."""
+    """Operation: set replaces, shift adds to, scale multiplies the file's value."""
     keys: tuple[str, ...]
-    """By task file: `role:/json/pointer` of the value."""
-    found: tuple[Amount | str | bool | None, ...]
-    """By task file: what the file has; None where that is nothing."""
+    """Location of the value as `role:/json/pointer`, for each task file."""
+    present: tuple[Amount | str | bool | None, ...]
+    """Present value, for each task file; None for no value."""
 
 
 @dataclass(frozen=True)
 class Span:
-    """All values between two, both of one unit."""
+    """Range between two values of one unit."""
 
     low: Amount
-    """Least value."""
+    """Smallest value."""
     high: Amount
-    """Greatest value."""
+    """Largest value."""
 
-    def at(self, share: float) -> Amount:
-        """Returns the value at a share of the way, from 0 to 1."""
+    def at(self, fraction: float) -> Amount:
+        """Interpolate a value at a fraction from 0 to 1."""
         low, high = self.low, self.high
-        number = tidy(low.number + share * (high.number - low.number))
+        number = tidy(low.number + fraction * (high.number - low.number))
         return Amount(float(number), low.unit, low.factor, low.base)
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """Something that a study varies."""
+    """Quantity that a study varies."""
 
     name: str
-    """What the user calls it."""
+    """Name as the user gave it."""
     targets: tuple[Target, ...]
-    """What it changes, all together."""
+    """Values of files that it changes together."""
     levels: tuple[Level, ...]
-    """Its values; empty where it has a span."""
+    """Values to try; empty for a span."""
     span: Span | None
-    """Its range where that has no steps."""
+    """Range to sample; None for given values."""
     place: Place
-    """Where the study file has it."""
+    """Place of the parameter in the study file."""
 
     @property
     def unit(self) -> str:
-        """Unit of its numbers; nothing where they are plain or where it is text."""
+        """Unit of its numbers; empty for plain numbers and texts."""
         if self.span is not None:
             return self.span.low.unit
         first = self.levels[0]
@@ -115,47 +115,47 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Sampling:
-    """How points are spread over the ranges without steps."""
+    """Sampling of ranges."""
 
     method: SamplingMethod
-    """latin_hypercube or halton."""
+    """Method: latin_hypercube or halton."""
     count: int
-    """How many points."""
+    """Number of points."""
     seed: int
-    """Seed of the spread."""
+    """Random seed."""
 
 
 @dataclass(frozen=True)
 class Objective:
-    """What is to become small or large."""
+    """Quantity to minimise or maximise."""
 
     name: str
-    """As in study files."""
+    """Name in study files."""
     title: str
-    """As tables and figures call it."""
+    """Name in tables and figures."""
     sense: Sense
-    """Which way is better."""
+    """Direction: minimise or maximise."""
     unit: str
     """SI unit."""
     shown_unit: str
     """Unit in tables and figures."""
     shown_factor: float
-    """Shown numbers are SI numbers times this."""
+    """Factor from SI units to shown units."""
     digits: int
-    """Digits after the point of shown numbers: what looks alike counts as alike."""
+    """Decimal places of shown numbers; values that look equal count as equal."""
 
     def cost(self, value: float) -> float:
-        """Returns a number that is the smaller the better, in whole steps."""
+        """Compute a cost to minimise, in whole steps."""
         steps = round(value / self.step)
         return (steps if self.sense == "minimise" else -steps) * self.step
 
     def shown(self, value: float | None) -> str:
-        """Returns a value as tables show it, without its unit."""
+        """Format a value for tables, without its unit."""
         return "–" if value is None else f"{value * self.shown_factor:.{self.digits}f}"
 
     @property
     def step(self) -> float:
-        """The least difference that shows [SI]: nobody builds a cell by a smaller one, and proofs are no finer."""
+        """Smallest shown difference [SI]; finer differences are irrelevant to a layout."""
         return float(10.0**-self.digits / self.shown_factor)
 
     @property
@@ -173,41 +173,41 @@ OBJECTIVES: Mapping[str, Objective] = {
         Objective("travel", "joint travel", "minimise", "rad", "rad", 1.0, 2),
     )
 }
-"""What a study can be asked to improve, by the names in study files."""
+"""Objectives of studies, by their names in study files."""
 
 
 @dataclass(frozen=True)
 class StudyTasks:
-    """A task file of a study."""
+    """Task file of a study."""
 
     path: Path
-    """Where it is."""
+    """Path of the file."""
     name: str
-    """What the user would call it."""
+    """Name for users."""
 
 
 @dataclass(frozen=True)
 class Study:
-    """What is varied, over which values, and what is to become good."""
+    """Layout study: jobs, parameters, objectives and sampling."""
 
     name: str
-    """The study file, as the user names it."""
+    """Study file, as the user names it."""
     tasks: tuple[StudyTasks, ...]
-    """The jobs; every point is planned for all of them."""
+    """Jobs; every point is planned for all of them."""
     parameters: tuple[Parameter, ...]
-    """What is varied."""
+    """Quantities to vary."""
     objectives: tuple[Objective, ...]
-    """What is to become good, most important first."""
+    """Objectives, most important first."""
     sampling: Sampling | None
-    """How ranges without steps are sampled; None where the file does not say."""
+    """Sampling of ranges; None for the default."""
     settings: Mapping[str, str | int] = field(default_factory=dict)
-    """Settings of planning that the file gives, by the names of PlanSettings."""
+    """Planner settings from the file, by the names of PlanSettings."""
     setting_places: Mapping[str, Place] = field(default_factory=dict)
-    """Where the file gives them."""
+    """Places of these settings in the file."""
     inputs: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of the study file and of all files of the jobs."""
 
 
 def tidy(number: float) -> float:
-    """Returns a computed number as people would write it: to twelve digits; 0 has no sign."""
+    """Round a computed number to twelve digits; 0 gets no sign."""
     return float(f"{number:.{DIGITS}g}") + 0.0

@@ -1,4 +1,4 @@
-"""Points that two robots have touched, as values."""
+"""Touch points: points that two robots have touched, as data."""
 
 from __future__ import annotations
 
@@ -9,58 +9,58 @@ from dualarm_cli.model.robot import Robot
 from dualarm_cli.records import dataclass
 
 Fitted = Literal["tool", "base_height"]
-"""What may be unknown of a robot besides where it stands."""
+"""Unknown quantities of a robot in addition to its base pose."""
 
 
 @dataclass(frozen=True)
 class TouchSide:
-    """What one robot has to say of n points."""
+    """Measurements of one robot at n points."""
 
     robot: Robot | None
-    """The robot; None where its points are given as coordinates only."""
+    """Robot; None if its points are only given as coordinates."""
     tcp: FloatArray
-    """Tip of its tool in the flange frame [m], shape (3,)."""
+    """Tool tip in the flange frame [m], shape (3,)."""
     joints: FloatArray
-    """Joint readings in the arm's order [rad], NaN where a point has none, shape (n, k)."""
+    """Joint readings [rad], NaN for points without, shape (n, k)."""
     xyz: FloatArray
-    """Coordinates in its base frame [m], NaN where a point has none, shape (n, 3)."""
+    """Coordinates in the base frame [m], NaN for points without, shape (n, 3)."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("tcp", "joints", "xyz"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
     @property
     def read(self) -> BoolArray:
-        """Which points have joint readings, shape (n,)."""
-        found: BoolArray = (self.joints == self.joints).all(axis=1) & (self.joints.shape[1] > 0)
-        return found
+        """Mask of points with joint readings, shape (n,)."""
+        mask: BoolArray = (self.joints == self.joints).all(axis=1) & (self.joints.shape[1] > 0)
+        return mask
 
     @property
     def measured(self) -> BoolArray:
-        """Which points have coordinates, shape (n,)."""
-        found: BoolArray = (self.xyz == self.xyz).all(axis=1)
-        return found
+        """Mask of points with coordinates, shape (n,)."""
+        mask: BoolArray = (self.xyz == self.xyz).all(axis=1)
+        return mask
 
 
 @dataclass(frozen=True)
 class Touches:
-    """n points, each touched by both robots."""
+    """Points that both robots touched."""
 
     names: tuple[str, ...]
-    """What the points are called."""
+    """Names of the n points."""
     left: TouchSide
-    """The left robot's."""
+    """Measurements of the left robot."""
     right: TouchSide
-    """The right robot's."""
+    """Measurements of the right robot."""
     noise: float | None
-    """Standard deviation of each coordinate of a touched point [m]; None where it is not known."""
+    """Standard deviation of each measured coordinate [m], or None."""
     origin: int
-    """Which of the first three points is the origin of the frame method."""
+    """Index of the frame method's origin among the first three points."""
     fit: tuple[Fitted, ...]
-    """What is found along with the transform."""
+    """Unknowns to estimate along with the transform."""
 
     @property
     def sides(self) -> dict[str, TouchSide]:
-        """Both robots', left before right."""
+        """Measurements of both robots, left before right."""
         return {"left": self.left, "right": self.right}

@@ -1,4 +1,4 @@
-"""Motion in time: knots between which every joint's jerk is constant."""
+"""Trajectory: knots between which every joint's jerk is constant."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Joint motion q(t) given by knots; jerk is constant between knots.
+    """Joint motion q(t) with constant jerk between knots.
 
-    Two knots at one time are a jump of acceleration (a joint without a jerk limit). The constructor checks shapes only:
-    a trajectory that came out of somebody's file may be defective, and its defects are for the
-    verifier to find.
+    Two knots at one time are a jump of acceleration (a joint without a jerk limit). The constructor only checks shapes:
+    a trajectory from a user's file may violate limits, which the verifier reports.
     """
 
     joints: tuple[str, ...]
@@ -32,7 +31,7 @@ class Trajectory:
     """Joint accelerations at the knots [rad/s²], shape (k, n)."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays.
+        """Freeze the arrays.
 
         Raises:
             ValueError: there is no knot, or the shapes do not fit together.
@@ -53,17 +52,17 @@ class Trajectory:
 
     @cached_property
     def jerk(self) -> FloatArray:
-        """Jerk of each interval [rad/s³], shape (k-1, n); zero where time stands."""
+        """Jerk of each interval [rad/s³], shape (k-1, n); zero for intervals without length."""
         step = np.diff(self.time)[:, None]
         change = np.diff(self.acceleration, axis=0)
-        found = np.divide(change, step, out=change, where=step > 0)
-        found[~(step[:, 0] > 0)] = 0.0
-        return frozen(found)
+        jerk = np.divide(change, step, out=change, where=step > 0)
+        jerk[~(step[:, 0] > 0)] = 0.0
+        return frozen(jerk)
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Returns position, velocity and acceleration at the given times, each of shape (m, n).
+        """Evaluate position, velocity and acceleration, each of shape (m, n).
 
-        Times outside the knots are held at the ends. At a double knot the later one counts.
+        Times outside the knots are held at the ends. At a double knot the later one is used.
 
         Args:
             time: instants [s], shape (m,).
@@ -72,7 +71,7 @@ class Trajectory:
         index = np.searchsorted(self.time, time, side="right") - 1
         dt = (time - self.time[index])[:, None]
         q, v, a = self.position[index], self.velocity[index], self.acceleration[index]
-        # At the last knot no time passes, so the interval before it may stand for the one behind it.
+        # At the last knot no time passes, so that the jerk before it may stand for the one after it.
         jerk = (
             self.jerk[np.minimum(index, max(self.time.size - 2, 0))] if self.time.size > 1 else 0.0
         )
@@ -83,7 +82,7 @@ class Trajectory:
         )
 
     def select(self, joints: Sequence[str]) -> Trajectory:
-        """Returns the motion of some of the joints, in the order given."""
+        """Select the motion of some joints, in the order given."""
         index = [self.joints.index(joint) for joint in joints]
         return Trajectory(
             tuple(joints),

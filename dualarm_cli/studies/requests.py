@@ -62,7 +62,7 @@ def point_requests(study: Study, point: Point) -> list[Request]:
         for parameter, level in zip(study.parameters, point, strict=True):
             for target in parameter.targets:
                 value = new_value(target, k, level)
-                if not _same(target.found[k], value):
+                if not _same(target.present[k], value):
                     overrides[target.keys[k]] = value
         requests.append(_request(study, k, overrides))
     return requests
@@ -81,7 +81,7 @@ def new_value(target: Target, job: int, level: Level) -> float | str | bool:
         job: number of the task file.
         level: what the parameter is.
     """
-    found = target.found[job]
+    found = target.present[job]
     if not isinstance(level, Amount):
         return level
     if target.apply == "set" or not isinstance(found, Amount):

@@ -251,7 +251,7 @@ def test_the_part_is_held_at_a_pose_or_follows_a_way(seam: Path, change: Change)
         "hold: {way: {through: [{xyz: [0.5, 0, 1], rpy: [0, 0, 0]}, {xyz: [0.5, 0.4, 1]}]}}",
     )
     hold = loaded().hold
-    assert hold.way is not None
+    assert hold.part_path is not None
     assert hold.at(np.array([0.5]))[1][0] == pytest.approx([0.5, 0.2, 1.0])
     assert not hold.stands
 

@@ -86,7 +86,7 @@ def test_targets_move_together_and_are_resolved_to_pointers(study) -> None:
         ("cell:/frames/bin.slot/xyz/2",),
     ]
     assert [t.apply for t in parameter.targets] == ["shift", "set"]
-    assert [t.found[0].si for t in parameter.targets if t.found[0]] == [0.6, 0]
+    assert [t.present[0].si for t in parameter.targets if t.present[0]] == [0.6, 0]
 
 
 def test_what_is_not_said_has_a_default(study) -> None:

@@ -71,7 +71,7 @@ def test_a_part_stands_still_or_follows_a_way_at_the_seam_s_share():
     assert np.array_equal(R, [pose.rotation] * 2)
     assert p.tolist() == [[0.5, 0.0, 1.0]] * 2
     end = pin.SE3(pose.rotation, pose.translation + np.array([0.0, 0.4, 0.0]))
-    moves = Hold(way=ToolPath((Line(pose, end),)))
+    moves = Hold(part_path=ToolPath((Line(pose, end),)))
     R, p = moves.at(np.array([0.25, 1.0]))
     assert p == pytest.approx(np.array([[0.5, 0.1, 1.0], [0.5, 0.4, 1.0]]))
     assert (still.given, still.stands, moves.given, moves.stands) == (True, True, True, False)

@@ -132,7 +132,7 @@ def test_still_parts_stand_and_given_ways_are_followed(cells, make):
     part, _ = make.by_pinocchio(cell, work, still[20])
     angle, up = np.radians(30.0), np.array([0.0, 0.0, 1.0])
     way = ToolPath((Turn(part, part.translation, up, angle, angle * up),))
-    given = make.problem_on(cell, replace(work, hold=Hold(way=way)), samples=200)
+    given = make.problem_on(cell, replace(work, hold=Hold(part_path=way)), samples=200)
     starts = seam_starts(given)
     assert starts.failure is None
     found = improved(given, starts.position[0], standing_joints(given, moving=True), 6)

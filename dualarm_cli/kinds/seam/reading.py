@@ -150,7 +150,7 @@ class SeamReader:
             if way is not None and way.corners:
                 self._reader.note((*loc, "way"), CORNERS)
                 return None
-            return None if way is None else Hold(way=way)
+            return None if way is None else Hold(part_path=way)
         pose = self._curves.placed(section, loc)
         return None if pose is None else Hold(pose=pose)
 

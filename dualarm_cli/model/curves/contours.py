@@ -1,4 +1,4 @@
-"""Contours of feature curves: where pipes and spheres meet, ellipses, lines."""
+"""Contours of feature curves: intersections of pipes and spheres, ellipses, lines."""
 
 from __future__ import annotations
 
@@ -11,72 +11,72 @@ from dualarm_cli.geometry.elementary import cos, cube, power, sin
 from dualarm_cli.records import dataclass
 
 NODES = 2049
-"""Nodes at which contours are measured."""
+"""Number of nodes at which contours are measured."""
 EVEN = readonly(np.linspace(0.0, 1.0, NODES))
 """Nodes of a contour that is equally smooth everywhere."""
 
 
 class Contour(Protocol):
-    """A smooth curve on a surface, by a parameter from 0 to 1."""
+    """Smooth curve on a surface, with a parameter from 0 to 1."""
 
     def point(self, t: FloatArray) -> FloatArray:
-        """Returns points (k, 3) [m] at parameters (k,)."""
+        """Compute points (k, 3) [m] at parameters (k,)."""
 
     def rate(self, t: FloatArray) -> FloatArray:
-        """Returns their derivatives by the parameter (k, 3) [m]."""
+        """Compute first derivatives by the parameter (k, 3) [m]."""
 
     def second(self, t: FloatArray) -> FloatArray:
-        """Returns their second derivatives by the parameter (k, 3) [m]."""
+        """Compute second derivatives by the parameter (k, 3) [m]."""
 
     def third_bound(self, t: FloatArray, half: FloatArray) -> FloatArray:
-        """Returns what the third derivative's length does not exceed (k,) [m] within `half` (k,) of parameters (k,)."""
+        """Bound the norm of the third derivative within `half` of parameters (k,) [m]."""
 
     @property
     def nodes(self) -> FloatArray:
-        """Parameters from 0 to 1 between which it is smooth, close enough to measure it."""
+        """Parameters from 0 to 1 between which the curve is smooth."""
 
     def normal(self, t: FloatArray) -> FloatArray:
-        """Returns vectors (k, 3) that point out of the surface there, of any length."""
+        """Compute outward vectors of the surface (k, 3), of any length."""
 
 
 @dataclass(frozen=True)
 class _Branch:
-    """A branch pipe that meets another body."""
+    """Branch pipe that intersects another body."""
 
     main_radius: float
     """Radius of the other body, R [m]."""
     branch_radius: float
     """Radius of the branch pipe, r [m]."""
     angle: float
-    """Turn of the branch pipe's axis, alpha [rad]."""
+    """Angle of the branch pipe's axis, alpha [rad]."""
     eccentricity: float
     """Distance of its axis from the other body's axis or centre, e [m]."""
     start: float
-    """Angle about the branch pipe where the contour begins, beta [rad]."""
+    """Angle about the branch pipe at the start, beta [rad]."""
     end: float
-    """Angle about the branch pipe where it ends [rad]; below the start it goes the other way round."""
+    """Angle about the branch pipe at the end [rad]; below the start the direction reverses."""
 
     def _beta(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns cosine and sine of the angle about the branch pipe."""
+        """Compute cosine and sine of the angle about the branch pipe."""
         beta = self.start + t * (self.end - self.start)
         return cos(beta), sin(beta)
 
     @property
     def nodes(self) -> FloatArray:
-        """Even ones."""
+        """Nodes at equal steps."""
         return EVEN
 
 
 @dataclass(frozen=True)
 class Saddle(_Branch):
-    """Where a branch pipe meets a main pipe: [Qin2024] Eq. 12.
+    """Intersection of a branch pipe with a main pipe: [Qin2024] Eq. 12.
 
     The main pipe's axis is z. The branch pipe's frame is shifted by the eccentricity along y, then turned about y, so
     that its axis leans from z towards x; the normal is the main pipe's. r is at most R less the eccentricity.
     """
 
     def point(self, t: FloatArray) -> FloatArray:
-        """Returns points (k, 3) [m] at parameters (k,)."""
+        """Compute points (k, 3) [m] at parameters (k,)."""
         c, s = self._beta(t)
         ca, sa = cos(self.angle), sin(self.angle)
         y = self.branch_radius * s + self.eccentricity
@@ -87,18 +87,18 @@ class Saddle(_Branch):
         return np.stack([x, y, z], axis=-1)
 
     def rate(self, t: FloatArray) -> FloatArray:
-        """Returns their derivatives by the parameter (k, 3) [m]."""
+        """Compute first derivatives by the parameter (k, 3) [m]."""
         c, s = self._beta(t)
         r, ca, sa = self.branch_radius, cos(self.angle), sin(self.angle)
         y = r * s + self.eccentricity
         dy = r * c
         dx = -y * dy / np.sqrt(np.square(self.main_radius) - np.square(y))
         dz = r * s * sa + (dx + r * s * ca) / sa * ca
-        found: FloatArray = np.stack([dx, dy, dz], axis=-1) * (self.end - self.start)
-        return found
+        derivative: FloatArray = np.stack([dx, dy, dz], axis=-1) * (self.end - self.start)
+        return derivative
 
     def second(self, t: FloatArray) -> FloatArray:
-        """Returns their second derivatives by the parameter (k, 3) [m]."""
+        """Compute second derivatives by the parameter (k, 3) [m]."""
         c, s = self._beta(t)
         r, sa = self.branch_radius, sin(self.angle)
         y = r * s + self.eccentricity
@@ -106,11 +106,13 @@ class Saddle(_Branch):
         ddx = y / x * r * s - np.square(self.main_radius) * np.square(r * c) / cube(x)
         # z is x cot alpha - r cos beta / sin alpha.
         ddz = (ddx * cos(self.angle) + r * c) / sa
-        found: FloatArray = np.stack([ddx, -r * s, ddz], axis=-1) * np.square(self.end - self.start)
-        return found
+        derivative: FloatArray = np.stack([ddx, -r * s, ddz], axis=-1) * np.square(
+            self.end - self.start
+        )
+        return derivative
 
     def third_bound(self, t: FloatArray, half: FloatArray) -> FloatArray:
-        """Returns what the third derivative's length does not exceed (k,) [m] within `half` (k,) of parameters (k,).
+        """Bound the norm of the third derivative within `half` of parameters (k,) [m].
 
         x = f(y) with f(y)² = R² - y² and y' = r cos beta, so that x''' = f''' y'³ + 3 f'' y' y'' + f' y'''.
         """
@@ -123,18 +125,20 @@ class Saddle(_Branch):
         dddx = 3.0 * np.square(R) * y * cube(r * cosine) / power(x, 5)
         dddx = dddx + 3.0 * np.square(R) * np.square(r) * cosine / cube(x) + y * r * cosine / x
         dddz = (dddx * abs(cos(self.angle)) + r) / abs(sin(self.angle))
-        found: FloatArray = np.sqrt(np.square(dddx) + np.square(r) + np.square(dddz)) * cube(turn)
-        return found
+        bound: FloatArray = np.sqrt(np.square(dddx) + np.square(r) + np.square(dddz)) * cube(turn)
+        return bound
 
     def normal(self, t: FloatArray) -> FloatArray:
-        """Returns the main pipe's outward normals (k, 3)."""
-        found: FloatArray = self.point(t) * np.array([1.0, 1.0, 0.0])
-        return found
+        """Compute the main pipe's outward normals (k, 3)."""
+        outward: FloatArray = self.point(t) * np.array([1.0, 1.0, 0.0])
+        return outward
 
 
 @dataclass(frozen=True)
 class SphereArc(_Branch):
-    """Where a branch pipe meets a sphere: [Qin2024] Eq. 11, with the sphere in place of its third coordinate.
+    """Intersection of a branch pipe with a sphere: [Qin2024] Eq. 11.
+
+    The sphere's equation replaces the third coordinate there.
 
     The pipe's frame is shifted by the eccentricity along x, then turned about x; with no eccentricity it is a circle.
     """
@@ -144,7 +148,7 @@ class SphereArc(_Branch):
         return np.stack([x, y * ca - z * sa, y * sa + z * ca], axis=-1)
 
     def point(self, t: FloatArray) -> FloatArray:
-        """Returns points (k, 3) [m] at parameters (k,)."""
+        """Compute points (k, 3) [m] at parameters (k,)."""
         c, s = self._beta(t)
         x, y = self.branch_radius * c + self.eccentricity, self.branch_radius * s
         return self._turned(
@@ -152,26 +156,28 @@ class SphereArc(_Branch):
         )
 
     def rate(self, t: FloatArray) -> FloatArray:
-        """Returns their derivatives by the parameter (k, 3) [m]."""
+        """Compute first derivatives by the parameter (k, 3) [m]."""
         c, s = self._beta(t)
         x, y = self.branch_radius * c + self.eccentricity, self.branch_radius * s
         dx, dy = -self.branch_radius * s, self.branch_radius * c
         dz = -(x * dx + y * dy) / np.sqrt(np.square(self.main_radius) - np.square(x) - np.square(y))
-        found: FloatArray = self._turned(dx, dy, dz) * (self.end - self.start)
-        return found
+        derivative: FloatArray = self._turned(dx, dy, dz) * (self.end - self.start)
+        return derivative
 
     def second(self, t: FloatArray) -> FloatArray:
-        """Returns their second derivatives by the parameter (k, 3) [m]."""
+        """Compute second derivatives by the parameter (k, 3) [m]."""
         c, s = self._beta(t)
         r, e = self.branch_radius, self.eccentricity
         z = np.sqrt(np.square(self.main_radius) - np.square(r) - np.square(e) - 2.0 * r * e * c)
         # z² = R² - r² - e² - 2 r e cos beta, so that z' = r e sin beta / z.
         ddz = r * e * c / z - np.square(r * e * s) / cube(z)
-        found: FloatArray = self._turned(-r * c, -r * s, ddz) * np.square(self.end - self.start)
-        return found
+        derivative: FloatArray = self._turned(-r * c, -r * s, ddz) * np.square(
+            self.end - self.start
+        )
+        return derivative
 
     def third_bound(self, t: FloatArray, half: FloatArray) -> FloatArray:
-        """Returns what the third derivative's length does not exceed (k,) [m] within `half` (k,) of parameters (k,).
+        """Bound the norm of the third derivative within `half` of parameters (k,) [m].
 
         With q = z²: z''' = q''' / 2z - 3 q' q'' / 4z³ + 3 q'³ / 8z⁵.
         """
@@ -192,55 +198,55 @@ class SphereArc(_Branch):
             + 3.0 * np.square(r * e) * sine / cube(z)
             + 3.0 * cube(r * e * sine) / power(z, 5)
         )
-        found: FloatArray = np.hypot(r, dddz) * cube(turn)
-        return found
+        bound: FloatArray = np.hypot(r, dddz) * cube(turn)
+        return bound
 
     def normal(self, t: FloatArray) -> FloatArray:
-        """Returns the sphere's outward normals (k, 3)."""
+        """Compute the sphere's outward normals (k, 3)."""
         return self.point(t)
 
 
 @dataclass(frozen=True)
 class Ellipse:
-    """An ellipse, or a circle, about the origin in the plane z = 0."""
+    """Ellipse or circle about the origin in the plane z = 0."""
 
     semi_axes: tuple[float, float]
-    """Along x and y [m]."""
+    """Semi-axes along x and y [m]."""
     start: float
-    """Its own angle where it begins [rad]: x = a cos, y = b sin."""
+    """Parametric angle at the start [rad]: x = a cos, y = b sin."""
     end: float
-    """Its own angle where it ends [rad]."""
+    """Parametric angle at the end [rad]."""
     outward: bool = False
-    """Whether the tool comes from outside, in the plane; else from above, along z."""
+    """Whether normals are in the plane and point outwards; otherwise they are along z."""
 
     def point(self, t: FloatArray) -> FloatArray:
-        """Returns points (k, 3) [m] at parameters (k,)."""
+        """Compute points (k, 3) [m] at parameters (k,)."""
         u = self.start + t * (self.end - self.start)
         a, b = self.semi_axes
         return np.stack([a * cos(u), b * sin(u), np.zeros_like(u)], axis=-1)
 
     def rate(self, t: FloatArray) -> FloatArray:
-        """Returns their derivatives by the parameter (k, 3) [m]."""
+        """Compute first derivatives by the parameter (k, 3) [m]."""
         u = self.start + t * (self.end - self.start)
         a, b = self.semi_axes
-        found: FloatArray = np.stack([-a * sin(u), b * cos(u), np.zeros_like(u)], axis=-1)
-        return found * (self.end - self.start)
+        derivative: FloatArray = np.stack([-a * sin(u), b * cos(u), np.zeros_like(u)], axis=-1)
+        return derivative * (self.end - self.start)
 
     def second(self, t: FloatArray) -> FloatArray:
-        """Returns their second derivatives by the parameter (k, 3) [m]."""
+        """Compute second derivatives by the parameter (k, 3) [m]."""
         return -self.point(t) * np.square(self.end - self.start)
 
     def third_bound(self, t: FloatArray, half: FloatArray) -> FloatArray:
-        """Returns what the third derivative's length does not exceed (k,) [m] anywhere."""
+        """Bound the norm of the third derivative anywhere (k,) [m]."""
         return np.full(len(t), max(self.semi_axes) * cube(abs(self.end - self.start)))
 
     @property
     def nodes(self) -> FloatArray:
-        """Even ones."""
+        """Nodes at equal steps."""
         return EVEN
 
     def normal(self, t: FloatArray) -> FloatArray:
-        """Returns z, or in the plane what points away from the ellipse, (k, 3)."""
+        """Compute normals (k, 3): along z, or outwards in the plane."""
         if not self.outward:
             return np.tile([0.0, 0.0, 1.0], (len(t), 1))
         x, y, z = self.point(t).T
@@ -250,42 +256,42 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class LineContour:
-    """A straight line."""
+    """Straight line."""
 
     start: FloatArray
-    """Where it begins [m], shape (3,)."""
+    """Start point [m], shape (3,)."""
     end: FloatArray
-    """Where it ends [m], shape (3,)."""
+    """End point [m], shape (3,)."""
     up: FloatArray
-    """Out of the surface, not along the line, shape (3,)."""
+    """Outward vector of the surface, not parallel to the line, shape (3,)."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("start", "end", "up"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
     def point(self, t: FloatArray) -> FloatArray:
-        """Returns points (k, 3) [m] at parameters (k,)."""
-        found: FloatArray = self.start + t[:, None] * (self.end - self.start)
-        return found
+        """Compute points (k, 3) [m] at parameters (k,)."""
+        points: FloatArray = self.start + t[:, None] * (self.end - self.start)
+        return points
 
     def rate(self, t: FloatArray) -> FloatArray:
-        """Returns their derivatives by the parameter (k, 3) [m]."""
+        """Compute first derivatives by the parameter (k, 3) [m]."""
         return np.tile(self.end - self.start, (len(t), 1))
 
     def second(self, t: FloatArray) -> FloatArray:
-        """Returns zeros (k, 3)."""
+        """Return zeros (k, 3)."""
         return np.zeros((len(t), 3))
 
     def third_bound(self, t: FloatArray, half: FloatArray) -> FloatArray:
-        """Returns zeros (k,)."""
+        """Return zeros (k,)."""
         return np.zeros(len(t))
 
     @property
     def nodes(self) -> FloatArray:
-        """Even ones."""
+        """Nodes at equal steps."""
         return EVEN
 
     def normal(self, t: FloatArray) -> FloatArray:
-        """Returns the surface's normal (k, 3)."""
+        """Return the surface's normal (k, 3)."""
         return np.tile(self.up, (len(t), 1))

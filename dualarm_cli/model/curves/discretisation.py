@@ -1,4 +1,4 @@
-"""Curves as a controller needs them: points at equal steps of the length, and how good they are."""
+"""Discretisation of curves for controllers: points at equal lengths, and their accuracy."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class DiscretisationSettings:
-    """Resolution of curves."""
+    """Resolution of discretised curves."""
 
     remainder: float = 1e-6
-    """Length below which the rest of a curve joins its last step [m]."""
+    """Remainder of a curve below which it joins the last step [m]."""
     inner: int = 16
-    """Equal parts of a step's parameter between which its distance from the chord is measured."""
+    """Subdivisions of a step at which chord errors are measured."""
     rounding: float = 1.0 + 1e-9
     """Factor on proven bounds that covers rounding."""
     cells: int = 16384
-    """Least number of stretches over which curvature is bounded."""
+    """Minimum number of cells over which curvature is bounded."""
     shortest_step: float = 2e-6
-    """Least step [m]."""
+    """Smallest step [m]."""
     most_points: int = 100_000
-    """Points of one curve."""
+    """Maximum number of points of one curve."""
 
 
 CURVE_STEPS = DiscretisationSettings()
@@ -41,48 +41,51 @@ class Points:
     """Points of a curve with their frames; the last step may be shorter."""
 
     step: float
-    """Length of a step as it should be: speed times interval [m]."""
+    """Nominal length of a step: speed times interval [m]."""
     parameter: FloatArray
-    """Of the contour, from 0 to 1, shape (k,)."""
+    """Parameters of the contour, from 0 to 1, shape (k,)."""
     R: FloatArray
-    """Frames in the part: x along the curve, z out of the surface, shape (k, 3, 3)."""
+    """Frames in the part: x along the curve, z outwards, shape (k, 3, 3)."""
     p: FloatArray
     """Points in the part [m], shape (k, 3)."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("parameter", "R", "p"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
 
 @dataclass(frozen=True)
 class Quality:
-    """How good points of a curve are; lengths are integrated anew, apart from what placed the points."""
+    """Accuracy of discretised points; lengths are integrated independently of their placement."""
 
     spacing_error: float
-    """Largest difference of a whole step's length along the curve from what it should be [m]."""
+    """Largest error of a whole step's length along the curve [m]."""
     speed_error: float
-    """The same as a share of the speed."""
+    """Largest error of a whole step's length as a fraction of the step."""
     drift: float
-    """How far the last whole step ends from where constant speed would be [m]."""
+    """Accumulated length error at the last whole step [m]."""
     last_step: float
     """Length of the last step, to the curve's end [m]."""
     chord_error: float
-    """Largest distance of the curve from the chord between neighbouring points, measured [m]."""
+    """Largest measured distance of the curve from a chord [m]."""
     chord_bound: float
-    """What no distance from a chord exceeds, proven [m]."""
+    """Proven bound of the distance from any chord [m]."""
     curvature_bound: float
-    """What the curvature does not exceed anywhere, proven [1/m]; infinite where it is too sharp to tell."""
+    """Proven bound of the curvature [1/m]; infinite at a corner."""
     turn: float
-    """Largest turn of the frame between neighbours [rad]."""
+    """Largest rotation between neighbouring frames [rad]."""
     least_dot: float
-    """Smallest cosine between an axis of a frame and the same one of the next: a flip would be below 0."""
+    """Smallest cosine between an axis and the neighbouring frame's; a flip is below 0."""
     lean: float
-    """Largest angle between a frame's x and the curve's direction [rad]: 0 unless the frames are given by a file."""
+    """Largest angle between x and the curve's direction [rad].
+
+    It is 0 unless a file gives the frames.
+    """
 
 
 def step_lengths(length: float, step: float) -> FloatArray:
-    """Returns the lengths along a curve at which its points are, whole steps and then the end, (k,) [m].
+    """Compute the lengths of a curve's points: whole steps, then the end, (k,) [m].
 
     Args:
         length: of the curve [m].
@@ -93,7 +96,7 @@ def step_lengths(length: float, step: float) -> FloatArray:
 
 
 def by_length(curve: MeasuredCurve, step: float) -> Points:
-    """Returns points at equal lengths along a curve, with a shorter last step to its end: the integral of Eq. 14.
+    """Place points at equal lengths with a shorter last step: the integral of Eq. 14.
 
     Args:
         curve: the curve.
@@ -105,40 +108,41 @@ def by_length(curve: MeasuredCurve, step: float) -> Points:
 
 
 def by_euler(curve: MeasuredCurve, step: float) -> Points:
-    """Returns points by the forward step that [Qin2024] prints, Eq. 14 to 17: theta + V T / |P'(theta)|.
+    """Place points by the Euler step of [Qin2024] Eq. 14 to 17.
 
-    What is printed stops at the last step that is not beyond the end; the end is added.
+    The step is theta + V T / |P'(theta)|. The printed algorithm stops at the last step before the end; here the end is
+    added.
 
     Args:
         curve: the curve.
         step: speed times interval, V T [m].
     """
-    found, theta = [0.0], 0.0
+    parameters, theta = [0.0], 0.0
     while True:
         rate = curve.contour.rate(np.array([theta]))[0]
         size = float(np.sqrt(product(rate, rate)))
         theta += step / size
         if theta > 1.0 - CURVE_STEPS.remainder / size:
             break
-        found.append(theta)
-    parameter = np.array([*found, 1.0])
+        parameters.append(theta)
+    parameter = np.array([*parameters, 1.0])
     return Points(step, parameter, *curve.at_parameter(parameter))
 
 
 def judge(curve: MeasuredCurve, points: Points) -> Quality:
-    """Returns how good points of a curve are.
+    """Measure and bound the accuracy of a curve's points.
 
     A step of length h along a curve whose curvature is at most kappa stays within kappa h² / 8 of its chord: the
     error of linear interpolation by the length, whose second derivative is the curvature. kappa is bounded on short
     cells from the contour's derivatives in closed form at their middle and a bound on the third derivative over the
-    cell. What max |P''| times the square of the parameter's step over 8 is holds too; the smaller one counts.
+    cell. max |P''| times the squared parameter step over 8 is a bound too; the smaller one is used.
 
     Args:
         curve: the curve.
         points: points on it.
     """
     contour, t = curve.contour, points.parameter
-    # Steps are cut into cells, so that there are enough of them on coarse steps too.
+    # Steps are cut into cells, so that coarse steps have enough of them, too.
     parts = -(-CURVE_STEPS.cells // (len(t) - 1))
     cells = np.linspace(t[:-1], t[1:], parts, endpoint=False, axis=1)
     edges = np.append(cells.ravel(), t[-1])
@@ -165,16 +169,19 @@ def judge(curve: MeasuredCurve, points: Points) -> Quality:
 
 
 def _cell_lengths(contour: Contour, edges: FloatArray) -> FloatArray:
-    """Returns the lengths of cells between parameters (k + 1,), by five-point Gauss-Legendre, (k,) [m]."""
+    """Integrate the lengths of cells between parameters (k + 1,), (k,) [m].
+
+    Five-point Gauss-Legendre quadrature.
+    """
     h = np.diff(edges)
     inner = edges[:-1, None] + h[:, None] * (0.5 + 0.5 * _NODES)
     speed = norm(contour.rate(inner.ravel()), axis=1).reshape(inner.shape)
-    found: FloatArray = h * product(speed, 0.5 * _WEIGHTS)
-    return found
+    lengths: FloatArray = h * product(speed, 0.5 * _WEIGHTS)
+    return lengths
 
 
 def _bounds(contour: Contour, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns what curvature [1/m] and second derivative [m] do not exceed on cells between parameters (k + 1,).
+    """Bound curvature [1/m] and second derivative [m] on cells between parameters (k + 1,).
 
     Over a cell of half width d around t: |P''| <= |P''(t)| + d T with T >= |P'''|; |P'| >= |P'(t)| - d max|P''|;
     |P' x P''| <= |P'(t) x P''(t)| + d T max|P'|; the curvature is |P' x P''| / |P'|³.
@@ -191,7 +198,7 @@ def _bounds(contour: Contour, edges: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def _chord_error(contour: Contour, t: FloatArray) -> float:
-    """Returns the largest distance of a curve from the chords between parameters (k,), measured at inner points [m]."""
+    """Measure the largest distance of a curve from its chords at inner points [m]."""
     p = contour.point(t)
     chord = np.diff(p, axis=0)
     chord /= norm(chord, axis=1)[:, None]

@@ -1,4 +1,4 @@
-"""Feature curves of parts, by the length along them; their frames never flip."""
+"""Feature curves of parts, by arc length; their frames never flip."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ from dualarm_cli.model.curves.tool_path import Poses
 from dualarm_cli.records import dataclass
 
 STANDS = 1e-9
-"""Share of a contour's largest speed by its parameter below which it stands still."""
+"""Relative speed by the parameter below which a contour stops."""
 SAME_PLACE = 1e-5
-"""Distance below which a curve through poses ends where it begins [m]."""
+"""Distance of the ends below which a curve through poses is closed [m]."""
 
 
 @dataclass(frozen=True)
 class MeasuredCurve(ABC):
-    """A curve on a part, by the length along it."""
+    """Curve on a part, by arc length."""
 
     contour: Contour
-    """The curve by a parameter, in a frame of its own."""
+    """Curve by a parameter, in its own frame."""
     T_part_curve: pin.SE3
-    """That frame in the part's."""
+    """Pose of the contour's frame in the part."""
 
     @cached_property
     def arc(self) -> ArcLength:
-        """Its length over the contour's parameter ([Qin2024] Eq. 14)."""
+        """Arc length over the contour's parameter ([Qin2024] Eq. 14)."""
         return ArcLength.refine(
             lambda t: np.asarray(norm(self.contour.rate(t), axis=1)), self.contour.nodes
         )
@@ -54,70 +54,71 @@ class MeasuredCurve(ABC):
         return self.arc.whole
 
     def at(self, s: FloatArray) -> Poses:
-        """Returns frames on the curve in the part's frame at lengths (k,) [m]."""
+        """Compute frames on the curve in the part's frame at lengths (k,) [m]."""
         return self.at_parameter(self.arc.at(np.clip(s, 0.0, self.length)))
 
     def at_parameter(self, t: FloatArray) -> Poses:
-        """Returns frames on the curve in the part's frame at the contour's parameters (k,)."""
+        """Compute frames on the curve in the part's frame at parameters (k,)."""
         T = self.T_part_curve
         return product(T.rotation, self.frames(t)), product(
             self.contour.point(t), T.rotation.T
         ) + T.translation
 
     def directions(self, s: FloatArray) -> FloatArray:
-        """Returns unit vectors (k, 3) along the curve in the part's frame at lengths (k,) [m].
+        """Compute unit tangents (k, 3) in the part's frame at lengths (k,) [m].
 
-        Frames that a file gives may have x elsewhere.
+        Frames from a file may have another x axis.
         """
         rate = self.contour.rate(self.arc.at(np.clip(s, 0.0, self.length)))
-        found: FloatArray = product(rate, self.T_part_curve.rotation.T)
-        return found / norm(found, axis=1)[:, None]
+        tangents: FloatArray = product(rate, self.T_part_curve.rotation.T)
+        return tangents / norm(tangents, axis=1)[:, None]
 
     @abstractmethod
     def frames(self, t: FloatArray) -> FloatArray:
-        """Returns rotations (k, 3, 3) in the contour's frame at its parameters (k,)."""
+        """Compute rotations (k, 3, 3) in the contour's frame at parameters (k,)."""
 
 
 @dataclass(frozen=True)
 class FeatureCurve(MeasuredCurve):
-    """A contour on a part with a frame: x along the curve, z out of the surface.
+    """Contour on a part, with frames: x along the curve, z outwards.
 
     z is the surface's normal made perpendicular to the curve; as both are smooth the frame never flips ([Qin2024]
     section 3.3, Fig. 8).
     """
 
     def frames(self, t: FloatArray) -> FloatArray:
-        """Returns rotations (k, 3, 3) in the contour's frame at its parameters (k,)."""
+        """Compute rotations (k, 3, 3) in the contour's frame at parameters (k,)."""
         return contour_frames(self.contour, t)
 
 
 @dataclass(frozen=True)
 class PoseCurve(MeasuredCurve):
-    """A smooth curve through frames that are given: C4 in position and in rotation, by the chords' lengths.
+    """Smooth curve through given frames, C4 in position and rotation.
 
-    Only the way counts as its length, not the turning. Rotations are quintics of their quaternions' entries.
+    Its parameter is chord length. Only the travelled distance counts as length, not the rotation. Rotations are
+    quintics of quaternion entries.
     """
 
     rotations: FloatArray
-    """At the contour's points, shape (k, 3, 3)."""
+    """Rotations at the contour's points, shape (k, 3, 3)."""
 
     def __post_init__(self) -> None:
-        """Freezes the array."""
+        """Freeze the array."""
         object.__setattr__(self, "rotations", readonly(self.rotations))
 
     @classmethod
     def through(cls, poses: Sequence[pin.SE3], T_part_curve: pin.SE3) -> PoseCurve:
-        """Returns the curve through frames, smooth also where it ends as it begins.
+        """Interpolate frames; a curve that ends at its start is closed smoothly.
 
         Args:
-            poses: two or more; neighbours stand at different places.
-            T_part_curve: what they are given in, in the part's frame.
+            poses: two or more; neighbours have different positions.
+            T_part_curve: frame of the poses, in the part's frame.
         """
         p = np.array([pose.translation for pose in poses])
         R = np.array([pose.rotation for pose in poses])
         closed = len(p) > 3 and float(norm(p[0] - p[-1])) < SAME_PLACE
         t, turned = chord_parameters(p), _quaternions(R)
-        # Rotations that are the same at both ends count as open ones all the same: their quaternions change signs.
+        # Equal rotations at both ends still count as open: their quaternions change signs.
         k = max(telling(t, p, closed=closed), telling(t, UNIT * turned, closed=False), key=len)
         return cls(PointSpline(p[k], R[k, :, 2], closed, t[k]), T_part_curve, R[k])
 
@@ -128,25 +129,25 @@ class PoseCurve(MeasuredCurve):
         sign = 1.0 if float(product(q[0], q[-1])) > 0.0 else -1.0
         if not self.contour.closed or np.abs(q[-1] - sign * q[0]).max() > SPLINE.same_normal:
             return quintic(knots, q, closed=False)
-        # Twice round, the quaternions are themselves again.
+        # After two rounds the quaternions repeat.
         twice = np.concatenate([q[:-1], sign * q[:-1], q[:1]])
         return quintic(np.concatenate([knots[:-1], 1.0 + knots]), twice, closed=True)
 
     def frames(self, t: FloatArray) -> FloatArray:
-        """Returns rotations (k, 3, 3) in the contour's frame at its parameters (k,)."""
+        """Compute rotations (k, 3, 3) in the contour's frame at parameters (k,)."""
         return from_quaternion(self._turning(t))  # type: ignore[operator]
 
 
 def _quaternions(R: FloatArray) -> FloatArray:
-    """Returns the unit quaternions (k, 4) of rotations (k, 3, 3), each the nearer one to its neighbour."""
+    """Convert rotations (k, 3, 3) to quaternions (k, 4) with continuous signs."""
     q = to_quaternion(R)
     turns = np.where((q[1:] * q[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
-    found: FloatArray = q * np.cumprod(np.append(1.0, turns))[:, None]
-    return found
+    quaternions: FloatArray = q * np.cumprod(np.append(1.0, turns))[:, None]
+    return quaternions
 
 
 def contour_frames(contour: Contour, t: FloatArray) -> FloatArray:
-    """Returns rotations (k, 3, 3) at parameters (k,): x along the curve, z out of the surface, y = z x x."""
+    """Compute frames (k, 3, 3): x along the curve, z outwards."""
     rate, normal = contour.rate(t), contour.normal(t)
     x = rate / norm(rate, axis=1)[:, None]
     z = normal - (normal * x).sum(axis=1)[:, None] * x
@@ -155,7 +156,10 @@ def contour_frames(contour: Contour, t: FloatArray) -> FloatArray:
 
 
 def least_lean(contour: Contour) -> float:
-    """Returns the least angle between a contour and its surface's normal [rad]: near 0 there is no frame."""
+    """Compute the least angle between a contour and its normal [rad].
+
+    Near 0 the frame is undefined.
+    """
     rate, normal = contour.rate(contour.nodes), contour.normal(contour.nodes)
     with np.errstate(invalid="ignore", divide="ignore"):
         sine = norm(np.cross(rate, normal), axis=1) / (norm(rate, axis=1) * norm(normal, axis=1))
@@ -163,22 +167,22 @@ def least_lean(contour: Contour) -> float:
 
 
 def sharpest_bend(contour: Contour) -> tuple[float, FloatArray]:
-    """Returns the largest turn of a contour's direction from node to node [rad], and where that is, shape (3,) [m].
+    """Find the largest change of direction between nodes [rad] and its point (3,) [m].
 
-    On a smooth contour it is small; where it is large the contour has a corner or turns back, and its frame flips.
+    On a smooth contour it is small. Where it is large the contour has a corner or turns back, and its frame flips.
     """
     rate = contour.rate(contour.nodes)
     turned = _angles(rate)
-    # Where the direction vanishes it does not follow from its neighbours': the contour stops there.
+    # Where the contour stops, its direction does not follow from its neighbours'.
     turned[norm(rate[1:], axis=1) < STANDS * norm(rate, axis=1).max()] = np.pi
     k = int(np.argmax(turned))
     return float(turned[k]), contour.point(contour.nodes[k + 1 : k + 2])[0]
 
 
 def sharpest_roll(contour: Contour) -> tuple[float, FloatArray]:
-    """Returns the largest turn of z of a contour's frames from node to node [rad], and where that is, shape (3,) [m].
+    """Find the largest rotation of z between nodes [rad] and its point (3,) [m].
 
-    Where it is large, normals that are given turn over between two points.
+    Where it is large, given normals flip between two points.
     """
     turned = _angles(contour_frames(contour, contour.nodes)[:, :, 2])
     k = int(np.argmax(turned))
@@ -186,6 +190,6 @@ def sharpest_roll(contour: Contour) -> tuple[float, FloatArray]:
 
 
 def _angles(v: FloatArray) -> FloatArray:
-    """Returns the angles between neighbouring vectors (k, 3), shape (k - 1,) [rad]."""
+    """Compute the angles between neighbouring vectors (k, 3), shape (k - 1,) [rad]."""
     sine = norm(np.cross(v[:-1], v[1:]), axis=1)
     return arctan2(sine, (v[:-1] * v[1:]).sum(axis=1))

@@ -1,4 +1,4 @@
-"""Tool paths: lines, arcs, turns and splines of a tool centre point, by the length travelled."""
+"""Tool paths: lines, arcs, turns and splines of a tool centre point, by length."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from dualarm_cli.model.curves.arc_length import ArcLength
 from dualarm_cli.records import dataclass
 
 TURN_LENGTH = 0.1
-"""Length that turning by one radian counts as [m]: what a tool that turns on the spot travels."""
+"""Length that stands for a rotation by one radian [m]."""
 
 
 @dataclass(frozen=True)
@@ -28,52 +28,57 @@ class ToolPathSettings:
     """Resolution and tolerances of tool paths."""
 
     same_direction: float = 1e-3
-    """Change of direction above which two pieces meet in a corner. Directions are per unit of length."""
+    """Change of direction above which two pieces meet in a corner, per length."""
     spline_nodes: int = 2048
-    """Points at which the length of a spline is measured."""
+    """Number of nodes at which the length of a spline is measured."""
     spacing: float = 0.3
-    """Spacing of the first and the last three control points of a rounded corner. It is a share of the corner's reach.
-    Of all quintics whose curvature begins and ends at zero, this one has nearly the widest bend for how far it leaves
-    the corner."""
+    """Spacing of a rounded corner's outer control points, per reach.
+
+    Of all quintics whose curvature begins and ends at zero, this one has nearly the widest bend for its distance from
+    the corner.
+    """
     shortest_rest: float = 1e-9
-    """Share of a straight piece between two rounded corners that counts as nothing."""
+    """Relative length below which the rest of a straight piece is omitted."""
     rounded_nodes: int = 33
-    """Points with which measuring the length of a rounded corner begins."""
+    """Initial number of nodes for the length of a rounded corner."""
 
 
 TOOL_PATH = ToolPathSettings()
 
 
 APEX = (16.0 - 25.0 * TOOL_PATH.spacing) / 32.0
-"""How far such a curve leaves its corner, in its reach times the difference of both directions: its middle."""
+"""Distance of a rounded corner's middle, per reach and difference of directions."""
 SHARPEST = cos(np.deg2rad(135.0))
-"""Cosine of the largest change of direction that is rounded; beyond it the bend is tighter than a stop is slow."""
+"""Cosine of the largest change of direction that is rounded.
+
+At sharper corners a stop is as fast.
+"""
 QUINTIC = np.array([comb(5, k) for k in range(6)], dtype=np.float64)
-"""Binomial coefficients of its Bernstein polynomials."""
+"""Binomial coefficients of quintic Bernstein polynomials."""
 
 Poses = tuple[FloatArray, FloatArray]
 """Rotations (k, 3, 3) and positions (k, 3) [m] in the world."""
 
 
 class Piece(Protocol):
-    """A smooth stretch of a path."""
+    """Smooth piece of a path."""
 
     @property
     def length(self) -> float:
-        """Length [m]: the tool centre point's way, or TURN_LENGTH per radian of turning where that is more."""
+        """Length [m]: the larger of distance and TURN_LENGTH times rotation."""
 
     def at(self, s: FloatArray) -> Poses:
-        """Returns poses at lengths s (k,) [m], 0 to `length`."""
+        """Compute poses at lengths s (k,) [m], 0 to `length`."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """A straight way; the tool turns about one axis, in proportion to the way."""
+    """Straight line with rotation about one axis in proportion to the length."""
 
     start: pin.SE3
-    """Pose at its start."""
+    """Pose at the start."""
     end: pin.SE3
-    """Pose at its end."""
+    """Pose at the end."""
 
     @cached_property
     def _turn(self) -> FloatArray:
@@ -82,48 +87,48 @@ class Line:
     @cached_property
     def length(self) -> float:
         """Length [m]."""
-        way = float(norm(self.end.translation - self.start.translation))
-        return max(way, TURN_LENGTH * float(norm(self._turn)))
+        distance = float(norm(self.end.translation - self.start.translation))
+        return max(distance, TURN_LENGTH * float(norm(self._turn)))
 
     def at(self, s: FloatArray) -> Poses:
-        """Returns poses at lengths s (k,) [m]."""
-        share = (s / self.length)[:, None] if self.length else np.zeros((len(s), 1))
-        way = self.end.translation - self.start.translation
-        R = product(self.start.rotation, exp_rotation(share * self._turn))
-        return R, self.start.translation + share * way
+        """Compute poses at lengths s (k,) [m]."""
+        fraction = (s / self.length)[:, None] if self.length else np.zeros((len(s), 1))
+        offset = self.end.translation - self.start.translation
+        R = product(self.start.rotation, exp_rotation(fraction * self._turn))
+        return R, self.start.translation + fraction * offset
 
     def part(self, first: float, last: float) -> Line:
-        """Returns what lies between two lengths [m]."""
+        """Cut the line at two lengths [m]."""
         R, p = self.at(np.array([first, last]))
         return Line(pin.SE3(R[0], p[0]), pin.SE3(R[1], p[1]))
 
     @property
     def direction(self) -> FloatArray:
-        """Way in the world and turning in the tool's frame, per length, shape (6,)."""
-        way = self.end.translation - self.start.translation
-        return np.concatenate([way, self._turn]) / self.length
+        """Translation in the world and rotation in the tool, per length, shape (6,)."""
+        offset = self.end.translation - self.start.translation
+        return np.concatenate([offset, self._turn]) / self.length
 
 
 @dataclass(frozen=True)
 class Turn:
-    """A turn about a fixed axis: the tool centre point goes on a circle, the tool turns along or keeps its rotation.
+    """Rotation about a fixed axis: the tool centre point moves on a circle.
 
-    Arcs are turns too, with a rotation of their own from start to end.
+    The tool rotates along, keeps its rotation, or (as in arcs) has a rotation of its own.
     """
 
     start: pin.SE3
-    """Pose at its start."""
+    """Pose at the start."""
     about: FloatArray
-    """A point of the axis in the world [m], shape (3,)."""
+    """Point on the axis in the world [m], shape (3,)."""
     axis: FloatArray
     """Unit vector along the axis in the world, shape (3,)."""
     angle: float
-    """By how much it turns [rad], positive by the right hand."""
+    """Angle of rotation [rad], positive by the right-hand rule."""
     rotation: FloatArray
     """Rotation vector of the tool from start to end, in the world [rad], shape (3,)."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("about", "axis", "rotation"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
@@ -136,20 +141,20 @@ class Turn:
         return max(radius * abs(self.angle), turned)
 
     def at(self, s: FloatArray) -> Poses:
-        """Returns poses at lengths s (k,) [m]."""
-        share = (s / self.length)[:, None] if self.length else np.zeros((len(s), 1))
-        circle = exp_rotation(share * self.angle * self.axis)
-        R = product(exp_rotation(share * self.rotation), self.start.rotation)
+        """Compute poses at lengths s (k,) [m]."""
+        fraction = (s / self.length)[:, None] if self.length else np.zeros((len(s), 1))
+        circle = exp_rotation(fraction * self.angle * self.axis)
+        R = product(exp_rotation(fraction * self.rotation), self.start.rotation)
         return R, self.about + product(circle, self.start.translation - self.about)
 
     @classmethod
     def through(cls, start: pin.SE3, via: FloatArray, end: pin.SE3) -> Turn | None:
-        """Returns the arc from one pose by a point to another; None where the three points lie on a line.
+        """Build the arc from a pose through a point to a pose; None for collinear points.
 
         Args:
-            start: pose at its start.
-            via: a point on it [m], shape (3,).
-            end: pose at its end; the tool turns about one axis from start to end.
+            start: pose at the start.
+            via: point on the arc [m], shape (3,).
+            end: pose at the end; the tool rotates about one axis from start to end.
         """
         a, b = via - start.translation, end.translation - start.translation
         normal = np.cross(a, b)
@@ -168,10 +173,13 @@ class Turn:
 
 @dataclass(frozen=True)
 class Spline:
-    """A smooth way through poses: C2 in position (natural cubic) and in rotation, by the chords' lengths."""
+    """Smooth curve through poses, C2 in position and rotation, by chord length.
+
+    Position is a natural cubic spline.
+    """
 
     poses: tuple[pin.SE3, ...]
-    """Two or more; neighbours differ."""
+    """Two or more poses; neighbours differ."""
 
     @cached_property
     def _knots(self) -> FloatArray:
@@ -186,15 +194,18 @@ class Spline:
 
     @cached_property
     def _lengths(self) -> ArcLength:
-        """Length over the parameter; its nodes are the knots and equal parts between them."""
+        """Length over the parameter, with nodes at the knots and between them."""
         count = max(TOOL_PATH.spline_nodes, 32 * len(self.poses))
-        share = np.linspace(0.0, len(self.poses) - 1.0, count)
-        between = np.interp(share, np.arange(len(self.poses)), self._knots)
+        index = np.linspace(0.0, len(self.poses) - 1.0, count)
+        between = np.interp(index, np.arange(len(self.poses)), self._knots)
         return ArcLength.measure(self._speed, np.unique([*between.tolist(), *self._knots.tolist()]))
 
     @cached_property
     def turns_back(self) -> int | None:
-        """The pose nearest to where way and turning reverse at once, so that the tool would have to stop; else None."""
+        """Index of a pose at which translation and rotation reverse; else None.
+
+        There the tool would have to stop.
+        """
         u = self._lengths.parameter
         turned, moved = self._curve.rates(u)
         rate = np.hstack([moved, TURN_LENGTH * turned])
@@ -202,7 +213,7 @@ class Spline:
         return int(np.argmin(np.abs(self._knots - u[back[0]]))) if back.size else None
 
     def _speed(self, u: FloatArray) -> FloatArray:
-        """Returns the length per unit of the parameter, smooth where neither way nor turning vanishes."""
+        """Compute the length per unit of the parameter."""
         turned, moved = self._curve.rates(u)
         return np.asarray(np.maximum(norm(moved, axis=-1), TURN_LENGTH * norm(turned, axis=-1)))
 
@@ -212,63 +223,63 @@ class Spline:
         return self._lengths.whole
 
     def at(self, s: FloatArray) -> Poses:
-        """Returns poses at lengths s (k,) [m]."""
+        """Compute poses at lengths s (k,) [m]."""
         return self._curve.at(self._lengths.at(s))
 
 
 @dataclass(frozen=True)
 class RoundedCorner:
-    """A curve that replaces the corner of two straight pieces, with their directions and without curvature at its ends.
+    """Curve with continuous curvature that replaces the corner of two straight pieces.
 
-    A quintic Bézier curve of position and rotation vector: beside the corner both are in proportion to the length of a
-    straight piece, so that the corner of a turning tool is rounded in the same way. Our own.
+    A quintic Bézier curve of position and rotation vector. On straight pieces both are proportional to length, so that
+    the corner of a rotating tool is rounded likewise. The method is ours.
     """
 
     corner: pin.SE3
     """Pose at the corner."""
     before: FloatArray
-    """Way in the world and turning in the tool's frame, per length of the piece before, shape (6,)."""
+    """Translation in the world and rotation in the tool, per length before, shape (6,)."""
     after: FloatArray
-    """The same of the piece after it."""
+    """Translation in the world and rotation in the tool, per length after, shape (6,)."""
     reach: float
-    """Length before and after the corner that it replaces [m]."""
+    """Length of each straight piece that the curve replaces [m]."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("before", "after"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
     @cached_property
     def _points(self) -> FloatArray:
-        share = (
+        offsets = (
             np.array([1.0, 1.0 - TOOL_PATH.spacing, 1.0 - 2.0 * TOOL_PATH.spacing])[:, None]
             * self.reach
         )
-        return np.concatenate([-share * self.before, share[::-1] * self.after])
+        return np.concatenate([-offsets * self.before, offsets[::-1] * self.after])
 
     def _bezier(self, u: FloatArray) -> FloatArray:
-        """Returns way and rotation vector from the corner, shape (k, 6), for parameters from 0 to 1."""
+        """Compute translation and rotation vector from the corner at parameters (k,), shape (k, 6)."""
         powers = np.arange(6)
         weights = QUINTIC * power(u[:, None], powers) * power(1.0 - u[:, None], powers[::-1])
         return product(weights, self._points)
 
     @property
     def left_by(self) -> float:
-        """How far it leaves the corner: its middle does most [m]."""
+        """Distance of the curve's middle from the corner, its largest [m]."""
         return float(norm(self._bezier(np.array([0.5]))[0, :3]))
 
     def _speed(self, u: FloatArray) -> FloatArray:
-        """Returns the length per unit of the parameter."""
+        """Compute the length per unit of the parameter."""
         powers = np.arange(5)
         weights = QUINTIC[:5] * (1.0 - powers / 5.0) * power(u[:, None], powers)
         rate = product(
             5.0 * (weights * power(1.0 - u[:, None], powers[::-1])), np.diff(self._points, axis=0)
         )
         turning = np.einsum("kij,kj->ki", right_jacobian(self._bezier(u)[:, 3:]), rate[:, 3:])
-        found: FloatArray = np.maximum(
+        speed: FloatArray = np.maximum(
             norm(rate[:, :3], axis=1), TURN_LENGTH * norm(turning, axis=1)
         )
-        return found
+        return speed
 
     @cached_property
     def _lengths(self) -> ArcLength:
@@ -280,7 +291,7 @@ class RoundedCorner:
         return self._lengths.whole
 
     def at(self, s: FloatArray) -> Poses:
-        """Returns poses at lengths s (k,) [m]."""
+        """Compute poses at lengths s (k,) [m]."""
         offset = self._bezier(self._lengths.at(s))
         R = product(self.corner.rotation, exp_rotation(offset[:, 3:]))
         return R, self.corner.translation + offset[:, :3]
@@ -288,14 +299,14 @@ class RoundedCorner:
 
 @dataclass(frozen=True)
 class ToolPath:
-    """The way of one tool centre point: pieces one after the other."""
+    """Path of one tool centre point: pieces one after the other."""
 
     pieces: tuple[Piece, ...]
-    """At least one; each starts where the one before ends."""
+    """Pieces, at least one; each starts at the end of the one before."""
     _edges: FloatArray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Measures the pieces."""
+        """Measure the pieces."""
         edges = np.concatenate([[0.0], np.cumsum([piece.length for piece in self.pieces])])
         object.__setattr__(self, "_edges", readonly(edges))
 
@@ -305,33 +316,33 @@ class ToolPath:
         return float(self._edges[-1])
 
     def at(self, s: FloatArray) -> Poses:
-        """Returns poses at lengths s (k,) [m]; beyond the ends those of the ends."""
+        """Compute poses at lengths s (k,) [m], clipped to the path."""
         s = np.clip(np.asarray(s, dtype=np.float64), 0.0, self.length)
         k = np.clip(np.searchsorted(self._edges, s, side="right") - 1, 0, len(self.pieces) - 1)
         R, p = np.empty((len(s), 3, 3)), np.empty((len(s), 3))
         for number, piece in enumerate(self.pieces):
-            mine = k == number
-            if mine.any():
-                own = np.clip(s[mine] - self._edges[number], 0.0, piece.length)
-                R[mine], p[mine] = piece.at(own)
+            rows = k == number
+            if rows.any():
+                inner = np.clip(s[rows] - self._edges[number], 0.0, piece.length)
+                R[rows], p[rows] = piece.at(inner)
         return R, p
 
     def rounded(self, blend: float) -> ToolPath:
-        """Returns the path with rounded corners between straight pieces.
+        """Round the corners between straight pieces.
 
-        A curve takes at most half of each piece, and then leaves its corner by less. Corners at other pieces, and
-        those that turn back by more than 135 degrees, stay.
+        A curve replaces at most half of each piece and is then closer to its corner. Corners at other pieces, and
+        those that turn by more than 135 degrees, stay.
 
         Args:
-            blend: how far the tool may leave a corner [m], by TURN_LENGTH per radian of turning too.
+            blend: largest distance from a corner [m], with TURN_LENGTH per radian of rotation.
         """
-        curves = [_rounded(one, other, blend) for one, other in pairwise(self.pieces)]
+        curves = [_rounded(before, after, blend) for before, after in pairwise(self.pieces)]
         pieces: list[Piece] = []
         for piece, begins, ends in zip(self.pieces, [None, *curves], [*curves, None], strict=True):
             if isinstance(piece, Line):
                 first = begins.reach if begins is not None else 0.0
                 last = piece.length - (ends.reach if ends is not None else 0.0)
-                # Both may take half of it.
+                # The curves at both ends may replace half of it each.
                 if last - first > TOOL_PATH.shortest_rest * piece.length:
                     pieces.append(piece.part(first, last) if begins or ends else piece)
             else:
@@ -346,38 +357,43 @@ class ToolPath:
         return tuple(float(edge) for edge in self._edges[1:-1])
 
     def pose(self, s: float) -> pin.SE3:
-        """Returns the pose at one length [m]."""
+        """Compute the pose at one length [m]."""
         R, p = self.at(np.array([s]))
         return pin.SE3(R[0], p[0])
 
     @cached_property
     def corners(self) -> tuple[float, ...]:
-        """Lengths at which the tool has to stop, because way or turning change their direction [m]."""
-        found = []
-        for edge, one, other in zip(self._edges[1:], self.pieces, self.pieces[1:], strict=False):
-            before, after = _direction(one, one.length), _direction(other, 0.0)
-            if np.abs(before - after).max() > TOOL_PATH.same_direction:
-                found.append(float(edge))
-        return tuple(found)
+        """Lengths at which the tool must stop because its direction changes [m]."""
+        corners = []
+        for edge, piece, following in zip(
+            self._edges[1:], self.pieces, self.pieces[1:], strict=False
+        ):
+            direction, next_direction = _direction(piece, piece.length), _direction(following, 0.0)
+            if np.abs(direction - next_direction).max() > TOOL_PATH.same_direction:
+                corners.append(float(edge))
+        return tuple(corners)
 
 
-def _rounded(one: Piece, other: Piece, blend: float) -> RoundedCorner | None:
-    """Returns the curve that rounds the corner of two pieces, None where there is none or it cannot be rounded."""
-    if not (isinstance(one, Line) and isinstance(other, Line)):
+def _rounded(piece: Piece, following: Piece, blend: float) -> RoundedCorner | None:
+    """Round the corner of two pieces; None if it is smooth or cannot be rounded."""
+    if not (isinstance(piece, Line) and isinstance(following, Line)):
         return None
     scale = np.repeat([1.0, TURN_LENGTH], 3)
-    before, after = one.direction, other.direction
+    before, after = piece.direction, following.direction
     away = norm((scale * (after - before)).reshape(2, 3), axis=1).max()
     if away <= TOOL_PATH.same_direction or product(
         scale * before, scale * after
     ) < SHARPEST * float(norm(scale * before) * norm(scale * after)):
         return None
-    reach = min(blend / (APEX * float(away)), 0.5 * one.length, 0.5 * other.length)
-    return RoundedCorner(one.end, before, after, reach)
+    reach = min(blend / (APEX * float(away)), 0.5 * piece.length, 0.5 * following.length)
+    return RoundedCorner(piece.end, before, after, reach)
 
 
 def _direction(piece: Piece, s: float) -> FloatArray:
-    """Returns way and turning per length at one end of a piece, shape (6,), by a one-sided difference."""
+    """Estimate translation and rotation per length at one end, shape (6,).
+
+    One-sided difference.
+    """
     step = 1e-3 * piece.length
     if step == 0.0:
         return np.zeros(6)

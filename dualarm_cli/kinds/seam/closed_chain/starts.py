@@ -73,7 +73,7 @@ def standing_joints(problem: SeamProblem, *, moving: bool) -> BoolArray:
         moving: whether the part, or the platform under the tool, may move.
     """
     chain, hold = problem.chain, problem.chain.work.hold
-    if hold.way is not None or (moving and not hold.stands):
+    if hold.part_path is not None or (moving and not hold.stands):
         return ~chain.closes
     return ~chain.slave_joints
 
