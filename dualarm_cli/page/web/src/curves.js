@@ -54,7 +54,7 @@ export function curveStyle(number) {
  * @param {object} options
  * @param {string} options.name
  * @param {string} options.title of its axis
- * @param {import("./clock.js").TimeWindow} options.shown
+ * @param {import("./clock.js").TimeWindow} options.timeWindow
  * @param {Size} options.size
  * @param {{colour: string, dash: number[], steps?: boolean}[]} options.series
  * @param {{value: number, colour: string}[]} options.limits dashed lines
@@ -62,7 +62,7 @@ export function curveStyle(number) {
  * @param {boolean} [options.fromZero]
  * @returns {Plot}
  */
-function makePlot({ name, title, shown, size, series, limits, data, fromZero }) {
+function makePlot({ name, title, timeWindow, size, series, limits, data, fromZero }) {
   const container = document.createElement("div");
   container.className = "plot";
   container.dataset.name = name;
@@ -78,7 +78,7 @@ function makePlot({ name, title, shown, size, series, limits, data, fromZero }) 
       cursor: { show: false },
       select: { show: false, left: 0, top: 0, width: 0, height: 0 },
       scales: {
-        x: { time: false, range: () => [shown.from, shown.to] },
+        x: { time: false, range: () => [timeWindow.from, timeWindow.to] },
         y: {
           range: (_, low, high) => {
             const ends = [low ?? 0, high ?? 1, ...levels];
@@ -96,7 +96,7 @@ function makePlot({ name, title, shown, size, series, limits, data, fromZero }) 
           grid,
           ticks: { show: false },
           values: () => [],
-          splits: (u) => rulerTimes(shown.from, shown.to, u.width / 80).times,
+          splits: (u) => rulerTimes(timeWindow.from, timeWindow.to, u.width / 80).times,
         },
         {
           size: GUTTER - LABEL,
@@ -121,13 +121,13 @@ function makePlot({ name, title, shown, size, series, limits, data, fromZero }) 
       ],
       hooks: { draw: [(/** @type {uPlot} */ u) => drawLimits(u, limits)] },
     },
-    data(shown.from, shown.to, size.width),
+    data(timeWindow.from, timeWindow.to, size.width),
     container,
   );
   return {
     name,
     element: container,
-    update: () => plot.setData(data(shown.from, shown.to, Math.max(plot.width - GUTTER, 50))),
+    update: () => plot.setData(data(timeWindow.from, timeWindow.to, Math.max(plot.width - GUTTER, 50))),
     resize: (width, height) => plot.setSize({ width, height }),
     destroy: () => plot.destroy(),
   };
@@ -159,11 +159,11 @@ function drawLimits(u, limits) {
  * Create the plots of a quantity of the selected joints: one each for revolute and for prismatic joints.
  * @param {Quantity} quantity
  * @param {{joint: Joint, number: number}[]} selected
- * @param {import("./clock.js").TimeWindow} shown
+ * @param {import("./clock.js").TimeWindow} timeWindow
  * @param {Size} size
  * @returns {Plot[]}
  */
-export function jointPlots(quantity, selected, shown, size) {
+export function jointPlots(quantity, selected, timeWindow, size) {
   const groups = [false, true].map((slides) => selected.filter((c) => c.joint.slides === slides));
   return groups.flatMap((group) => {
     if (group.length === 0) return [];
@@ -179,7 +179,7 @@ export function jointPlots(quantity, selected, shown, size) {
     return makePlot({
       name: quantity,
       title: `${quantity === "acceleration" ? "accel." : quantity} [${unit.name}]`,
-      shown,
+      timeWindow,
       size,
       series: styles,
       limits,
@@ -195,18 +195,18 @@ export function jointPlots(quantity, selected, shown, size) {
 /**
  * Create the plot of the clearances over time.
  * @param {Plan} plan with clearances
- * @param {import("./clock.js").TimeWindow} shown
+ * @param {import("./clock.js").TimeWindow} timeWindow
  * @param {Size} size
  * @returns {Plot}
  */
-export function clearancePlot(plan, shown, size) {
+export function clearancePlot(plan, timeWindow, size) {
   const times = Float64Array.from(new Set(plan.clearances.flatMap(({ time }) => [...time]))).sort();
   const curves = plan.clearances.map((clearance) => times.map((time) => clearanceAt(clearance, time).distance * 1e3));
   const required = new Set(plan.clearances.flatMap((clearance) => clearance.required.filter((r) => r > 0)));
   return makePlot({
     name: "clearance",
     title: "clearance [mm]",
-    shown,
+    timeWindow,
     size,
     fromZero: true,
     series: plan.clearances.map((clearance) => ({ colour: colour(clearanceColour(clearance)), dash: [] })),

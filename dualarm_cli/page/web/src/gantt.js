@@ -31,11 +31,11 @@ const GAP = scaled(7);
 export class Gantt {
   /**
    * @param {Plan} plan
-   * @param {import("./clock.js").TimeWindow} shown
+   * @param {import("./clock.js").TimeWindow} timeWindow
    */
-  constructor(plan, shown) {
+  constructor(plan, timeWindow) {
     this.plan = plan;
-    this.shown = shown;
+    this.timeWindow = timeWindow;
     this.rows = ganttRows(plan);
     this.prefixes = new Map(
       this.rows.map((row) => [row.name, commonPrefix(row.visits.map((visit) => visit.task))]),
@@ -71,7 +71,7 @@ export class Gantt {
 
   /** @param {number} time @returns {number} px */
   x(time) {
-    const { from, to } = this.shown;
+    const { from, to } = this.timeWindow;
     return GUTTER + ((time - from) / (to - from)) * (this.width - GUTTER - MARGIN);
   }
 
@@ -82,7 +82,7 @@ export class Gantt {
    * @returns {Bar | undefined}
    */
   barAt(time, y) {
-    const pixel = (this.shown.to - this.shown.from) / Math.max(this.width - GUTTER - MARGIN, 1);
+    const pixel = (this.timeWindow.to - this.timeWindow.from) / Math.max(this.width - GUTTER - MARGIN, 1);
     for (const [i, row] of this.rows.entries()) {
       const bottom = this.tops[i] + (row.arm ? TASKS + BARS : PLATFORM);
       if (y >= this.tops[i] && y <= bottom) return barAt(row.bars, time, 2 * pixel);
@@ -126,7 +126,7 @@ export class Gantt {
 
   /** @template {{start: number, end: number}} T @param {T[]} bars @returns {T[]} */
   visible(bars) {
-    return bars.filter((bar) => bar.end >= this.shown.from && bar.start <= this.shown.to);
+    return bars.filter((bar) => bar.end >= this.timeWindow.from && bar.start <= this.timeWindow.to);
   }
 
   /** @param {CanvasRenderingContext2D} g */
@@ -144,7 +144,7 @@ export class Gantt {
 
   /** @param {CanvasRenderingContext2D} g */
   drawRuler(g) {
-    const { from, to } = this.shown;
+    const { from, to } = this.timeWindow;
     const { times, decimals } = rulerTimes(from, to, this.width / 80);
     g.font = SMALL;
     g.textAlign = "center";

@@ -2,7 +2,7 @@
 
 import { button, element } from "./dom.js";
 
-/** @typedef {{keys: string[], shown: string, does: string, action: (event: KeyboardEvent) => void}} Command */
+/** @typedef {{keys: string[], label: string, text: string, action: (event: KeyboardEvent) => void}} Command */
 
 /**
  * Listen to keys outside of input fields and lists.
@@ -28,14 +28,14 @@ export function listenToKeys(commands) {
  */
 export function helpOverlay(commands) {
   const rows = [
-    ...commands.map(({ shown, does }) => [shown, does]),
+    ...commands.map(({ label, text }) => [label, text]),
     ["drag, right drag, wheel", "3-D view: orbit, pan, zoom"],
     ["click", "timeline or row of a table: go to its time"],
     ["wheel, drag", "timeline: zoom, pan; Shift and wheel pan, Alt and wheel scroll"],
     ["double click", "timeline: zoom to the stage"],
   ];
-  const list = rows.map(([keys, does]) =>
-    element("tr", {}, element("td", {}, element("kbd", {}, keys)), element("td", {}, does)),
+  const list = rows.map(([keys, text]) =>
+    element("tr", {}, element("td", {}, element("kbd", {}, keys)), element("td", {}, text)),
   );
   const dialog = element(
     "dialog",

@@ -27,9 +27,9 @@ const LARGE_STEP = 0.5;
 function start(root) {
   const plan = readPlan(document.getElementById("data")?.textContent ?? "");
   const clock = new Clock(plan.duration, plan.closes);
-  const shown = new TimeWindow(plan.duration);
-  const timeline = new Timeline(plan, clock, shown);
-  const transport = new Transport(plan, clock, shown);
+  const timeWindow = new TimeWindow(plan.duration);
+  const timeline = new Timeline(plan, clock, timeWindow);
+  const transport = new Transport(plan, clock, timeWindow);
   const report = new ReportView(plan, clock);
   const stage = element("div", { class: "stage" });
   const nearest = element("div", { class: "nearest" }, ...plan.clearances.map((clearance) => element("div", { class: clearanceColour(clearance) })));
@@ -40,7 +40,7 @@ function start(root) {
     timeline.recolour();
     scene?.recolour(colour);
   });
-  const commands = makeCommands({ clock, shown, transport, theme, fit: () => scene?.fit(), help: () => help.showModal() });
+  const commands = makeCommands({ clock, timeWindow, transport, theme, fit: () => scene?.fit(), help: () => help.showModal() });
   const help = helpOverlay(commands);
   const splitter = element("div", { class: "splitter", role: "separator", title: "Drag to resize the timeline" });
   root.replaceChildren(
@@ -183,32 +183,32 @@ function makeResizable(splitter, root) {
 
 /**
  * Create the keyboard commands.
- * @param {{clock: Clock, shown: TimeWindow, transport: Transport, theme: {toggle: () => void}, fit: () => void, help: () => void}} parts
+ * @param {{clock: Clock, timeWindow: TimeWindow, transport: Transport, theme: {toggle: () => void}, fit: () => void, help: () => void}} parts
  * @returns {import("./keyboard.js").Command[]}
  */
-function makeCommands({ clock, shown, transport, theme, fit, help }) {
+function makeCommands({ clock, timeWindow, transport, theme, fit, help }) {
   const move = (/** @type {number} */ sign) => (/** @type {KeyboardEvent} */ event) =>
     transport.go(clock.time + sign * (event.shiftKey ? LARGE_STEP : SMALL_STEP));
   const kind = (/** @type {string} */ name) => () => transport.setKind(name);
   return [
-    { keys: [" "], shown: "Space", does: "play or pause", action: () => clock.toggle() },
-    { keys: ["ArrowLeft"], shown: "←", does: "0.05 s back, 0.5 s with Shift", action: move(-1) },
-    { keys: ["ArrowRight"], shown: "→", does: "0.05 s forward, 0.5 s with Shift", action: move(1) },
-    { keys: ["ArrowUp"], shown: "↑", does: "next stage, task or event", action: () => transport.step(1) },
-    { keys: ["ArrowDown"], shown: "↓", does: "previous stage, task or event", action: () => transport.step(-1) },
-    { keys: ["s"], shown: "s", does: "↑ and ↓ step by stage", action: kind("stage") },
-    { keys: ["t"], shown: "t", does: "↑ and ↓ step by task", action: kind("task") },
-    { keys: ["e"], shown: "e", does: "↑ and ↓ step by event", action: kind("event") },
-    { keys: ["Home"], shown: "Home", does: "start", action: () => transport.go(0) },
-    { keys: ["End"], shown: "End", does: "end", action: () => transport.go(clock.duration) },
-    { keys: ["+", "="], shown: "+", does: "faster", action: () => transport.changeSpeed(1) },
-    { keys: ["-"], shown: "−", does: "slower", action: () => transport.changeSpeed(-1) },
-    { keys: ["z"], shown: "z", does: "timeline: zoom in at the cursor", action: () => shown.zoom(clock.time, 0.5) },
-    { keys: ["Z"], shown: "Shift z", does: "timeline: zoom out", action: () => shown.zoom(clock.time, 2) },
-    { keys: ["0"], shown: "0", does: "timeline: show the whole plan", action: () => shown.showAll() },
-    { keys: ["f"], shown: "f", does: "3-D view: fit the whole cell", action: fit },
-    { keys: ["d"], shown: "d", does: "dark or light", action: () => theme.toggle() },
-    { keys: ["?"], shown: "?", does: "this help", action: help },
+    { keys: [" "], label: "Space", text: "play or pause", action: () => clock.toggle() },
+    { keys: ["ArrowLeft"], label: "←", text: "0.05 s back, 0.5 s with Shift", action: move(-1) },
+    { keys: ["ArrowRight"], label: "→", text: "0.05 s forward, 0.5 s with Shift", action: move(1) },
+    { keys: ["ArrowUp"], label: "↑", text: "next stage, task or event", action: () => transport.step(1) },
+    { keys: ["ArrowDown"], label: "↓", text: "previous stage, task or event", action: () => transport.step(-1) },
+    { keys: ["s"], label: "s", text: "↑ and ↓ step by stage", action: kind("stage") },
+    { keys: ["t"], label: "t", text: "↑ and ↓ step by task", action: kind("task") },
+    { keys: ["e"], label: "e", text: "↑ and ↓ step by event", action: kind("event") },
+    { keys: ["Home"], label: "Home", text: "start", action: () => transport.go(0) },
+    { keys: ["End"], label: "End", text: "end", action: () => transport.go(clock.duration) },
+    { keys: ["+", "="], label: "+", text: "faster", action: () => transport.changeSpeed(1) },
+    { keys: ["-"], label: "−", text: "slower", action: () => transport.changeSpeed(-1) },
+    { keys: ["z"], label: "z", text: "timeline: zoom in at the cursor", action: () => timeWindow.zoom(clock.time, 0.5) },
+    { keys: ["Z"], label: "Shift z", text: "timeline: zoom out", action: () => timeWindow.zoom(clock.time, 2) },
+    { keys: ["0"], label: "0", text: "timeline: show the whole plan", action: () => timeWindow.showAll() },
+    { keys: ["f"], label: "f", text: "3-D view: fit the whole cell", action: fit },
+    { keys: ["d"], label: "d", text: "dark or light", action: () => theme.toggle() },
+    { keys: ["?"], label: "?", text: "this help", action: help },
   ];
 }
 

@@ -12,7 +12,7 @@ import { clearanceAt, clearanceColour } from "./clearance.js";
 /** @typedef {import("./trajectory.js").Quantity} Quantity */
 
 /**
- * Select the initially shown joints: the most frequent bottleneck of each group, or its first joint.
+ * Select the initially displayed joints: the most frequent bottleneck of each group, or its first joint.
  * @param {Plan} plan
  * @returns {string[]}
  */
@@ -42,13 +42,13 @@ export class Timeline {
   /**
    * @param {Plan} plan
    * @param {import("./clock.js").Clock} clock
-   * @param {import("./clock.js").TimeWindow} shown
+   * @param {import("./clock.js").TimeWindow} timeWindow
    */
-  constructor(plan, clock, shown) {
+  constructor(plan, clock, timeWindow) {
     this.plan = plan;
     this.clock = clock;
-    this.shown = shown;
-    this.gantt = new Gantt(plan, shown);
+    this.timeWindow = timeWindow;
+    this.gantt = new Gantt(plan, timeWindow);
     this.joints = firstJoints(plan);
     /** @type {string[]} */
     this.quantities = ["velocity", ...(plan.clearances.length ? ["clearance"] : [])];
@@ -74,7 +74,7 @@ export class Timeline {
     this.makeChoices();
     this.listen();
     clock.onChange(() => this.moveCursor());
-    shown.onChange(() => this.redraw());
+    timeWindow.onChange(() => this.redraw());
     new ResizeObserver(() => this.resize()).observe(this.scroll);
   }
 
@@ -126,23 +126,23 @@ export class Timeline {
         element("summary", { title: "Select joints" }, "joints"),
         element("div", { class: "joint-list" }, ...joints),
       ),
-      button("all", "Show the whole plan (0)", () => this.shown.showAll()),
+      button("all", "Show the whole plan (0)", () => this.timeWindow.showAll()),
     );
   }
 
   listen() {
-    const { stack, shown } = this;
+    const { stack, timeWindow } = this;
     stack.addEventListener(
       "wheel",
       (/** @type {WheelEvent} */ event) => {
         if (event.altKey) return;
         event.preventDefault();
-        const length = shown.to - shown.from;
+        const length = timeWindow.to - timeWindow.from;
         if (event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY)) {
           const by = ((event.deltaX || event.deltaY) / stack.clientWidth) * length;
-          shown.show(shown.from + by, shown.to + by);
+          timeWindow.show(timeWindow.from + by, timeWindow.to + by);
         } else {
-          shown.zoom(this.timeAt(event), Math.exp(event.deltaY * 0.0015));
+          timeWindow.zoom(this.timeAt(event), Math.exp(event.deltaY * 0.0015));
         }
       },
       { passive: false },
@@ -152,7 +152,7 @@ export class Timeline {
     stack.addEventListener("pointerdown", (/** @type {PointerEvent} */ event) => {
       if (event.button !== 0) return;
       const y = event.clientY - stack.getBoundingClientRect().top;
-      drag = { x: event.clientX, from: shown.from, to: shown.to, scrubs: y < this.gantt.head, moved: false };
+      drag = { x: event.clientX, from: timeWindow.from, to: timeWindow.to, scrubs: y < this.gantt.head, moved: false };
       stack.setPointerCapture(event.pointerId);
       if (drag.scrubs) this.clock.setTime(this.timeAt(event));
     });
@@ -164,7 +164,7 @@ export class Timeline {
       } else if (drag.moved) {
         const width = stack.clientWidth - GUTTER - MARGIN;
         const by = ((drag.x - event.clientX) / width) * (drag.to - drag.from);
-        shown.show(drag.from + by, drag.to + by);
+        timeWindow.show(drag.from + by, drag.to + by);
       }
     });
     stack.addEventListener("pointerup", (/** @type {PointerEvent} */ event) => {
@@ -178,7 +178,7 @@ export class Timeline {
       const stage = this.plan.stages.find((s) => s.start <= time && time <= s.end);
       if (stage) {
         const margin = 0.25 * (stage.end - stage.start);
-        shown.show(stage.start - margin, stage.end + margin);
+        timeWindow.show(stage.start - margin, stage.end + margin);
       }
     });
   }
@@ -187,7 +187,7 @@ export class Timeline {
   timeAt(event) {
     const box = this.stack.getBoundingClientRect();
     const fraction = (event.clientX - box.left - GUTTER) / (box.width - GUTTER - MARGIN);
-    return this.shown.from + fraction * (this.shown.to - this.shown.from);
+    return this.timeWindow.from + fraction * (this.timeWindow.to - this.timeWindow.from);
   }
 
   /** @param {PointerEvent} event */
@@ -210,8 +210,8 @@ export class Timeline {
     const selected = this.joints.map((name, number) => ({ joint: this.joint(name), number }));
     this.plots = this.quantities.flatMap((name) =>
       name === "clearance"
-        ? [clearancePlot(this.plan, this.shown, size)]
-        : jointPlots(/** @type {Quantity} */ (name), selected, this.shown, size),
+        ? [clearancePlot(this.plan, this.timeWindow, size)]
+        : jointPlots(/** @type {Quantity} */ (name), selected, this.timeWindow, size),
     );
     this.plotArea.replaceChildren(...this.plots.map((plot) => plot.element));
     this.showSelected();
@@ -303,7 +303,7 @@ export class Timeline {
 
   moveCursor() {
     const { time } = this.clock;
-    const inside = time >= this.shown.from - 1e-9 && time <= this.shown.to + 1e-9;
+    const inside = time >= this.timeWindow.from - 1e-9 && time <= this.timeWindow.to + 1e-9;
     this.cursor.hidden = !inside;
     if (inside) this.cursor.style.transform = `translateX(${this.gantt.x(time)}px)`;
     this.showReadings();

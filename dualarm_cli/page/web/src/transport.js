@@ -30,12 +30,12 @@ export class Transport {
   /**
    * @param {Plan} plan
    * @param {import("./clock.js").Clock} clock
-   * @param {import("./clock.js").TimeWindow} shown
+   * @param {import("./clock.js").TimeWindow} timeWindow
    */
-  constructor(plan, clock, shown) {
+  constructor(plan, clock, timeWindow) {
     this.plan = plan;
     this.clock = clock;
-    this.shown = shown;
+    this.timeWindow = timeWindow;
     this.kind = "stage";
     this.statusKey = "none";
     this.times = stepTimes(plan, this.kind);
@@ -98,7 +98,7 @@ export class Transport {
   /** @param {number} time */
   go(time) {
     this.clock.setTime(time);
-    this.shown.reveal(time);
+    this.timeWindow.reveal(time);
   }
 
   /** @param {1 | -1} direction */

@@ -70,9 +70,9 @@ export function jointUnit(slides, quantity) {
  */
 export function jointValue(value, slides, quantity) {
   const unit = jointUnit(slides, quantity);
-  const shown = value * unit.perUnit;
-  const decimals = Math.abs(shown) < 100 ? 2 : Math.abs(shown) < 1000 ? 1 : 0;
-  return `${fixed(shown, decimals)}${unit.name.startsWith("°") ? "" : THIN}${unit.name}`;
+  const displayed = value * unit.perUnit;
+  const decimals = Math.abs(displayed) < 100 ? 2 : Math.abs(displayed) < 1000 ? 1 : 0;
+  return `${fixed(displayed, decimals)}${unit.name.startsWith("°") ? "" : THIN}${unit.name}`;
 }
 
 /** Displayed names of kinds and actions. */
