@@ -11,7 +11,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from dualarm_cli.beside import Beside, both
+from dualarm_cli.background import BackgroundCall, run_both
 from dualarm_cli.bound.job_bound import job_bound
 from dualarm_cli.errors import UsageError
 from dualarm_cli.exporting.cell_urdf import cell_urdf
@@ -63,7 +63,7 @@ class Plan:
     @classmethod
     def judged(cls, job: Job, schedule: Schedule) -> Plan:
         """Returns a schedule as the plan of a job, judged by the verifier with its clearance proven."""
-        verification = judged(schedule, job, clearance=True, both=both)
+        verification = judged(schedule, job, clearance=True, both=run_both)
         return cls(job, replace(schedule, verification=verification))
 
     @property
@@ -123,7 +123,7 @@ class Plan:
         if not page:
             self._write_set(folder, request, force)
             return folder
-        with Beside(self._shown) as shown:
+        with BackgroundCall(self._shown) as shown:
             self._write_set(folder, request, force)
             replace_all(folder, {PAGE: [self._page(shown.result())]})
         return folder
@@ -262,7 +262,7 @@ def verify(
     if isinstance(schedule, Plan) and job is None:
         job = schedule.job
     found = _schedule(schedule)
-    result = judged(found, job, clearance=clearance and job is not None, both=both)
+    result = judged(found, job, clearance=clearance and job is not None, both=run_both)
     files = _file_checks(Path(schedule), found, job) if isinstance(schedule, str | Path) else ()
     return replace(result, checks=(*result.checks, *_budget_checks(found, job, result), *files))
 

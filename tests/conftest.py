@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from dualarm_cli import beside, effort
+from dualarm_cli import background, effort
 
 # As the command does for itself, and before numpy is loaded: small matrices, one thread.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -60,8 +60,8 @@ def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def one_process() -> Iterator[None]:
     """Commands that tests run in their own process make no copies of it: other tests have the other cores."""
     with pytest.MonkeyPatch.context() as patch:
-        forbidding = beside.copies
-        patch.setattr(beside, "copies", lambda _: forbidding(False))
+        forbidding = background.allow_workers
+        patch.setattr(background, "allow_workers", lambda _: forbidding(False))
         yield
 
 

@@ -145,7 +145,7 @@ def plan_command(
         keep_planning(tasks, folder / PAGE, again)
         return
     job = _read(tasks)
-    from dualarm_cli.beside import copies, usable_cores
+    from dualarm_cli.background import allow_workers, usable_cores
     from dualarm_cli.exporting.files import URDF
     from dualarm_cli.exporting.schedule_json import to_json
     from dualarm_cli.exporting.whole_files import write_file
@@ -171,7 +171,7 @@ def plan_command(
         write_out(Path(out), to_json(schedule, URDF, {}), force)
     else:
         try:
-            with copies(usable_cores() > 1):
+            with allow_workers(usable_cores() > 1):
                 plan.write(folder, rate=rate, columns=chosen, page=page, force=force)
         except PageNotBuiltError as error:
             # The plan is whole without it.
@@ -238,7 +238,7 @@ def _read(tasks: Path) -> Job:
     Raises:
         InputError: all that is wrong with the files.
     """
-    from dualarm_cli.beside import Beside, copies, usable_cores
+    from dualarm_cli.background import BackgroundCall, allow_workers, usable_cores
     from dualarm_cli.kinds import of_kinds
 
     # Both need it: loaded by each, it would take the time of two.
@@ -254,7 +254,7 @@ def _read(tasks: Path) -> Job:
 
     # Of several plans in one process only the first one has something to import.
     apart = usable_cores() > 1 and PRELOADED[0] not in sys.modules
-    with copies(apart), Beside(read) as reading:
+    with allow_workers(apart), BackgroundCall(read) as reading:
         if apart:
             for name in PRELOADED:
                 import_module(name)
@@ -270,7 +270,7 @@ def _plan_watched(job: Job, settings: PlanSettings, quiet: bool) -> Plan:
     """Plan a job with progress on the terminal; Ctrl-C keeps the best plan so far."""
     from contextlib import nullcontext
 
-    from dualarm_cli.beside import copies, usable_cores
+    from dualarm_cli.background import allow_workers, usable_cores
     from dualarm_cli.cli.parts.while_planning import Interrupts, StatusLine
     from dualarm_cli.interface import planned
     from dualarm_cli.orders.watch import Watch
@@ -283,7 +283,7 @@ def _plan_watched(job: Job, settings: PlanSettings, quiet: bool) -> Plan:
         if console and console.is_terminal
         else nullcontext(),
         Interrupts(watch, quiet=quiet),
-        copies(usable_cores() > 1),
+        allow_workers(usable_cores() > 1),
     ):
         return planned(job, settings, watch)
 

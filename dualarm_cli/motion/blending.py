@@ -13,7 +13,7 @@ from itertools import islice
 
 import numpy as np
 
-from dualarm_cli.beside import halves
+from dualarm_cli.background import map_halves
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.stop_motion import (
@@ -64,7 +64,7 @@ def passing_ways(
         return [_passed(drive, plans, k, stopping, widths) for k in stages]
 
     found = {}
-    for k, passed in enumerate(halves(of, range(len(plans)))):
+    for k, passed in enumerate(map_halves(of, range(len(plans)))):
         for name, one in passed.items():
             found[k, name] = one.ways
             drive.cache.moving.update(one.transfers)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.beside import halves
+from dualarm_cli.background import map_halves
 from dualarm_cli.compiled import trajectories
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
@@ -256,7 +256,7 @@ def time_lines(drive: Drive, plans: Sequence[StagePlan]) -> None:
         return found
 
     lines = list(asked.values())
-    for one, trajectory in zip(lines, halves(timed, lines, LINE.shared), strict=True):
+    for one, trajectory in zip(lines, map_halves(timed, lines, LINE.shared), strict=True):
         if trajectory is not None:
             remember_line(drive, *one, trajectory)
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TypeVar
 
-from dualarm_cli.beside import Beside
+from dualarm_cli.background import BackgroundCall
 from dualarm_cli.bound.bound import no_bound
 from dualarm_cli.bound.job_bound import JobBound
 from dualarm_cli.effort import TrialEffort, less_effort
@@ -40,8 +40,8 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
     bound = JobBound(job, work.closed_forms, work.kinds, settings.effort, work.blending)
     notes: list[str] = []
     with (
-        Beside(bound.value) as bounding,
-        Beside(lambda: _of_less_effort(work)) as beside,
+        BackgroundCall(bound.value) as bounding,
+        BackgroundCall(lambda: _of_less_effort(work)) as background,
     ):
         try:
             schedule = _planned(work, watch)
@@ -49,7 +49,7 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
         except InfeasibleError:
             watch.end()
             watch.report("planning with less effort")
-            easier = None if watch.enough() else beside.result()
+            easier = None if watch.enough() else background.result()
             if easier is None:
                 raise
             schedule = _as_asked(easier, settings)
@@ -59,7 +59,7 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
         least = _until_seen_enough(watch, bounding.result) or no_bound("interrupted")
         if is_found and _less_efforts(work):
             watch.report("planning with less effort")
-            easier = None if watch.enough() else _until_seen_enough(watch, beside.result)
+            easier = None if watch.enough() else _until_seen_enough(watch, background.result)
             if easier is None and watch.enough():
                 notes.append(planning_note("effort", "interrupted"))
             elif easier is not None and easier.duration < schedule.duration - SAME_TIME:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.beside import copies
+from dualarm_cli.background import allow_workers
 from dualarm_cli.clearing import blended_plan
 from dualarm_cli.clearing.clear_plan import quickest_clear
 from dualarm_cli.clearing.repairs import Clearing
@@ -491,7 +491,7 @@ def test_transfers_in_motion_are_timed_once(packing, copied, monkeypatch):
     model, timing = CellModel.from_cell(packing.cell), TIMING_SOLVERS["ruckig"]
     plans = choose_stages(MethodProblem(model, packing, "arm_angle"), "fixed")
     drive = Drive.of(model, packing, timing)
-    with copies(copied):
+    with allow_workers(copied):
         own = with_ways(plans, passing_ways(drive, plans))
     assert sum(len(plan.passes) for plan in own) >= 4
     apart = realise(model, packing, own, timing).trajectory

@@ -51,8 +51,8 @@ def test_a_job_is_the_same_in_another_process(name: str, tasks_folder: Path) -> 
 @pytest.mark.parametrize("cores", [1, 2])
 def test_with_two_cores_the_process_that_plans_loads_no_reader(cores: int) -> None:
     code = (
-        "import sys; from pathlib import Path; import dualarm_cli.beside as beside; "
-        f"beside.usable_cores = lambda: {cores}; from dualarm_cli.cli.plan import _read; "
+        "import sys; from pathlib import Path; import dualarm_cli.background as background; "
+        f"background.usable_cores = lambda: {cores}; from dualarm_cli.cli.plan import _read; "
         "job = _read(Path('01_first_pick')); "
         "print(len(job.tasks) > 0, 'dualarm_cli.files.tasks.tasks' in sys.modules)"
     )
@@ -66,8 +66,8 @@ def test_mistakes_in_files_are_told_by_either(cores: int, tmp_path: Path) -> Non
     bad = "dualarm: tasks/1\ncell: nowhere.yaml\ntasks: 5\n"
     (tmp_path / "tasks.yaml").write_text(bad)
     code = (
-        "import sys; import dualarm_cli.beside as beside; "
-        f"beside.usable_cores = lambda: {cores}; from dualarm_cli.cli.run import run; "
+        "import sys; import dualarm_cli.background as background; "
+        f"background.usable_cores = lambda: {cores}; from dualarm_cli.cli.run import run; "
         "sys.exit(run(['plan', 'tasks.yaml']))"
     )
     done = subprocess.run(

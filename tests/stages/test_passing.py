@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli import effort
-from dualarm_cli.beside import copies
+from dualarm_cli.background import allow_workers
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
@@ -212,7 +212,7 @@ def test_best_launches_are_the_same_with_a_second_process(sequence):
     _, problem, plan = sequence
     alone = best_launches(problem, plan)
     settings = replace(problem.settings, shared_transfers=2)
-    with copies(True):
+    with allow_workers(True):
         shared = best_launches(replace(problem, settings=settings), plan)
     for one, other in zip(alone, shared, strict=True):
         np.testing.assert_array_equal(one, other)

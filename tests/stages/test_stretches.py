@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dualarm_cli.beside import copies
+from dualarm_cli.background import allow_workers
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
@@ -133,7 +133,7 @@ def test_parts_keep_room_where_they_have_a_plan_with_it(random_job: Callable[...
     again = search_in_parts(problem, [found.best.decisions], "quick", 0)
     assert again is not None
     assert again.best.total <= found.best.total
-    with copies(True):
+    with allow_workers(True):
         shared = search_in_parts(replace(problem, with_margin=with_margin), [], "quick", 0)
     assert shared is not None
     np.testing.assert_array_equal(shared.best.stages, found.best.stages)

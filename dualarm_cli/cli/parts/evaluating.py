@@ -70,7 +70,7 @@ def _open(jobs: int | None, scheduler: str | None, timeout: float | None) -> Cre
         from dualarm_cli.evaluation.cluster import Cluster
 
         return Cluster(scheduler, timeout)
-    from dualarm_cli.beside import usable_cores
+    from dualarm_cli.background import usable_cores
     from dualarm_cli.evaluation.crew import Crew
 
     return Crew(jobs or usable_cores(), timeout)

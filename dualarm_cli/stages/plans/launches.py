@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from dualarm_cli.beside import halves
+from dualarm_cli.background import map_halves
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.stages.plans.passing import outwards
 from dualarm_cli.stages.plans.problem import ArmWork, SequenceProblem
@@ -62,7 +62,7 @@ def best_launches(problem: SequenceProblem, plan: Evaluated) -> tuple[IntArray, 
         launches = np.zeros((problem.stages, 2), dtype=np.int64)
         of = partial(_best_launches, problem, plan, a, platform)
         stages = TransferChain.of(work).active
-        stage_launches = halves(of, stages.tolist(), problem.settings.shared_transfers)
+        stage_launches = map_halves(of, stages.tolist(), problem.settings.shared_transfers)
         for k, own in zip(stages.tolist(), stage_launches, strict=True):
             launches[k, 0] = own[1]
             if k:

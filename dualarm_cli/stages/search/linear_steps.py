@@ -6,7 +6,7 @@ from dataclasses import field
 
 import numpy as np
 
-from dualarm_cli.beside import halves
+from dualarm_cli.background import map_halves
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.geometry.programs import least_cost
 from dualarm_cli.model.rest_to_rest import RestToRest
@@ -375,7 +375,7 @@ def _solve(
         return None if found is None else found[: len(inner)]
 
     least = problem.settings.shared_windows
-    found = halves(lambda some: [solved(window) for window in some], windows, least)
+    found = map_halves(lambda some: [solved(window) for window in some], windows, least)
     for (first, end), own in zip(windows, found, strict=True):
         if own is not None:
             step[np.concatenate(inner_of[first:end])] = own

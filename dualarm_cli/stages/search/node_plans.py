@@ -7,7 +7,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from dualarm_cli.beside import halves
+from dualarm_cli.background import map_halves
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.effort.stages import Mesh
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
@@ -208,7 +208,7 @@ def plans_on_nodes(
     made = _StageNodes(problem, mesh, angles, near, loose)
     # Few stages' nodes are made faster than a process is copied.
     least = 2 if problem.stages >= problem.settings.shared_stages else len(problem.arms) + 1
-    arms = tuple(halves(made.layers, range(len(problem.arms)), least))
+    arms = tuple(map_halves(made.layers, range(len(problem.arms)), least))
     own: set[int] = set()
     bound: float | None = None
     for _ in range(problem.settings.beam_repeats):

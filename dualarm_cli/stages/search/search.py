@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from dualarm_cli.beside import halves
+from dualarm_cli.background import map_halves
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.effort.stages import SCALING, Mesh, SearchEffort
 from dualarm_cli.geometry.arrays import BoolArray
@@ -86,7 +86,7 @@ def _searched(
     """Search with one set of limits of position, see `search`; `others` are plans that were polished in motion."""
     asked, problem = problem, replace(problem, launches=None)
     exact, polishing = ExactStages(problem), Polishing(problem, seed)
-    made = halves(
+    made = map_halves(
         lambda meshes: [plans_on_nodes(problem, exact, mesh, how.plans) for mesh in meshes],
         how.meshes,
     )
@@ -153,7 +153,7 @@ def polished_thoroughly(
         return best
     polished = partial(polished_in_motion, polishing, how)
     unpolished, others = rivals
-    found = [*halves(partial(polished, range(how.cycles)), [best, *unpolished]), *others]
+    found = [*map_halves(partial(polished, range(how.cycles)), [best, *unpolished]), *others]
     if len(found) == 1:
         return found[0]
     moving = [with_best_launches(problem, plan) for plan in found]
@@ -233,7 +233,7 @@ def search_in_parts(
         return found
 
     stretches = loose_stretches(problem, plan, near)
-    for stretch, part in zip(stretches, halves(polished, stretches), strict=True):
+    for stretch, part in zip(stretches, map_halves(polished, stretches), strict=True):
         decisions = stretch.put(decisions, part)
     best = evaluate(at_rest, decisions)
     return SequenceResult(best, None, None) if np.isfinite(best.total) else None
@@ -295,7 +295,7 @@ def search_near(
         loose = _beside(loose, more)
         stretches = loose_stretches(problem, plan, loose)
         decisions = plan.decisions
-        parts = halves(partial(decided, decisions, mesh), stretches)
+        parts = map_halves(partial(decided, decisions, mesh), stretches)
         for stretch, part in zip(stretches, parts, strict=True):
             if part is not None:
                 decisions = stretch.put(decisions, part)
@@ -430,7 +430,7 @@ def combination(
     promising = [k for k, own in enumerate(worth) if own <= limit]
     if problem.stages > SCALING.long and how.spares:
         promising = sorted(promising, key=lambda k: worth[k])[: settings.polished_in_long]
-    tried = halves(
+    tried = map_halves(
         lambda some: [polishing.polished(pool[k], how.trial_rounds, 0) for k in some],
         promising,
     )

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.beside import halves
+from dualarm_cli.background import map_halves
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.records import dataclass
 from dualarm_cli.stages.plans.clearance import SequenceClearance
@@ -160,7 +160,7 @@ def in_parts(
         (max(0, first - common), min(n, past + common))
         for first, past in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
     ]
-    parts = halves(lambda some: [decided(*span) for span in some], spans)
+    parts = map_halves(lambda some: [decided(*span) for span in some], spans)
     idle = tuple(ArmDecisions.idle(work.start, n) for work in problem.arms)
     one = other = Decisions(np.zeros(n), idle)
     for number, (span, part) in enumerate(zip(spans, parts, strict=True)):

@@ -13,8 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import dualarm_cli.beside as beside_module
-from dualarm_cli.beside import Beside, _reap, _unreaped, both, copies, halves, usable_cores
+import dualarm_cli.background as background
+from dualarm_cli.background import (
+    BackgroundCall,
+    _reap,
+    _unreaped,
+    allow_workers,
+    map_halves,
+    run_both,
+    usable_cores,
+)
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.interface import planned
 from dualarm_cli.model.settings import PlanSettings
@@ -46,8 +54,8 @@ def _no_copy_is_left():
 @pytest.mark.parametrize("copied", [False, True])
 def test_a_result_is_that_of_the_function(copied):
     """Of more bytes than a pipe holds."""
-    with copies(copied), Beside(lambda: (os.getpid(), np.arange(1_000_000))) as beside:
-        made_by, numbers = beside.result()
+    with allow_workers(copied), BackgroundCall(lambda: (os.getpid(), np.arange(1_000_000))) as call:
+        made_by, numbers = call.result()
     assert (made_by != os.getpid()) == copied
     np.testing.assert_array_equal(numbers, np.arange(1_000_000))
 
@@ -55,8 +63,8 @@ def test_a_result_is_that_of_the_function(copied):
 @pytest.mark.parametrize("copied", [False, True])
 def test_two_functions_are_called_by_two_processes(copied):
     """Each once; where copies are not allowed, both by this one."""
-    with copies(copied):
-        one, other = both(os.getpid, os.getpid)
+    with allow_workers(copied):
+        one, other = run_both(os.getpid, os.getpid)
     assert one == os.getpid()
     assert (other != os.getpid()) == copied
 
@@ -69,8 +77,8 @@ def test_halves_are_joined_in_order(copied, count):
     def made(items):
         return [(3 * item, os.getpid()) for item in items]
 
-    with copies(copied):
-        found = halves(made, range(count))
+    with allow_workers(copied):
+        found = map_halves(made, range(count))
     assert [value for value, _ in found] == [3 * item for item in range(count)]
     theirs = [process != os.getpid() for _, process in found]
     assert sum(theirs) == (count // 2 if copied else 0)
@@ -79,12 +87,12 @@ def test_halves_are_joined_in_order(copied, count):
 
 def test_few_items_are_not_shared_and_copies_make_no_copies():
     def made(items):
-        inner = halves(lambda some: [os.getpid()] * len(some), range(4))
+        inner = map_halves(lambda some: [os.getpid()] * len(some), range(4))
         return [(os.getpid(), inner) for _ in items]
 
-    with copies(True):
-        assert {own for own, _ in halves(made, range(3), least=4)} == {os.getpid()}
-        own, inner = halves(made, range(2))[1]
+    with allow_workers(True):
+        assert {own for own, _ in map_halves(made, range(3), least=4)} == {os.getpid()}
+        own, inner = map_halves(made, range(2))[1]
     assert own != os.getpid()
     assert set(inner) == {own}
 
@@ -96,8 +104,8 @@ def test_an_error_of_either_half_is_raised(broken):
             raise ValueError(f"item {broken}")
         return list(items)
 
-    with copies(True), pytest.raises(ValueError, match=f"item {broken}"):
-        halves(made, range(4))
+    with allow_workers(True), pytest.raises(ValueError, match=f"item {broken}"):
+        map_halves(made, range(4))
 
 
 def test_no_copy_is_made_where_the_system_refuses_one(monkeypatch):
@@ -105,16 +113,20 @@ def test_no_copy_is_made_where_the_system_refuses_one(monkeypatch):
         raise BlockingIOError("no more processes")
 
     monkeypatch.setattr(os, "fork", refused)
-    with copies(True), Beside(os.getpid) as beside:
-        assert beside.result() == os.getpid()
+    with allow_workers(True), BackgroundCall(os.getpid) as call:
+        assert call.result() == os.getpid()
 
 
 def test_an_error_is_raised_where_the_result_is_asked_for():
     def made():
         raise ValueError("nothing reaches it")
 
-    with copies(True), Beside(made) as beside, pytest.raises(ValueError, match="reaches"):
-        beside.result()
+    with (
+        allow_workers(True),
+        BackgroundCall(made) as call,
+        pytest.raises(ValueError, match="reaches"),
+    ):
+        call.result()
 
 
 @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGTERM])
@@ -127,18 +139,18 @@ def test_a_copy_that_is_killed_is_replaced(by):
             time.sleep(60.0)
         return 7
 
-    with copies(True), Beside(made) as beside:
-        assert beside.result() == 7
+    with allow_workers(True), BackgroundCall(made) as call:
+        assert call.result() == 7
 
 
 def test_copies_that_have_ended_are_reaped_as_the_next_one_is_made():
-    with copies(True):
+    with allow_workers(True):
         for _ in range(3):
             before = set(_unreaped)
             for copy in before:
                 os.waitid(os.P_PID, copy, os.WEXITED | os.WNOWAIT)
-            with Beside(os.getpid) as beside:
-                own = beside.result()
+            with BackgroundCall(os.getpid) as call:
+                own = call.result()
             assert own != os.getpid()
             assert _unreaped == [own]
             assert not before & {int(child) for child in children()}
@@ -153,21 +165,21 @@ def test_ended_copies_may_be_reaped_by_the_system(made):
     """As where this process was started by one that ignores SIGCHLD: those with a result, without, and at work."""
     before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     try:
-        with copies(True):
-            assert halves(lambda some: [2 * one for one in some], range(4)) == [0, 2, 4, 6]
-            assert both(lambda: 1, lambda: 2) == (1, 2)
-            with Beside(made):
+        with allow_workers(True):
+            assert map_halves(lambda some: [2 * one for one in some], range(4)) == [0, 2, 4, 6]
+            assert run_both(lambda: 1, lambda: 2) == (1, 2)
+            with BackgroundCall(made):
                 time.sleep(0.1)
-            with pytest.raises(ValueError, match="reaches"), Beside(refusing) as beside:
+            with pytest.raises(ValueError, match="reaches"), BackgroundCall(refusing) as call:
                 time.sleep(0.1)
-                beside.result()
+                call.result()
     finally:
         signal.signal(signal.SIGCHLD, before)
 
 
 INTERRUPTED = """
 import os, signal, sys, threading, time
-from dualarm_cli.beside import Beside, copies
+from dualarm_cli.background import BackgroundCall, allow_workers
 fork = os.fork
 def forked():
     child = fork()
@@ -185,7 +197,7 @@ if sys.argv[2] == "threads":
     # The signal is this thread's, as the first one has blocked it.
     threading.Thread(target=time.sleep, args=(60.0,), daemon=True).start()
 try:
-    with copies(True), Beside(lambda: time.sleep(60.0)):
+    with allow_workers(True), BackgroundCall(lambda: time.sleep(60.0)):
         print("within", flush=True)
 except KeyboardInterrupt:
     print("interrupted", flush=True)
@@ -212,7 +224,7 @@ def test_a_signal_while_a_copy_is_made_leaves_none(number, threads):
 
 OUTLIVED = """
 import os, sys, time
-from dualarm_cli.beside import Beside, copies
+from dualarm_cli.background import BackgroundCall, allow_workers
 fork = os.fork
 def forked():
     child = fork()
@@ -224,7 +236,7 @@ def forked():
     return child
 sys.argv.append(str(os.getpid()))
 os.fork = forked
-with copies(True), Beside(lambda: time.sleep(60.0)):
+with allow_workers(True), BackgroundCall(lambda: time.sleep(60.0)):
     pass
 """
 
@@ -244,13 +256,13 @@ def test_ctrl_c_is_left_to_the_first_process():
         os.kill(os.getpid(), signal.SIGINT)
         return os.getpid()
 
-    with copies(True), Beside(made) as beside:
-        assert beside.result() != os.getpid()
+    with allow_workers(True), BackgroundCall(made) as call:
+        assert call.result() != os.getpid()
 
 
 def test_a_result_that_nobody_asks_for_is_not_waited_for():
     begin = time.monotonic()
-    with pytest.raises(KeyError), copies(True), Beside(lambda: time.sleep(60.0)):
+    with pytest.raises(KeyError), allow_workers(True), BackgroundCall(lambda: time.sleep(60.0)):
         raise KeyError
     assert time.monotonic() - begin < 30.0
 
@@ -262,7 +274,7 @@ def test_a_plan_is_the_same_with_a_second_process(tasks_folder):
     settings = PlanSettings(effort="quick")
     found = []
     for copied in (False, True):
-        with copies(copied):
+        with allow_workers(copied):
             found.append(planned(job, settings))
     one, other = found
     assert one.schedule.lower_bound is not None
@@ -290,7 +302,7 @@ def test_no_more_processes_than_the_container_is_given_cores(tmp_path, monkeypat
         Path, "read_text", lambda p: own if str(p) == "/proc/self/cgroup" else read(p)
     )
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
-    monkeypatch.setattr(beside_module, "CONTROL_GROUPS", tmp_path)
+    monkeypatch.setattr(background, "CONTROL_GROUPS", tmp_path)
     (tmp_path / "a" / "b").mkdir(parents=True)
     for folder, text in quotas.items():
         (tmp_path / folder / "cpu.max").write_text(f"{text}\n")
