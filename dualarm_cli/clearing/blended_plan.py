@@ -1,4 +1,4 @@
-"""Plans whose tools pass the outer ends of lines, and targets, in motion wherever that is collision-free."""
+"""Blending: let tools pass line ends and targets in motion wherever that is collision-free."""
 
 from __future__ import annotations
 
@@ -25,114 +25,116 @@ from dualarm_cli.timing import TimingSolver
 def with_room(
     problem: MethodProblem, solve: Callable[[MethodProblem], Decided]
 ) -> Callable[[MethodProblem], Decided]:
-    """Returns a method that keeps joints so far from their limits that tools can pass lines' ends in motion.
+    """Wrap a method so that joints keep a margin for blending from their limits.
 
     Args:
-        problem: what it is asked, now and in variations.
-        solve: the method; it serves where that leaves no plan.
+        problem: the problem that the method solves, also in variations.
+        solve: the method; used without a margin once no plan exists with it.
     """
     with_margin = with_stopping_room(problem)
-    serves = True
+    has_margin = True
 
-    def solved(asked: MethodProblem) -> Decided:
-        nonlocal serves
-        if serves:
+    def solve_with_margin(variant: MethodProblem) -> Decided:
+        nonlocal has_margin
+        if has_margin:
             try:
-                job = replace(asked.job, cell=with_margin.job.cell)
-                found = solve(
-                    replace(asked, model=with_margin.model, job=job, without_margin=asked)
+                job = replace(variant.job, cell=with_margin.job.cell)
+                decided = solve(
+                    replace(variant, model=with_margin.model, job=job, without_margin=variant)
                 )
             except InfeasibleError:
-                if asked.neighbourhood_only:
+                if variant.neighbourhood_only:
                     raise
-                found = None
-            # At the platform angle that a method wants, reach may end a little earlier.
-            if found is not None and all(one.solver != REACH for one in found.stages):
-                return found
-            # Where room is missing once, it is missing in all variations.
-            serves = False
-        return solve(asked)
+                decided = None
+            # The margin may put a target just out of reach at the platform angle that a method chose.
+            if decided is not None and all(stage.solver != REACH for stage in decided.stages):
+                return decided
+            # A margin that fails once fails in all variations.
+            has_margin = False
+        return solve(variant)
 
-    return solved
+    return solve_with_margin
 
 
 def shortest_blended(
     problem: MethodProblem,
-    found: ClearedPlan,
+    plan: ClearedPlan,
     timing: TimingSolver,
 ) -> ClearedPlan:
-    """Returns the shortest of a plan and its rivals when all are blended, see `blended_plan`."""
-    best = blended_plan(problem, found, timing)
-    for rival in found.rivals:
-        plan = replace(found, cleared=rival, rivals=())
+    """Blend a plan and its rivals; return the shortest, see `blended_plan`."""
+    best = blended_plan(problem, plan, timing)
+    for rival in plan.rivals:
+        variant = replace(plan, cleared=rival, rivals=())
         try:
-            other = blended_plan(problem, plan, timing)
+            other = blended_plan(problem, variant, timing)
         except InfeasibleError:
             continue
-        best = min(best, other, key=lambda one: one.cleared.duration)
+        best = min(best, other, key=lambda blended: blended.cleared.duration)
     return best
 
 
 def blended_plan(
     problem: MethodProblem,
-    found: ClearedPlan,
+    plan: ClearedPlan,
     timing: TimingSolver,
     stopping: Collection[tuple[int, str]] = (),
 ) -> ClearedPlan:
-    """Returns a plan whose tools pass the outer ends of lines in motion, wherever that is collision-free.
+    """Blend the lines and transfers of a plan where that is collision-free.
 
     Args:
-        problem: what was asked.
-        found: the plan with all stops.
-        timing: how motions are timed.
-        stopping: transfers between stops all the same, by the stage that they lead to and arm.
+        problem: the problem that the plan solves.
+        plan: the plan with stops at all line ends.
+        timing: solver that times motions.
+        stopping: transfers that stay at rest at both ends, as (stage they lead to, arm).
     """
-    model, job, cache = problem.model, problem.job, found.cache
+    model, job, cache = problem.model, problem.job, plan.cache
     drive = Drive.of(model, job, timing, cache)
-    clearing = found.clearing(problem, timing)
-    before = found.cleared.motion
-    through = passed_targets(drive, found.cleared.plans, stopping)
-    passing = with_passed_targets(drive, found.cleared.plans, through)
+    clearing = plan.clearing(problem, timing)
+    before = plan.cleared.motion
+    through = passed_targets(drive, plan.cleared.plans, stopping)
+    passing = with_passed_targets(drive, plan.cleared.plans, through)
     widths = problem.settings.widths
-    ways = dict(passing_ways(drive, passing, stopping, widths))
+    launches = dict(passing_ways(drive, passing, stopping, widths))
     colliding_stages: list[int] = []
-    while ways or through:
-        plans = with_ways(with_passed_targets(drive, found.cleared.plans, through), ways)
+    while launches or through:
+        plans = with_ways(with_passed_targets(drive, plan.cleared.plans, through), launches)
         try:
             motion = realise(model, job, plans, timing, cache)
         except InfeasibleError:
             if not through:
                 raise
-            # An arm cannot pass its target as late as the stage ends.
+            # A target passed in motion cannot wait for the end of the stage.
             through = {}
-            ways = dict(passing_ways(drive, found.cleared.plans, stopping, widths))
+            launches = dict(passing_ways(drive, plan.cleared.plans, stopping, widths))
             continue
         colliding_stages = clearing.colliding_stages(plans, motion) if clearing is not None else []
-        # A stage has the transfers to its lines, and ends as those of the next one begin.
-        own = {key for key in ways if key[0] in colliding_stages}
-        own = own or {key for key in ways if key[0] - 1 in colliding_stages}
+        # A stage contains the transfers to its lines and ends when those of the next stage begin.
+        removed = {key for key in launches if key[0] in colliding_stages}
+        removed = removed or {key for key in launches if key[0] - 1 in colliding_stages}
         passed = {k for k in through if {k, k + 1} & set(colliding_stages)}
-        if not own and not passed:
+        if not removed and not passed:
             break
-        for key in own:
-            del ways[key]
+        for key in removed:
+            del launches[key]
         for k in passed:
             del through[k]
-        # Ways beside it were chosen for that state.
-        ways = {key: way for key, way in ways.items() if not {key[0], key[0] - 1} & passed}
-    if colliding_stages or not (ways or through):
-        plans, motion = found.cleared.plans, before
+        # The neighbouring launches were chosen for a passed target.
+        launches = {
+            key: launch for key, launch in launches.items() if not {key[0], key[0] - 1} & passed
+        }
+    if colliding_stages or not (launches or through):
+        plans, motion = plan.cleared.plans, before
     plans, motion = _with_detours_in_motion(drive, job, clearing, plans, motion, stopping)
     gain = before.trajectory.duration - motion.trajectory.duration
     if gain <= 0.0:
-        same = replace(found.cleared, motion=replace(before, gain=0.0))
-        return replace(found, cleared=same, stopping=found.cleared)
+        same = replace(plan.cleared, motion=replace(before, gain=0.0))
+        return replace(plan, cleared=same, stopping=plan.cleared)
     stages = tuple(
-        replace(stage, saved=(other.end - other.start) - (stage.end - stage.start))
-        for stage, other in zip(motion.stages, before.stages, strict=True)
+        replace(stage, saved=(stop_stage.end - stop_stage.start) - (stage.end - stage.start))
+        for stage, stop_stage in zip(motion.stages, before.stages, strict=True)
     )
     motion = replace(motion, stages=stages, gain=gain)
-    return replace(found, cleared=TimedPlan(plans, motion), stopping=found.cleared)
+    return replace(plan, cleared=TimedPlan(plans, motion), stopping=plan.cleared)
 
 
 def _with_detours_in_motion(
@@ -143,27 +145,27 @@ def _with_detours_in_motion(
     motion: Motion,
     stopping: Collection[tuple[int, str]],
 ) -> tuple[list[StagePlan], Motion]:
-    """Returns stages and motion whose detours begin and end in motion, wherever that is quicker and collision-free."""
-    tries = bent_ways(drive, plans, stopping)
-    while tries:
-        chosen = {key: ways[0] for key, ways in tries.items()}
+    """Let detours begin and end in motion where that is shorter and collision-free."""
+    candidates = bent_ways(drive, plans, stopping)
+    while candidates:
+        chosen = {key: detours[0] for key, detours in candidates.items()}
         bent = with_bent_ways(drive, plans, chosen)
         try:
-            found = realise(drive.model, job, bent, drive.timing, drive.cache)
+            realised = realise(drive.model, job, bent, drive.timing, drive.cache)
         except InfeasibleError:
-            # With what the platform does then, one of them cannot be timed.
-            own = set(tries)
+            # With the platform's motion, one of the detours cannot be timed.
+            rejected = set(candidates)
         else:
             colliding_stages = (
-                clearing.colliding_stages(bent, found) if clearing is not None else []
+                clearing.colliding_stages(bent, realised) if clearing is not None else []
             )
-            own = {key for key in tries if key[0] in colliding_stages}
-            own = own or {key for key in tries if key[0] - 1 in colliding_stages}
-            if not colliding_stages and found.trajectory.duration < motion.trajectory.duration:
-                return bent, found
-            if not own:
+            rejected = {key for key in candidates if key[0] in colliding_stages}
+            rejected = rejected or {key for key in candidates if key[0] - 1 in colliding_stages}
+            if not colliding_stages and realised.trajectory.duration < motion.trajectory.duration:
+                return bent, realised
+            if not rejected:
                 break
-        # What collides is tried by the next via point.
-        tries = {key: ways[key in own :] for key, ways in tries.items()}
-        tries = {key: ways for key, ways in tries.items() if ways}
+        # Colliding detours move on to their next via point.
+        candidates = {key: detours[key in rejected :] for key, detours in candidates.items()}
+        candidates = {key: detours for key, detours in candidates.items() if detours}
     return plans, motion

@@ -1,4 +1,4 @@
-"""Reasons why a job has no collision-free plan: of its start, parts and grips, and of stages that stay blocked."""
+"""Refusals of jobs without a collision-free plan: start, parts, grips and blocked stages."""
 
 from __future__ import annotations
 
@@ -15,117 +15,121 @@ from dualarm_cli.postures.holding import Holding
 from dualarm_cli.refusals import Refusal
 
 MOST_PAIRS = 30
-"""Most pairs of bodies that a message lists, worst first."""
+"""Maximum number of body pairs in a message, worst first."""
 
 
 def start_faults(job: Job, holding: Holding) -> list[Refusal]:
-    """Return why no motion begins in the start posture: all pairs of bodies that lack clearance; nothing if it may.
+    """Refuse a start posture with all pairs of bodies that lack clearance.
 
     Args:
-        job: with its start.
-        holding: what has to be collision-free.
+        job: the job, with its start posture.
+        holding: bodies that must not collide.
     """
     if job.start == "free":
         return []
     lacking = holding.cell.lacking(np.array(job.start_joints), holding.before[0])
     pairs = [
-        Refusal("touches", measured=-margin, more={"one": one, "other": other})
-        for one, other, margin in lacking
+        Refusal("touches", measured=-margin, more={"one": body_a, "other": body_b})
+        for body_a, body_b, margin in lacking
     ]
     if not pairs:
         return []
-    rest = len(pairs) - MOST_PAIRS
-    more = {
+    omitted = len(pairs) - MOST_PAIRS
+    details = {
         "posture": job.start,
         "pairs": pairs[:MOST_PAIRS],
-        "rest": f", and {rest} more pairs" if rest > 0 else "",
+        "rest": f", and {omitted} more pairs" if omitted > 0 else "",
     }
     place = job.start_place if job.start_place.line else None
-    return [Refusal("start_touches", place, measured=pairs[0].measured, more=more)]
+    return [Refusal("start_touches", place, measured=pairs[0].measured, more=details)]
 
 
 def reaches_into(task: Task, stop: Stop, arm: str, held: str, depth: float, into: str) -> Refusal:
-    """Return that a part, or a tool, is inside an obstacle at a stop.
+    """Return the refusal of a part or tool that is inside an obstacle at a stop.
 
     Args:
-        task: of the stop.
-        stop: where.
-        arm: that makes it.
+        task: the task of the stop.
+        stop: the stop.
+        arm: the arm at the stop.
         held: name of the part or tool.
-        depth: how deep at best [m].
+        depth: least penetration [m].
         into: name of the obstacle.
     """
-    more = {"action": stop.action.split("_")[0], "held": held, "into": into}
-    what = "part_reaches_into" if held == task.part else "tool_reaches_into"
+    details = {"action": stop.action.split("_")[0], "held": held, "into": into}
+    code = "part_reaches_into" if held == task.part else "tool_reaches_into"
     remedy: tuple[str, ...] = ()
     if held != task.part and not task.is_change:
-        what, remedy = "tool_too_near", ("move_target", "allow_contact")
-    return Refusal(what, stop.place, task.id, arm, depth, remedy=remedy, more=more)
+        code, remedy = "tool_too_near", ("move_target", "allow_contact")
+    return Refusal(code, stop.place, task.id, arm, depth, remedy=remedy, more=details)
 
 
 def grip_faults(job: Job) -> list[Refusal]:
-    """Return hand-overs in which tools or part are too near to each other: no posture changes that.
+    """Refuse hand-overs whose tools or part are too close in every posture.
 
-    Those whose arms are open are left out.
+    Hand-overs without fixed arms are left out.
 
     Args:
-        job: with its tasks.
+        job: the job.
     """
     takes = {task.id: task.stops[0] for task in job.tasks if task.stops[0].action == "take"}
-    found = []
+    refusals = []
     for task in job.tasks:
         work, give = task.handover, task.stops[-1]
         if work is None or give.action != "give" or task.arm == ANY:
             continue
         lengths = takes[task.id].approach, give.retract
-        for one in too_near(job.cell, work, task.id, task.part, *lengths):
-            more = {"where": one.where, "one": one.bodies[0], "other": one.bodies[1]}
-            found.append(
-                Refusal("grip_touches", work.place, task.id, task.arm, -one.margin, more=more)
+        for contact in too_near(job.cell, work, task.id, task.part, *lengths):
+            details = {"where": contact.where, "one": contact.bodies[0], "other": contact.bodies[1]}
+            refusals.append(
+                Refusal(
+                    "grip_touches", work.place, task.id, task.arm, -contact.margin, more=details
+                )
             )
-    return found
+    return refusals
 
 
 def refuse_touching_lines(clearing: Clearing, plan: TimedPlan) -> None:
-    """Refuse many stages in which both arms' lines touch: another order helps more than repairs.
+    """Refuse a plan with many stages in which both arms' lines collide.
 
     Args:
         clearing: collision checks of the job.
         plan: its stages and their motion.
 
     Raises:
-        BlockedError: with those stages.
+        BlockedError: names those stages. Another order helps more than repairs.
     """
-    apart = tuple(
+    touching_lines = tuple(
         clearing.side_by_side(plan.plans, clearing.colliding_stages(plan.plans, plan.motion))
     )
-    if len(apart) > max(1.0, clearing.settings.crowded_stages * len(plan.plans)):
-        raise BlockedError(*why_blocked(clearing, replace(plan, blocked=apart)), stages=apart)
+    if len(touching_lines) > max(1.0, clearing.settings.crowded_stages * len(plan.plans)):
+        raise BlockedError(
+            *why_blocked(clearing, replace(plan, blocked=touching_lines)), stages=touching_lines
+        )
 
 
-def why_blocked(clearing: Clearing, found: TimedPlan | None) -> list[Refusal]:
-    """Returns which stages collide, with the pair of bodies and what is missing."""
-    if found is None:
+def why_blocked(clearing: Clearing, plan: TimedPlan | None) -> list[Refusal]:
+    """Explain the blocked stages of a plan: colliding bodies and missing clearance."""
+    if plan is None:
         return [Refusal("not_clear")]
     refusals, cell = [], clearing.holding.cell
-    standing, tried = _standing(clearing.job, found), _tried(clearing)
-    for k in found.blocked:
-        samples = stage_samples(found.motion, k, k, clearing.holding)
+    standing, tried = _standing(clearing.job, plan), _tried(clearing)
+    for k in plan.blocked:
+        samples = stage_samples(plan.motion, k, k, clearing.holding)
         margins = cell.margins(samples.position, samples.held)
         worst = int(np.argmin(margins))
-        one, other, margin = cell.nearest(samples.position[worst], samples.held[worst])
-        stage = found.motion.stages[k]
-        stops = list(found.plans[k].stops.values())
+        body_a, body_b, margin = cell.nearest(samples.position[worst], samples.held[worst])
+        stage = plan.motion.stages[k]
+        stops = list(plan.plans[k].stops.values())
         row = slice(worst, worst + 1)
         if stops and cell.cross_margins(samples.position[row], samples.held[row])[0] <= margin:
-            # Of an arm that stands, its last stop says why it is there.
-            active = set(found.plans[k].stops)
-            before = [plan.stops for plan in found.plans[:k]]
-            last = {arm: stop for each in before for arm, stop in each.items()}
+            # The last stop of a standing arm explains its position.
+            active = set(plan.plans[k].stops)
+            before = [plan.stops for plan in plan.plans[:k]]
+            last = {arm: stop for stops_before in before for arm, stop in stops_before.items()}
             stops += [stop for arm, stop in last.items() if arm not in active]
-        more = {
-            "one": one,
-            "other": other,
+        details = {
+            "one": body_a,
+            "other": body_b,
             "when": (stage.end - stage.start) * worst / (len(margins) - 1),
             "stage": k + 1,
             "beside": [
@@ -135,10 +139,10 @@ def why_blocked(clearing: Clearing, found: TimedPlan | None) -> list[Refusal]:
             "standing": standing,
             "tried": tried,
         }
-        refused = Refusal("return_touches", measured=max(0.0, -margin), more=more)
+        refused = Refusal("return_touches", measured=max(0.0, -margin), more=details)
         for stop in stops[:1]:
-            whose = stop.stop.place, stop.task.id, stop.arm
-            refused = Refusal("stage_touches", *whose, refused.measured, more=more)
+            origin = stop.stop.place, stop.task.id, stop.arm
+            refused = Refusal("stage_touches", *origin, refused.measured, more=details)
         if cell.skew > 0.0 and margin >= 0.0:
             refused = replace(refused, what="stage_lacks_skew", allowed=cell.skew)
         refusals.append(refused)
@@ -146,27 +150,29 @@ def why_blocked(clearing: Clearing, found: TimedPlan | None) -> list[Refusal]:
 
 
 def _tried(clearing: Clearing) -> list[Refusal]:
-    """Return what was tried against collisions, where that is anything: only what was done, and could be."""
+    """Return a note on the remedies tried against collisions; empty if none applied."""
     targets = [stop.target for task in clearing.job.tasks for stop in task.stops]
-    given = all(isinstance(one, JointTarget) and len(one.configurations) == 1 for one in targets)
-    ways = [] if given else [Refusal("other_postures")]
+    given = all(
+        isinstance(target, JointTarget) and len(target.configurations) == 1 for target in targets
+    )
+    remedies = [] if given else [Refusal("other_postures")]
     platform = clearing.model.platform
     if platform.is_chosen:
-        ways.append(Refusal("other_places" if platform.is_rail else "other_angles"))
-    ways += [Refusal(way) for way in ("delays", "detours") if way in clearing.tried]
-    return [Refusal("tried", more={"ways": ways})] if ways else []
+        remedies.append(Refusal("other_places" if platform.is_rail else "other_angles"))
+    remedies += [Refusal(remedy) for remedy in ("delays", "detours") if remedy in clearing.tried]
+    return [Refusal("tried", more={"ways": remedies})] if remedies else []
 
 
-def _standing(job: Job, found: TimedPlan) -> list[Refusal]:
-    """Returns which arms stand where they started in stages that collide, as their work begins later."""
+def _standing(job: Job, plan: TimedPlan) -> list[Refusal]:
+    """Return the arms that stand at their start in a blocked stage."""
     standing = []
     for arm in job.cell.robot.arms:
-        first = next((k for k, plan in enumerate(found.plans) if arm.name in plan.stops), 0)
-        if found.blocked and min(found.blocked) < first:
-            more = {
+        first = next((k for k, plan in enumerate(plan.plans) if arm.name in plan.stops), 0)
+        if plan.blocked and min(plan.blocked) < first:
+            details = {
                 "posture": job.start_posture,
                 "stage": first + 1,
                 "start": [Refusal("starts_there")] if job.start == "free" else [],
             }
-            standing.append(Refusal("stands_in_the_way", arm=arm.name, more=more))
+            standing.append(Refusal("stands_in_the_way", arm=arm.name, more=details))
     return standing

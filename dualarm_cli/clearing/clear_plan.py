@@ -58,19 +58,19 @@ def quickest_clear(
     of lines in motion. If blending gains little, postures that are chosen for stops compete.
 
     Args:
-        problem: what the method is asked.
+        problem: problem that the method solves.
         solve: the method.
-        timing: how motions are timed.
-        progress: receives what is being done.
-        clear: whether anything has to be collision-free.
-        alone: the only arm that has to be clear, and not of the other one; None for all arms.
+        timing: solver that times motions.
+        progress: receives a message at the beginning of each step.
+        clear: whether collisions are checked.
+        alone: the only arm that is checked, ignoring the other arm; None for all arms.
 
     Raises:
-        InfeasibleError: no posture reaches a target, or nothing that was found is collision-free.
+        InfeasibleError: no posture reaches a target, or every plan collides.
     """
     holding = None
     if clear:
-        # What no plan of these arms can repair is refused before one is looked for.
+        # Colliding grips have no plan: refuse them before the search.
         holding = Holding.of(problem.job, alone=alone)
         if faults := grip_faults(problem.job):
             raise InfeasibleError(*faults)
@@ -104,7 +104,7 @@ def quickest_for_stops(
 ) -> ClearedPlan:
     """Plan a job as if tools stopped at all lines' ends, then blend it where the problem allows it.
 
-    The parameters are those of `quickest_clear`; the blended plan ends as the other one does.
+    The parameters are those of `quickest_clear`; blending keeps the final posture.
     """
     stopping = replace(problem, blending=STOPPING)
     plan = quickest_clear(stopping, solve, timing, progress, clear=clear)
@@ -230,7 +230,7 @@ class ClearanceLoop:
         Returns:
             The method's last proposal, and its refusal if the last round failed.
         """
-        decided, asked = self.unchecked, self._near(self.problem, self.proposals[0])
+        decided, problem = self.unchecked, self._near(self.problem, self.proposals[0])
         for round_ in range(self.settings.rounds_while_blocked):
             if round_ >= self.settings.rounds and self.best and not self.best.cleared.blocked:
                 break
@@ -239,12 +239,12 @@ class ClearanceLoop:
                 self.settings.compare_less_effort
             )
             try:
-                decided = self.solve(replace(asked, neighbourhood_only=bool(is_cheap)))
+                decided = self.solve(replace(problem, neighbourhood_only=bool(is_cheap)))
             except InfeasibleError as failure:
                 return decided, failure
-            if (following := self._next_problem(asked, decided)) is None:
+            if (following := self._next_problem(problem, decided)) is None:
                 break
-            asked = following
+            problem = following
         return decided, None
 
     def _near(
@@ -262,10 +262,10 @@ class ClearanceLoop:
             ),
         )
 
-    def _next_problem(self, asked: MethodProblem, decided: Decided) -> MethodProblem | None:
+    def _next_problem(self, problem: MethodProblem, decided: Decided) -> MethodProblem | None:
         """Repair a proposal; return the problem of the next round, or None to stop."""
         plans = self._time(decided)
-        if not asked.repair_touching_stops:
+        if not problem.repair_touching_stops:
             refuse_touching_lines(self.clearing, plans[0])
         repaired = self._shortest_repaired(plans)
         if self.best is None or repaired.rank < self.best.cleared.rank:
@@ -275,18 +275,18 @@ class ClearanceLoop:
         if (
             decided.is_infeasible
             or not no_goods
-            or (repaired.blocked and not asked.repair_touching_stops)
+            or (repaired.blocked and not problem.repair_touching_stops)
         ):
             return None
-        if asked.no_goods and same_postures(decided.stages, asked.unchecked):
+        if problem.no_goods and same_postures(decided.stages, problem.unchecked):
             return None
         [proposed] = [plan for plan in plans if plan.plans is decided.stages]
-        return self._near(asked, proposed, no_goods)
+        return self._near(problem, proposed, no_goods)
 
     def _shortest_repaired(
         self, plans: Sequence[TimedPlan], best: TimedPlan | None = None
     ) -> TimedPlan:
-        """Repair plans, fastest first; return the best of them and of a known plan."""
+        """Repair plans, fastest first; return the best of them and of `best`."""
         for plan in plans:
             if best is not None and best.is_done_within(plan.duration):
                 break
@@ -365,12 +365,12 @@ class ClearanceLoop:
             return best
         self.progress("comparing with the plan of less effort")
         try:
-            other = replace(self, problem=replace(self.problem, effort=less)).run()
+            rival = replace(self, problem=replace(self.problem, effort=less)).run()
         except InfeasibleError:
             return best
-        shorter = min(best, other, key=attrgetter("cleared.rank"))
-        return replace(shorter, unchecked=min(best.unchecked, other.unchecked))
+        shorter = min(best, rival, key=attrgetter("cleared.rank"))
+        return replace(shorter, unchecked=min(best.unchecked, rival.unchecked))
 
 
-def _better(known: TimedPlan | None, candidate: TimedPlan) -> TimedPlan:
-    return candidate if known is None or candidate.rank < known.rank else known
+def _better(best: TimedPlan | None, candidate: TimedPlan) -> TimedPlan:
+    return candidate if best is None or candidate.rank < best.rank else best

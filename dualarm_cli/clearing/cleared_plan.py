@@ -1,4 +1,4 @@
-"""A collision-free plan, what it came from, and notes on its clearance."""
+"""Collision-free plan with its origin, and notes on the cost of its clearance."""
 
 from __future__ import annotations
 
@@ -34,32 +34,32 @@ DETOURS_STRAIGHT = Note(
     "as constant",
     "sensitivity",
 )
-"""Note on assumed limits."""
+"""Note on the assumption of the sensitivities about repaired transfers."""
 
 
 @dataclass(frozen=True)
 class ClearedPlan:
-    """A method's plan, repaired and timed."""
+    """A method's plan, repaired, timed and possibly blended."""
 
     decided: Decided
-    """What it came from."""
+    """The method's proposal that was repaired."""
     cleared: TimedPlan
-    """The plan that is collision-free."""
+    """The repaired plan; stages of it may be blocked."""
     unchecked: float
-    """Duration of the method's plan where nothing has to be collision-free [s]."""
+    """Duration of the method's plan without collision checking [s]."""
     replanned: bool
-    """Whether other postures or platform angles were needed."""
+    """Whether postures or platform angles differ from the unchecked plan."""
     holding: Holding | None = field(compare=False, repr=False)
-    """What had to be collision-free; None where nothing had to."""
+    """Bodies that must not collide; None disables collision checking."""
     cache: MotionCache = field(default_factory=MotionCache, compare=False, repr=False)
-    """What was timed for it."""
+    """Motions timed so far."""
     rivals: tuple[TimedPlan, ...] = field(default=(), compare=False, repr=False)
-    """Other collision-free plans of the method that take longer with all stops, but perhaps not in motion."""
+    """Slower collision-free plans that blending may make the fastest."""
     stopping: TimedPlan | None = field(default=None, compare=False, repr=False)
-    """The plan with all stops that it was blended from; None where it is that."""
+    """The plan with all stops before blending; None before blending."""
 
     def clearing(self, problem: MethodProblem, timing: TimingSolver) -> Clearing | None:
-        """Returns what other plans of the same problem are tested with; None where nothing has to be collision-free."""
+        """Return the collision checks of the plan; None if checking is disabled."""
         if self.holding is None:
             return None
         cache, settings = self.cache, problem.settings.clearing
@@ -68,9 +68,9 @@ class ClearedPlan:
 
     @property
     def cost(self) -> float | None:
-        """How much longer the plan, with all stops, is than the unchecked one [s].
+        """Extra duration, with all stops, compared with the unchecked plan [s].
 
-        None where nothing had to be collision-free.
+        None if collision checking is disabled.
         """
         if self.holding is None:
             return None
@@ -82,14 +82,14 @@ class ClearedPlan:
 
 
 def clearance_notes(parts: Sequence[tuple[ClearedPlan, int]]) -> list[Note]:
-    """List notes on what was done for clearance, and its cost against the plan where nothing could touch.
+    """List notes on clearance measures and their cost against the unchecked plan.
 
     Args:
-        parts: the plans of a job's sections that had to be collision-free, each with the number of its first stage.
+        parts: checked plans of a job's sections, each with the number of its first stage.
     """
     changed, detours = list[Note](), dict[str, list[int]]()
-    for found, first in parts:
-        for k, stage in enumerate(found.cleared.plans, first):
+    for plan, first in parts:
+        for k, stage in enumerate(plan.cleared.plans, first):
             for arm, wait in stage.waits.items():
                 changed.append(_note("waits", arm=arm, seconds=wait, stage=k))
             for arm in stage.detours:
@@ -97,15 +97,15 @@ def clearance_notes(parts: Sequence[tuple[ClearedPlan, int]]) -> list[Note]:
     for arm, stages in detours.items():
         key = "detour" if len(stages) == 1 else "detours"
         changed.append(_note(key, arm=arm, stages=stages))
-    replanned = any(found.replanned for found, _ in parts)
+    replanned = any(plan.replanned for plan, _ in parts)
     done = [_note("replanned"), *changed] if replanned else changed
-    costs = [found.cost for found, _ in parts if found.cost is not None]
-    cost, unchecked = sum(costs), sum(found.unchecked for found, _ in parts)
+    costs = [plan.cost for plan, _ in parts if plan.cost is not None]
+    cost, unchecked = sum(costs), sum(plan.unchecked for plan, _ in parts)
     if not costs or (not done and abs(cost) < 5e-4):
         return []
     effect = _note("shorter" if cost < 0.0 else "longer", seconds=abs(cost))
-    more = {"done": done or [_note("slower")], "unchecked": unchecked}
-    notes = [_note("done", **more, effect=effect)]
+    details = {"done": done or [_note("slower")], "unchecked": unchecked}
+    notes = [_note("done", **details, effect=effect)]
     if cost > 0.25 * unchecked:
         notes.append(_note("dear", share=cost / unchecked))
     if changed:

@@ -1,4 +1,4 @@
-"""Repairs of stages that collide: a delay or a curved transfer."""
+"""Repairs of colliding stages: delay one arm or curve its transfer."""
 
 from __future__ import annotations
 
@@ -39,36 +39,36 @@ from dualarm_cli.timing import TimingSolver
 def quickest_curve(
     context: StageContext, name: str, clear: Callable[[StageSamples], bool], with_other: bool
 ) -> StagePlan | None:
-    """Returns the stage with the quickest of some curves of one arm that are collision-free, None for none.
+    """Find the fastest collision-free curve of one arm's transfer; None if none is found.
 
-    Curves are looked for beside what the platform and the other arm do meanwhile, as far as that is known before a
-    curve is timed; the best ones are timed, and looked at again.
+    Curves are optimised against the estimated simultaneous motion of platform and other arm; the best ones are timed
+    and checked exactly.
 
     Args:
         context: the stage.
         name: the arm.
-        clear: whether a stage with another way of the arm is collision-free.
-        with_other: whether the other arm counts while curves are looked for.
+        clear: collision check of the stage with a curve.
+        with_other: whether clearance to the other arm counts in the optimisation.
     """
-    arm, way = context.model.arms[name], context.motions[name]
+    arm, arm_motion = context.model.arms[name], context.motions[name]
     start, goal = context.plan.start[arm.columns], context.plan.arrival[arm.columns]
     limits = context.job.limits.select(arm.arm.joints)
     pace = 1.0 / context.job.speed
-    least = way.arrival * context.samples.step
+    transfer_time = arm_motion.arrival * context.samples.step
     rounds = context.settings.curve_rounds
     points = start + np.linspace(0.0, 1.0, rounds[0])[:, None] * (goal - start)
-    for samples, later in pairwise((*rounds, rounds[-1])):
-        missing = missing_clearance(context, name, way, points, with_other)
-        tool = tool_times(context, name, way, points)
-        cost = CurveCost(limits, least, missing, samples, pace, tool)
-        found = quick_curves(start, goal, cost, context.seed)
+    for samples, next_samples in pairwise((*rounds, rounds[-1])):
+        missing = missing_clearance(context, name, arm_motion, points, with_other)
+        tool = tool_times(context, name, arm_motion, points)
+        cost = CurveCost(limits, transfer_time, missing, samples, pace, tool)
+        curves = quick_curves(start, goal, cost, context.seed)
         timed = []
-        for controls in found[: context.settings.timed_curves]:
+        for controls in curves[: context.settings.timed_curves]:
             detour = Detour(controls)
             try:
                 timed.append(context.detoured(name, detour))
             except InfeasibleError:
-                # With the platform's motion the tool is too fast at any speed of the arm.
+                # The platform alone may move the tool faster than its limit.
                 continue
             stage = combined(
                 context.model, context.samples, {**context.motions, name: timed[-1]}, {}
@@ -77,8 +77,8 @@ def quickest_curve(
                 return replace(context.plan, detours={**context.plan.detours, name: detour})
         if not timed:
             break
-        # What the others do while the arm is where is known better now.
-        way, points = timed[0], curve(start, found[0], goal, later)
+        # The timed curve improves the estimate of the simultaneous motion.
+        arm_motion, points = timed[0], curve(start, curves[0], goal, next_samples)
     return None
 
 
@@ -91,7 +91,7 @@ class TimedPlan:
     motion: Motion
     """Motion of all stages."""
     blocked: tuple[int, ...] = ()
-    """Stages that collide whatever was tried; empty as long as nothing was tried."""
+    """Stages that no repair cleared; empty before repairs."""
 
     @property
     def duration(self) -> float:
@@ -104,50 +104,50 @@ class TimedPlan:
         return len(self.blocked), self.duration
 
     def is_done_within(self, duration: float) -> bool:
-        """Returns whether the whole plan is collision-free and takes no longer than a duration [s]."""
+        """Return whether the plan is collision-free within a duration [s]."""
         return not self.blocked and self.duration <= duration
 
 
 @dataclass(frozen=True)
 class Clearing:
-    """What repairing is done with."""
+    """Collision checks and repairs of one job, with their caches."""
 
     model: CellModel
     """The job's cell."""
     job: Job
-    """What is to be done."""
+    """Tasks and limits."""
     holding: Holding
-    """What has to be collision-free."""
+    """Bodies that must not collide."""
     timing: TimingSolver
-    """How transfers and curves are timed."""
+    """Solver that times transfers and curves."""
     seed: int
-    """Of what is tried at random."""
+    """Seed of the curve search."""
     cache: MotionCache = field(default_factory=MotionCache)
-    """What is timed already: repaired stages keep their lines."""
+    """Motions timed so far; repaired stages keep their lines."""
     seen: dict[tuple[Hashable, ...], bool] = field(default_factory=dict)
-    """Which stages are collision-free, as far as known, by their number and all that their motion depends on."""
+    """Cached results of collision checks by stage key: True if collision-free."""
     tried: set[str] = field(default_factory=set)
     """Repairs that were tried: `delays`, `detours`."""
     settings: ClearanceSettings = ClearanceSettings()
-    """Numbers of the repairs."""
+    """Settings of the repairs."""
 
     def timed(self, plans: list[StagePlan]) -> Motion:
-        """Returns the motion of all stages."""
+        """Time all stages as one motion."""
         return realise(self.model, self.job, plans, self.timing, self.cache)
 
     def alone(self, plan: StagePlan) -> Motion:
-        """Returns the motion of one stage by itself."""
+        """Time one stage by itself."""
         return realise(self.model, self.job, [plan], self.timing, self.cache, clock=None)
 
     def colliding_stages(self, plans: Sequence[StagePlan], motion: Motion) -> list[int]:
-        """Returns the stages of a motion that collide; how long arms wait in them must always be the same."""
+        """Return the colliding stages of a motion; results are cached."""
         keys = [_stage_key(k, plan, plans[k - 1] if k else None) for k, plan in enumerate(plans)]
         if self.holding.cell.skew > 0.0:
-            # An arm that is late is in the stage before for some time.
+            # A late arm still performs the previous stage, which therefore belongs to the key.
             keys = list(zip(keys, [(), *keys[:-1]], strict=True))
-        news = [k for k, key in enumerate(keys) if key not in self.seen]
-        stages = [self._sampled(motion, k) for k in news]
-        for k, clear in zip(news, which_are_clear(self.holding.cell, stages), strict=True):
+        unseen = [k for k, key in enumerate(keys) if key not in self.seen]
+        stages = [self._sampled(motion, k) for k in unseen]
+        for k, clear in zip(unseen, which_are_clear(self.holding.cell, stages), strict=True):
             self.seen[keys[k]] = bool(clear)
         return [k for k, key in enumerate(keys) if not self.seen[key]]
 
@@ -159,7 +159,7 @@ class Clearing:
         Args:
             plan: stages and their motion.
             colliding_stages: the stages that collide.
-            give_up: whether nothing more is repaired after the first stage that cannot be.
+            give_up: whether the first failed repair ends all repairs.
         """
         stages, blocked = list(plan.plans), []
         for k in colliding_stages:
@@ -174,16 +174,16 @@ class Clearing:
         motion = self.timed(stages) if is_changed else plan.motion
         return TimedPlan(stages, motion, tuple(blocked))
 
-    def fails_alone(self, found: TimedPlan, k: int) -> bool:
-        """Returns whether an arm collides in a stage of a plan whatever the other one does."""
-        samples = stage_samples(found.motion, k, k, self.holding)
+    def fails_alone(self, plan: TimedPlan, k: int) -> bool:
+        """Return whether one arm of a stage collides regardless of the other arm."""
+        samples = stage_samples(plan.motion, k, k, self.holding)
         cell = self.holding.cell
         return not all(alone_clear(cell, samples, a) for a in range(len(cell.arms)))
 
     def side_by_side(
         self, plans: Sequence[StagePlan], colliding_stages: Sequence[int]
     ) -> list[int]:
-        """Returns the stages of two arms in which these touch where they work, not on their ways only."""
+        """Return the two-arm stages in which the arms' lines collide."""
         return [
             k
             for k in colliding_stages
@@ -193,29 +193,29 @@ class Clearing:
         ]
 
     def _sampled(self, motion: Motion, k: int) -> StageSamples:
-        """Returns one stage of a whole motion, with the one before where an arm may be late."""
+        """Sample one stage of a motion, with the previous stage if arms may be late."""
         samples = stage_samples(motion, k, k, self.holding)
         if k and self.holding.cell.skew > 0.0:
             samples = replace(samples, before=stage_samples(motion, k - 1, k - 1, self.holding))
         return samples
 
     def _repaired(self, plan: StagePlan, k: int, before: StageSamples | None) -> StagePlan | None:
-        """Returns a stage that is collision-free, None where nothing that was tried does."""
-        tried, first = plan, self._context(plan, k, before)
+        """Repair one stage; None if no repair makes it collision-free."""
+        candidate, first = plan, self._context(plan, k, before)
         if not all(_repairable(first, a) for a in range(len(first.cell.arms))):
             return None
         for _ in range(self.settings.repairs):
-            context = first if tried is plan else self._context(tried, k, before)
-            found = self._next(context)
-            if found is tried and (tried is plan or self._within_cap(tried)):
-                return tried
-            if found is None or found is tried:
+            context = first if candidate is plan else self._context(candidate, k, before)
+            repaired = self._next(context)
+            if repaired is candidate and (candidate is plan or self._within_cap(candidate)):
+                return candidate
+            if repaired is None or repaired is candidate:
                 return None
-            tried = found
+            candidate = repaired
         return None
 
     def _within_cap(self, plan: StagePlan) -> bool:
-        """Returns whether no tool is faster than its cap in a repaired stage, in which all move otherwise now."""
+        """Return whether all tools of a repaired stage stay below the tool speed limit."""
         if self.job.tool_speed is None:
             return True
         whole = self.alone(plan).trajectory
@@ -244,7 +244,7 @@ class Clearing:
         )
 
     def _next(self, context: StageContext) -> StagePlan | None:
-        """Returns the stage with one thing repaired, the same where there is nothing, None where that cannot be."""
+        """Apply the next repair; return the same plan if clear, None if impossible."""
         cell, samples = context.cell, context.samples
         for a, name in enumerate(cell.arms):
             if alone_clear(cell, samples, a):
@@ -264,13 +264,13 @@ class Clearing:
         return self._made_apart(context)
 
     def _made_apart(self, context: StageContext) -> StagePlan | None:
-        """Returns the shortest stage found in which the arms are clear of each other."""
+        """Separate the arms by a delay or a curve; return the shortest repair."""
         self.tried.add("delays")
         delayed = _least_delay(context)
         short = self.settings.short_delay * self.holding.pace
         if delayed is not None and sum(delayed.waits.values()) <= short:
             return delayed
-        tries = [delayed] if delayed is not None else []
+        candidates = [delayed] if delayed is not None else []
 
         def clear(stage: StageSamples) -> bool:
             return is_clear(context.cell, stage)
@@ -278,66 +278,75 @@ class Clearing:
         free = [name for name in context.cell.arms if name not in context.plan.detours]
         self.tried.update(["detours"] if free else [])
         curves = (quickest_curve(context, name, clear, with_other=True) for name in free)
-        tries += [one for one in curves if one is not None]
-        tries = [one for one in tries if self._within_cap(one)]
-        if not tries:
+        candidates += [candidate for candidate in curves if candidate is not None]
+        candidates = [candidate for candidate in candidates if self._within_cap(candidate)]
+        if not candidates:
             return None
-        lengths = [self.alone(one).trajectory.duration for one in tries]
-        return tries[int(np.argmin(lengths))]
+        lengths = [self.alone(candidate).trajectory.duration for candidate in candidates]
+        return candidates[int(np.argmin(lengths))]
 
 
 def _stage_key(k: int, plan: StagePlan, before: StagePlan | None) -> tuple[Hashable, ...]:
-    """Returns all that the motion of a stage that nobody waits in depends on, its number first."""
+    """Return a hashable key of a stage's motion, for stages without waits."""
     postures = [plan.start, plan.arrival, plan.end]
     for stop in plan.stops.values():
-        made = stop.posture
+        posture = stop.posture
         postures += [
-            made.q_target,
-            np.array([made.psi_target, made.psi_approach, made.psi_retract]),
+            posture.q_target,
+            np.array([posture.psi_target, posture.psi_approach, posture.psi_retract]),
         ]
     passes: list[Hashable] = [*plan.passes.items()]
     passes += [
-        ("by", name, one.points.tobytes(), one.rates is None or np.asarray(one.rates).tobytes())
-        for name, one in plan.detours.items()
+        (
+            "by",
+            name,
+            detour.points.tobytes(),
+            detour.rates is None or np.asarray(detour.rates).tobytes(),
+        )
+        for name, detour in plan.detours.items()
     ]
     passes += [("through", name, rate.tobytes()) for name, rate in plan.through.items()]
     if before is not None:
         passes += [("from", name, rate.tobytes()) for name, rate in before.through.items()]
-        passes += [("left", way) for way in before.passes.items() if way[0][1] == "retract"]
+        passes += [
+            ("left", launch) for launch in before.passes.items() if launch[0][1] == "retract"
+        ]
     return (k, *passes, *(posture.tobytes() for posture in postures))
 
 
 def _repairable(context: StageContext, a: int) -> bool:
-    """Returns whether an arm is collision-free at both ends of its transfer and from there on."""
+    """Return whether an arm is clear at the start and from arrival on."""
     name = context.cell.arms[a]
     arrival = context.motions[name].arrival
-    first, rest = context.samples.position[:1], context.samples.position[arrival:]
+    first, from_arrival = context.samples.position[:1], context.samples.position[arrival:]
     held = context.samples.held
-    rows = StageSamples(np.concatenate([first, rest]), np.concatenate([held[:1], held[arrival:]]))
+    rows = StageSamples(
+        np.concatenate([first, from_arrival]), np.concatenate([held[:1], held[arrival:]])
+    )
     return bool(
         (context.cell.own_margins(a, rows.position, rows.held[:, a], ground=True) >= KEPT).all()
     )
 
 
 def _lines_apart(context: StageContext) -> bool:
-    """Returns whether the arms are clear of each other if all of them begin their lines at once."""
+    """Return whether the arms are clear if their lines begin simultaneously."""
     first = {
-        name: way.arrival if way.meets is None else way.meets
-        for name, way in context.motions.items()
+        name: arm_motion.arrival if arm_motion.meets is None else arm_motion.meets
+        for name, arm_motion in context.motions.items()
     }
-    rests = {name: way.q[first[name] :] for name, way in context.motions.items()}
-    length = max(len(rest) for rest in rests.values())
+    lines = {name: arm_motion.q[first[name] :] for name, arm_motion in context.motions.items()}
+    length = max(len(line) for line in lines.values())
     position = np.tile(context.plan.arrival, (length, 1))
-    held = np.empty((length, len(rests)), dtype=np.int64)
-    for a, (name, rest) in enumerate(rests.items()):
-        rows = np.minimum(np.arange(length), len(rest) - 1)
-        position[:, context.model.arms[name].columns] = rest[rows]
+    held = np.empty((length, len(lines)), dtype=np.int64)
+    for a, (name, line) in enumerate(lines.items()):
+        rows = np.minimum(np.arange(length), len(line) - 1)
+        position[:, context.model.arms[name].columns] = line[rows]
         held[:, a] = context.motions[name].held[first[name] :][rows]
     return bool((context.cell.cross_margins(position, held) >= 0.0).all())
 
 
 def _least_delay(context: StageContext) -> StagePlan | None:
-    """Returns the stage with the delay of one arm that makes it shortest, None where no delay serves."""
+    """Delay one arm so that the stage is clear and shortest; None if impossible."""
     for delay, name in _delays(context):
         stage = combined(context.model, context.samples, context.motions, {name: delay})
         if is_clear(context.cell, stage):
@@ -346,12 +355,12 @@ def _least_delay(context: StageContext) -> StagePlan | None:
 
 
 def _delays(context: StageContext) -> Iterator[tuple[int, str]]:
-    """Yields delays and arms, those that make the stage shortest first."""
+    """Yield (delay in samples, arm), shortest stage first."""
     shift = max(1, round(context.settings.delay_step / (context.job.speed * context.samples.step)))
-    tries = []
-    for name, way in context.motions.items():
-        others = max((w.end for other, w in context.motions.items() if other != name), default=0)
+    delays = []
+    for name, arm_motion in context.motions.items():
+        others = max((w.end for name_b, w in context.motions.items() if name_b != name), default=0)
         for delay in range(shift, max(others, 1) + shift, shift):
-            tries.append((max(way.end + delay, others), delay, name))
-    for _, delay, name in sorted(tries):
+            delays.append((max(arm_motion.end + delay, others), delay, name))
+    for _, delay, name in sorted(delays):
         yield delay, name

@@ -1,4 +1,4 @@
-"""A stage at many instants: everybody's joints and what the arms hold, and whether all of it is collision-free."""
+"""Sampled stages: joints and held parts of both arms over time, and their collision check."""
 
 from __future__ import annotations
 
@@ -25,12 +25,13 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.timing import TimingSolver
 
 STEP = 0.004
-"""Time between the instants at full speed, but for stages of minutes [s]."""
+"""Sampling interval at full speed, except for stages of minutes [s]."""
 KEPT = 0.0005
-"""What is asked for beyond the required clearance, for what is between the instants [m]."""
+"""Extra clearance for the motion between samples [m]."""
 NEAR = 0.008
-"""Between two instants of which one has less than this to spare it is looked at more closely [m]; times their number
-where instants have been left out between the two."""
+"""Margin below which the interval between two samples is refined [m].
+
+It grows in proportion to the number of samples that were skipped between the two."""
 
 Margins = Callable[[FloatArray, IntArray], FloatArray]
 """Margins [m], shape (n,), of joints (n, columns) [rad] with what the arms hold, shape (n, arms)."""
@@ -38,63 +39,63 @@ Margins = Callable[[FloatArray, IntArray], FloatArray]
 
 @dataclass(frozen=True)
 class StageSamples:
-    """One stage at t instants a step apart."""
+    """One stage sampled at t equidistant times."""
 
     position: FloatArray
     """All joints [rad], shape (t, columns)."""
     held: IntArray
-    """What each arm holds, shape (t, arms)."""
+    """Index of the held part by arm, shape (t, arms)."""
     step: float = STEP
-    """Time between the instants [s]."""
+    """Sampling interval [s]."""
     before: StageSamples | None = None
-    """The stage before it, where an arm that is late still is; None: it still stands at its start."""
+    """Previous stage, in which a late arm still moves; None: a late arm stands at its start."""
 
     def delayed(self, columns: Sequence[int], a: int, rows: int) -> StageSamples:
-        """Return the stage with one arm some instants late, until that is done as well.
+        """Delay one arm by a number of samples; the other arm stands at the end.
 
         Args:
-            columns: of the arm's joints.
-            a: the arm's number.
-            rows: how many instants.
+            columns: columns of the arm's joints.
+            a: index of the arm.
+            rows: delay in samples.
         """
-        led = () if self.before is None else (self.before,)
+        earlier = () if self.before is None else (self.before,)
         rows_now = np.minimum(np.arange(len(self.position) + rows), len(self.position) - 1)
-        skipped = sum(len(one.position) for one in led) - rows
+        skipped = sum(len(stage.position) for stage in earlier) - rows
         rows_late = np.maximum(np.arange(len(rows_now)) + skipped, 0)
         position, held = self.position[rows_now], self.held[rows_now]
-        own = np.concatenate([one.position for one in (*led, self)])[:, columns]
-        position[:, columns] = own[rows_late]
-        held[:, a] = np.concatenate([one.held[:, a] for one in (*led, self)])[rows_late]
+        arm_position = np.concatenate([stage.position for stage in (*earlier, self)])[:, columns]
+        position[:, columns] = arm_position[rows_late]
+        held[:, a] = np.concatenate([stage.held[:, a] for stage in (*earlier, self)])[rows_late]
         return StageSamples(position, held, self.step)
 
 
 @dataclass(frozen=True)
 class ArmMotion:
-    """What one arm does in a stage, by itself."""
+    """Sampled motion of one arm in a stage."""
 
     q: FloatArray
-    """Its joints [rad], shape (t, 7)."""
+    """Joints of the arm [rad], shape (t, n)."""
     held: IntArray
-    """What it holds, shape (t,)."""
+    """Index of the held part, shape (t,)."""
     arrival: int
-    """Number of the instant at which its transfer is over."""
+    """Index of the sample at the end of the transfer."""
     meets: int | None = None
-    """In a hand-over the instant at which the lines of both begin, when the other one has arrived as well."""
+    """Index of the sample at which the lines of a hand-over begin; None without a hand-over."""
 
     @property
     def end(self) -> int:
-        """Number of the instant after which it does not move."""
+        """Index of the last sample of motion."""
         return last_motion(self.q)
 
 
 def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> StageSamples:
-    """Returns one stage of a motion.
+    """Sample one stage of a motion.
 
     Args:
-        motion: of some stages.
-        number: which of them.
-        stage: its number in the job, that of the return being the number of all others.
-        holding: what the arms hold.
+        motion: motion of several stages.
+        number: index of the stage in the motion.
+        stage: index of the stage in the job; the return is the last one.
+        holding: parts held by the arms.
     """
     this = motion.stages[number]
     step = max(STEP * holding.pace, (this.end - this.start) / 20_000)
@@ -114,12 +115,12 @@ def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> 
         if holding.handing[stage]:
             continue
         start, end = _on_lines(motion, [arm], this.start, this.end)
-        # With no approach (or no retract) the part lies where it is picked (or placed) at that very instant as well.
+        # Without an approach (or retract) the part still lies at its place at the instant of the pick (or place).
         first = start - SAME_TIME if start == event.time else start + SAME_TIME
         inside = (time >= first) & (time <= end - SAME_TIME)
         held[inside, a] = holding.cell.loads.on_lines(held[inside, a])
     if stage <= last and holding.handing[stage]:
-        # Both at once: from where the taking tool approaches until the giving one is away.
+        # Both tools hold the part from the taking approach until the end of the giving retract.
         start, end = _on_lines(motion, holding.cell.arms, this.start, this.end)
         inside = (time >= start - SAME_TIME) & (time <= end + SAME_TIME)
         held[inside] = holding.cell.loads.at_stops(
@@ -129,7 +130,7 @@ def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> 
 
 
 def _on_lines(motion: Motion, arms: Sequence[str], start: float, end: float) -> tuple[float, float]:
-    """Returns when arms are on the lines of their stops in a stage from start to end [s]; an empty span for never."""
+    """Return the time span of the arms' lines within a stage [s]; empty if none."""
     parts = motion.lines_within(arms, start, end)
     return min((p.start for p in parts), default=np.inf), max(
         (p.end for p in parts), default=-np.inf
@@ -139,25 +140,25 @@ def _on_lines(motion: Motion, arms: Sequence[str], start: float, end: float) -> 
 def arm_motions(
     model: CellModel, motion: Motion, number: int, samples: StageSamples
 ) -> dict[str, ArmMotion]:
-    """Returns what each arm does in one stage of a motion.
+    """Split sampled joints into the motion of each arm.
 
     Args:
         model: the cell.
-        motion: of some stages.
-        number: which of them.
-        samples: of that stage.
+        motion: motion of several stages.
+        number: index of the stage in the motion.
+        samples: samples of that stage.
     """
-    this = motion.stages[number]
+    timed_stage = motion.stages[number]
     motions: dict[str, ArmMotion] = {}
     for a, (name, arm) in enumerate(model.arms.items()):
-        own = [part for part in motion.segments if part.arm == name]
-        ends = transfer_ends(own, this.start, this.end + samples.step)
-        arrival = round((max(ends, default=this.start) - this.start) / samples.step)
+        segments = [part for part in motion.segments if part.arm == name]
+        ends = transfer_ends(segments, timed_stage.start, timed_stage.end + samples.step)
+        arrival = round((max(ends, default=timed_stage.start) - timed_stage.start) / samples.step)
         arrival = min(arrival, len(samples.position) - 1)
         motions[name] = ArmMotion(samples.position[:, arm.columns], samples.held[:, a], arrival)
-    span = this.start - SAME_TIME, this.end + SAME_TIME
+    span = timed_stage.start - SAME_TIME, timed_stage.end + SAME_TIME
     if any(part.action == "give" and span[0] <= part.start <= span[1] for part in motion.segments):
-        # Whoever is early waits: that is part of neither's lines.
+        # The early arm waits; its wait does not belong to the lines.
         meets = max(motion.arrival for motion in motions.values())
         motions = {name: replace(motion, meets=meets) for name, motion in motions.items()}
     return motions
@@ -169,13 +170,13 @@ def combined(
     motions: Mapping[str, ArmMotion],
     delays: Mapping[str, int],
 ) -> StageSamples:
-    """Returns a stage with other motions of its arms, some of them late.
+    """Combine arm motions, some of them delayed, into one sampled stage.
 
     Args:
         model: the cell.
-        samples: of the stage as it was, for the platform.
-        motions: of every arm.
-        delays: instants that an arm waits before it leaves, by arm.
+        samples: samples of the original stage, used for the platform.
+        motions: motion of every arm.
+        delays: delay of each arm in samples.
     """
     motions = {name: _late(motion, delays.get(name, 0)) for name, motion in motions.items()}
     if all(motion.meets is not None for motion in motions.values()):
@@ -187,14 +188,14 @@ def combined(
     position = samples.position[rows]
     held = np.empty((length, len(motions)), dtype=np.int64)
     for a, (name, motion) in enumerate(motions.items()):
-        own = np.minimum(np.arange(length), len(motion.q) - 1)
-        position[:, model.arms[name].columns] = motion.q[own]
-        held[:, a] = motion.held[own]
+        rows = np.minimum(np.arange(length), len(motion.q) - 1)
+        position[:, model.arms[name].columns] = motion.q[rows]
+        held[:, a] = motion.held[rows]
     return StageSamples(position, held, samples.step, samples.before)
 
 
 def _late(motion: ArmMotion, delay: int) -> ArmMotion:
-    """Returns an arm's motion some instants later."""
+    """Delay an arm motion by a number of samples."""
     if not delay:
         return motion
     meets = None if motion.meets is None else motion.meets + delay
@@ -203,67 +204,69 @@ def _late(motion: ArmMotion, delay: int) -> ArmMotion:
 
 
 def _meeting(motion: ArmMotion, met: int) -> ArmMotion:
-    """Returns an arm's motion in which its lines begin at an instant not before its arrival."""
-    assert motion.meets is not None  # asked for only in hand-overs
+    """Extend the wait before a hand-over so that the lines begin at sample `met`."""
+    assert motion.meets is not None  # called for hand-overs only
     wait = np.full(met - motion.arrival, motion.arrival)
     rows = np.concatenate([np.arange(motion.arrival), wait, np.arange(motion.meets, len(motion.q))])
     return ArmMotion(motion.q[rows], motion.held[rows], motion.arrival, met)
 
 
 def is_clear(cell: CellClearance, samples: StageSamples) -> bool:
-    """Returns whether everything is clear of everything in a stage."""
+    """Return whether a stage is collision-free."""
     return bool(which_are_clear(cell, [samples])[0])
 
 
 def which_are_clear(cell: CellClearance, stages: Sequence[StageSamples]) -> BoolArray:
-    """Returns in which of s stages everything is clear of everything, shape (s,)."""
-    kept = _which_are_apart(cell, stages)
-    for margins in [_own(cell, a) for a in range(len(cell.arms))]:
-        left = np.flatnonzero(kept).tolist()
-        kept[left] = _kept(cell, [stages[k] for k in left], margins)
-    return kept
+    """Return which of s stages are collision-free, shape (s,)."""
+    clear = _arms_apart(cell, stages)
+    for margins in [_arm_margins(cell, a) for a in range(len(cell.arms))]:
+        remaining = np.flatnonzero(clear).tolist()
+        clear[remaining] = _keep_margins(cell, [stages[k] for k in remaining], margins)
+    return clear
 
 
 def apart(cell: CellClearance, samples: StageSamples) -> bool:
-    """Returns whether the arms are clear of each other."""
-    return bool(_which_are_apart(cell, [samples])[0])
+    """Return whether the arms are clear of each other."""
+    return bool(_arms_apart(cell, [samples])[0])
 
 
-def _which_are_apart(cell: CellClearance, stages: Sequence[StageSamples]) -> BoolArray:
-    """Returns in which of s stages the arms are clear of each other, also with one as late as it may be."""
-    kept = _kept(cell, stages, cell.cross_margins)
-    for k in np.flatnonzero(kept & (cell.skew > 0.0)).tolist():
+def _arms_apart(cell: CellClearance, stages: Sequence[StageSamples]) -> BoolArray:
+    """Return which of s stages keep the arms apart, including late arms, shape (s,)."""
+    clear = _keep_margins(cell, stages, cell.cross_margins)
+    for k in np.flatnonzero(clear & (cell.skew > 0.0)).tolist():
         rows = int(np.ceil(cell.skew / stages[k].step))
         shifts = distinct(np.ceil(np.linspace(0.0, rows, -(-rows // 4) + 1))[1:])
-        kept[k] = all(
-            _kept(cell, [stages[k].delayed(columns, a, int(shift))], cell.cross_margins)[0]
+        clear[k] = all(
+            _keep_margins(cell, [stages[k].delayed(columns, a, int(shift))], cell.cross_margins)[0]
             for shift in shifts[::-1]
             for a, columns in enumerate(cell.columns)
         )
-    return kept
+    return clear
 
 
 def alone_clear(cell: CellClearance, samples: StageSamples, a: int) -> bool:
-    """Returns whether one arm is clear of itself and of all that is not the other arm."""
-    return bool(_kept(cell, [samples], _own(cell, a))[0])
+    """Return whether one arm is clear of itself and its surroundings, ignoring the other."""
+    return bool(_keep_margins(cell, [samples], _arm_margins(cell, a))[0])
 
 
-def _own(cell: CellClearance, a: int) -> Margins:
+def _arm_margins(cell: CellClearance, a: int) -> Margins:
     def margins(position: FloatArray, held: IntArray) -> FloatArray:
         return cell.own_margins(a, position, held[:, a], ground=True)
 
     return margins
 
 
-def _kept(cell: CellClearance, stages: Sequence[StageSamples], margins: Margins) -> BoolArray:
-    """Returns in which of s stages all margins are kept, shape (s,).
+def _keep_margins(
+    cell: CellClearance, stages: Sequence[StageSamples], margins: Margins
+) -> BoolArray:
+    """Return which of s stages keep all margins, shape (s,).
 
-    At every eighth instant first, then at all of them about those that have little to spare, or between which what
-    is held changes, and then between these.
+    Every eighth sample is checked first, then all samples near small margins and changes of held parts, then
+    interpolated configurations between samples with small margins.
     """
-    kept, coarse, between = np.ones(len(stages), dtype=np.bool_), 8, 8
+    clear, coarse, between = np.ones(len(stages), dtype=np.bool_), 8, 8
     if not len(stages):
-        return kept
+        return clear
     position = np.concatenate([stage.position for stage in stages])
     held = np.concatenate([stage.held for stage in stages])
     length = np.array([len(stage.position) for stage in stages])
@@ -271,79 +274,81 @@ def _kept(cell: CellClearance, stages: Sequence[StageSamples], margins: Margins)
     stage = np.repeat(np.arange(len(stages)), length)
     within = np.arange(len(position)) - (last - length + 1)[stage]
 
-    def looked_at(rows: IntArray, q: FloatArray, numbers: IntArray) -> FloatArray:
-        found = margins(q, numbers)
-        kept[stage[rows[found < KEPT]]] = False
-        return found
+    def measure(rows: IntArray, q: FloatArray, numbers: IntArray) -> FloatArray:
+        measured = margins(q, numbers)
+        clear[stage[rows[measured < KEPT]]] = False
+        return measured
 
     rows = np.flatnonzero((within % coarse == 0) | (within == length[stage] - 1))
     margin = np.full(len(position), np.inf)
-    margin[rows] = looked_at(rows, position[rows], held[rows])
+    margin[rows] = measure(rows, position[rows], held[rows])
     first, second = rows[:-1], rows[1:]
     close = np.minimum(margin[first], margin[second]) < NEAR * (second - first)
-    # What may touch counts only where it reaches into something: how far it is from that says nothing.
+    # Bodies that may touch have no distance margin: only penetration counts.
     close |= (held[first] != held[second]).any(axis=1) | cell.may_only_touch(held[first])
-    close &= (stage[first] == stage[second]) & kept[stage[first]]
+    close &= (stage[first] == stage[second]) & clear[stage[first]]
     steps = (first[close, None] + np.arange(1, coarse)).ravel()
     rows = steps[steps < np.repeat(second[close], coarse - 1)]
-    margin[rows] = looked_at(rows, position[rows], held[rows])
+    margin[rows] = measure(rows, position[rows], held[rows])
     tight = np.flatnonzero(np.minimum(margin[:-1], margin[1:]) < NEAR)
-    tight = tight[(stage[tight] == stage[tight + 1]) & kept[stage[tight]]]
-    # Between two instants joints are taken to go straight.
-    share = ((np.arange(between) + 1.0) / (between + 1.0))[None, :, None]
-    motion = position[tight, None] + share * (position[tight + 1] - position[tight])[:, None]
+    tight = tight[(stage[tight] == stage[tight + 1]) & clear[stage[tight]]]
+    # Interpolate linearly between two samples.
+    fraction = ((np.arange(between) + 1.0) / (between + 1.0))[None, :, None]
+    between_samples = (
+        position[tight, None] + fraction * (position[tight + 1] - position[tight])[:, None]
+    )
     rows = np.repeat(tight, between)
-    looked_at(rows, motion.reshape(-1, position.shape[1]), held[rows])
-    return kept
+    measure(rows, between_samples.reshape(-1, position.shape[1]), held[rows])
+    return clear
 
 
 def last_motion(position: FloatArray) -> int:
-    """Returns the number of the instant after which nothing moves, of joints (t, columns)."""
+    """Return the index after which the joints (t, columns) stand still."""
     moves = np.flatnonzero(np.abs(np.diff(position, axis=0)).max(axis=1, initial=0.0) > 0.0)
     return int(moves[-1]) + 1 if len(moves) else 0
 
 
 @dataclass(frozen=True)
 class StageContext:
-    """One stage and all that its motions are measured by."""
+    """One stage with everything its repairs need."""
 
     model: CellModel
     """The job's cell."""
     job: Job
-    """What is to be done."""
+    """Tasks and limits."""
     cell: CellClearance
-    """Hulls and pairs."""
+    """Collision model: hulls and pairs."""
     plan: StagePlan
     """The stage."""
     samples: StageSamples
-    """Its motion."""
+    """Sampled motion of the stage."""
     motions: dict[str, ArmMotion]
-    """What each arm does in it."""
+    """Sampled motion by arm."""
     platform: Trajectory | None
-    """What the platform does in it; None where there is none."""
+    """Trajectory of the platform; None without one."""
     timing: TimingSolver
-    """How transfers and curves are timed."""
+    """Solver that times transfers and curves."""
     seed: int
-    """Of what is tried at random."""
+    """Seed of the curve search."""
     settings: ClearanceSettings
-    """Numbers of the repairs."""
+    """Settings of the repairs."""
 
     def detoured(self, name: str, detour: Detour) -> ArmMotion:
-        """Returns an arm's motion along a curve."""
+        """Time one arm's motion along a detour."""
         drive = Drive.of(self.model, self.job, self.timing)
         plan = replace(self.plan, detours={name: detour})
         piece = curved_transfer(drive, plan, name, self.platform)
         base = self.motions[name]
         rows = piece.at(np.arange(0.0, piece.duration, self.samples.step))[0]
-        out = np.concatenate([base.q[:1], rows])
-        # A line begins when the platform is there as well.
-        wait = max(0, self._platform_arrival() - len(out))
+        transfer = np.concatenate([base.q[:1], rows])
+        # A line begins when arm and platform have arrived.
+        wait = max(0, self._platform_arrival() - len(transfer))
         lines = base.arrival if base.meets is None else base.meets
-        rest = base.q[lines:]
-        q = np.concatenate([out, np.repeat(rest[:1], wait, axis=0), rest])
-        held = np.concatenate([np.full(len(out) + wait, base.held[0]), base.held[lines:]])
-        there = len(out) + wait
-        return ArmMotion(q, held, there, None if base.meets is None else there)
+        after_arrival = base.q[lines:]
+        q = np.concatenate([transfer, np.repeat(after_arrival[:1], wait, axis=0), after_arrival])
+        held = np.concatenate([np.full(len(transfer) + wait, base.held[0]), base.held[lines:]])
+        arrival = len(transfer) + wait
+        return ArmMotion(q, held, arrival, None if base.meets is None else arrival)
 
     def _platform_arrival(self) -> int:
         turned = self.samples.position[:, self.model.platform_columns]
@@ -354,14 +359,14 @@ class StageContext:
 def missing_clearance(
     context: StageContext, name: str, motion: ArmMotion, points: FloatArray, with_other: bool
 ) -> Missing:
-    """Returns what curves of an arm lack of the clearance beside what all others do about then.
+    """Return a function that measures the mean clearance deficit of curves [m].
 
     Args:
         context: the stage.
         name: the arm.
-        motion: what is known of how it gets along a curve.
-        points: of that curve [rad], shape (s, n).
-        with_other: whether the other arm counts.
+        motion: estimated motion of the arm along a curve.
+        points: points of that curve [rad], shape (s, n).
+        with_other: whether clearance to the other arm counts.
     """
     stage, instants = _meanwhile(context, name, motion, points)
     a = context.cell.arms.index(name)
@@ -375,7 +380,7 @@ def missing_clearance(
         lack: FloatArray = np.maximum(context.settings.curve_spare - margin, 0.0).reshape(
             curves.shape[:2]
         )
-        # The ends are what they are.
+        # The ends are fixed.
         return lack[:, 1:-1].mean(axis=1)
 
     return missing
@@ -384,9 +389,9 @@ def missing_clearance(
 def tool_times(
     context: StageContext, name: str, motion: ArmMotion, points: FloatArray
 ) -> ToolTimes | None:
-    """Returns how long an arm's tool needs at least along curves under its cap; None without one.
+    """Return a function of the least travel time of curves [s]; None without a limit.
 
-    Arguments as of `missing_clearance`.
+    The arguments are those of `missing_clearance`.
     """
     cap = context.job.tool_speed
     if cap is None:
@@ -405,7 +410,7 @@ def tool_times(
 def _meanwhile(
     context: StageContext, name: str, motion: ArmMotion, points: FloatArray
 ) -> tuple[StageSamples, IntArray]:
-    """Returns a stage with another motion of an arm, and about when in it the arm is at points (s, 7) of its curve."""
+    """Combine the stage with an arm motion and find the sample nearest to each point."""
     stage = combined(context.model, context.samples, {**context.motions, name: motion}, {})
     moving = motion.q[: motion.arrival + 1]
     far = np.abs(moving[None] - points[:, None]).max(axis=2)
@@ -414,7 +419,7 @@ def _meanwhile(
 
 
 def _beside(context: StageContext, name: str, others: FloatArray, curves: FloatArray) -> FloatArray:
-    """Returns all joints with an arm on curves (c, s, 7) and all others at (s, columns), shape (c s, columns) [rad]."""
+    """Insert an arm's curves (c, s, n) into all joints, shape (c s, columns) [rad]."""
     rows = np.tile(others, (len(curves), 1))
     rows[:, context.model.arms[name].columns] = curves.reshape(-1, curves.shape[-1])
     return rows

@@ -12,7 +12,7 @@ from dualarm_cli.clearing.repairs import Clearing
 from dualarm_cli.clearing.stage_samples import (
     KEPT,
     StageSamples,
-    _kept,
+    _keep_margins,
     stage_samples,
     which_are_clear,
 )
@@ -80,10 +80,10 @@ def test_a_part_that_reaches_into_something_for_a_moment_on_its_line_is_seen():
         colliding = (position[:, 0] > 88.5) & (position[:, 0] < 94.5) & (held[:, 0] == 3)
         return np.where(colliding, -0.005, 0.2)
 
-    assert _kept(LINES, [StageSamples(position, lies)], margins)[0]
+    assert _keep_margins(LINES, [StageSamples(position, lies)], margins)[0]
     on_line = lies.copy()
     on_line[:, 0] = 3
-    assert not _kept(LINES, [StageSamples(position, on_line)], margins)[0]
+    assert not _keep_margins(LINES, [StageSamples(position, on_line)], margins)[0]
 
 
 def test_an_arm_that_is_late_is_where_it_was_before():
