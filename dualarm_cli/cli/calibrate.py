@@ -111,7 +111,7 @@ def calibrate_command(
 
 
 def _with_options(touches: Touches, origin: str | None, fit: str | None) -> Touches:
-    """Returns the points with what the options say in place of the file's."""
+    """Return the points with what the options say in place of the file's."""
     from dataclasses import replace
 
     if origin is not None:

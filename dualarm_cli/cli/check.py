@@ -60,13 +60,13 @@ def _is_infeasible(diagnostic: Diagnostic) -> bool:
 
 
 def _echo(text: str) -> None:
-    """Prints text; a stdout that is not UTF-8 gets escapes for what it cannot show."""
+    """Print text; a stdout that is not UTF-8 gets escapes for what it cannot show."""
     encoding = sys.stdout.encoding or "utf-8"
     typer.echo(text.encode(encoding, "backslashreplace").decode(encoding))
 
 
 def _check_one(file: str) -> dict[str, Any]:
-    """Returns what became of one file."""
+    """Return what became of one file."""
     from dualarm_cli.errors import InputError
     from dualarm_cli.files.checking import load_file
     from dualarm_cli.model.job import Job
@@ -84,7 +84,7 @@ def _check_one(file: str) -> dict[str, Any]:
 
 
 def _geometry(loaded: Loaded) -> list[Diagnostic]:
-    """Returns what is wrong with the geometry: arms that are not what they are called."""
+    """Return what is wrong with the geometry: arms that are not what they are called."""
     from dualarm_cli.kinematics.cell_model import find_false_kinds
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
@@ -97,7 +97,7 @@ def _geometry(loaded: Loaded) -> list[Diagnostic]:
 
 
 def _paths(loaded: Loaded) -> list[Diagnostic]:
-    """Returns what paths and seams ask for that there is not: methods, torque limits, too much time."""
+    """Return what paths and seams ask for that there is not: methods, torque limits, too much time."""
     from dualarm_cli.kinds.planning import kinds_of
     from dualarm_cli.model.job import Job
 
@@ -123,7 +123,7 @@ def _impossible(loaded: Loaded) -> list[Diagnostic]:
 
 
 def _describe(loaded: Loaded) -> tuple[str, str]:
-    """Returns the kind of a file and what is in it."""
+    """Return the kind of a file and what is in it."""
     from dualarm_cli.files.calibration.points import Base
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
@@ -167,12 +167,12 @@ def _count(number: int, what: str) -> str:
 
 
 def _shown(file: str) -> str:
-    """Returns a file's name fit for a terminal."""
+    """Return a file's name fit for a terminal."""
     return "".join(c if c.isprintable() else "\N{MIDDLE DOT}" for c in file)
 
 
 def _document(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """Returns the outcome of all files as one JSON document."""
+    """Return the outcome of all files as one JSON document."""
     return {
         "format": "dualarm.check/1",
         "passed": not any(result["diagnostics"] for result in results),

@@ -128,7 +128,7 @@ def solvers_command(
 
 
 def _refuse(out: str | None, plot: Path | None, page: bool, force: bool) -> None:
-    """Raises before any work is done where results could not be written anyway."""
+    """Raise before any work is done where results could not be written anyway."""
     if page:
         refuse_page(out, SOLVERS_PAGE)
     if out is not None:
@@ -138,7 +138,7 @@ def _refuse(out: str | None, plot: Path | None, page: bool, force: bool) -> None
 
 
 def refuse_page(out: str | None, name: str) -> None:
-    """Raises where a page has no folder, or this installation cannot make one.
+    """Raise where a page has no folder, or this installation cannot make one.
 
     Args:
         out: the folder.
@@ -156,7 +156,7 @@ def refuse_page(out: str | None, name: str) -> None:
 
 
 def _jobs(paths: list[Path]) -> dict[str, Job]:
-    """Returns the jobs by what the user calls them; everything wrong with any of them comes at once."""
+    """Return the jobs by what the user calls them; everything wrong with any of them comes at once."""
     from dualarm_cli.errors import Diagnostic, InputError
     from dualarm_cli.files.source.bundled import bundled_tasks
     from dualarm_cli.files.tasks.tasks import load_job
@@ -183,7 +183,7 @@ def _compare(
     plans: dict[PlanKey, dict[str, Any]] | None,
     quiet: bool,
 ) -> dict[str, Any]:
-    """Returns the document of all jobs; the data of the plans' pages are added to `plans`, where there is one."""
+    """Return the document of all jobs; the data of the plans' pages are added to `plans`, where there is one."""
     from functools import partial
 
     from dualarm_cli.interface import compare_solvers
@@ -203,7 +203,7 @@ def _compare(
 def _kept(
     plans: dict[PlanKey, dict[str, Any]], name: str, job: Job, outcomes: Iterator[Outcome]
 ) -> Iterator[Outcome]:
-    """Yields outcomes, and adds the data of their plans' pages."""
+    """Yield outcomes, and adds the data of their plans' pages."""
     from dualarm_cli.page.page_data import page_data
     from dualarm_cli.report.comparison.comparison import SOLVERS
     from dualarm_cli.report.report import build_report
@@ -223,7 +223,7 @@ def _write(
     plot: Path | None,
     quiet: bool,
 ) -> None:
-    """Writes the folder and the figure asked for, and says so unless told to be quiet."""
+    """Write the folder and the figure asked for, and says so unless told to be quiet."""
     say: Callable[[str], None] = (lambda _: None) if quiet else print_message
     from dualarm_cli.errors import MissingDependencyError
     from dualarm_cli.exporting.whole_files import write_file
@@ -266,7 +266,7 @@ def _print(document: dict[str, Any]) -> None:
 
 
 def _exit_code(document: dict[str, Any]) -> int:
-    """Returns 1 if a plan fails its verification, 3 if some job has no plan, 2 if no method serves any job."""
+    """Return 1 if a plan fails its verification, 3 if some job has no plan, 2 if no method serves any job."""
     found = [{row["status"] for row in section["rows"]} for section in document["comparisons"]]
     if any("failed" in statuses for statuses in found):
         return 1
@@ -337,7 +337,7 @@ def schedules_command(
 def _page_of_both(
     plans: tuple[Schedule, Schedule], paths: tuple[Path, Path], document: dict[str, Any]
 ) -> bytes:
-    """Returns the page of two plans on one clock; each is verified anew with the task file that it was made of."""
+    """Return the page of two plans on one clock; each is verified anew with the task file that it was made of."""
     from dualarm_cli.cli.report import tasks_of
     from dualarm_cli.interface import Plan, load
     from dualarm_cli.page.page_data import page_data

@@ -95,7 +95,7 @@ def curve_command(
 
 
 def _steps(step: str | None, spacing: str | None) -> tuple[float | None, float | None]:
-    """Returns interval [s] or distance [m], whichever is given."""
+    """Return interval [s] or distance [m], whichever is given."""
     from dualarm_cli.files.source.quantities import LENGTH, TIME
 
     if step is not None and spacing is not None:
@@ -106,7 +106,7 @@ def _steps(step: str | None, spacing: str | None) -> tuple[float | None, float |
 
 
 def _chosen(seams: dict[str, SeamWork], task: str | None, file: Path) -> dict[str, SeamWork]:
-    """Returns the seams that are asked for by their tasks."""
+    """Return the seams that are asked for by their tasks."""
     if not seams:
         raise UsageError(
             f"{file}: has no coordinate task, so there is no curve; name a task file with one"
@@ -124,7 +124,7 @@ def _chosen(seams: dict[str, SeamWork], task: str | None, file: Path) -> dict[st
 def _report(
     name: str, work: SeamWork, interval: float | None, distance: float | None
 ) -> CurveReport:
-    """Returns the points of one task's curve, after refusing steps that make no sense."""
+    """Return the points of one task's curve, after refusing steps that make no sense."""
     from dualarm_cli.model.curves.discretisation import CURVE_STEPS
     from dualarm_cli.report.curve_report import curve_report
 

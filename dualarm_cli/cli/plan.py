@@ -201,7 +201,7 @@ def figures_of(plot: Path, job: Job) -> dict[Path, Draw]:
 
 
 def refuse_rate(job: Job, rate: float) -> None:
-    """Raises before a job is planned where even the quickest plan that there could be has too many rows."""
+    """Raise before a job is planned where even the quickest plan that there could be has too many rows."""
     from dualarm_cli.bound.job_bound import job_bound
 
     most = MAX_ROWS / rate
@@ -216,7 +216,7 @@ def refuse_rate(job: Job, rate: float) -> None:
 
 
 def served_rate(duration: float, rate: float) -> tuple[float, list[str]]:
-    """Returns the rate that the CSV is written with [Hz], and a note where it is less than the one asked for."""
+    """Return the rate that the CSV is written with [Hz], and a note where it is less than the one asked for."""
     if duration * rate <= MAX_ROWS:
         return rate, []
     less = MAX_ROWS / duration
@@ -226,14 +226,14 @@ def served_rate(duration: float, rate: float) -> tuple[float, list[str]]:
 
 
 def refuse_existing(folder: Path, force: bool) -> None:
-    """Raises before any work is done where results could not be written anyway."""
+    """Raise before any work is done where results could not be written anyway."""
     from dualarm_cli.exporting.files import check_writable
 
     check_writable(folder, force)
 
 
 def _read(tasks: Path) -> Job:
-    """Returns the job of a task file. With two cores a copy of this process reads it while this one loads the planner.
+    """Return the job of a task file. With two cores a copy of this process reads it while this one loads the planner.
 
     Raises:
         InputError: all that is wrong with the files.

@@ -61,7 +61,7 @@ def report_command(
 
 
 def tasks_of(schedule: Schedule, folder: Path) -> Path:
-    """Returns the task file that a schedule was made of.
+    """Return the task file that a schedule was made of.
 
     It is looked for by its name within the project, here, above and around the plan, and among the bundled jobs.
 

@@ -231,7 +231,7 @@ def import_command(
 
 
 def _asked_for_tips(tips: Sequence[str]) -> dict[str, str]:
-    """Asks on the terminal which rows of joints are the arms, and returns their last links by side."""
+    """Ask on the terminal which rows of joints are the arms, and returns their last links by side."""
     from dualarm_cli.robot_import.structure import NO_TIP
 
     print_message(f"The tree has {len(tips)} rows of joints that may be arms: {', '.join(tips)}.")
@@ -246,7 +246,7 @@ def _asked_for_tips(tips: Sequence[str]) -> dict[str, str]:
 
 
 def _one_of(names: Sequence[str]) -> Callable[[str], str]:
-    """Returns a function that takes one of some names and asks again for anything else."""
+    """Return a function that takes one of some names and asks again for anything else."""
 
     def named(answer: str) -> str:
         if answer not in names:
@@ -260,7 +260,7 @@ robot_app.command("reach")(reach_command)
 
 
 def describe_robot(robot: Robot) -> dict[str, Any]:
-    """Returns everything known of a robot as a JSON-ready document; angles in rad, ways of joints that slide in m.
+    """Return everything known of a robot as a JSON-ready document; angles in rad, ways of joints that slide in m.
 
     Args:
         robot: of the data model.
@@ -306,7 +306,7 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
 
 
 def _describe_srs(geometry: SrsGeometry, exact: bool) -> dict[str, Any]:
-    """Returns the measured geometry of an arm that is called srs."""
+    """Return the measured geometry of an arm that is called srs."""
     x, y, z = (float(v) for v in geometry.shoulder)
     radius, azimuth = math.hypot(x, y), math.atan2(y, x)
     summary = (
@@ -330,7 +330,7 @@ def _describe_srs(geometry: SrsGeometry, exact: bool) -> dict[str, Any]:
 
 
 def _describe_general(measured: MeasuredRobot, arm: Arm) -> dict[str, Any]:
-    """Returns what serves an arm that is not called srs, and by how much it is not what it might be."""
+    """Return what serves an arm that is not called srs, and by how much it is not what it might be."""
     from dualarm_cli.errors import UnsupportedError
     from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE
     from dualarm_cli.kinematics.serial_chain import LEAST_JOINTS
@@ -372,7 +372,7 @@ def _describe_general(measured: MeasuredRobot, arm: Arm) -> dict[str, Any]:
 def _describe_closed(
     general: GeneralArm, kind: str, measured: ArmKind, what: str
 ) -> dict[str, Any]:
-    """Returns what serves an arm of six axes that closed forms may serve, by the kind that it is measured to be."""
+    """Return what serves an arm of six axes that closed forms may serve, by the kind that it is measured to be."""
     from dualarm_cli.kinematics.cell_model import CLOSED_ARMS
     from dualarm_cli.kinematics.closed_arm import with_closed_forms
 
@@ -397,7 +397,7 @@ def _finite(value: float) -> float | None:
 
 
 def _posture_line(robot: Robot, name: str) -> str:
-    """Returns a posture's joints that are not at 0, in degrees, and in mm where they slide."""
+    """Return a posture's joints that are not at 0, in degrees, and in mm where they slide."""
     values = [
         f"{joint} {1e3 * q:.4g} mm" if joint in robot.sliding else f"{joint} {math.degrees(q):.4g}°"
         for joint, q in zip(robot.joints, robot.postures[name], strict=True)
@@ -407,7 +407,7 @@ def _posture_line(robot: Robot, name: str) -> str:
 
 
 def _limits_table(robot: Robot) -> Any:
-    """Returns the table of joint limits in degrees, as a robot's data sheet has them; of joints that slide in mm."""
+    """Return the table of joint limits in degrees, as a robot's data sheet has them; of joints that slide in mm."""
     from rich.table import Table
 
     figures = numbers("lower °", "upper °", "velocity °/s", "acceleration °/s²", "jerk °/s³")

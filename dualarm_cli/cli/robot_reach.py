@@ -108,7 +108,7 @@ def reach_command(
 
 
 def _cell(robot: str) -> tuple[Cell, list[str]]:
-    """Returns the cell of an argument, and what is assumed of it."""
+    """Return the cell of an argument, and what is assumed of it."""
     from dualarm_cli.files.cells.cells import load_cell
     from dualarm_cli.files.robots.robots import load_robot
     from dualarm_cli.files.source.bundled import ROBOT_FILE, bundled_robots

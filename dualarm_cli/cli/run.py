@@ -47,7 +47,7 @@ def _interrupt(_signal: int, _frame: FrameType | None) -> None:
 
 
 def run(arguments: list[str]) -> int:
-    """Runs one command.
+    """Run one command.
 
     Args:
         arguments: the words after `dualarm`.
@@ -101,13 +101,13 @@ def run(arguments: list[str]) -> int:
 
 
 def _explained(*codes: str) -> str:
-    """Returns the last line of an error: where to read more about its codes."""
+    """Return the last line of an error: where to read more about its codes."""
     commands = ", ".join(f"`dualarm explain {code}`" for code in codes)
     return f"More about it: {commands}"
 
 
 def _unexpected(error: Exception, arguments: list[str]) -> int:
-    """Returns the exit code of an error that nobody raised on purpose, after saying what it is."""
+    """Return the exit code of an error that nobody raised on purpose, after saying what it is."""
     if lacks_memory(error):
         text = (
             f"error: not enough memory ({type(error).__name__}); close other programs, allow this one more "
@@ -125,7 +125,7 @@ def _unexpected(error: Exception, arguments: list[str]) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Gives a process that was started without stdout or stderr somewhere to write."""
+    """Give a process that was started without stdout or stderr somewhere to write."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             # Kept open on purpose: it lasts as long as the process.
@@ -141,7 +141,7 @@ def _run_command(arguments: list[str]) -> int:
 
 
 def _report(text: str, code: int, arguments: list[str]) -> int:
-    """Says what went wrong on stderr, and on stdout as a document where JSON was asked for."""
+    """Say what went wrong on stderr, and on stdout as a document where JSON was asked for."""
     sys.stderr.write(text + "\n")
     if "--json" in arguments:
         from dualarm_cli.cli.parts.output import print_json

@@ -153,7 +153,7 @@ def score_command(
 def _former(
     path: Path | None, settings: dict[str, object], update: bool, subset: bool, force: bool
 ) -> Baseline | None:
-    """Returns the baseline to compare with, or None.
+    """Return the baseline to compare with, or None.
 
     Raises:
         InputError: it cannot be used.
@@ -181,7 +181,7 @@ def _former(
 def _evaluate(
     requests: list[Request], run: Run, store: Store | None, quiet: bool
 ) -> dict[str, Evaluation]:
-    """Returns what every case came to; `run` plans what the store does not know."""
+    """Return what every case came to; `run` plans what the store does not know."""
     from dualarm_cli.cli.parts.score_files import score_progress
     from dualarm_cli.evaluation.answers import answers
 
@@ -207,7 +207,7 @@ def _evaluate(
 
 
 def _refuse_settings(request: Request) -> None:
-    """Raises where a solver that was named is none, instead of every single case saying so.
+    """Raise where a solver that was named is none, instead of every single case saying so.
 
     Not asked before there is a reason: methods take a second to load, in which all processes could plan.
     """
@@ -225,7 +225,7 @@ def _tell(
     json_output: bool,
     quiet: bool,
 ) -> None:
-    """Prints the result; failures go to stderr where stdout has no table."""
+    """Print the result; failures go to stderr where stdout has no table."""
     from dualarm_cli.scoring.document import score_document
     from dualarm_cli.scoring.markdown import github_commands
     from dualarm_cli.scoring.messages import reason_lines
@@ -266,7 +266,7 @@ def _print(verdicts: list[Verdict], allowed: float, compared: bool) -> None:
 def _write_pages(
     folder: Path, verdicts: list[Verdict], allowed: float, compared: bool, quiet: bool
 ) -> None:
-    """Writes the pages of all cases that have a plan, and their index."""
+    """Write the pages of all cases that have a plan, and their index."""
     from dualarm_cli.page.index_page import page_names
     from dualarm_cli.scoring.index import score_index
 
@@ -294,7 +294,7 @@ def _update(
 
 
 def _end(verdicts: list[Verdict]) -> None:
-    """Ends the process with the most severe of its cases."""
+    """End the process with the most severe of its cases."""
     from dualarm_cli.scoring.verdict import exit_code
 
     if code := exit_code(verdicts):

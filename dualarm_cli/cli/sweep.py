@@ -62,7 +62,7 @@ FILES = (DOCUMENT, TABLE, PARETO, EFFECTS)
 
 
 def refuse_results(out: str | None, csv: Path | None, force: bool) -> None:
-    """Raises before any work is done where results could not be written anyway."""
+    """Raise before any work is done where results could not be written anyway."""
     if out is not None:
         refuse_folder(out, FILES, force)
     if csv is None:
@@ -76,7 +76,7 @@ def refuse_results(out: str | None, csv: Path | None, force: bool) -> None:
 
 
 def refuse_inputs(out: str | None, csv: Path | None, inputs: Iterable[str]) -> None:
-    """Raises where a result would replace a file that the study was read from, or another result: no --force does."""
+    """Raise where a result would replace a file that the study was read from, or another result: no --force does."""
     read = {os.path.realpath(name) for name in inputs}
     results = {os.path.realpath(Path(out) / name): name for name in FILES} if out else {}
     named = [(f"--out {out}: its {name}", path) for path, name in results.items()]
@@ -90,7 +90,7 @@ def refuse_inputs(out: str | None, csv: Path | None, inputs: Iterable[str]) -> N
 
 
 def write_results(document: dict[str, Any], out: str | None, csv: Path | None, quiet: bool) -> None:
-    """Writes the files asked for, and says so unless told to be quiet."""
+    """Write the files asked for, and says so unless told to be quiet."""
     from dualarm_cli.errors import MissingDependencyError
     from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.report.comparison.study_table import study_csv
@@ -235,7 +235,7 @@ def sweep_command(
 
 
 def _search_options(optimise: bool, budget: int | None, seed: int | None) -> dict[str, Any] | None:
-    """Returns how to search, None for enumerating.
+    """Return how to search, None for enumerating.
 
     Raises:
         UsageError: an option that goes with --optimise only.
@@ -260,7 +260,7 @@ def _search_options(optimise: bool, budget: int | None, seed: int | None) -> dic
 def _points(
     study: Study, search: dict[str, Any] | None, quiet: bool
 ) -> tuple[list[Point] | None, dict[str, Any]]:
-    """Returns the points to plan, None where they are searched for, and what the document says of the method."""
+    """Return the points to plan, None where they are searched for, and what the document says of the method."""
     from dualarm_cli.studies.search import study_points, whole_grid
 
     if search is None:
@@ -284,7 +284,7 @@ def _carry_out(
     desk: Desk,
     quiet: bool,
 ) -> tuple[list[StudyRow], StudyRow]:
-    """Returns all rows and the one of the files as they are; says how far it is."""
+    """Return all rows and the one of the files as they are; says how far it is."""
     from dualarm_cli.studies.search import search
 
     total = method["budget"] if points is None else len(points)
@@ -307,7 +307,7 @@ def _carry_out(
 
 
 def _best_rows(document: dict[str, Any], rows: list[StudyRow], count: int) -> list[StudyRow]:
-    """Returns the rows of the best points that have a plan, the Pareto set first."""
+    """Return the rows of the best points that have a plan, the Pareto set first."""
     planned = [row["point"] for row in document["rows"] if row["rank"] is not None]
     places = {row.number: row for row in rows}
     return [places[number] for number in planned[:count]]
@@ -321,7 +321,7 @@ def _write_pages(
     folder: Path,
     quiet: bool,
 ) -> None:
-    """Plans points once more for their pages, and writes these with an index of all points."""
+    """Plan points once more for their pages, and writes these with an index of all points."""
     from dualarm_cli.page.index_page import page_names, page_title, study_index
 
     before = desk.planned
@@ -365,7 +365,7 @@ def _print(document: dict[str, Any]) -> None:
 
 
 def exit_code(document: dict[str, Any]) -> int:
-    """Returns what the process ends with: the most severe of 4, 2, 3, 1, 0.
+    """Return what the process ends with: the most severe of 4, 2, 3, 1, 0.
 
     4 if this program failed at a point, 2 if the input of one was bad, 3 if none has a plan, 1 if the verifier fails
     one. Points without a plan among others that have one are a result.

@@ -21,7 +21,7 @@ from dualarm_cli.model.touches import Touches
 
 
 def load_file(path: str | Path) -> Robot | Cell | Job | Touches | Base | Study:
-    """Returns what a file describes, told apart by its `dualarm` key.
+    """Return what a file describes, told apart by its `dualarm` key.
 
     Args:
         path: the file, or the name of a bundled job.
@@ -45,7 +45,7 @@ def load_file(path: str | Path) -> Robot | Cell | Job | Touches | Base | Study:
 
 
 def check_file(path: str | Path) -> list[Diagnostic]:
-    """Returns everything wrong with a file and the files that it names.
+    """Return everything wrong with a file and the files that it names.
 
     Args:
         path: the file.

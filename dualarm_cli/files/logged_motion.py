@@ -43,7 +43,7 @@ SUFFIXES = (".csv", ".json", ".yaml", ".yml")
 
 
 def read_logged_motion(path: Path, joints: Sequence[str]) -> LoggedMotion:
-    """Returns the motion in a file.
+    """Return the motion in a file.
 
     A JointTrajectory may stand below `trajectory`, as in the goal of a FollowJointTrajectory action. A CSV has a column
     `time` [s] and `<joint>_position` or `<joint>` [rad], with `<joint>_velocity` and `<joint>_acceleration` or without;
@@ -70,11 +70,11 @@ class _Reader:
         self._file, self._joints = file, list(joints)
 
     def fail(self, line: int, what: str) -> NoReturn:
-        """Raises InputError; line 0 stands for the whole file."""
+        """Raise InputError; line 0 stands for the whole file."""
         raise InputError([Diagnostic(self._file, line, 0, "E110", what)])
 
     def table(self, source: TextSource) -> LoggedMotion:
-        """Returns the motion in a CSV."""
+        """Return the motion in a CSV."""
         rows = self._rows_of(source)
         first, header = next(rows, (0, []))
         if not header:
@@ -148,7 +148,7 @@ class _Reader:
         return lines, np.concatenate([*parts, np.array(batch).reshape(-1, len(used))])
 
     def message(self, source: TextSource) -> LoggedMotion:
-        """Returns the motion in a JointTrajectory."""
+        """Return the motion in a JointTrajectory."""
         document = self._document(source)
         if isinstance(document, dict) and isinstance(document.get("trajectory"), dict):
             document = document["trajectory"]
@@ -177,7 +177,7 @@ class _Reader:
         )
 
     def _document(self, source: TextSource) -> Any:
-        """Returns what a file of YAML or JSON says; JSON is read by its own reader, which is faster."""
+        """Return what a file of YAML or JSON says; JSON is read by its own reader, which is faster."""
         if source.text.lstrip().startswith("{"):
             try:
                 return json.loads(source.text, parse_int=_whole)
@@ -206,7 +206,7 @@ class _Reader:
         return seconds + nanoseconds * 1e-9
 
     def _rows(self, points: Sequence[dict[str, Any]], key: str, count: int) -> FloatArray | None:
-        """Returns one kind of values of all points, None where none has any."""
+        """Return one kind of values of all points, None where none has any."""
         rows = [point.get(key) or [] for point in points]
         if not any(rows):
             return None

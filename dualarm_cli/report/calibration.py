@@ -20,7 +20,7 @@ from dualarm_cli.report.printable import numbers
 
 
 def calibration_document(result: Calibration) -> dict[str, Any]:
-    """Returns everything known of a calibration.
+    """Return everything known of a calibration.
 
     Args:
         result: what was found.
@@ -81,7 +81,7 @@ def _spread(spread: Spread) -> dict[str, Any]:
 
 
 def _fit(fit: ToolFit) -> dict[str, Any]:
-    """Returns what was fitted of one robot; null for what the data do not determine."""
+    """Return what was fitted of one robot; null for what the data do not determine."""
     widths = fit_widths(fit)
     return {
         "values": {
@@ -98,14 +98,14 @@ def _fit(fit: ToolFit) -> dict[str, Any]:
 
 
 def fit_widths(fit: ToolFit) -> list[float | None]:
-    """Returns the half widths of the 95 % intervals of what was fitted [m]; None where nothing tells the noise."""
+    """Return the half widths of the 95 % intervals of what was fitted [m]; None where nothing tells the noise."""
     if fit.covariance is None:
         return [None] * len(fit.names)
     return [float(width) for width in half_widths(fit.covariance, fit.degrees)]
 
 
 def print_calibration(result: Calibration, console: Console) -> None:
-    """Prints transform, residuals, distances, spread and fits.
+    """Print transform, residuals, distances, spread and fits.
 
     Args:
         result: what was found.
@@ -197,5 +197,5 @@ def _list(values: np.ndarray, digits: int) -> str:
 
 
 def _mm(value: float, digits: int = 1) -> str:
-    """Returns a length in mm; adding zero turns -0.0 into 0.0."""
+    """Return a length in mm; adding zero turns -0.0 into 0.0."""
     return f"{round(float(value) * 1000.0, digits) + 0.0:.{digits}f}"

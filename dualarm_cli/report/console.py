@@ -28,7 +28,7 @@ SHOWN_LIMITS = 3
 
 
 def stage_table(report: dict[str, Any]) -> Table:
-    """Returns the table of stages: what is done, who needs how long, who is the bottleneck.
+    """Return the table of stages: what is done, who needs how long, who is the bottleneck.
 
     What is the same in every row stands in its title, or nowhere where it says nothing.
 
@@ -72,7 +72,7 @@ def stage_table(report: dict[str, Any]) -> Table:
 
 
 def stage_work(stage: Mapping[str, Any]) -> str:
-    """Returns what is done in a stage, such as `pick a, b` or `pick a, place b`.
+    """Return what is done in a stage, such as `pick a, b` or `pick a, place b`.
 
     Args:
         stage: of the report.
@@ -89,7 +89,7 @@ def stage_work(stage: Mapping[str, Any]) -> str:
 
 
 def _place(position: float | None, slides: bool) -> str:
-    """Returns where a platform stands [rad or m], in degrees or millimetres; NOTHING where there is none."""
+    """Return where a platform stands [rad or m], in degrees or millimetres; NOTHING where there is none."""
     if position is None:
         return NOTHING
     shown = 1e3 * position if slides else math.degrees(position)
@@ -98,7 +98,7 @@ def _place(position: float | None, slides: bool) -> str:
 
 
 def summary_lines(report: dict[str, Any]) -> list[str]:
-    """Returns the sentences below the table: cycle time, throughput, what is assumed."""
+    """Return the sentences below the table: cycle time, throughput, what is assumed."""
     what = "cycle time (period)" if report["closes"] else "duration"
     lines = [f"{what}: {report['cycle_time']:.3f} s"]
     if report["parts_per_hour"] is not None and report["parts"]:
@@ -147,13 +147,13 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
 
 
 def _kind_lines(beside: str, report: dict[str, Any]) -> list[str]:
-    """Returns what the kinds of work say, of those that stand beside one thing."""
+    """Return what the kinds of work say, of those that stand beside one thing."""
     kinds = [kind for kind in of_kinds("measures") if kind.beside == beside]
     return [line for kind in kinds for line in kind.lines(report)]
 
 
 def blending_lines(report: dict[str, Any]) -> list[str]:
-    """Returns the sentence on what is saved as tools do not stop at the outer ends of lines."""
+    """Return the sentence on what is saved as tools do not stop at the outer ends of lines."""
     blending = report["blending"]
     if blending is None:
         return []
@@ -181,7 +181,7 @@ def blending_lines(report: dict[str, Any]) -> list[str]:
 
 
 def bound_line(report: dict[str, Any]) -> str:
-    """Returns the sentence on what no plan can beat, and how near the search came to its own grid's bound."""
+    """Return the sentence on what no plan can beat, and how near the search came to its own grid's bound."""
     if report["lower_bound"] is None:
         line = "lower bound: none computed"
     elif report["lower_bound"] <= 0.0 < report["cycle_time"]:
@@ -216,7 +216,7 @@ def bound_line(report: dict[str, Any]) -> str:
 
 
 def wait_lines(report: dict[str, Any]) -> list[str]:
-    """Returns what the arms wait for, most first, and by how much the platform draws out their transfers."""
+    """Return what the arms wait for, most first, and by how much the platform draws out their transfers."""
     waits, drawn = [], []
     for name, use in report["arms"].items():
         total = sum(use["waited"].values())
@@ -233,7 +233,7 @@ def wait_lines(report: dict[str, Any]) -> list[str]:
 
 
 def sensitivity_lines(report: dict[str, Any]) -> list[str]:
-    """Returns what the assumed limits are worth: all of them together and the three most telling ones."""
+    """Return what the assumed limits are worth: all of them together and the three most telling ones."""
     entries, cycle = report["sensitivity"], report["cycle_time"]
     if cycle <= 0.0:
         return []
@@ -259,7 +259,7 @@ def sensitivity_lines(report: dict[str, Any]) -> list[str]:
 
 
 def _with_change(time: float, cycle: float) -> str:
-    """Returns a cycle time and by how much it differs."""
+    """Return a cycle time and by how much it differs."""
     if abs(time - cycle) < SHOWN:
         return f"{time:.3f} s (no change)"
     share = time / cycle - 1.0
@@ -269,6 +269,6 @@ def _with_change(time: float, cycle: float) -> str:
 
 
 def _shares(shares: dict[str, float]) -> str:
-    """Returns what the dwells are for, where they are for more than one thing."""
+    """Return what the dwells are for, where they are for more than one thing."""
     parts = [f"{name} {time:.2f}" for name, time in shares.items() if time > 0]
     return f" ({', '.join(parts)})" if len(parts) > 1 else ""

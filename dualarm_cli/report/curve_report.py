@@ -56,7 +56,7 @@ def curve_report(
     speed: float | None,
     mean: bool,
 ) -> CurveReport:
-    """Returns the points of a curve by every method that it has, judged.
+    """Return the points of a curve by every method that it has, judged.
 
     Args:
         task: whose curve it is.
@@ -74,7 +74,7 @@ def curve_report(
 
 
 def print_curves(reports: Sequence[CurveReport], console: Console) -> None:
-    """Prints a table of each curve.
+    """Print a table of each curve.
 
     Args:
         reports: what was found.
@@ -146,7 +146,7 @@ def _numbers(quality: Quality) -> dict[str, float | None]:
 
 
 def curves_document(reports: Sequence[CurveReport]) -> dict[str, Any]:
-    """Returns the reports as JSON: m, s, rad.
+    """Return the reports as JSON: m, s, rad.
 
     Args:
         reports: what was found.
@@ -205,7 +205,7 @@ def draw_curves(reports: Sequence[CurveReport], kind: str) -> bytes:
 
 
 def _draw(axes: Any, report: CurveReport) -> None:
-    """Draws one curve through its points, where it begins, and frames at equal distances."""
+    """Draw one curve through its points, where it begins, and frames at equal distances."""
     points = report.points["arc_length"]
     fine = report.curve.at(np.linspace(0.0, report.curve.length, 721))[1] * 1e3
     extent = float(np.ptp(fine, axis=0).max())

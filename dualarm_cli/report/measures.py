@@ -39,7 +39,7 @@ class Bottlenecks:
 
 
 def bottlenecks(schedule: Schedule) -> Bottlenecks:
-    """Returns what decides how long a schedule is.
+    """Return what decides how long a schedule is.
 
     A stage ends with the arm that is done last, its critical arm, so the stage is that arm's transfer, lines and
     dwell. The transfer is decided by the platform or by the arm, whichever alone needs longer. Where stages overlap,
@@ -60,7 +60,7 @@ def bottlenecks(schedule: Schedule) -> Bottlenecks:
 
 
 def limiting_times(schedule: Schedule) -> dict[str, float]:
-    """Returns what a schedule's length is made of [s], as `bottlenecks` does, but transfers by their deciding joint.
+    """Return what a schedule's length is made of [s], as `bottlenecks` does, but transfers by their deciding joint.
 
     Args:
         schedule: with stages and segments, or with events at least.
@@ -76,7 +76,7 @@ def _add_shares(
     time: dict[str, float],
     name_of: Callable[[StageParts], str],
 ) -> None:
-    """Adds the shares of all stages of the critical arm to `time`, transfers by the name of who decides them."""
+    """Add the shares of all stages of the critical arm to `time`, transfers by the name of who decides them."""
     last = _last_arm(parts) if overlap(schedule.stages) else ""
     for part in parts:
         if last and part.critical != last:
@@ -89,7 +89,7 @@ def _add_shares(
 
 
 def _joint(schedule: Schedule, part: StageParts) -> str:
-    """Returns the joint of the deciding group that needs longest for a stage's transfer; the group if none is known."""
+    """Return the joint of the deciding group that needs longest for a stage's transfer; the group if none is known."""
     robot, stage = schedule.robot, part.stage
     joints = robot.platform if part.group == PLATFORM else robot.arms[part.group].joints
     if stage.bottleneck in joints:
@@ -99,7 +99,7 @@ def _joint(schedule: Schedule, part: StageParts) -> str:
 
 
 def _last_arm(parts: Sequence[StageParts]) -> str:
-    """Returns the arm whose work ends last; empty where none works."""
+    """Return the arm whose work ends last; empty where none works."""
     ends: dict[str, float] = {}
     for part in parts:
         if part.critical:
@@ -109,7 +109,7 @@ def _last_arm(parts: Sequence[StageParts]) -> str:
 
 
 def _shares(part: StageParts) -> dict[str, float]:
-    """Returns a stage's length by what decides it [s]."""
+    """Return a stage's length by what decides it [s]."""
     arm = part.critical
     whole = part.stage.end - part.stage.start
     if not arm:
@@ -131,7 +131,7 @@ def _shares(part: StageParts) -> dict[str, float]:
 
 
 def elbow_imbalance(schedule: Schedule) -> float | None:
-    """Returns the mean over the transfers of ||Δq4 left| − |Δq4 right|| [rad]: what [Bottin2021] makes zero.
+    """Return the mean over the transfers of ||Δq4 left| − |Δq4 right|| [rad]: what [Bottin2021] makes zero.
 
     Transfers of both arms count, the return among them. None where there are no two arms of seven joints that turn, or
     no such transfer, and where stages overlap: no transfer is then of both arms.
@@ -159,7 +159,7 @@ def elbow_imbalance(schedule: Schedule) -> float | None:
 
 
 def platform_travel(schedule: Schedule) -> float | None:
-    """Returns the path length of the platform's joints that turn [rad], or of all where all slide [m], or None."""
+    """Return the path length of the platform's joints that turn [rad], or of all where all slide [m], or None."""
     robot = schedule.robot
     if not robot.platform:
         return None
@@ -168,7 +168,7 @@ def platform_travel(schedule: Schedule) -> float | None:
 
 
 def joint_travel(schedule: Schedule, joints: tuple[str, ...]) -> dict[str, float]:
-    """Returns the path length of each joint [rad, or m where it slides], measured between knots.
+    """Return the path length of each joint [rad, or m where it slides], measured between knots.
 
     Args:
         schedule: whose trajectory is measured.

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def printable(value: Any) -> Any:
-    """Returns a document in which text that would steer a terminal, or is no text at all, is spelt out.
+    """Return a document in which text that would steer a terminal, or is no text at all, is spelt out.
 
     Args:
         value: JSON-ready; names in it may come from somebody's files.
@@ -32,6 +32,6 @@ def numbers(*headings: str, no_wrap: bool = False) -> list[Column]:
 
 
 def one_line(text: str) -> str:
-    """Returns text fit to be shown within a line: a name with a line end in it would begin one of its own."""
+    """Return text fit to be shown within a line: a name with a line end in it would begin one of its own."""
     shown: str = printable(text)
     return shown.replace("\n", "\\n")

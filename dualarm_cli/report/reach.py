@@ -26,7 +26,7 @@ NOTE = (
 
 
 def reach_document(name: str, cell: Cell, reach: ReachMap) -> dict[str, Any]:
-    """Returns what is reached, JSON-ready: by platform position the areas, and by frame the positions; SI units.
+    """Return what is reached, JSON-ready: by platform position the areas, and by frame the positions; SI units.
 
     Args:
         name: of the robot or cell.
@@ -69,13 +69,13 @@ def reach_document(name: str, cell: Cell, reach: ReachMap) -> dict[str, Any]:
 
 
 def _by_whom(reach: ReachMap) -> dict[str, BoolArray]:
-    """Returns what each arm reaches, and what all of several reach from one platform position."""
+    """Return what each arm reaches, and what all of several reach from one platform position."""
     found = {arm: reach.reached(arm) for arm in reach.postures}
     return found | {"both": reach.both} if len(found) > 1 else found
 
 
 def area_table(document: Mapping[str, Any]) -> Table:
-    """Returns the table of areas by platform position."""
+    """Return the table of areas by platform position."""
     from rich.table import Table
 
     rail = document["platform_unit"] == "m"
@@ -91,7 +91,7 @@ def area_table(document: Mapping[str, Any]) -> Table:
 
 
 def frame_table(document: Mapping[str, Any]) -> Table:
-    """Returns the table of frames: from which platform positions each arm reaches them."""
+    """Return the table of frames: from which platform positions each arm reaches them."""
     from rich.table import Table
 
     first = next(iter(document["frames"].values()))
@@ -106,7 +106,7 @@ def frame_table(document: Mapping[str, Any]) -> Table:
 
 
 def ranges_of(places: Sequence[float | None], reached: Sequence[bool], rail: bool = False) -> str:
-    """Returns the platform positions at which something is reached, in words: ranges of neighbours.
+    """Return the platform positions at which something is reached, in words: ranges of neighbours.
 
     Args:
         places: ascending [rad or m]; None alone where the platform stands.
@@ -135,7 +135,7 @@ def ranges_of(places: Sequence[float | None], reached: Sequence[bool], rail: boo
 
 
 def reach_lines(document: Mapping[str, Any]) -> list[str]:
-    """Returns sentences on what is reached: by whom, and within which sides."""
+    """Return sentences on what is reached: by whom, and within which sides."""
     lines = []
     for who, count in document["positions"].items():
         reached = np.array(count) > 0
@@ -158,5 +158,5 @@ def reach_lines(document: Mapping[str, Any]) -> list[str]:
 
 
 def _shown(place: float, rail: bool) -> str:
-    """Returns a platform position in mm or degrees."""
+    """Return a platform position in mm or degrees."""
     return f"{round(place * 1000.0 if rail else math.degrees(place), 1) + 0.0:g}"

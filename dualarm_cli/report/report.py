@@ -34,7 +34,7 @@ SHORTEST_CYCLE = 1e-3
 
 
 def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
-    """Returns the report as a JSON-ready document; times in s, angles in rad, ways of joints that slide in m.
+    """Return the report as a JSON-ready document; times in s, angles in rad, ways of joints that slide in m.
 
     Args:
         schedule: a planned schedule, with its verification where there is one.
@@ -93,32 +93,32 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
 
 
 def _kind_rows(beside: str, schedule: Schedule, job: Job) -> dict[str, Any]:
-    """Returns what the kinds of work measure, of those that stand beside one thing."""
+    """Return what the kinds of work measure, of those that stand beside one thing."""
     kinds = [kind for kind in of_kinds("measures") if kind.beside == beside]
     return {key: rows(schedule, job) for kind in kinds for key, rows in kind.rows.items()}
 
 
 def count_parts(job: Job) -> int:
-    """Returns how many tasks pick or place something; one that is handed over is one."""
+    """Return how many tasks pick or place something; one that is handed over is one."""
     picks = (t.id for t in job.tasks if any(stop.action in ("pick", "place") for stop in t.stops))
     return len(set(picks))
 
 
 def throughput(schedule: Schedule, job: Job) -> float | None:
-    """Returns parts per hour; None for a motion too short to mean anything."""
+    """Return parts per hour; None for a motion too short to mean anything."""
     duration = schedule.duration
     return 3600.0 * count_parts(job) / duration if duration > SHORTEST_CYCLE else None
 
 
 def plan_title(schedule: Schedule) -> str:
-    """Returns what a plan is called: its task file, or that one's folder where it is `tasks.yaml`; else the robot."""
+    """Return what a plan is called: its task file, or that one's folder where it is `tasks.yaml`; else the robot."""
     name = PurePosixPath(next(iter(schedule.provenance.inputs), ""))
     title = name.parent.name if name.stem == "tasks" else name.stem
     return title or schedule.robot.name
 
 
 def relative_gap(schedule: Schedule) -> float | None:
-    """Returns by what share of its duration the schedule is above its lower bound; None without a bound."""
+    """Return by what share of its duration the schedule is above its lower bound; None without a bound."""
     bound, duration = schedule.lower_bound, schedule.duration
     return (duration - bound) / duration if bound is not None and duration > 0 else None
 
@@ -149,19 +149,19 @@ def assumed_lines(schedule: Schedule) -> list[str]:
 
 
 def joints_without_jerk_limit(schedule: Schedule) -> list[str]:
-    """Returns the joints whose jerk is not limited."""
+    """Return the joints whose jerk is not limited."""
     limits = schedule.robot.limits
     return [j for j, jerk in zip(limits.joints, limits.jerk, strict=True) if np.isinf(jerk)]
 
 
 def smallest_clearance(schedule: Schedule) -> dict[str, Any] | None:
-    """Returns the stage whose clearance is nearest to what is required, or None where none was proven."""
+    """Return the stage whose clearance is nearest to what is required, or None where none was proven."""
     stages = schedule.verification.clearances if schedule.verification is not None else ()
     return field_values(min(stages, key=lambda stage: stage.margin)) if stages else None
 
 
 def _collisions(schedule: Schedule) -> str:
-    """Returns a sentence on what was proven about collisions."""
+    """Return a sentence on what was proven about collisions."""
     found = smallest_clearance(schedule)
     if found is None:
         return "not checked"
@@ -201,7 +201,7 @@ def skew_sentence(verification: Verification | None, job: Job) -> str | None:
 
 
 def verification_document(verification: Verification | None) -> dict[str, Any] | None:
-    """Returns a verification as a JSON-ready document, or None."""
+    """Return a verification as a JSON-ready document, or None."""
     if verification is None:
         return None
     return {
@@ -222,7 +222,7 @@ def _stage_rows(schedule: Schedule) -> list[dict[str, Any]]:
 
 
 def _work(parts: StageParts, schedule: Schedule, untimed: Sequence[Event]) -> list[dict[str, str]]:
-    """Returns what each arm does in a stage; an arm that only waits is left out."""
+    """Return what each arm does in a stage; an arm that only waits is left out."""
     found = []
     for arm in schedule.robot.arms:
         own: list[Segment | Event] = [part for part in parts.arms.get(arm, ()) if part.task]
@@ -238,14 +238,14 @@ def _stage_row(stage: Stage, work: list[dict[str, str]]) -> dict[str, Any]:
 
 
 def _bottlenecks(schedule: Schedule) -> dict[str, int]:
-    """Returns how many stages each joint decides, most first."""
+    """Return how many stages each joint decides, most first."""
     names = [stage.bottleneck for stage in schedule.stages if stage.bottleneck]
     counts = {name: names.count(name) for name in sorted(set(names))}
     return dict(sorted(counts.items(), key=lambda item: -item[1]))
 
 
 def _arm_use(schedule: Schedule, arm: str) -> dict[str, Any]:
-    """Returns how long one arm does what [s], and the share of the time in which it works."""
+    """Return how long one arm does what [s], and the share of the time in which it works."""
     times = dict.fromkeys(("transfer", "approach", "dwell", "retract", "return", *WORK_ENDS), 0.0)
     shares = dict.fromkeys(("gripper", "settle", "handshake"), 0.0)
     for segment in schedule.segments:
@@ -268,7 +268,7 @@ def _arm_use(schedule: Schedule, arm: str) -> dict[str, Any]:
 
 
 def _limits_used(schedule: Schedule) -> dict[str, dict[str, float]]:
-    """Returns the largest share of each limit that each joint uses over the whole motion."""
+    """Return the largest share of each limit that each joint uses over the whole motion."""
     trajectory = schedule.trajectory
     limits = schedule.robot.limits.select(trajectory.joints)
     peak = {

@@ -57,7 +57,7 @@ def line_factors(
     acceleration: FloatArray,
     jerk: FloatArray,
 ) -> FloatArray:
-    """Returns the durations of lines under changed limits as multiples of those under the limits, (v, k).
+    """Return the durations of lines under changed limits as multiples of those under the limits, (v, k).
 
     A line's time is that of the fastest double-S shape along the path, whose coordinate is the length in joint space
     with every joint measured by its speed limit. Only the ratio of two such times is used, so that what the coordinate
@@ -87,7 +87,7 @@ def line_factors(
 
 
 def _slowest(times: FloatArray, slower: FloatArray) -> FloatArray:
-    """Returns each line's time with the fastest of its shapes when demands are slowed, shape (v, k).
+    """Return each line's time with the fastest of its shapes when demands are slowed, shape (v, k).
 
     Args:
         times: what each demand asks for with each shape [s], shape (g, k, d).
@@ -111,7 +111,7 @@ def _slowest(times: FloatArray, slower: FloatArray) -> FloatArray:
 def _own_times(
     trajectory: Trajectory, spans: FloatArray, columns: list[int], limits: JointLimits
 ) -> FloatArray:
-    """Returns what each demand asks of a line's own profile, as shares of the line's time, shape (k, 3 n)."""
+    """Return what each demand asks of a line's own profile, as shares of the line's time, shape (k, 3 n)."""
     own = np.empty((len(spans), 3 * len(columns)))
     for k, (start, end) in enumerate(spans):
         low, high = np.searchsorted(trajectory.time, (start - SAME_TIME, end + SAME_TIME))
@@ -147,7 +147,7 @@ def _paths(
 
 
 def _read_off(q: FloatArray, way: FloatArray, nodes: FloatArray) -> FloatArray:
-    """Returns joints at shares of one path's length, linear between its instants."""
+    """Return joints at shares of one path's length, linear between its instants."""
     at = nodes * way[-1]
     index = np.clip(np.searchsorted(way, at, side="right") - 1, 0, len(way) - 2)
     gap = way[index + 1] - way[index]
@@ -157,12 +157,12 @@ def _read_off(q: FloatArray, way: FloatArray, nodes: FloatArray) -> FloatArray:
 
 
 def _nodes() -> FloatArray:
-    """Returns Chebyshev's extrema on [0, 1]: interpolation there does not swing at the ends."""
+    """Return Chebyshev's extrema on [0, 1]: interpolation there does not swing at the ends."""
     return (1.0 - cos(np.pi * np.arange(SENSITIVITY.samples) / (SENSITIVITY.samples - 1))) / 2.0
 
 
 def _shape_times(path: FloatArray, limits: JointLimits) -> FloatArray:
-    """Returns the times that velocity, acceleration and jerk of each joint ask for, shape (g, k, 3 n)."""
+    """Return the times that velocity, acceleration and jerk of each joint ask for, shape (g, k, 3 n)."""
     k, m, n = path.shape
     flat = np.moveaxis(path, 1, 0).reshape(m, -1)
     rates = [
@@ -181,7 +181,7 @@ def _shape_times(path: FloatArray, limits: JointLimits) -> FloatArray:
 
 @lru_cache(maxsize=1)
 def _operators() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns matrices from path samples to q', q'', q''' in unit time at all instants of all shapes."""
+    """Return matrices from path samples to q', q'', q''' in unit time at all instants of all shapes."""
     return SHAPES.path_rates(SENSITIVITY.per_phase, _nodes())
 
 
@@ -237,7 +237,7 @@ class _Chains:
 
 
 def sensitivity(schedule: Schedule) -> list[LimitSensitivity]:
-    """Returns what assumed limits are worth, the most telling joint first; all of them together at the end.
+    """Return what assumed limits are worth, the most telling joint first; all of them together at the end.
 
     Every joint's acceleration and jerk limit whose source is assumed is taken 10 % lower and 10 % higher. Postures
     stay: transfers follow from their displacements in closed form, a stage lasts as long as the slower arm (a hand-
@@ -291,7 +291,7 @@ def sensitivity(schedule: Schedule) -> list[LimitSensitivity]:
 
 
 def _entries(limits: JointLimits) -> list[tuple[str | None, list[int], str]]:
-    """Returns which joints' which limits are changed: each joint's by itself, then all together."""
+    """Return which joints' which limits are changed: each joint's by itself, then all together."""
     assumed = limits.assumed("acceleration")
     jerked = [k for k in limits.assumed("jerk") if np.isfinite(limits.jerk[k])]
     entries: list[tuple[str | None, list[int], str]] = []
@@ -307,7 +307,7 @@ def _entries(limits: JointLimits) -> list[tuple[str | None, list[int], str]]:
 
 
 def _chains(schedule: Schedule, parts: Sequence[StageParts], limits: JointLimits) -> _Chains:
-    """Returns the stages as arrays."""
+    """Return the stages as arrays."""
     starts = np.array([part.stage.start for part in parts])
     arrivals = {name: starts.copy() for name in schedule.robot.arms}
     fixed = {name: np.full(len(parts), -np.inf) for name in schedule.robot.arms}
@@ -363,7 +363,7 @@ def _displacements(
     arrived: FloatArray,
     joints: tuple[str, ...],
 ) -> FloatArray:
-    """Returns how far each joint moves in each stage's transfer [rad], shape (s, n)."""
+    """Return how far each joint moves in each stage's transfer [rad], shape (s, n)."""
     trajectory = schedule.trajectory
     before = trajectory.at(starts)[0]
     moved = np.abs(trajectory.at(arrived)[0] - before)
@@ -381,7 +381,7 @@ def _cycle_times(
     acceleration: FloatArray,
     jerk: FloatArray,
 ) -> FloatArray:
-    """Returns the length of the whole motion with each row of factors on the limits [s], shape (v,)."""
+    """Return the length of the whole motion with each row of factors on the limits [s], shape (v,)."""
     robot = schedule.robot
     groups = {PLATFORM: [limits.joints.index(joint) for joint in robot.platform]}
     groups |= {
@@ -415,7 +415,7 @@ def _cycle_times(
 
 
 def _slowing(schedule: Schedule, chains: _Chains, limits: JointLimits) -> FloatArray:
-    """Returns the factors on the speed limits under which each stage's transfers were timed, (s,).
+    """Return the factors on the speed limits under which each stage's transfers were timed, (s,).
 
     They are below 1 only under a cap on the tools' speed, and found from how long the transfers take.
     """
@@ -436,7 +436,7 @@ def _slowing(schedule: Schedule, chains: _Chains, limits: JointLimits) -> FloatA
 
 
 def _is_passed(schedule: Schedule, arm: str, span: tuple[float, float]) -> bool:
-    """Returns whether an arm is in motion at the beginning or the end of a transfer [s]."""
+    """Return whether an arm is in motion at the beginning or the end of a transfer [s]."""
     velocity = schedule.trajectory.at(np.array(span))[1]
     columns = [schedule.trajectory.joints.index(name) for name in schedule.robot.arms[arm].joints]
     return bool(np.abs(velocity[:, columns]).max() > SENSITIVITY.at_rest)
@@ -450,7 +450,7 @@ def _passing_times(
     acceleration: FloatArray,
     jerk: FloatArray,
 ) -> FloatArray:
-    """Returns how long an arm's transfers that begin or end in motion take, by row of factors and stage [s], (v, s)."""
+    """Return how long an arm's transfers that begin or end in motion take, by row of factors and stage [s], (v, s)."""
     times = np.zeros((len(acceleration), len(chains.moved)))
     lines = [line for line in chains.passing if line.arm == arm]
     if not lines:
@@ -475,7 +475,7 @@ def _line_times(
     acceleration: FloatArray,
     jerk: FloatArray,
 ) -> FloatArray:
-    """Returns how long one arm's lines take in every stage with each row of factors [s], (v, s)."""
+    """Return how long one arm's lines take in every stage with each row of factors [s], (v, s)."""
     times = np.zeros((len(acceleration), len(chains.moved)))
     lines = [line for line in chains.lines if line.arm == arm]
     own = limits.select(schedule.robot.arms[arm].joints)

@@ -63,17 +63,17 @@ class StageParts:
     `platform`, or empty for none."""
 
     def length(self, arm: str, *kinds: str) -> float:
-        """Returns how long an arm spends on some kinds of parts [s]."""
+        """Return how long an arm spends on some kinds of parts [s]."""
         parts = self.arms.get(arm, ())
         return sum((part.end - part.start for part in parts if part.kind in kinds), 0.0)
 
     def arrival(self, arm: str) -> float:
-        """Returns when an arm's transfer is over [s]; the stage's start where it has none."""
+        """Return when an arm's transfer is over [s]; the stage's start where it has none."""
         return _arrival(self.arms.get(arm, ()), self.stage)
 
 
 def is_handover(arms: Mapping[str, Sequence[Segment]]) -> bool:
-    """Returns whether what the arms do in a stage is a hand-over: they begin their lines when both are there."""
+    """Return whether what the arms do in a stage is a hand-over: they begin their lines when both are there."""
     return any(part.action == "give" for parts in arms.values() for part in parts)
 
 
@@ -82,12 +82,12 @@ def _arrival(parts: Sequence[Segment], stage: Stage) -> float:
 
 
 def overlap(stages: Sequence[Stage]) -> bool:
-    """Returns whether any stage begins before the one before it ends: the arms run asynchronously."""
+    """Return whether any stage begins before the one before it ends: the arms run asynchronously."""
     return any(later.start < before.end - SAME_TIME for before, later in pairwise(stages))
 
 
 def stage_parts(schedule: Schedule) -> list[StageParts]:
-    """Returns the stages of a schedule with their parts.
+    """Return the stages of a schedule with their parts.
 
     Of a schedule without stages, as others may write it, the k-th event of each arm makes stage k, which ends with
     their dwells; of one without segments, an arm's parts are cut at its events.
@@ -113,7 +113,7 @@ def stage_parts(schedule: Schedule) -> list[StageParts]:
 
 
 def _stages_of(parts: Sequence[Segment], stages: Sequence[Stage]) -> list[int]:
-    """Returns for each part the place of its stage: the last one begun by its middle, of its task where stages overlap.
+    """Return for each part the place of its stage: the last one begun by its middle, of its task where stages overlap.
 
     Of several overlapping stages of a task, or without one, that which has most of the part, and of those the shortest.
     """
@@ -154,7 +154,7 @@ def _parts(schedule: Schedule, stage: Stage, arms: Mapping[str, tuple[Segment, .
 def _deciding_group(
     schedule: Schedule, stage: Stage, arms: Mapping[str, tuple[Segment, ...]], critical: str
 ) -> str:
-    """Returns which group decides how long the critical arm's transfer takes."""
+    """Return which group decides how long the critical arm's transfer takes."""
     if not critical:
         return _group_of(schedule, stage.bottleneck)
     if not any(part.kind in MOVES for part in arms.get(critical, ())):
@@ -166,7 +166,7 @@ def _deciding_group(
 
 
 def _group_of(schedule: Schedule, joint: str) -> str:
-    """Returns the group of a joint, or an empty string."""
+    """Return the group of a joint, or an empty string."""
     if joint in schedule.robot.platform:
         return PLATFORM
     found = (name for name, arm in schedule.robot.arms.items() if joint in arm.joints)
@@ -174,7 +174,7 @@ def _group_of(schedule: Schedule, joint: str) -> str:
 
 
 def _stages_of_events(schedule: Schedule) -> tuple[Stage, ...]:
-    """Returns stages of one event per arm, each as long as their dwells, and one for what follows the last."""
+    """Return stages of one event per arm, each as long as their dwells, and one for what follows the last."""
     groups: list[list[Event]] = []
     for event in sorted(schedule.events, key=lambda event: (event.time, event.arm)):
         if not groups or any(event.arm == other.arm for other in groups[-1]):
@@ -197,7 +197,7 @@ def _stage(start: float, end: float, tasks: tuple[str, ...]) -> Stage:
 
 
 def _segments_of_events(schedule: Schedule, stages: tuple[Stage, ...]) -> tuple[Segment, ...]:
-    """Returns parts cut at the events: the way to an event, its dwell, and what the arm moves afterwards."""
+    """Return parts cut at the events: the way to an event, its dwell, and what the arm moves afterwards."""
     segments = []
     for k, stage in enumerate(stages):
         # An event may fall on a stage's end; on its start only where there is no stage before.
@@ -226,7 +226,7 @@ def _segment(who: tuple[str, str, str], kind: str, start: float, end: float) -> 
 def _stands_from(
     trajectory: Trajectory, joints: tuple[str, ...], start: float, end: float
 ) -> float:
-    """Returns from when on the joints stand where they are at `end` [s]."""
+    """Return from when on the joints stand where they are at `end` [s]."""
     columns = [trajectory.joints.index(name) for name in joints]
     inside = trajectory.time[(trajectory.time > start) & (trajectory.time < end)]
     time = np.concatenate([[start], inside, [end]])

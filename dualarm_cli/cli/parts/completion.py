@@ -16,7 +16,7 @@ def _begun(names: Iterable[str], incomplete: str) -> list[str]:
 
 
 def _yaml_files(incomplete: str) -> list[str]:
-    """Returns YAML files and folders whose paths begin as what is typed, as the user writes them."""
+    """Return YAML files and folders whose paths begin as what is typed, as the user writes them."""
     folder = incomplete.rpartition("/")[0]
     start = f"{folder}/" if "/" in incomplete else ""
     try:
@@ -35,21 +35,21 @@ def _yaml_files(incomplete: str) -> list[str]:
 
 
 def complete_job(incomplete: str) -> list[str]:
-    """Returns bundled jobs and YAML files."""
+    """Return bundled jobs and YAML files."""
     from dualarm_cli.files.source.bundled import bundled_tasks
 
     return [*_begun(bundled_tasks(), incomplete), *_yaml_files(incomplete)]
 
 
 def complete_robot(incomplete: str) -> list[str]:
-    """Returns bundled robots and YAML files."""
+    """Return bundled robots and YAML files."""
     from dualarm_cli.files.source.bundled import bundled_robots
 
     return [*_begun(bundled_robots(), incomplete), *_yaml_files(incomplete)]
 
 
 def complete_solver(*names: str) -> Callable[[str], list[str]]:
-    """Returns what completes the names of solvers.
+    """Return what completes the names of solvers.
 
     Args:
         names: of their families, such as timing.
@@ -63,14 +63,14 @@ def complete_solver(*names: str) -> Callable[[str], list[str]]:
 
 
 def complete_code(incomplete: str) -> list[str]:
-    """Returns error codes."""
+    """Return error codes."""
     from dualarm_cli.explanations import explanations
 
     return _begun(explanations(), incomplete)
 
 
 def complete_kind(incomplete: str) -> list[str]:
-    """Returns kinds of files that have a schema."""
+    """Return kinds of files that have a schema."""
     from dualarm_cli.schemas import KINDS
 
     return _begun(KINDS, incomplete)

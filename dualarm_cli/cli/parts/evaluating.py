@@ -38,7 +38,7 @@ def progress_bar(
 
 
 def open_store(cache: Path | None, no_cache: bool) -> Store | None:
-    """Returns the store of answers, None for none."""
+    """Return the store of answers, None for none."""
     from dualarm_cli.evaluation.store import DEFAULT_FOLDER, Store
 
     return None if no_cache else Store(cache or Path(DEFAULT_FOLDER))
@@ -46,7 +46,7 @@ def open_store(cache: Path | None, no_cache: bool) -> Store | None:
 
 @contextmanager
 def evaluators(jobs: int | None, scheduler: str | None, timeout: float | None) -> Iterator[Run]:
-    """Yields what evaluates requests: processes of this machine, or a cluster, opened with the first requests.
+    """Yield what evaluates requests: processes of this machine, or a cluster, opened with the first requests.
 
     Args:
         jobs: processes on this machine, started when there is work for them; None for one per core.
@@ -77,7 +77,7 @@ def _open(jobs: int | None, scheduler: str | None, timeout: float | None) -> Cre
 
 
 def say_unkept(store: Store | None) -> None:
-    """Says once that answers could not be kept, if that is so."""
+    """Say once that answers could not be kept, if that is so."""
     if store is not None and store.problem:
         print_message(
             f"warning: results could not be cached in {store.folder}: {store.problem}; the results are complete, but "

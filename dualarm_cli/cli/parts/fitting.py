@@ -19,7 +19,7 @@ NOTHING = ("", "–")
 
 
 def fitted(table: Table, console: Console) -> Table:
-    """Returns a table as a console shows it; what is left out because it is the same in every row stands below.
+    """Return a table as a console shows it; what is left out because it is the same in every row stands below.
 
     Words that are the same in every row are left out. Where the table is too wide, heads get several lines, then
     numbers that are the same go, the last column first. If need be, words move to the next line, or the lines between
@@ -53,7 +53,7 @@ def _is_number(column: Column) -> bool:
 
 
 def _same_in_all_rows(table: Table) -> dict[int, str]:
-    """Returns the one text of columns that hold no other, by their places; the first column names the rows."""
+    """Return the one text of columns that hold no other, by their places; the first column names the rows."""
     if table.row_count < 2:
         return {}
     texts = {k: {str(cell) for cell in column.cells} for k, column in enumerate(table.columns)}
@@ -61,7 +61,7 @@ def _same_in_all_rows(table: Table) -> dict[int, str]:
 
 
 def _without(table: Table, out: list[int]) -> Table:
-    """Returns a table without some columns; what they hold in every row stands below it."""
+    """Return a table without some columns; what they hold in every row stands below it."""
     if not out:
         return table
     kept = [column for k, column in enumerate(table.columns) if k not in out]
@@ -82,19 +82,19 @@ def _without(table: Table, out: list[int]) -> Table:
 
 
 def _fits(table: Table, console: Console) -> bool:
-    """Returns whether a table needs no more room than there is."""
+    """Return whether a table needs no more room than there is."""
     options = console.options.update(width=UNLIMITED)
     return Measurement.get(console, options, table).maximum <= console.width
 
 
 def _fits_without_lines(table: Table, console: Console) -> bool:
-    """Returns whether a table fits once nothing but a space stands between its columns."""
+    """Return whether a table fits once nothing but a space stands between its columns."""
     widths = [max(map(_length, _lines(column))) for column in table.columns]
     return sum(widths) + len(widths) - 1 <= console.width
 
 
 def _share_room(table: Table, room: int) -> bool:
-    """Gives columns of words the room that numbers leave, and returns whether no word must be folded.
+    """Give columns of words the room that numbers leave, and returns whether no word must be folded.
 
     Args:
         table: whose columns get their widths.
@@ -120,7 +120,7 @@ def _share_room(table: Table, room: int) -> bool:
 
 
 def _lines(column: Column) -> list[str]:
-    """Returns the lines of a column's head and cells, as they are read."""
+    """Return the lines of a column's head and cells, as they are read."""
     texts = [Text.from_markup(str(text)).plain for text in (column.header, *column.cells)]
     return [line for text in texts for line in text.split("\n")]
 

@@ -136,7 +136,7 @@ def read_quantity(option: str, text: str, dimension: Dimension, example: str = "
 
 
 def refuse_plot(plot: Path, force: bool, option: str = "--plot") -> None:
-    """Raises before any work is done where a figure could not be written anyway.
+    """Raise before any work is done where a figure could not be written anyway.
 
     Args:
         plot: the figure.

@@ -27,13 +27,13 @@ STDOUT = "-"
 
 
 def refuse_two_documents(out: object, json_output: bool) -> None:
-    """Raises where standard output would get both a result and a JSON document."""
+    """Raise where standard output would get both a result and a JSON document."""
     if str(out) == STDOUT and json_output:
         raise UsageError("--json does not go with --out -: both print on standard output; keep one")
 
 
 def write_out(out: Path, parts: Iterable[bytes], force: bool) -> None:
-    """Writes a command's main result to a file, or to standard output for `-`.
+    """Write a command's main result to a file, or to standard output for `-`.
 
     Raises:
         OutputError: the file already exists and `force` is not given, or it cannot be written.
@@ -48,12 +48,12 @@ def write_out(out: Path, parts: Iterable[bytes], force: bool) -> None:
 
 
 def text_console(out: object) -> Console:
-    """Returns the console for what people read: stderr where standard output gets the result itself."""
+    """Return the console for what people read: stderr where standard output gets the result itself."""
     return stderr_console() if str(out) == STDOUT else stdout_console()
 
 
 def stdout_console() -> Console:
-    """Returns a console for results; plain text where stdout is no terminal."""
+    """Return a console for results; plain text where stdout is no terminal."""
     from rich.console import Console as RichConsole
     from rich.table import Table
 
@@ -63,12 +63,12 @@ def stdout_console() -> Console:
         """A console whose tables fit; a closed pipe is left to the one place that knows its exit code."""
 
         def print(self, *objects: Any, **options: Any) -> None:
-            """Prints as rich does."""
+            """Print as rich does."""
             shown = [fitted(one, self) if isinstance(one, Table) else one for one in objects]
             super().print(*shown, **options)
 
         def on_broken_pipe(self) -> None:
-            """Passes the error on instead of ending the process with 1."""
+            """Pass the error on instead of ending the process with 1."""
             raise BrokenPipeError
 
     if isinstance(sys.stdout, TextIOWrapper):
@@ -79,19 +79,19 @@ def stdout_console() -> Console:
 
 
 def stderr_console() -> Console:
-    """Returns a console for sentences and progress."""
+    """Return a console for sentences and progress."""
     from rich.console import Console
 
     return Console(stderr=True, highlight=False)
 
 
 def print_json(document: dict[str, Any]) -> None:
-    """Prints one JSON document on stdout, in its own order; refuses NaN."""
+    """Print one JSON document on stdout, in its own order; refuses NaN."""
     ascii_only = (sys.stdout.encoding or "").lower().replace("-", "") != "utf8"
     text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=ascii_only)
     sys.stdout.write(text + "\n")
 
 
 def print_message(text: str) -> None:
-    """Prints one sentence on stderr."""
+    """Print one sentence on stderr."""
     sys.stderr.write(text + "\n")

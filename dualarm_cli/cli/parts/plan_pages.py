@@ -25,7 +25,7 @@ PagesOption = Annotated[
 
 
 def refuse_pages(folder: Path | None, force: bool) -> None:
-    """Raises before any work is done where pages could not be written, or would replace what is no index.
+    """Raise before any work is done where pages could not be written, or would replace what is no index.
 
     Args:
         folder: for the pages; None where none are asked for.
@@ -57,7 +57,7 @@ def refuse_pages(folder: Path | None, force: bool) -> None:
 def write_pages(
     folder: Path, index: bytes, plans: Mapping[str, tuple[str, str]], quiet: bool
 ) -> None:
-    """Writes an index and the pages that it leads to, the index last; those of the index before it go.
+    """Write an index and the pages that it leads to, the index last; those of the index before it go.
 
     Args:
         folder: made if need be.

@@ -10,7 +10,7 @@ from dualarm_cli.errors import OutputError, UsageError
 
 
 def refuse_folder(out: str, names: tuple[str, ...], force: bool) -> None:
-    """Raises where a folder cannot be made, or holds one of the files already.
+    """Raise where a folder cannot be made, or holds one of the files already.
 
     Raises:
         OutputError: with what to do.
@@ -43,6 +43,6 @@ def write_folder(out: str, files: dict[str, bytes]) -> None:
 
 
 def json_bytes(document: dict[str, Any]) -> bytes:
-    """Returns a document as it is written to a file."""
+    """Return a document as it is written to a file."""
     text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     return text.encode("utf-8", "backslashreplace")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def refuse_report(option: str, path: Path | None, mark: bytes, force: bool) -> None:
-    """Raises before any work is done where a report could not be written, or would replace what is none.
+    """Raise before any work is done where a report could not be written, or would replace what is none.
 
     Args:
         option: that names it.
@@ -59,7 +59,7 @@ def refuse_report(option: str, path: Path | None, mark: bytes, force: bool) -> N
 
 
 def refuse_same_file(named: Mapping[str, Path | None]) -> None:
-    """Raises where two options name one file: the second one would replace what the first one wrote.
+    """Raise where two options name one file: the second one would replace what the first one wrote.
 
     Args:
         named: files by option; None where there is none.
@@ -76,7 +76,7 @@ def refuse_same_file(named: Mapping[str, Path | None]) -> None:
 
 
 def read_former(path: Path, update: bool, force: bool) -> Baseline | None:
-    """Returns the baseline to compare with; None where a new one is to be written and there is none yet.
+    """Return the baseline to compare with; None where a new one is to be written and there is none yet.
 
     Raises:
         InputError: it is missing or damaged, and nobody asked for a new one in its place.
@@ -106,7 +106,7 @@ def write_reports(
     markdown: Path | None,
     github: bool,
 ) -> None:
-    """Writes the reports that are asked for, and what GitHub shows of the step.
+    """Write the reports that are asked for, and what GitHub shows of the step.
 
     Raises:
         OutputError: one cannot be written.
@@ -137,7 +137,7 @@ def write_reports(
 def write_baseline(
     path: Path, verdicts: Sequence[Verdict], former: Baseline | None, settings: dict[str, object]
 ) -> bool:
-    """Writes the baseline anew, unless some case has no plan: then it stays as it is.
+    """Write the baseline anew, unless some case has no plan: then it stays as it is.
 
     Args:
         path: its file.

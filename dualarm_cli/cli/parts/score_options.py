@@ -104,7 +104,7 @@ GithubOption = Annotated[
 
 
 def read_regression(text: str | None) -> float:
-    """Returns by what share a cycle time may be longer.
+    """Return by what share a cycle time may be longer.
 
     Raises:
         UsageError: it is no share, or negative, or a number above 1 that may be meant as percent.
@@ -135,7 +135,7 @@ def refuse_combinations(
     cache: Path | None,
     no_cache: bool,
 ) -> None:
-    """Raises where options do not go together: none of them is passed over in silence.
+    """Raise where options do not go together: none of them is passed over in silence.
 
     Raises:
         UsageError: with both, and what to do.
@@ -173,7 +173,7 @@ def refuse_combinations(
 
 
 def _belongs_to_others(folder: Path) -> bool:
-    """Returns whether a folder holds something, but no cache."""
+    """Return whether a folder holds something, but no cache."""
     try:
         names = {path.name for path in folder.iterdir()}
     except OSError:

@@ -40,7 +40,7 @@ class Interrupts:
     """
 
     def __init__(self, watch: Watch, *, quiet: bool) -> None:
-        """Prepares for a search.
+        """Prepare for a search.
 
         Args:
             watch: of the search; its `enough` is set.
@@ -51,7 +51,7 @@ class Interrupts:
         self._former = signal.getsignal(signal.SIGINT)
 
     def __enter__(self) -> Interrupts:
-        """Takes over SIGINT."""
+        """Take over SIGINT."""
         self.watch.enough = lambda: self.asked
         if self._former is not signal.SIG_IGN:
             signal.signal(signal.SIGINT, self._interrupt)
@@ -63,7 +63,7 @@ class Interrupts:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Gives SIGINT back."""
+        """Give SIGINT back."""
         if self._former is not signal.SIG_IGN:
             signal.signal(signal.SIGINT, self._former)
 
@@ -107,7 +107,7 @@ class StatusLine:
     """
 
     def __init__(self, watch: Watch, doing: str) -> None:
-        """Begins with what is being done first; the watch tells what comes then."""
+        """Begin with what is being done first; the watch tells what comes then."""
         self.watch, self.doing = watch, doing
         watch.report = self.tell
 
@@ -145,7 +145,7 @@ KINDS = (".yaml", ".yml", ".urdf", ".csv", ".stl", ".obj", ".ply", ".dae")
 
 
 def keep_planning(tasks: Path, page: Path, plan: Callable[[], None]) -> None:
-    """Plans whenever a file of the job has changed, until Ctrl-C.
+    """Plan whenever a file of the job has changed, until Ctrl-C.
 
     Args:
         tasks: the task file, or the name of a bundled job.
@@ -206,7 +206,7 @@ def _inputs(tasks: Path, known: frozenset[Path]) -> frozenset[Path]:
 
 
 def _plan_once(live: LivePage, page: Path, plan: Callable[[], None]) -> None:
-    """Plans, and shows the plan's page or what is wrong."""
+    """Plan, and shows the plan's page or what is wrong."""
     from dualarm_cli.files.source.diagnostics import render
 
     try:

@@ -134,7 +134,7 @@ class LoadedTouches:
 
 
 def load_points(path: str | Path) -> LoadedTouches:
-    """Returns the touched points of a file.
+    """Return the touched points of a file.
 
     Args:
         path: the file.
@@ -169,7 +169,7 @@ class _PointsReader:
         self._document, self._findings = document, findings
 
     def names(self, model: PointsFile) -> tuple[str, ...]:
-        """Returns the points' names, which must differ."""
+        """Return the points' names, which must differ."""
         first: dict[str, int] = {}
         for k, point in enumerate(model.points):
             loc = ("points", k, "name")
@@ -180,7 +180,7 @@ class _PointsReader:
         return tuple(point.name for point in model.points)
 
     def origin(self, model: PointsFile, names: tuple[str, ...]) -> int:
-        """Returns which of the first three points is the origin of the frame method."""
+        """Return which of the first three points is the origin of the frame method."""
         if model.origin is None:
             return 1
         if model.origin not in names[:3]:
@@ -191,7 +191,7 @@ class _PointsReader:
         return names.index(model.origin)
 
     def side(self, side: str, model: PointsFile) -> TouchSide:
-        """Returns what one robot says of all points."""
+        """Return what one robot says of all points."""
         section: ToucherSection | None = getattr(model, side)
         robot = self._robot(side, section) if section is not None else None
         readings: list[ReadingSection] = [getattr(point, side) for point in model.points]
@@ -222,7 +222,7 @@ class _PointsReader:
         return None
 
     def _joints(self, loc: Loc, values: list[object], robot: Robot) -> FloatArray | None:
-        """Returns joint readings within the limits [rad], or None after noting what is wrong."""
+        """Return joint readings within the limits [rad], or None after noting what is wrong."""
         names = robot.arms[0].joints
         if len(values) != len(names):
             message = f"{robot.name} has {len(names)} joints ({', '.join(names)}); found {len(values)} readings"
@@ -248,7 +248,7 @@ class _PointsReader:
 
 
 def _span(low: float, high: float, slides: bool) -> str:
-    """Returns a joint's limits [rad or m] and how readings are written."""
+    """Return a joint's limits [rad or m] and how readings are written."""
     if slides:
         return (
             f"{low:.6g} to {high:.6g} m ({1e3 * low:.6g} to {1e3 * high:.6g} mm); a plain number is m, "
@@ -271,7 +271,7 @@ class Base:
 
 
 def read_base(project: Project, path: Path, name: str, role: str | None = None) -> Base:
-    """Returns the pose that a file holds.
+    """Return the pose that a file holds.
 
     Args:
         project: what the file must stay in.

@@ -16,7 +16,7 @@ WORLD = "world"
 def world_frames(
     document: Document, sections: dict[str, FramedPose], findings: Findings
 ) -> dict[str, pin.SE3]:
-    """Returns the frames in the world: T_world_frame = T_world_parent T_parent_frame.
+    """Return the frames in the world: T_world_frame = T_world_parent T_parent_frame.
 
     Args:
         document: the cell file.
@@ -48,7 +48,7 @@ def world_frames(
 
 
 def _note_cycles(document: Document, waiting: dict[str, FramedPose], findings: Findings) -> None:
-    """Notes each ring of frames once, at its first member in the file."""
+    """Note each ring of frames once, at its first member in the file."""
     seen: set[str] = set()
     for start in waiting:
         path = [start]
@@ -72,7 +72,7 @@ def frame_pose(
     frames: dict[str, pin.SE3],
     findings: Findings,
 ) -> pin.SE3 | None:
-    """Returns a frame in the world, or None after noting that there is none of that name.
+    """Return a frame in the world, or None after noting that there is none of that name.
 
     Args:
         document: the file that names it.

@@ -40,7 +40,7 @@ from dualarm_cli.records import dataclass
 def pair_bases(
     project: Project, path: Path, document: Document, pair: PairSection, findings: Findings
 ) -> dict[str, pin.SE3] | None:
-    """Returns the poses of both robots' root links in the cell, or None after noting what is wrong.
+    """Return the poses of both robots' root links in the cell, or None after noting what is wrong.
 
     Args:
         project: what files must stay in.
@@ -76,7 +76,7 @@ def pair_bases(
 def _base(
     project: Project, path: Path, document: Document, value: object, loc: Loc, findings: Findings
 ) -> Base | None:
-    """Returns one robot's base, or None after noting what is wrong."""
+    """Return one robot's base, or None after noting what is wrong."""
     if isinstance(value, dict):
         pose = validate(document, Pose, findings, value, loc)
         return None if pose is None else Base(to_se3(pose), None)
@@ -125,13 +125,13 @@ class KindCell:
 
 @cache
 def cell_schema(kinds: tuple[KindCell, ...]) -> type[CellFile]:
-    """Returns the schema of cell files with the keys of some kinds of work."""
+    """Return the schema of cell files with the keys of some kinds of work."""
     bases = tuple(reversed([kind.keys for kind in kinds])) or (CellFile,)
     return create_model(CellFile.__name__, __base__=bases, __doc__=CellFile.__doc__)
 
 
 def load_cell(path: str | Path) -> LoadedCell:
-    """Returns the cell that a cell file describes.
+    """Return the cell that a cell file describes.
 
     Args:
         path: the cell file.
@@ -145,7 +145,7 @@ def load_cell(path: str | Path) -> LoadedCell:
 
 
 def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str, ...]]:
-    """Returns the cell of a cell file, and notes on how it was understood.
+    """Return the cell of a cell file, and notes on how it was understood.
 
     Args:
         project: what the file must stay in.
@@ -202,7 +202,7 @@ class CellReader:
     def __init__(
         self, project: Project, path: Path, name: str, document: Document, findings: Findings
     ) -> None:
-        """Prepares for a file.
+        """Prepare for a file.
 
         Args:
             project: what it must stay in.
@@ -216,7 +216,7 @@ class CellReader:
         self.notes: list[str] = []
 
     def robot(self, value: object) -> Robot | None:
-        """Returns the robot, or two robots as one; None after noting what is wrong."""
+        """Return the robot, or two robots as one; None after noting what is wrong."""
         if isinstance(value, str):
             return self._one_robot(value, ("robot",))
         if isinstance(value, dict):
@@ -258,7 +258,7 @@ class CellReader:
         return robot
 
     def tools(self, model: CellFile, robot: Robot | None) -> dict[str, Tool]:
-        """Returns the tool of every arm; an arm without one has its flange as tool centre point."""
+        """Return the tool of every arm; an arm without one has its flange as tool centre point."""
         sections = {"left": model.tools.left, "right": model.tools.right}
         arms = [arm.name for arm in robot.arms] if robot is not None else list(sections)
         found = {}
@@ -274,7 +274,7 @@ class CellReader:
         return {arm: found.get(arm, Tool(pin.SE3.Identity())) for arm in arms}
 
     def parts(self, model: CellFile) -> dict[str, tuple[Shape, ...]]:
-        """Returns the solids of each kind of part."""
+        """Return the solids of each kind of part."""
         found = {}
         for name, section in model.parts.items():
             loc: Loc = ("parts", name, "shapes")
@@ -283,7 +283,7 @@ class CellReader:
         return found
 
     def bodies(self, robot: Robot, model: CellFile, added: Sequence[tuple[Loc, str]]) -> list[str]:
-        """Returns the names of all bodies, some added by kinds of work, after noting those that two of them share."""
+        """Return the names of all bodies, some added by kinds of work, after noting those that two of them share."""
         known = [*link_names(robot), *(f"{arm.name}_tool" for arm in robot.arms)]
         named: list[tuple[Loc, str]] = [(("parts", name), name) for name in model.parts]
         named += [(("obstacles", name), name) for name in model.obstacles]
@@ -296,7 +296,7 @@ class CellReader:
         return list(dict.fromkeys([*known, *(name for _, name in (*added, *named))]))
 
     def obstacles(self, model: CellFile, frames: dict[str, pin.SE3]) -> tuple[Obstacle, ...]:
-        """Returns the obstacles, posed in the world."""
+        """Return the obstacles, posed in the world."""
         shapes = {
             name: self.shape(section, ("obstacles", name), frames)
             for name, section in model.obstacles.items()
@@ -304,7 +304,7 @@ class CellReader:
         return tuple(Obstacle(name, shape) for name, shape in shapes.items() if shape is not None)
 
     def shape(self, section: ShapeSection, loc: Loc, frames: dict[str, pin.SE3]) -> Shape | None:
-        """Returns a solid in the frame that holds it, or None after noting what is wrong.
+        """Return a solid in the frame that holds it, or None after noting what is wrong.
 
         Args:
             section: the solid as the file has it.

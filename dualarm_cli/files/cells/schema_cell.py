@@ -159,7 +159,7 @@ class BaseReference:
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """Returns the JSON Schema of a pose or a path."""
+        """Return the JSON Schema of a pose or a path."""
         return {"anyOf": [{"type": "string"}, handler(Pose.__pydantic_core_schema__)]}
 
 
@@ -187,7 +187,7 @@ class RobotReference:
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """Returns the JSON Schema of a name, a path or two robots."""
+        """Return the JSON Schema of a name, a path or two robots."""
         return {"anyOf": [{"type": "string"}, handler(PairSection.__pydantic_core_schema__)]}
 
 

@@ -20,7 +20,7 @@ MOST_LISTED = 8
 def frozen_positions(
     document: Document, model: RobotFile, urdf: Urdf, moving: Sequence[str], findings: Findings
 ) -> dict[str, float]:
-    """Returns the position [rad or m] of each joint of the URDF that does not move, by its name.
+    """Return the position [rad or m] of each joint of the URDF that does not move, by its name.
 
     It is what the robot file says; for a joint that mimics another one, what follows from that one; else 0, or the
     nearest limit where 0 is outside.
@@ -57,7 +57,7 @@ def frozen_positions(
 
 
 def frozen_note(urdf: Urdf, positions: Mapping[str, float]) -> list[str]:
-    """Returns notes on joints of the URDF that do not move: which, where they stand, and which of them should follow.
+    """Return notes on joints of the URDF that do not move: which, where they stand, and which of them should follow.
 
     Args:
         urdf: a checked URDF.
@@ -95,7 +95,7 @@ def frozen_note(urdf: Urdf, positions: Mapping[str, float]) -> list[str]:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Returns names for a note; of many only the first."""
+    """Return names for a note; of many only the first."""
     shown = ", ".join(names[:MOST_LISTED])
     more = len(names) - MOST_LISTED
     return f"{shown} and {more} more" if more > 0 else shown
@@ -108,7 +108,7 @@ def _shown(joint: Element, position: float) -> str:
 
 
 def nearest_to_zero(joint: Element) -> float:
-    """Returns 0, or the limit that is nearest to it where a joint's limits exclude it [rad or m].
+    """Return 0, or the limit that is nearest to it where a joint's limits exclude it [rad or m].
 
     Args:
         joint: a moving joint; limits that are missing or no numbers exclude nothing.
@@ -136,7 +136,7 @@ def stated_range(joint: Element) -> tuple[float, float]:
 def _position(
     document: Document, loc: Loc, value: object, joint: Element, findings: Findings
 ) -> float | None:
-    """Returns a stated position within the joint's limits, or None after noting what is wrong."""
+    """Return a stated position within the joint's limits, or None after noting what is wrong."""
     if joint.find("mimic") is not None:
         leader = joint.child_name("mimic", "joint")
         message = f"{quote(joint.name)} mimics {quote(leader)}; give that joint's position"
@@ -150,7 +150,7 @@ def _position(
 def _check_chains(
     document: Document, model: RobotFile, urdf: Urdf, moving: Sequence[str], findings: Findings
 ) -> None:
-    """Notes joints between root and flange that mimic a moving joint: kinematics knows none that follow."""
+    """Note joints between root and flange that mimic a moving joint: kinematics knows none that follow."""
     for side, arm in file_arms(model).items():
         for name in urdf.chain(arm.flange) if arm.flange in urdf.links else []:
             leader = leader_of(urdf, name)
@@ -163,7 +163,7 @@ def _check_chains(
 
 
 def leader_of(urdf: Urdf, name: str) -> str:
-    """Returns the joint that a joint follows in the end, through any number of joints that mimic others.
+    """Return the joint that a joint follows in the end, through any number of joints that mimic others.
 
     Empty for a joint that mimics none, and for one whose mimics go round in a circle.
     """
@@ -178,7 +178,7 @@ def leader_of(urdf: Urdf, name: str) -> str:
 def _followed(
     name: str, joints: Mapping[str, Element], found: Mapping[str, float], moving: Sequence[str]
 ) -> float:
-    """Returns where a joint stands that may mimic a frozen one; its own position in a circle of mimics."""
+    """Return where a joint stands that may mimic a frozen one; its own position in a circle of mimics."""
     factor, offset, seen = 1.0, 0.0, [name]
     while True:
         mimic = joints[seen[-1]].find("mimic")
@@ -195,7 +195,7 @@ def _followed(
 
 
 def _number(element: Element, attribute: str, default: float) -> float:
-    """Returns a number of a joint that nothing is planned for; the default where there is none that is finite."""
+    """Return a number of a joint that nothing is planned for; the default where there is none that is finite."""
     try:
         value = float(element.get(attribute))
     except ValueError:

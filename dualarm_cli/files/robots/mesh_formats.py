@@ -53,7 +53,7 @@ class MeshError(ValueError):
 
 
 def mesh_number(word: bytes, where: str) -> float:
-    """Returns a number of a text format.
+    """Return a number of a text format.
 
     Args:
         word: as it is written.
@@ -73,7 +73,7 @@ def mesh_number(word: bytes, where: str) -> float:
 
 
 def stl_corners(data: bytes) -> FloatArray:
-    """Returns the corners of an STL file, text or binary, shape (n, 3).
+    """Return the corners of an STL file, text or binary, shape (n, 3).
 
     Args:
         data: the whole file.
@@ -123,7 +123,7 @@ def _stl_text_corners(data: bytes) -> FloatArray:
 
 
 def obj_corners(data: bytes) -> FloatArray:
-    """Returns the corners of an OBJ file, shape (n, 3): all that are in it.
+    """Return the corners of an OBJ file, shape (n, 3): all that are in it.
 
     Args:
         data: the whole file.
@@ -154,7 +154,7 @@ def obj_corners(data: bytes) -> FloatArray:
 
 
 def _obj_lines(data: bytes) -> Iterator[tuple[int, list[bytes]]]:
-    """Yields the number and the words of every line that has some; after a backslash the next line belongs to it."""
+    """Yield the number and the words of every line that has some; after a backslash the next line belongs to it."""
     words: list[bytes] = []
     for number, text in enumerate(io.BytesIO(data), 1):
         line = text.rstrip()
@@ -167,7 +167,7 @@ def _obj_lines(data: bytes) -> Iterator[tuple[int, list[bytes]]]:
 
 
 def _obj_number(word: bytes, so_far: int, line: int) -> int:
-    """Returns the number from 0 of a corner that a face names: from 1, or from the last one backwards."""
+    """Return the number from 0 of a corner that a face names: from 1, or from the last one backwards."""
     text = word.split(b"/", 1)[0]
     if not _WHOLE.fullmatch(text) or int(text) == 0:
         raise MeshError(
@@ -182,7 +182,7 @@ def _obj_number(word: bytes, so_far: int, line: int) -> int:
 
 
 def ply_corners(data: bytes) -> FloatArray:
-    """Returns the corners of a PLY file, text or binary, shape (n, 3): all that are in it.
+    """Return the corners of a PLY file, text or binary, shape (n, 3): all that are in it.
 
     What comes after the corners, faces among it, is counted and not read: a hull needs none.
 
@@ -216,7 +216,7 @@ def ply_corners(data: bytes) -> FloatArray:
 
 
 def _ply_header(header: bytes) -> tuple[str, dict[str, tuple[int, dict[str, str]]]]:
-    """Returns the byte order, empty for text, and by element its count and its properties' types, empty for lists."""
+    """Return the byte order, empty for text, and by element its count and its properties' types, empty for lists."""
     order = None
     elements: dict[str, tuple[int, dict[str, str]]] = {}
     properties: dict[str, str] = {}
@@ -245,7 +245,7 @@ def _ply_header(header: bytes) -> tuple[str, dict[str, tuple[int, dict[str, str]
 
 
 def _text_values(data: bytes, start: int, counts: tuple[int, int], names: list[str]) -> FloatArray:
-    """Returns x, y and z of a text file's first rows; counts are of these and of all, without empty lines."""
+    """Return x, y and z of a text file's first rows; counts are of these and of all, without empty lines."""
     places, values, rows = [names.index(axis) for axis in "xyz"], array("d"), 0
     first = data.count(b"\n", 0, start) + 1
     for line, text in enumerate(io.BytesIO(data[start:]), first):

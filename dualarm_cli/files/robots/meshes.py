@@ -61,7 +61,7 @@ MESH = MeshLimits()
 
 
 def read_hull(path: Path, reference: str, scale: FloatArray) -> Hull:
-    """Returns the convex hull of a mesh file. A unit that a COLLADA file states is not applied.
+    """Return the convex hull of a mesh file. A unit that a COLLADA file states is not applied.
 
     Args:
         path: the file.
@@ -76,7 +76,7 @@ def read_hull(path: Path, reference: str, scale: FloatArray) -> Hull:
 
 
 def link_hull(path: Path, reference: str, scale: FloatArray) -> tuple[Hull, float]:
-    """Returns the convex hull of a URDF's mesh file, and the unit that the file states [m], which is applied.
+    """Return the convex hull of a URDF's mesh file, and the unit that the file states [m], which is applied.
 
     So do RViz and Gazebo; MoveIt's collision checks do not. A scale on top of a unit can mean either.
 
@@ -108,7 +108,7 @@ def _scaled_hull(corners: FloatArray, reference: str, scale: FloatArray) -> Hull
 
 
 def _corners(path: Path, reference: str) -> tuple[FloatArray, float]:
-    """Returns the corners of a mesh file, and the unit that it states [m], 1 where it states none."""
+    """Return the corners of a mesh file, and the unit that it states [m], 1 where it states none."""
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise BadReferenceError(
@@ -137,7 +137,7 @@ def _parsed(data: bytes, suffix: str) -> tuple[FloatArray, float]:
 
 
 def convex_hull(corners: FloatArray) -> Hull:
-    """Returns the convex hull of corners (n, 3) [m], by Qhull.
+    """Return the convex hull of corners (n, 3) [m], by Qhull.
 
     Raises:
         MeshError: a corner that is not finite or far away, too many of them, or no volume.
@@ -197,7 +197,7 @@ class LinkMeshes:
 
 
 def link_meshes(urdf: Urdf, finder: MeshFinder) -> LinkMeshes:
-    """Returns the meshes that a URDF gives to collision.
+    """Return the meshes that a URDF gives to collision.
 
     Meshes that are only looked at are not read: they may be missing.
 
@@ -230,12 +230,12 @@ def link_meshes(urdf: Urdf, finder: MeshFinder) -> LinkMeshes:
 
 
 def mesh_scale(mesh: Element) -> FloatArray:
-    """Returns what a mesh element multiplies coordinates along x, y and z with, shape (3,)."""
+    """Return what a mesh element multiplies coordinates along x, y and z with, shape (3,)."""
     return _vector(mesh, "scale", 1.0)
 
 
 def _pose(solid: Element) -> pin.SE3:
-    """Returns where a shape is in its link."""
+    """Return where a shape is in its link."""
     origin = solid.find("origin")
     if origin is None:
         return pin.SE3.Identity()
@@ -344,7 +344,7 @@ def _target(instance: Element, known: Mapping[str, _T]) -> _T:
 
 
 def _show(node: Element, T_scene_parent: FloatArray, scene: _Scene, depth: int) -> None:
-    """Adds the corners of a node's geometries, and of the nodes within it."""
+    """Add the corners of a node's geometries, and of the nodes within it."""
     scene.visited += 1
     if scene.visited > MESH.nodes or depth > MESH.depth:
         raise MeshError(

@@ -27,7 +27,7 @@ class MeshFinder:
     """Whether packages are looked for above the project as well: the URDF's own, and those with a package.xml."""
 
     def find(self, reference: str) -> Path:
-        """Returns a mesh file.
+        """Return a mesh file.
 
         Args:
             reference: a path relative to the URDF, or `package://name/path`.
@@ -73,7 +73,7 @@ class MeshFinder:
         )
 
     def _folders(self, package: str) -> Iterator[tuple[Path, bool]]:
-        """Iterates over the folders that may be the package's, and whether the user or ROS names them."""
+        """Iterate over the folders that may be the package's, and whether the user or ROS names them."""
         for folder in self.packages:
             yield from ((one, True) for one in _as_package(folder, package))
         here = Path(os.path.realpath(self.urdf)).parent
@@ -89,14 +89,14 @@ class MeshFinder:
 
 
 def _as_package(folder: Path, package: str) -> Iterator[Path]:
-    """Iterates over the folder itself if it has the package's name, and the one of that name in it."""
+    """Iterate over the folder itself if it has the package's name, and the one of that name in it."""
     if folder.name == package:
         yield folder
     yield folder / package
 
 
 def ros_folders(environment: Mapping[str, str]) -> Sequence[Path]:
-    """Returns the folders that hold ROS packages.
+    """Return the folders that hold ROS packages.
 
     Args:
         environment: variables; ROS_PACKAGE_PATH of ROS 1 and AMENT_PREFIX_PATH of ROS 2 are read.

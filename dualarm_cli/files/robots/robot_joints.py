@@ -31,7 +31,7 @@ POSITION_SLACK = 1e-9
 
 
 def file_arms(model: RobotFile) -> dict[str, ArmSection]:
-    """Returns the arms that a robot file has, left before right."""
+    """Return the arms that a robot file has, left before right."""
     pairs = (("left", model.arms.left), ("right", model.arms.right))
     return {name: arm for name, arm in pairs if arm is not None}
 
@@ -41,7 +41,7 @@ def _source(model: RobotFile) -> str:
 
 
 def check_names(document: Document, model: RobotFile, urdf: Urdf, findings: Findings) -> bool:
-    """Returns whether every joint and flange that the file names is in the URDF, each joint once.
+    """Return whether every joint and flange that the file names is in the URDF, each joint once.
 
     Args:
         document: the robot file.
@@ -81,7 +81,7 @@ def check_names(document: Document, model: RobotFile, urdf: Urdf, findings: Find
 def check_chains(
     document: Document, model: RobotFile, urdf: Urdf, joints: list[UrdfJoint], findings: Findings
 ) -> None:
-    """Notes arms whose joints are not what moves their flange, and kinds that do not fit."""
+    """Note arms whose joints are not what moves their flange, and kinds that do not fit."""
     used = {joint.name for joint in joints}
     slides = {joint.name for joint in joints if joint.slides}
     for side, arm in file_arms(model).items():
@@ -110,7 +110,7 @@ def check_chains(
 def posture_positions(
     document: Document, model: RobotFile, joints: list[UrdfJoint], findings: Findings
 ) -> dict[str, FloatArray]:
-    """Returns the named postures, home among them, each of shape (n,) over the moving joints."""
+    """Return the named postures, home among them, each of shape (n,) over the moving joints."""
     columns = {joint.name: k for k, joint in enumerate(joints)}
     postures = {}
     sections: dict[str, dict[str, object]] = {"home": {}, **model.postures}
@@ -141,7 +141,7 @@ def _check_zeros(
     model: RobotFile,
     findings: Findings,
 ) -> None:
-    """Notes joints that a posture does not name although they cannot be at 0."""
+    """Note joints that a posture does not name although they cannot be at 0."""
     outside = [
         joint.name
         for joint in joints
@@ -159,7 +159,7 @@ def _check_zeros(
 def joint_position(
     document: Document, loc: Loc, value: object, joint: UrdfJoint, findings: Findings
 ) -> float | None:
-    """Returns a joint position within its limits [rad or m], or None after noting what is wrong."""
+    """Return a joint position within its limits [rad or m], or None after noting what is wrong."""
     dimension = quantities.LENGTH if joint.slides else quantities.ANGLE
     try:
         position = parse_quantity(value, dimension)
@@ -182,7 +182,7 @@ def joint_position(
 
 
 def model_arms(document: Document, model: RobotFile, measured: pin.Model) -> tuple[Arm, ...]:
-    """Returns the arms as values, left before right; kinds that the file does not give are measured.
+    """Return the arms as values, left before right; kinds that the file does not give are measured.
 
     Args:
         document: the robot file.

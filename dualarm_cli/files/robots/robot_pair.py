@@ -13,7 +13,7 @@ from dualarm_cli.model.robot import Arm, JointLimits, Robot
 
 
 def why_not_a_pair_member(robot: Robot) -> str | None:
-    """Returns why a robot cannot be one of two, or None."""
+    """Return why a robot cannot be one of two, or None."""
     if len(robot.arms) != 1:
         return f"{robot.name} has {len(robot.arms)} arms; one of two robots needs exactly one"
     if robot.platform:
@@ -22,7 +22,7 @@ def why_not_a_pair_member(robot: Robot) -> str | None:
 
 
 def compose_pair(left: Robot, left_base: pin.SE3, right: Robot, right_base: pin.SE3) -> Robot:
-    """Returns one robot with arms left and right, every name prefixed by `left_` or `right_`.
+    """Return one robot with arms left and right, every name prefixed by `left_` or `right_`.
 
     A posture of only one of them leaves the other at home.
 

@@ -83,7 +83,7 @@ class RobotFilePlace:
 
 
 def load_robot(name_or_path: str | Path) -> LoadedRobot:
-    """Returns a bundled robot, or the robot that a robot file describes.
+    """Return a bundled robot, or the robot that a robot file describes.
 
     Args:
         name_or_path: a bundled robot's name, or the path of a robot file.
@@ -105,7 +105,7 @@ def load_robot(name_or_path: str | Path) -> LoadedRobot:
 
 
 def find_robot(project: Project, reference: str, holder: Path, holder_name: str) -> RobotFilePlace:
-    """Returns the robot file that another file names.
+    """Return the robot file that another file names.
 
     Args:
         project: the other file's project.
@@ -138,7 +138,7 @@ def _find_bundled(project: Project, name: str) -> RobotFilePlace:
 
 
 def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
-    """Returns the robot of a robot file, and notes on how it was understood.
+    """Return the robot of a robot file, and notes on how it was understood.
 
     Args:
         place: the robot file.
@@ -223,7 +223,7 @@ def _narrowed_notes(joints: Sequence[UrdfJoint]) -> list[str]:
 
 
 def _contact_note(pairs: Sequence[tuple[str, str]]) -> list[str]:
-    """Returns the note on links whose collisions are left out by assumption."""
+    """Return the note on links whose collisions are left out by assumption."""
     if not pairs:
         return []
     names = listed([f"{one} and {other}" for one, other in pairs])
@@ -233,7 +233,7 @@ def _contact_note(pairs: Sequence[tuple[str, str]]) -> list[str]:
 
 
 def _check_description(document: Document, findings: Findings) -> bool:
-    """Returns whether a robot file has either a URDF or tables; notes what is wrong otherwise."""
+    """Return whether a robot file has either a URDF or tables; notes what is wrong otherwise."""
     given = [key for key in ("urdf", "dh") if document.data.get(key) is not None]
     if len(given) == 2:
         findings.add(
@@ -248,7 +248,7 @@ def _check_description(document: Document, findings: Findings) -> bool:
 def _load_urdf(
     place: RobotFilePlace, document: Document, model: RobotFile, findings: Findings
 ) -> tuple[Urdf | None, LinkMeshes]:
-    """Returns the checked URDF and its meshes by link, or None after noting what is wrong."""
+    """Return the checked URDF and its meshes by link, or None after noting what is wrong."""
     if model.urdf is None:
         return read_tables(document, model, findings), LinkMeshes({}, {})
     with noted(findings, document, ("urdf",)):
@@ -261,7 +261,7 @@ def _load_urdf(
 
 
 def _checked_model(urdf: Urdf, text: str, count: int) -> pin.Model:
-    """Returns what pinocchio reads of the text that was written: one number per joint.
+    """Return what pinocchio reads of the text that was written: one number per joint.
 
     Raises:
         InputError: it does not.
@@ -279,7 +279,7 @@ def _checked_model(urdf: Urdf, text: str, count: int) -> pin.Model:
 
 
 def _mesh_note(meshes: dict[str, tuple[Shape, ...]]) -> list[str]:
-    """Returns a note on links whose meshes are taken as convex hulls."""
+    """Return a note on links whose meshes are taken as convex hulls."""
     if not meshes:
         return []
     return [Note(f"{HULL_NOTE}: {listed([*meshes])}", HULL_NOTE)]

@@ -91,7 +91,7 @@ class DhSection(Section):
         return self
 
     def tables(self) -> dict[str, list[RowSection]]:
-        """Returns the tables that there are, left before right."""
+        """Return the tables that there are, left before right."""
         pairs = (("left", self.left), ("right", self.right))
         return {side: rows for side, rows in pairs if rows is not None}
 
@@ -102,7 +102,7 @@ _NULL: JsonDict = {"type": "null"}
 
 
 def _rate_schema(rates: Sequence[Dimension], words: Sequence[str]) -> JsonDict:
-    """Returns the JSON Schema of a limit: a quantity, a rule, or nothing."""
+    """Return the JSON Schema of a limit: a quantity, a rule, or nothing."""
     return {"anyOf": [quantity_schema(rates, 1e-6, words=words), _NULL]}
 
 
@@ -124,12 +124,12 @@ Position = Annotated[
 
 
 def _named_by_tables(schema: JsonDict) -> None:
-    """Leaves joints and flange of an arm out of what the schema requires: with dh they have defaults."""
+    """Leave joints and flange of an arm out of what the schema requires: with dh they have defaults."""
     schema.pop("required", None)
 
 
 def _with_tables_or_urdf(schema: JsonDict) -> None:
-    """Requires joints and flange of arms where there is no dh, and one of dh and URDF."""
+    """Require joints and flange of arms where there is no dh, and one of dh and URDF."""
     arm: JsonDict = {"required": ["joints", "flange"]}
     sides: JsonDict = {"left": arm, "right": arm}
     tables: JsonDict = {"required": ["dh"], "properties": {"dh": {"type": "object"}}}
@@ -239,7 +239,7 @@ class RobotFile(Section):
 
 
 def _with_table_names(data: dict[str, Any]) -> dict[str, Any]:
-    """Returns the data of a file with the joints and flanges that its tables make plain.
+    """Return the data of a file with the joints and flanges that its tables make plain.
 
     Wrong tables are reported where they stand; here they must only not be reported twice.
     """

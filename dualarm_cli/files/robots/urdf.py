@@ -19,7 +19,7 @@ _SIZES: dict[str, tuple[tuple[str, int], ...]] = {
 
 
 def check_link(link: Element, findings: UrdfFindings) -> None:
-    """Notes what is impossible about a link's inertia and shapes.
+    """Note what is impossible about a link's inertia and shapes.
 
     Args:
         link: the element.
@@ -93,7 +93,7 @@ def _check_mesh(mesh: Element, what: str, findings: UrdfFindings) -> None:
 
 
 def mesh_elements(solid: Element) -> Iterator[Element]:
-    """Iterates over the <mesh> elements of a <visual> or <collision>."""
+    """Iterate over the <mesh> elements of a <visual> or <collision>."""
     return (mesh for geometry in solid.all("geometry") for mesh in geometry.all("mesh"))
 
 
@@ -148,7 +148,7 @@ class Urdf:
     """Joints by name, in document order."""
 
     def chain(self, link: str) -> list[str]:
-        """Returns the moving joints from the root to a link."""
+        """Return the moving joints from the root to a link."""
         parent_of = {joint.child_name("child", "link"): joint for joint in self.joints.values()}
         found = []
         while link != self.root_link:
@@ -160,7 +160,7 @@ class Urdf:
 
 
 def read_urdf(source: TextSource) -> Urdf:
-    """Returns a checked URDF.
+    """Return a checked URDF.
 
     Args:
         source: the text of the file.
@@ -200,7 +200,7 @@ def read_urdf(source: TextSource) -> Urdf:
 
 
 def _by_name(root: Element, tag: str, findings: UrdfFindings) -> dict[str, Element]:
-    """Returns the named elements of one kind; names must be there and differ."""
+    """Return the named elements of one kind; names must be there and differ."""
     found: dict[str, Element] = {}
     for element in root.all(tag):
         name = element.name
@@ -243,7 +243,7 @@ def _check_joint(joint: Element, links: dict[str, Element], findings: UrdfFindin
 def _check_tree(
     root: Element, links: dict[str, Element], joints: dict[str, Element], findings: UrdfFindings
 ) -> str:
-    """Returns the root link; notes two parents, several roots, cycles."""
+    """Return the root link; notes two parents, several roots, cycles."""
     parent_joint: dict[str, Element] = {}
     for joint in joints.values():
         child = joint.child_name("child", "link")
@@ -273,7 +273,7 @@ def _check_tree(
 
 
 def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], list[str]]:
-    """Returns the named joints in document order with their limits, and notes on them.
+    """Return the named joints in document order with their limits, and notes on them.
 
     Args:
         urdf: a checked URDF.
@@ -321,7 +321,7 @@ def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], li
 def _limits(
     joint: Element, kind: str, what: str, findings: UrdfFindings
 ) -> tuple[float, float, float] | None:
-    """Returns lower, upper and velocity limits, or None after noting what is wrong."""
+    """Return lower, upper and velocity limits, or None after noting what is wrong."""
     limit = joint.find("limit")
     if limit is None:
         findings.add(joint, f"{what} has no <limit>; give lower, upper and velocity")

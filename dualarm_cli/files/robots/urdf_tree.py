@@ -39,15 +39,15 @@ class Element:
     """What stands between its own tags and within none of its children's."""
 
     def find(self, tag: str) -> Element | None:
-        """Returns the first child of that name."""
+        """Return the first child of that name."""
         return next(self.all(tag), None)
 
     def all(self, tag: str) -> Iterator[Element]:
-        """Iterates over the children of that name."""
+        """Iterate over the children of that name."""
         return (child for child in self.children if child.tag == tag)
 
     def get(self, name: str, default: str = "") -> str:
-        """Returns an attribute."""
+        """Return an attribute."""
         return self.attributes.get(name, default)
 
     @property
@@ -56,7 +56,7 @@ class Element:
         return self.get("name")
 
     def child_name(self, tag: str, attribute: str) -> str:
-        """Returns an attribute of the first child of that name, or an empty string."""
+        """Return an attribute of the first child of that name, or an empty string."""
         child = self.find(tag)
         return child.get(attribute) if child else ""
 
@@ -65,18 +65,18 @@ class UrdfFindings:
     """Everything wrong with one URDF."""
 
     def __init__(self, source: TextSource) -> None:
-        """Starts with nothing found."""
+        """Start with nothing found."""
         self.source = source
         self.diagnostics: list[Diagnostic] = []
 
     def add(self, element: Element, message: str) -> None:
-        """Adds one finding at an element."""
+        """Add one finding at an element."""
         self.diagnostics.append(
             self.source.diagnostic(element.line, element.column, "E400", message)
         )
 
     def raise_if_any(self) -> None:
-        """Raises everything found, by line.
+        """Raise everything found, by line.
 
         Raises:
             InputError: something was found.
@@ -87,7 +87,7 @@ class UrdfFindings:
     def numbers(
         self, element: Element, attribute: str, count: int, what: str
     ) -> list[float] | None:
-        """Returns the numbers of an attribute, or None after noting what is wrong with them.
+        """Return the numbers of an attribute, or None after noting what is wrong with them.
 
         Args:
             element: the element.
@@ -121,7 +121,7 @@ class UrdfFindings:
 
 
 def parse_xml(source: TextSource) -> Element:
-    """Returns the root element of an XML text.
+    """Return the root element of an XML text.
 
     Args:
         source: the text of one file.

@@ -28,7 +28,7 @@ _LINK_PARTS = ("inertial", "visual", "collision")
 
 
 def write_urdf(urdf: Urdf, joints: list[UrdfJoint], frozen: Mapping[str, float]) -> str:
-    """Returns complete URDF text in which exactly the given joints move.
+    """Return complete URDF text in which exactly the given joints move.
 
     Joints that turn without end become revolute with wide limits, axes get length 1, every other
     joint is fixed; capsules, which many readers do not know, become a cylinder and two spheres; meshes, which would
@@ -47,7 +47,7 @@ def write_urdf(urdf: Urdf, joints: list[UrdfJoint], frozen: Mapping[str, float])
 
 
 def write_pair(members: dict[str, tuple[Element, str, pin.SE3]]) -> str:
-    """Returns one URDF with two robots on a `world` link, every name prefixed by the arm's name.
+    """Return one URDF with two robots on a `world` link, every name prefixed by the arm's name.
 
     Args:
         members: for each arm name the root element of its clean URDF, its root link, and the
@@ -77,7 +77,7 @@ def _clean_link(link: Element) -> Element:
 
 
 def _without_capsule(element: Element, link: str) -> list[Element]:
-    """Returns a visual or collision element; of a capsule its cylinder and spheres."""
+    """Return a visual or collision element; of a capsule its cylinder and spheres."""
     geometry = element.find("geometry")
     capsule = None if geometry is None else geometry.find("capsule")
     if capsule is None:
@@ -132,7 +132,7 @@ def _clean_joint(joint: Element, moving: UrdfJoint | None, position: float) -> E
 
 
 def _displace(clean: Element, joint: Element, displacement: FloatArray) -> None:
-    """Puts a fixed joint where it stands away from its zero: turned [rad] or slid [m] along its axis, shape (3,)."""
+    """Put a fixed joint where it stands away from its zero: turned [rad] or slid [m] along its axis, shape (3,)."""
     origin = clean.find("origin") or Element("origin", {})
     xyz, rpy = (
         np.array([float(word) for word in origin.get(key, "0 0 0").split()])
@@ -150,13 +150,13 @@ def _displace(clean: Element, joint: Element, displacement: FloatArray) -> None:
 
 
 def origin_words(pose: pin.SE3) -> dict[str, str]:
-    """Returns a pose as the attributes of an `origin`."""
+    """Return a pose as the attributes of an `origin`."""
     parts = (("xyz", pose.translation), ("rpy", pin.rpy.matrixToRpy(pose.rotation)))
     return {key: " ".join(repr(float(v) + 0.0) for v in values) for key, values in parts}
 
 
 def _prefixed(element: Element, prefix: str) -> Element:
-    """Returns a link or joint with its own name and the links that it refers to prefixed."""
+    """Return a link or joint with its own name and the links that it refers to prefixed."""
     attributes = dict(element.attributes)
     if element.tag in ("link", "joint"):
         attributes["name"] = prefix + attributes["name"]
@@ -168,7 +168,7 @@ def _prefixed(element: Element, prefix: str) -> Element:
 
 
 def urdf_text(name: str, parts: list[Element]) -> str:
-    """Returns the text of a robot description.
+    """Return the text of a robot description.
 
     Args:
         name: what the robot is called.

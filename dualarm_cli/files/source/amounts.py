@@ -31,7 +31,7 @@ _DIMENSION_OF = {unit: d for d in DIMENSIONS for unit in d.units if unit}
 
 
 def read_amount(value: object) -> Amount:
-    """Returns a number with its unit, whatever its dimension.
+    """Return a number with its unit, whatever its dimension.
 
     Args:
         value: a number, or text such as `120 mm`.
@@ -55,7 +55,7 @@ def read_amount(value: object) -> Amount:
 
 
 def in_unit(amount: Amount, other: Amount) -> Amount:
-    """Returns an amount in the unit of another one.
+    """Return an amount in the unit of another one.
 
     Raises:
         QuantityError: they are not of one dimension.
@@ -70,7 +70,7 @@ def in_unit(amount: Amount, other: Amount) -> Amount:
 
 
 def one_unit(amounts: list[Amount]) -> list[Amount]:
-    """Returns amounts in one unit: that of the first that has one.
+    """Return amounts in one unit: that of the first that has one.
 
     Raises:
         QuantityError: they are not of one dimension.
@@ -80,7 +80,7 @@ def one_unit(amounts: list[Amount]) -> list[Amount]:
 
 
 def shifted(found: Amount, by: Amount) -> Amount:
-    """Returns a file's number plus another, in the file's unit.
+    """Return a file's number plus another, in the file's unit.
 
     Where only the other one has a unit the result is SI with its unit, so that whoever reads it sees whether it belongs
     there.
@@ -97,7 +97,7 @@ def shifted(found: Amount, by: Amount) -> Amount:
 
 
 def scaled(found: Amount, by: Amount) -> Amount:
-    """Returns a file's number times another, in the file's unit.
+    """Return a file's number times another, in the file's unit.
 
     Raises:
         QuantityError: the other one is no plain number or fraction.
@@ -110,13 +110,13 @@ def scaled(found: Amount, by: Amount) -> Amount:
 
 
 def _like(found: Amount, number: float, by: Amount) -> Amount:
-    """Returns a number in a file's unit; a whole one where all were whole, as counts are."""
+    """Return a number in a file's unit; a whole one where all were whole, as counts are."""
     whole = isinstance(found.number, int) and isinstance(by.number, int) and not by.unit
     return Amount(int(number) if whole else tidy(number), found.unit, found.factor, found.base)
 
 
 def _dimension(amount: Amount) -> Dimension:
-    """Returns the dimension of an amount that has a unit."""
+    """Return the dimension of an amount that has a unit."""
     return _DIMENSION_OF[amount.unit]
 
 

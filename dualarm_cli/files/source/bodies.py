@@ -13,7 +13,7 @@ from dualarm_cli.model.robot import Robot
 
 
 def link_names(robot: Robot) -> list[str]:
-    """Returns the names of a robot's links."""
+    """Return the names of a robot's links."""
     frames = pin.buildModelFromXML(robot.urdf).frames
     return [frame.name for frame in frames if frame.type == pin.FrameType.BODY]
 
@@ -25,7 +25,7 @@ def checked_pairs(
     findings: Findings,
     kinds: Collection[str] = (),
 ) -> tuple[tuple[str, str], ...]:
-    """Returns pairs of bodies, after noting every name that is none, and bodies paired with themselves or twice.
+    """Return pairs of bodies, after noting every name that is none, and bodies paired with themselves or twice.
 
     Args:
         document: the file.

@@ -17,7 +17,7 @@ TASK_FILE = "tasks.yaml"
 
 @cache
 def robots_folder() -> Path:
-    """Returns the folder with one folder per bundled robot.
+    """Return the folder with one folder per bundled robot.
 
     A wheel carries it inside the package; a source tree has it beside the package.
     """
@@ -31,7 +31,7 @@ def _folder(name: str) -> Path:
 
 
 def bundled_robots() -> list[str]:
-    """Returns the names of the bundled robots, sorted."""
+    """Return the names of the bundled robots, sorted."""
     folder = robots_folder()
     if not folder.is_dir():
         return []
@@ -39,7 +39,7 @@ def bundled_robots() -> list[str]:
 
 
 def bundled_tasks() -> dict[str, Path]:
-    """Returns the bundled task files by the names of their folders, sorted: the reference work of comparisons."""
+    """Return the bundled task files by the names of their folders, sorted: the reference work of comparisons."""
     folder = _folder("tasks")
     if not folder.is_dir():
         return {}
@@ -48,7 +48,7 @@ def bundled_tasks() -> dict[str, Path]:
 
 
 def task_file(path: str | Path) -> tuple[Path, str]:
-    """Returns the task file that a path or the name of a bundled job means, and what messages call it.
+    """Return the task file that a path or the name of a bundled job means, and what messages call it.
 
     Args:
         path: a path; a bundled job's name where no file has that one.

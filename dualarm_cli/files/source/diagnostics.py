@@ -32,7 +32,7 @@ class Findings:
     """Everything found wrong so far, in one or more files."""
 
     def __init__(self, diagnostics: Iterable[Diagnostic] = ()) -> None:
-        """Starts with what reading a file has found."""
+        """Start with what reading a file has found."""
         self.diagnostics: list[Diagnostic] = []
         self._unread: set[tuple[str, int, int]] = set()
         self.extend(diagnostics)
@@ -50,13 +50,13 @@ class Findings:
         self.extend([replace(document.diagnostic(loc, code, message, key), about=about or {})])
 
     def extend(self, diagnostics: Iterable[Diagnostic]) -> None:
-        """Adds findings; a number that could not be read (E104) is not blamed again."""
+        """Add findings; a number that could not be read (E104) is not blamed again."""
         fresh = [d for d in diagnostics if _place(d) not in self._unread]
         self._unread |= {_place(d) for d in fresh if d.code == "E104"}
         self.diagnostics += fresh
 
     def raise_if_any(self) -> None:
-        """Raises everything at once, by file and line.
+        """Raise everything at once, by file and line.
 
         Raises:
             InputError: something was found.
@@ -79,7 +79,7 @@ def _place(diagnostic: Diagnostic) -> tuple[str, int, int]:
 def schema_diagnostics(
     document: Document, model: type[BaseModel], error: ValidationError, prefix: Loc = ()
 ) -> list[Diagnostic]:
-    """Returns one diagnostic for each thing that a schema found wrong.
+    """Return one diagnostic for each thing that a schema found wrong.
 
     Args:
         document: the file.
@@ -137,7 +137,7 @@ def _message(kind: str, text: str, value: Any, context: dict[str, Any]) -> str:
 
 
 def _last_key(loc: Loc) -> str:
-    """Returns the key that a value belongs to, quoted; nothing for an item of a list."""
+    """Return the key that a value belongs to, quoted; nothing for an item of a list."""
     return f"'{loc[-1]}' " if loc and isinstance(loc[-1], str) else ""
 
 
@@ -149,7 +149,7 @@ REMOVED_KEYS = {
 
 
 def _unknown_key(model: type[BaseModel], loc: Loc) -> str:
-    """Returns the message for a key that a mapping does not have."""
+    """Return the message for a key that a mapping does not have."""
     if why := REMOVED_KEYS.get(str(loc[-1])):
         return f"key {quote(loc[-1])} was removed: {why}; delete it"
     holder = _model_at(model, loc[:-1])
@@ -158,7 +158,7 @@ def _unknown_key(model: type[BaseModel], loc: Loc) -> str:
 
 
 def _model_at(model: type[BaseModel], loc: Loc) -> type[BaseModel] | None:
-    """Returns the pydantic model that describes the mapping at a place."""
+    """Return the pydantic model that describes the mapping at a place."""
     current: Any = model
     for step in loc:
         holder = _as_model(current)
@@ -174,7 +174,7 @@ def _model_at(model: type[BaseModel], loc: Loc) -> type[BaseModel] | None:
 
 
 def _bare(annotation: Any) -> Any:
-    """Returns what `list | None` and `Annotated[list, …]` hold: the list or mapping itself."""
+    """Return what `list | None` and `Annotated[list, …]` hold: the list or mapping itself."""
     while getattr(annotation, "__origin__", None) not in (list, dict):
         inner = [a for a in _arguments(annotation) if a is not type(None)]
         if not inner:
@@ -184,7 +184,7 @@ def _bare(annotation: Any) -> Any:
 
 
 def _as_model(annotation: Any) -> type[BaseModel] | None:
-    """Returns the model in `Model`, `Model | None` or `Annotated[Model, …]`."""
+    """Return the model in `Model`, `Model | None` or `Annotated[Model, …]`."""
     if hasattr(annotation, "model_fields"):
         return annotation
     if getattr(annotation, "__origin__", None) in (list, dict):
@@ -197,7 +197,7 @@ def _arguments(annotation: Any) -> Sequence[Any]:
 
 
 def render(diagnostics: list[Diagnostic], limit: int = MAX_SHOWN) -> str:
-    """Returns diagnostics as text: place, message, source line and a caret below the column.
+    """Return diagnostics as text: place, message, source line and a caret below the column.
 
     Args:
         diagnostics: what to show.

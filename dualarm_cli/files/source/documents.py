@@ -23,7 +23,7 @@ M = TypeVar("M", bound=BaseModel)
 def read_document(
     project: Project, path: Path, name: str, kind: str | None = None, role: str | None = None
 ) -> Document:
-    """Returns the document in a file and makes sure of what kind it is.
+    """Return the document in a file and makes sure of what kind it is.
 
     Args:
         project: where the reading is recorded.
@@ -45,7 +45,7 @@ def read_document(
 
 
 def _kind_problem(data: object, kind: str | None) -> tuple[Loc, str, str] | None:
-    """Returns place, code and message of what is wrong with a file's kind."""
+    """Return place, code and message of what is wrong with a file's kind."""
     wanted = kind or "tasks/1"
     if not isinstance(data, dict):
         return (
@@ -73,7 +73,7 @@ def _kind_problem(data: object, kind: str | None) -> tuple[Loc, str, str] | None
 def validate(
     document: Document, model: type[M], findings: Findings, data: object = None, prefix: Loc = ()
 ) -> M | None:
-    """Returns the validated part of a document, or None after noting everything wrong with it.
+    """Return the validated part of a document, or None after noting everything wrong with it.
 
     Args:
         document: the file.

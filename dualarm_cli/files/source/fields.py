@@ -42,7 +42,7 @@ LONGEST_REACH = 5.0
 
 
 def refuse(message: str, key: str = "", code: str = "E200") -> PydanticCustomError:
-    """Returns the error that a validator raises; `key` points at one key of the mapping."""
+    """Return the error that a validator raises; `key` points at one key of the mapping."""
     return PydanticCustomError("refused", "{text}", {"text": message, "key": key, "code": code})
 
 
@@ -72,7 +72,7 @@ class Quantity:
     """Greatest plain number, where it is less than that of the dimension."""
 
     def read(self, value: object) -> float:
-        """Returns the SI value; raises what pydantic reports."""
+        """Return the SI value; raises what pydantic reports."""
         try:
             number = parse_quantity(value, self.dimension, plain=self.plain)
         except QuantityError as error:
@@ -87,13 +87,13 @@ class Quantity:
     def __get_pydantic_core_schema__(
         self, source: type[Any], handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
-        """Reads the value before pydantic checks that it is a finite float."""
+        """Read the value before pydantic checks that it is a finite float."""
         return core_schema.no_info_before_validator_function(self.read, handler(source))
 
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """Returns the JSON Schema: a number within the range, or text with a unit."""
+        """Return the JSON Schema: a number within the range, or text with a unit."""
         most = min(self.plain, self.dimension.plain)
         return quantity_schema(
             [self.dimension], max(self.low, -most), min(self.high, most, self.dimension.limit)
@@ -117,7 +117,7 @@ Scale = Annotated[float, Quantity(quantities.FRACTION, SMALLEST_POSITIVE)]
 
 
 def check_name(text: str) -> str:
-    """Returns a name that is fit to be shown and written; raises otherwise."""
+    """Return a name that is fit to be shown and written; raises otherwise."""
     if not text.strip():
         raise refuse("must not be empty")
     if len(text) > MAX_NAME_LENGTH:
@@ -193,7 +193,7 @@ class FramedPose(Pose):
 
 
 def to_se3(pose: Pose) -> pin.SE3:
-    """Returns the transform T_parent_child that a file's pose describes.
+    """Return the transform T_parent_child that a file's pose describes.
 
     `rpy` turns about the parent's fixed axes x, then y, then z, as in URDF:
     R = Rz(yaw) Ry(pitch) Rx(roll).

@@ -33,7 +33,7 @@ class Override:
     """Where that is written; errors of the value are then told there."""
 
     def blame(self, found: Diagnostic, shown: str) -> Diagnostic:
-        """Returns a finding about the value as one about who wants it.
+        """Return a finding about the value as one about who wants it.
 
         Args:
             found: at the value's place in its file.
@@ -52,7 +52,7 @@ class Overrides:
     """What is replaced in the files of one job."""
 
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
-        """Sorts values by file.
+        """Sort values by file.
 
         Args:
             values: by key; plain, or as `Override`.
@@ -73,7 +73,7 @@ class Overrides:
             self._left[key] = override
 
     def apply(self, document: Document, role: str) -> None:
-        """Replaces values of a file that was just read.
+        """Replace values of a file that was just read.
 
         A key that a mapping lacks is added to it, as a person would who edits the file; an entry of a list is not.
 
@@ -109,7 +109,7 @@ class Overrides:
             raise InputError(missing)
 
     def unused(self) -> list[Diagnostic]:
-        """Returns what is wrong where a job has no file of a role."""
+        """Return what is wrong where a job has no file of a role."""
         found = []
         for key, override in self._left.items():
             role, _, pointer = key.partition(":")

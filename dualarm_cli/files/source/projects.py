@@ -42,7 +42,7 @@ class Project:
 
     @classmethod
     def of(cls, path: Path) -> Project:
-        """Returns the project of a file: its nearest marked ancestor, else its parent's parent.
+        """Return the project of a file: its nearest marked ancestor, else its parent's parent.
 
         Args:
             path: a task, cell or robot file; it need not exist.
@@ -61,13 +61,13 @@ class Project:
         return cls(resolved.parent.parent)
 
     def bundled(self) -> Project:
-        """Returns the bundled robots as a project that shares this one's record."""
+        """Return the bundled robots as a project that shares this one's record."""
         return Project(
             Path(os.path.realpath(robots_folder())), "robots", self.inputs, self.overrides
         )
 
     def name_of(self, path: Path) -> str:
-        """Returns a file's name within the project, with forward slashes."""
+        """Return a file's name within the project, with forward slashes."""
         resolved = Path(os.path.realpath(path))
         if not resolved.is_relative_to(self.folder):
             return resolved.name
@@ -75,7 +75,7 @@ class Project:
         return f"{self.label}/{inside}" if self.label else inside
 
     def read(self, path: Path, name: str) -> TextSource:
-        """Returns the text of a file and records its hash.
+        """Return the text of a file and records its hash.
 
         Args:
             path: file to read.
@@ -89,7 +89,7 @@ class Project:
         return source
 
     def follow(self, reference: str, holder: Path) -> Path:
-        """Returns the file that a relative path in another file means.
+        """Return the file that a relative path in another file means.
 
         Args:
             reference: the path as written.
@@ -144,5 +144,5 @@ def _existing(path: Path, reference: str) -> None:
 
 
 def display_name(reference: str, holder_name: str) -> str:
-    """Returns what the user would call a file that another file names."""
+    """Return what the user would call a file that another file names."""
     return os.path.normpath(Path(holder_name).parent / reference)

@@ -64,7 +64,7 @@ class QuantityError(ValueError):
 def parse_quantity(
     value: object, dimension: Dimension, example: str = "", plain: float = math.inf
 ) -> float:
-    """Returns the SI value of a number or of text such as `120 mm`.
+    """Return the SI value of a number or of text such as `120 mm`.
 
     Args:
         value: a number, or text with a unit; a plain number is SI.
@@ -101,7 +101,7 @@ def parse_quantity(
 
 
 def split_quantity(value: str, example: str = "0.12 or '120 mm'") -> tuple[float, str]:
-    """Returns number and unit of a text; the unit is empty where there is none.
+    """Return number and unit of a text; the unit is empty where there is none.
 
     Args:
         value: text such as `120 mm`.
@@ -118,7 +118,7 @@ def split_quantity(value: str, example: str = "0.12 or '120 mm'") -> tuple[float
 
 
 def _split(value: object, example: str) -> tuple[float, str]:
-    """Returns number and unit of a value; the unit is empty where there is none."""
+    """Return number and unit of a value; the unit is empty where there is none."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value), ""
     if not isinstance(value, str):
@@ -127,7 +127,7 @@ def _split(value: object, example: str) -> tuple[float, str]:
 
 
 def _advice(text: str, example: str) -> str:
-    """Returns what to write instead."""
+    """Return what to write instead."""
     comma = _DECIMAL_COMMA.fullmatch(text)
     if comma:
         return f"; write a decimal point: {comma[1]}.{comma[2]}{comma[3]}"

@@ -26,13 +26,13 @@ class ShortForm:
     """That key."""
 
     def read(self, value: object) -> object:
-        """Returns the mapping."""
+        """Return the mapping."""
         return {self.key: value} if isinstance(value, int | float | str) else value
 
     def __get_pydantic_core_schema__(
         self, source: type[Any], handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
-        """Makes a mapping of the value before pydantic checks it."""
+        """Make a mapping of the value before pydantic checks it."""
         return core_schema.no_info_before_validator_function(
             self.read, handler(source), metadata={"mapping": source}
         )
@@ -40,7 +40,7 @@ class ShortForm:
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """Returns the JSON Schema: that of the key, or of the mapping."""
+        """Return the JSON Schema: that of the key, or of the mapping."""
         # What refers to the mapping may come before its definition.
         whole = handler(schema["metadata"]["mapping"].__pydantic_core_schema__)
         short = dict(handler.resolve_ref_schema(whole)["properties"][self.key])
@@ -56,7 +56,7 @@ class OneOrMore:
     def __get_pydantic_core_schema__(
         self, source: type[Any], handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
-        """Makes a list of the text before pydantic checks it."""
+        """Make a list of the text before pydantic checks it."""
         return core_schema.no_info_before_validator_function(
             lambda value: [value] if isinstance(value, str) else value, handler(source)
         )
@@ -64,7 +64,7 @@ class OneOrMore:
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """Returns the JSON Schema: an entry, or a list of them."""
+        """Return the JSON Schema: an entry, or a list of them."""
         several = handler(schema)
         return {"anyOf": [several["items"], several]}
 
@@ -79,7 +79,7 @@ class ByName:
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """Returns the JSON Schema: the mapping, or the list."""
+        """Return the JSON Schema: the mapping, or the list."""
         mapping = handler(schema)
         inside = handler.resolve_ref_schema(mapping)
         by_key = inside.get("properties", {}).values()
@@ -93,13 +93,13 @@ class ByName:
 
 
 def _present(optional: dict[str, Any]) -> dict[str, Any]:
-    """Returns what a schema allows besides null."""
+    """Return what a schema allows besides null."""
     parts: list[dict[str, Any]] = optional.get("anyOf", [optional])
     return next(part for part in parts if part.get("type") != "null")
 
 
 def name_entries(document: Document, model: type[BaseModel], findings: Findings) -> None:
-    """Makes mappings of a document's lists with names, their places included, after noting what is wrong with names.
+    """Make mappings of a document's lists with names, their places included, after noting what is wrong with names.
 
     Args:
         document: the file; its data change.
@@ -128,7 +128,7 @@ def name_entries(document: Document, model: type[BaseModel], findings: Findings)
 def _names(
     document: Document, key: str, what: str, findings: Findings
 ) -> Iterator[tuple[int, str]]:
-    """Yields index and name of the entries of a list that have a name of their own, after noting the others."""
+    """Yield index and name of the entries of a list that have a name of their own, after noting the others."""
     first: dict[str, int] = {}
     for k, entry in enumerate(document.data[key]):
         loc: Loc = (key, k)

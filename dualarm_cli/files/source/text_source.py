@@ -40,7 +40,7 @@ def recorded_reads() -> Iterator[dict[str, str]]:
 def suggest(
     word: str, known: list[str], label: str = "allowed", most: int | None = MAX_LISTED
 ) -> str:
-    """Returns the end of a message about an unknown word: the closest known one, then the known ones.
+    """Return the end of a message about an unknown word: the closest known one, then the known ones.
 
     Args:
         word: the unknown word.
@@ -56,7 +56,7 @@ def suggest(
 
 
 def quote(value: object) -> str:
-    """Returns a value as a message shows it: on one line, not too long, without controls."""
+    """Return a value as a message shows it: on one line, not too long, without controls."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):
@@ -88,7 +88,7 @@ class TextSource:
         return self.text.split("\n")
 
     def snippet(self, line: int) -> str:
-        """Returns a source line fit for a terminal: controls replaced one for one, cut off."""
+        """Return a source line fit for a terminal: controls replaced one for one, cut off."""
         if not 1 <= line <= len(self.lines):
             return ""
         text = self.lines[line - 1][:_SNIPPET_LENGTH]
@@ -97,12 +97,12 @@ class TextSource:
         )
 
     def diagnostic(self, line: int, column: int, code: str, message: str) -> Diagnostic:
-        """Returns a diagnostic at a place of this file, with its snippet."""
+        """Return a diagnostic at a place of this file, with its snippet."""
         return Diagnostic(self.name, line, column, code, message, self.snippet(line))
 
 
 def read_bytes(path: Path, name: str, limit: int = MAX_FILE_BYTES) -> bytes:
-    """Returns the bytes of a regular file, never waiting for a pipe or a device.
+    """Return the bytes of a regular file, never waiting for a pipe or a device.
 
     Args:
         path: file to read.
@@ -143,7 +143,7 @@ def read_bytes(path: Path, name: str, limit: int = MAX_FILE_BYTES) -> bytes:
 
 
 def read_text(path: Path, name: str, limit: int = MAX_FILE_BYTES) -> TextSource:
-    """Returns the text of an input file.
+    """Return the text of an input file.
 
     Args:
         path: file to read.

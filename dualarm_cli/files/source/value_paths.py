@@ -40,7 +40,7 @@ class PathStep:
 
 
 def read_path(text: str) -> tuple[PathStep, ...]:
-    """Returns the steps of a path.
+    """Return the steps of a path.
 
     Args:
         text: such as `base.xyz[2]`, `frames["bin.slot_3"].xyz[0]` or `tasks.tray-1.pick.xyz[0]`.
@@ -64,7 +64,7 @@ def read_path(text: str) -> tuple[PathStep, ...]:
 
 
 def find_value(data: Any, text: str, file: str) -> Loc:
-    """Returns the place of the one value that a path leads to.
+    """Return the place of the one value that a path leads to.
 
     Entries of lists are found by index from 0, or by their name or id. Keys may have dots.
 
@@ -94,14 +94,14 @@ def find_value(data: Any, text: str, file: str) -> Loc:
 
 
 def value_at(data: Any, loc: Loc) -> Any:
-    """Returns the value at a place."""
+    """Return the value at a place."""
     for step in loc:
         data = data[step]
     return data
 
 
 def shown_path(data: Any, loc: Loc) -> str:
-    """Returns a place as a path that people read: entries of lists by name where they have one."""
+    """Return a place as a path that people read: entries of lists by name where they have one."""
     text = ""
     for step in loc:
         name = _name_of(data[step]) if isinstance(step, int) else None
@@ -114,12 +114,12 @@ def shown_path(data: Any, loc: Loc) -> str:
 
 
 def to_pointer(loc: Loc) -> str:
-    """Returns a place as a JSON pointer."""
+    """Return a place as a JSON pointer."""
     return "".join(f"/{str(step).replace('~', '~0').replace('/', '~1')}" for step in loc)
 
 
 def from_pointer(data: Any, pointer: str, may_add: bool = False) -> Loc:
-    """Returns the place that a JSON pointer means in a file's data.
+    """Return the place that a JSON pointer means in a file's data.
 
     Args:
         data: content of a file.
@@ -154,7 +154,7 @@ class _Search:
         self._deepest: tuple[int, Loc] = (0, ())
 
     def places(self, node: Any, k: int, loc: Loc) -> Iterator[Loc]:
-        """Yields the places that the steps from the k-th on lead to."""
+        """Yield the places that the steps from the k-th on lead to."""
         if k > self._deepest[0]:
             self._deepest = (k, loc)
         if k == len(self.steps):
@@ -164,7 +164,7 @@ class _Search:
             yield from self.places(node[key], k + taken, (*loc, key))
 
     def _matches(self, node: Any, k: int) -> Iterator[tuple[str | int, int]]:
-        """Yields keys or indices that the next steps may mean, and how many steps that takes."""
+        """Yield keys or indices that the next steps may mean, and how many steps that takes."""
         for taken in range(len(self.steps) - k, 0, -1):
             steps = self.steps[k : k + taken]
             if taken > 1 and not all(step.dotted for step in steps):
@@ -196,14 +196,14 @@ class _Search:
 
 
 def _name_of(entry: Any) -> str | None:
-    """Returns what an entry of a list is called."""
+    """Return what an entry of a list is called."""
     if not isinstance(entry, dict):
         return None
     return next((entry[key] for key in ("name", "id") if isinstance(entry.get(key), str)), None)
 
 
 def _names(node: Any) -> list[str]:
-    """Returns what can be named in a mapping or a list."""
+    """Return what can be named in a mapping or a list."""
     if isinstance(node, dict):
         return [str(key) for key in node]
     return [_name_of(entry) or str(index) for index, entry in enumerate(node)]

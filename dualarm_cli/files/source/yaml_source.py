@@ -33,7 +33,7 @@ class ScalarError(ValueError):
 
 
 def core_scalar(text: str) -> str | int | float | bool | None:
-    """Returns what an unquoted scalar means.
+    """Return what an unquoted scalar means.
 
     Octal, hexadecimal, sexagesimal and date spellings and leading zeros stay text, so that
     whoever wants a number there can say what to write instead.
@@ -74,7 +74,7 @@ class Node:
     __slots__ = ("children", "column", "key_column", "key_line", "line")
 
     def __init__(self, line: int, column: int, key: tuple[int, int]) -> None:
-        """Stores the places; children follow while the file is read."""
+        """Store the places; children follow while the file is read."""
         self.line, self.column = line, column
         self.key_line, self.key_column = key
         self.children: dict[str | int, Node] = {}
@@ -96,12 +96,12 @@ class Document:
     """By place: values that are not the file's own, and their paths as people read them."""
 
     def listed(self, key: str) -> list[Any]:
-        """Returns the unchecked entries of a list at the top, none where there is something else."""
+        """Return the unchecked entries of a list at the top, none where there is something else."""
         found = self.data.get(key)
         return found if isinstance(found, list) else []
 
     def place(self, loc: Iterable[str | int], key: bool = False) -> tuple[int, int]:
-        """Returns line and column of a value, or of the deepest known value around it.
+        """Return line and column of a value, or of the deepest known value around it.
 
         Args:
             loc: keys and indices from the top.
@@ -118,7 +118,7 @@ class Document:
     def diagnostic(
         self, loc: Iterable[str | int], code: str, message: str, key: bool = False
     ) -> Diagnostic:
-        """Returns a diagnostic at the place of a value (or of its key).
+        """Return a diagnostic at the place of a value (or of its key).
 
         What is wrong with a replaced value is reported where it was replaced.
         """
@@ -132,7 +132,7 @@ class Document:
 
 
 def parse_yaml(source: TextSource) -> Document:
-    """Returns the data of a YAML text.
+    """Return the data of a YAML text.
 
     Numbers are read as YAML 1.2 reads them, so `no` is text and `12:30` is not a number. Aliases,
     anchors and tags are refused: no input file needs them, and some bring a parser down.
@@ -165,7 +165,7 @@ def parse_yaml(source: TextSource) -> Document:
 
 @cache
 def _event_loader() -> Any:
-    """Returns the C parser where PyYAML was built with it, else the Python one."""
+    """Return the C parser where PyYAML was built with it, else the Python one."""
     return getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -208,7 +208,7 @@ class _Builder:
         self._documents = 0
 
     def feed(self, event: Any) -> None:
-        """Takes one event.
+        """Take one event.
 
         Raises:
             InputError: the event ends the reading.
@@ -290,7 +290,7 @@ class _Builder:
             return 0
 
     def _add(self, event: Any, value: Any) -> Node:
-        """Puts a value where it belongs and returns its place."""
+        """Put a value where it belongs and returns its place."""
         mark = event.start_mark
         line, column = mark.line + 1, mark.column + 1
         node = Node(line, column, (line, column))

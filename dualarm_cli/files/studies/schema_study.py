@@ -58,7 +58,7 @@ class StudyTargetSection(Section):
     )
 
     def given(self) -> list[tuple[str, str]]:
-        """Returns the files that are named, each with the path into it."""
+        """Return the files that are named, each with the path into it."""
         pairs = ((role, getattr(self, field)) for field, role in ROLE_KEYS.items())
         return [(role, path) for role, path in pairs if path is not None]
 

@@ -55,7 +55,7 @@ class StudyTargetReader:
     def __init__(
         self, document: Document, jobs: list[dict[str, Document]], findings: Findings
     ) -> None:
-        """Stores the study file and the documents of its jobs, and where errors are noted."""
+        """Store the study file and the documents of its jobs, and where errors are noted."""
         self._document, self._jobs, self._findings = document, jobs, findings
         self._taken: dict[tuple[int, str], tuple[str, int]] = {}
 
@@ -66,7 +66,7 @@ class StudyTargetReader:
         name: str,
         values: tuple[tuple[Level, ...], Span | None],
     ) -> tuple[Target, ...]:
-        """Returns a parameter's targets, without those that are wrong.
+        """Return a parameter's targets, without those that are wrong.
 
         Args:
             section: the parameter.
@@ -95,7 +95,7 @@ class StudyTargetReader:
         name: str,
         values: tuple[tuple[Level, ...], Span | None],
     ) -> list[Target]:
-        """Returns a target; of two robots that are meant together one for each."""
+        """Return a target; of two robots that are meant together one for each."""
         roles = [role]
         if role == "robot" and any(pair in job for job in self._jobs for pair in _PAIR):
             roles = list(_PAIR)
@@ -117,7 +117,7 @@ class StudyTargetReader:
         return found
 
     def _place(self, job: dict[str, Document], role: str, path: str, loc: Loc) -> Loc | None:
-        """Returns where a path leads to in a job's file, or None after noting that it does not."""
+        """Return where a path leads to in a job's file, or None after noting that it does not."""
         document = job.get(role)
         if document is None:
             known = ", ".join(job)
@@ -137,7 +137,7 @@ class StudyTargetReader:
             return None
 
     def _claim(self, job: int, key: str, name: str, loc: Loc) -> None:
-        """Notes a value that is changed twice."""
+        """Note a value that is changed twice."""
         line = self._document.place(loc)[0]
         other = self._taken.setdefault((job, key), (name, line))
         if other != (name, line):
@@ -147,7 +147,7 @@ class StudyTargetReader:
     def _amount(
         self, value: object, apply: Apply, document: Document, place: Loc, loc: Loc
     ) -> Level | None:
-        """Returns a file's value, as a number if it is one; None after noting that it has to be one and is not."""
+        """Return a file's value, as a number if it is one; None after noting that it has to be one and is not."""
         try:
             return read_amount(value)
         except QuantityError:
@@ -167,7 +167,7 @@ class StudyTargetReader:
         values: tuple[tuple[Level, ...], Span | None],
         loc: Loc,
     ) -> bool:
-        """Returns whether the parameter's values can be applied to what the files have."""
+        """Return whether the parameter's values can be applied to what the files have."""
         levels, span = values
         some = [span.low] if span is not None else list(levels[:1])
         if not some:
@@ -194,11 +194,11 @@ class LevelReader:
     """Reads the values of parameters, noting every error."""
 
     def __init__(self, document: Document, findings: Findings) -> None:
-        """Stores the study file, and where errors are noted."""
+        """Store the study file, and where errors are noted."""
         self._document, self._findings = document, findings
 
     def read(self, section: ParameterSection, loc: Loc) -> tuple[tuple[Level, ...], Span | None]:
-        """Returns a parameter's values, or its span where it has no steps; nothing after noting an error.
+        """Return a parameter's values, or its span where it has no steps; nothing after noting an error.
 
         Args:
             section: the parameter.
@@ -209,7 +209,7 @@ class LevelReader:
         return self._values(section.values or [], (*loc, "values")), None
 
     def _values(self, values: list[Any], loc: Loc) -> tuple[Level, ...]:
-        """Returns listed values: numbers of one unit, or words, or true and false."""
+        """Return listed values: numbers of one unit, or words, or true and false."""
         amounts: list[Amount] = []
         problems: list[tuple[int, str]] = []
         for k, value in enumerate(values):
@@ -267,7 +267,7 @@ class LevelReader:
         return (), Span(low, high)
 
     def _steps(self, low: Amount, high: Amount, step: Amount, loc: Loc) -> tuple[Level, ...]:
-        """Returns from, from + step and so on to the end, in decimals as people count."""
+        """Return from, from + step and so on to the end, in decimals as people count."""
         if step.number <= 0.0:
             self._findings.add(self._document, loc, "a step must be above 0", "E200")
             return ()
@@ -288,7 +288,7 @@ class LevelReader:
         return tuple(_like(low, int(n) if whole else tidy(float(n))) for n in numbers)
 
     def _same_unit(self, amounts: list[Amount], locs: list[Loc]) -> list[Amount]:
-        """Returns amounts in one unit, or nothing after noting one that is of another dimension."""
+        """Return amounts in one unit, or nothing after noting one that is of another dimension."""
         try:
             return one_unit(amounts)
         except QuantityError as error:
@@ -297,7 +297,7 @@ class LevelReader:
 
 
 def _evenly(low: Amount, high: Amount, count: int) -> tuple[Level, ...]:
-    """Returns numbers evenly spread, both ends among them; whole ones where all of them are."""
+    """Return numbers evenly spread, both ends among them; whole ones where all of them are."""
     span = high.number - low.number
     numbers = [tidy(low.number + span * k / (count - 1)) for k in range(count)]
     whole = isinstance(low.number, int) and all(number.is_integer() for number in numbers)
@@ -309,7 +309,7 @@ def _like(amount: Amount, number: float) -> Amount:
 
 
 def job_documents(project: Project, path: Path, name: str) -> dict[str, Document]:
-    """Returns the documents of a job by their roles; without those that cannot be read.
+    """Return the documents of a job by their roles; without those that cannot be read.
 
     Args:
         project: where the reading is recorded.
@@ -369,7 +369,7 @@ def _text(value: Any) -> str:
 
 
 def load_study(path: str | Path) -> Study:
-    """Returns the study that a study file describes; its jobs are read too, as they are.
+    """Return the study that a study file describes; its jobs are read too, as they are.
 
     Args:
         path: the study file.
@@ -423,7 +423,7 @@ def load_study(path: str | Path) -> Study:
 def _tasks(
     project: Project, path: Path, document: Document, model: StudyFile, findings: Findings
 ) -> list[StudyTasks]:
-    """Returns the task files that can be found, after noting what is wrong with any of them."""
+    """Return the task files that can be found, after noting what is wrong with any of them."""
     found: dict[Path, StudyTasks] = {}
     listed = isinstance(document.data["tasks"], list)
     for k, reference in enumerate(model.tasks):

@@ -33,7 +33,7 @@ COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
 def read_poses(source: TextSource) -> list[pin.SE3]:
-    """Returns the poses of a CSV file: a header with x, y, z, qx, qy, qz, qw, then one pose a line [m].
+    """Return the poses of a CSV file: a header with x, y, z, qx, qy, qz, qw, then one pose a line [m].
 
     Args:
         source: the file.
@@ -70,7 +70,7 @@ def read_poses(source: TextSource) -> list[pin.SE3]:
 
 
 def _row(line: str, names: list[str]) -> tuple[pin.SE3 | None, str]:
-    """Returns the pose of one line, or what is wrong with it."""
+    """Return the pose of one line, or what is wrong with it."""
     fields = line.split(",")
     if len(fields) != len(names):
         return None, f"{len(fields)} values; the first line names {len(names)} columns"
@@ -98,7 +98,7 @@ class CurveReader:
     def __init__(
         self, project: Project, path: Path, document: Document, cell: Cell, findings: Findings
     ) -> None:
-        """Prepares for a file and its cell.
+        """Prepare for a file and its cell.
 
         Args:
             project: what files must stay in.
@@ -113,16 +113,16 @@ class CurveReader:
         self._default: str | None = None
 
     def note(self, loc: Loc, message: str, code: str = "E300") -> None:
-        """Notes what is wrong at a place of the file."""
+        """Note what is wrong at a place of the file."""
         self._findings.add(self._document, loc, message, code)
 
     def frame(self, name: str | None, loc: Loc) -> pin.SE3 | None:
-        """Returns a named frame in the world, the world for None; None after noting that there is no such frame."""
+        """Return a named frame in the world, the world for None; None after noting that there is no such frame."""
         self._default = None
         return self._frame(name, loc)
 
     def way(self, section: CurveSection, loc: Loc, frame: str | None = None) -> ToolPath | None:
-        """Returns a way through poses, or None after noting what is wrong.
+        """Return a way through poses, or None after noting what is wrong.
 
         Args:
             section: the curve as the file has it.
@@ -133,12 +133,12 @@ class CurveReader:
         return self._curve(section, loc)
 
     def placed(self, section: FramedPose, loc: Loc) -> pin.SE3 | None:
-        """Returns a pose, in the world where it names a frame, or None after noting that there is no such frame."""
+        """Return a pose, in the world where it names a frame, or None after noting that there is no such frame."""
         frame = self.frame(section.in_, (*loc, "in"))
         return None if frame is None else frame * to_se3(section)
 
     def poses(self, reference: str, loc: Loc) -> list[pin.SE3] | None:
-        """Returns the poses of a CSV file as they stand there, or None after noting what is wrong."""
+        """Return the poses of a CSV file as they stand there, or None after noting what is wrong."""
         self._default = None
         return self._file(reference, loc)
 
@@ -223,7 +223,7 @@ class CurveReader:
         return self._smooth(poses, loc, listed=True)
 
     def _smooth(self, poses: list[pin.SE3], loc: Loc, listed: bool) -> Spline | None:
-        """Returns the spline through poses, or None after noting that it turns back at once.
+        """Return the spline through poses, or None after noting that it turns back at once.
 
         Args:
             poses: with the one where it starts.
@@ -243,7 +243,7 @@ class CurveReader:
         return None
 
     def _pose(self, section: FramedPose, loc: Loc, before: pin.SE3 | None) -> pin.SE3 | None:
-        """Returns a pose in the world; without a rotation of its own it keeps the one before."""
+        """Return a pose in the world; without a rotation of its own it keeps the one before."""
         if section.xyz is None:
             self.note(loc, "no position; give xyz")
             return None

@@ -62,7 +62,7 @@ class TimingSection(Section):
 
 
 def read_budget(document: Document, section: BudgetSection | None) -> Budget | None:
-    """Returns the budget of a task file with the places of its figures; None where it has none."""
+    """Return the budget of a task file with the places of its figures; None where it has none."""
     if section is None:
         return None
     places = {

@@ -109,7 +109,7 @@ class Schemas:
 
 @cache
 def schemas_of(kinds: tuple[KindReading, ...]) -> Schemas:
-    """Returns the core's sections with the keys of some kinds."""
+    """Return the core's sections with the keys of some kinds."""
     target = _with(TargetSection, [kind.target_keys for kind in kinds])
     one_kind = model_validator(mode="after")(_one_kind_of(kinds))
     task = _with(
@@ -138,7 +138,7 @@ def _with(
     validators: Any = None,
     **fields: Any,
 ) -> Any:
-    """Returns a section of the core with the keys of kinds, then the rest of its own; some fields of other types."""
+    """Return a section of the core with the keys of kinds, then the rest of its own; some fields of other types."""
     added = [kind for kind in reversed(kinds) if kind is not core]
     whole = rest or core
     changed: dict[str, Any] = {
@@ -154,7 +154,7 @@ def _with(
 
 
 def _one_kind_of(kinds: Sequence[KindReading]) -> Callable[[TaskSection], TaskSection]:
-    """Returns the rule that a task is one thing, done by one arm where it does not say itself which it takes."""
+    """Return the rule that a task is one thing, done by one arm where it does not say itself which it takes."""
     own = [kind for kind in kinds if kind.key]
     beside = {"pick": ("place",), "place": ("pick",), **{kind.key: kind.beside for kind in own}}
     arms_named = {kind.key for kind in of_kinds("reading", "any")}
@@ -188,7 +188,7 @@ class TaskReader:
         defaults: DefaultsSection,
         curves: CurveReader,
     ) -> None:
-        """Prepares for a file and its cell.
+        """Prepare for a file and its cell.
 
         Args:
             document: the task file.
@@ -204,15 +204,15 @@ class TaskReader:
         self._kinds: list[KindReading] = of_kinds("reading")
 
     def note(self, loc: Loc, message: str, code: str = "E300") -> None:
-        """Notes what is wrong at a place of the file."""
+        """Note what is wrong at a place of the file."""
         self.findings.add(self.document, loc, message, code)
 
     def place(self, loc: Loc) -> Place:
-        """Returns where in the file something is written."""
+        """Return where in the file something is written."""
         return Place(self.document.source.name, *self.document.place(loc))
 
     def tasks(self, sections: Mapping[int, TaskSection]) -> tuple[Task, ...]:
-        """Returns the tasks in file order.
+        """Return the tasks in file order.
 
         Args:
             sections: those that their schema accepts, by their index in the file.
@@ -237,7 +237,7 @@ class TaskReader:
         return tuple(found)
 
     def signalled(self, shares: Sequence[Task], section: TaskSection, loc: Loc) -> list[Task]:
-        """Returns each arm's share of a task with its signals, after noting those that it never sets.
+        """Return each arm's share of a task with its signals, after noting those that it never sets.
 
         Args:
             shares: of one task.
@@ -266,7 +266,7 @@ class TaskReader:
         ]
 
     def arm(self, section: TaskSection, loc: Loc) -> str | None:
-        """Returns the arm that does a task, ANY for either; None after noting one that the robot does not have.
+        """Return the arm that does a task, ANY for either; None after noting one that the robot does not have.
 
         Args:
             section: the task as the file has it.
@@ -283,7 +283,7 @@ class TaskReader:
     def task(
         self, section: TaskSection, loc: Loc, arm: str, stops: tuple[Stop, ...], part: str
     ) -> Task:
-        """Returns a task with what its file says of order and times.
+        """Return a task with what its file says of order and times.
 
         Args:
             section: the task as the file has it.
@@ -306,7 +306,7 @@ class TaskReader:
         )
 
     def part(self, section: TaskSection, loc: Loc) -> str:
-        """Returns the name of the part that is carried, after noting one that the cell does not have.
+        """Return the name of the part that is carried, after noting one that the cell does not have.
 
         Args:
             section: the task as the file has it.
@@ -328,7 +328,7 @@ class TaskReader:
         return part
 
     def check_posture(self, name: str | None, loc: Loc) -> bool:
-        """Returns whether the robot has a posture, after noting that it has not; True for none."""
+        """Return whether the robot has a posture, after noting that it has not; True for none."""
         known = list(self.cell.robot.postures)
         if name is None or name in known:
             return True
@@ -339,7 +339,7 @@ class TaskReader:
     def stops(
         self, section: TaskSection, loc: Loc, arm: str, taker: str | None = None
     ) -> tuple[Stop, ...]:
-        """Returns the stops of a task by keys of the core's own.
+        """Return the stops of a task by keys of the core's own.
 
         Args:
             section: the task as the file has it.
@@ -374,7 +374,7 @@ class TaskReader:
         return tuple(stops)
 
     def _surroundings(self, section: TaskSection, bare: bool) -> tuple[float, float, Dwell]:
-        """Returns approach, retract and dwell; defaults are for picks and places only."""
+        """Return approach, retract and dwell; defaults are for picks and places only."""
         approach = 0.0 if bare else self.defaults.approach
         retract = 0.0 if bare else self.defaults.retract
         dwell = DwellSection() if bare else self.defaults.dwell
@@ -390,7 +390,7 @@ class TargetReader:
     """Turns the targets of one task file into data."""
 
     def __init__(self, document: Document, cell: Cell, findings: Findings) -> None:
-        """Prepares for a file and its cell.
+        """Prepare for a file and its cell.
 
         Args:
             document: the task file.

@@ -20,19 +20,19 @@ WINDOW = ("not_before", "not_after")
 
 
 def apart(what: str, tasks: Iterable[TaskSection]) -> list[TaskSection]:
-    """Returns the tasks that do not go with a kind of work or a setting in this version, by the list of kinds."""
+    """Return the tasks that do not go with a kind of work or a setting in this version, by the list of kinds."""
     keys = [kind.key for kind in of_kinds("reading", what)]
     return [task for task in tasks if any(getattr(task, key) is not None for key in keys)]
 
 
 def listed_kinds(what: str) -> str:
-    """Returns what messages call the kinds of work that do not go with a kind or a setting."""
+    """Return what messages call the kinds of work that do not go with a kind or a setting."""
     *first, last = [kind.plural for kind in of_kinds("reading", what)]
     return f"{', '.join(first)} and {last}" if first else str(last)
 
 
 def check_tasks(document: Document, tasks: Mapping[int, TaskSection], findings: Findings) -> None:
-    """Notes duplicate ids, impossible precedence and kinds of task that cannot be planned yet.
+    """Note duplicate ids, impossible precedence and kinds of task that cannot be planned yet.
 
     Args:
         document: the task file.
@@ -53,7 +53,7 @@ def check_tasks(document: Document, tasks: Mapping[int, TaskSection], findings: 
 
 
 def check_settings(document: Document, model: TasksFile, findings: Findings) -> None:
-    """Notes settings of the whole file that do not go together.
+    """Note settings of the whole file that do not go together.
 
     Args:
         document: the task file.
@@ -91,7 +91,7 @@ def check_settings(document: Document, model: TasksFile, findings: Findings) -> 
 
 
 def check_start(document: Document, cell: Cell, findings: Findings) -> None:
-    """Notes a start posture that the robot does not have."""
+    """Note a start posture that the robot does not have."""
     known = [*cell.robot.postures, "free"]
     start = document.data.get("start", "home")
     if isinstance(start, str) and start not in known:
@@ -103,7 +103,7 @@ def check_start(document: Document, cell: Cell, findings: Findings) -> None:
 
 
 def check_skew(document: Document, cell: Cell, findings: Findings) -> None:
-    """Notes a delay of one arm against the other in a cell of one arm."""
+    """Note a delay of one arm against the other in a cell of one arm."""
     for section in ("timing", "budget"):
         given = document.data.get(section)
         if isinstance(given, dict) and "skew" in given and len(cell.robot.arms) == 1:
@@ -112,7 +112,7 @@ def check_skew(document: Document, cell: Cell, findings: Findings) -> None:
 
 
 def _check_any(document: Document, index: int, task: TaskSection, findings: Findings) -> None:
-    """Notes what does not go with arm: any."""
+    """Note what does not go with arm: any."""
     if task.arm != "any":
         return
     for action in ("pick", "place", "move"):
@@ -129,7 +129,7 @@ def _check_any(document: Document, index: int, task: TaskSection, findings: Find
 
 
 def _check_window(document: Document, index: int, task: TaskSection, findings: Findings) -> None:
-    """Notes a window that ends before it begins, and windows of what has its own."""
+    """Note a window that ends before it begins, and windows of what has its own."""
     early, late = task.not_before, task.not_after
     if early is not None and late is not None and late < early:
         message = f"not_after: {late:g} s is before not_before: {early:g} s"
@@ -143,7 +143,7 @@ def _check_window(document: Document, index: int, task: TaskSection, findings: F
 def check_sequences(
     document: Document, tasks: Mapping[int, TaskSection], findings: Findings
 ) -> list[tuple[str, str]]:
-    """Notes sequences of tasks that cannot be; returns who comes right after whom."""
+    """Note sequences of tasks that cannot be; returns who comes right after whom."""
     arms = {task.id: task.arm for task in tasks.values()}
     known = [t.get("id") for t in document.listed("tasks") if isinstance(t, dict)]
     follows, where = [], dict[str, int]()
@@ -232,7 +232,7 @@ def _is_known(
 
 
 def _find_ring(before: Mapping[str, list[str]]) -> list[str]:
-    """Returns one ring of tasks that wait for each other, or nothing; no recursion."""
+    """Return one ring of tasks that wait for each other, or nothing; no recursion."""
     done: set[str] = set()
     for start in before:
         path, branches = [start], [iter(before[start])]

@@ -33,7 +33,7 @@ from dualarm_cli.model.place import Place
 
 
 def check_order(document: Document, job: Job, findings: Findings) -> None:
-    """Notes tasks that one arm, or a path between, does before those that they are to come after, and rings of waits.
+    """Note tasks that one arm, or a path between, does before those that they are to come after, and rings of waits.
 
     Args:
         document: the task file.
@@ -76,7 +76,7 @@ def check_order(document: Document, job: Job, findings: Findings) -> None:
 def load_job(
     path: str | Path, name: str | None = None, overrides: Mapping[str, Any] | None = None
 ) -> Job:
-    """Returns the job that a task file describes, with its cell and robot.
+    """Return the job that a task file describes, with its cell and robot.
 
     Args:
         path: the task file, or the name of a bundled job.
@@ -144,7 +144,7 @@ def load_job(
 def _good_tasks(
     document: Document, model: TasksFile | None, schemas: Schemas
 ) -> dict[int, TaskSection]:
-    """Returns the tasks that their schema accepts, so that the others do not hide their errors."""
+    """Return the tasks that their schema accepts, so that the others do not hide their errors."""
     if model is not None:
         return dict(enumerate(model.tasks))
     good = {}
@@ -159,7 +159,7 @@ def _good_tasks(
 def _load_cell(
     project: Project, document: Document, path: Path, findings: Findings
 ) -> tuple[Cell, tuple[str, ...]] | None:
-    """Returns the cell with its notes, or None after noting what is wrong with it."""
+    """Return the cell with its notes, or None after noting what is wrong with it."""
     reference = document.data.get("cell")
     if not isinstance(reference, str):
         return None

@@ -50,7 +50,7 @@ def job_comparison(
     bound: float | None,
     assumptions: Sequence[str],
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Returns one task file's part of the document, and its wall-clock times apart.
+    """Return one task file's part of the document, and its wall-clock times apart.
 
     Args:
         name: the task file, as the user names it.
@@ -95,7 +95,7 @@ def job_comparison(
 def comparison_document(
     sections: list[dict[str, Any]], clock: list[dict[str, Any]], settings: dict[str, Any]
 ) -> dict[str, Any]:
-    """Returns the whole document; what a wall clock measured is its last member, and nowhere else.
+    """Return the whole document; what a wall clock measured is its last member, and nowhere else.
 
     Args:
         sections: of the task files.
@@ -119,7 +119,7 @@ def _rank(row: dict[str, Any], best: float) -> tuple[int, float]:
 
 
 def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
-    """Returns one case's row; times in s, angles in rad, the travel of a platform that slides in m."""
+    """Return one case's row; times in s, angles in rad, the travel of a platform that slides in m."""
     case, schedule = outcome.case, outcome.schedule
     compared = {key: rows for kind in of_kinds("measures") for key, rows in kind.compared.items()}
     row: dict[str, Any] = {
@@ -161,7 +161,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
 
 
 def winner_sentence(rows: Sequence[dict[str, Any]]) -> str:
-    """Returns one sentence: who is fastest, by how much, and what decides the stages.
+    """Return one sentence: who is fastest, by how much, and what decides the stages.
 
     Args:
         rows: of one task file, best first.
@@ -191,14 +191,14 @@ def winner_sentence(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _reference(winner: dict[str, Any], good: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
-    """Returns the best row of `fixed`, of the winner's own timing if there is one."""
+    """Return the best row of `fixed`, of the winner's own timing if there is one."""
     found = [row for row in good if row["method"] == "fixed"]
     alike = [row for row in found if row["timing"] == winner["timing"]]
     return next(iter(alike or found), None)
 
 
 def section_title(section: dict[str, Any], name: str) -> str:
-    """Returns what stands above a task file's table or panel.
+    """Return what stands above a task file's table or panel.
 
     Args:
         section: one member of the document's `comparisons`.
@@ -211,12 +211,12 @@ def section_title(section: dict[str, Any], name: str) -> str:
 
 
 def share_text(value: float) -> str:
-    """Returns a share in percent, with a second digit where it would be 0.0."""
+    """Return a share in percent, with a second digit where it would be 0.0."""
     return f"{value:.1%}" if value >= 0.001 else f"{value:.2%}"
 
 
 def _why_faster(winner: dict[str, Any], other: dict[str, Any], name: str) -> str:
-    """Returns which kinds of time the winner saves."""
+    """Return which kinds of time the winner saves."""
     mine, theirs = (Bottlenecks({}, row["deciding_time"]) for row in (winner, other))
     pairs = [("transfers", mine.transfers, theirs.transfers)]
     pairs += [
@@ -230,7 +230,7 @@ def _why_faster(winner: dict[str, Any], other: dict[str, Any], name: str) -> str
 
 
 def _deciders(row: dict[str, Any]) -> str:
-    """Returns which joint groups decide how many stages, and what the time goes to."""
+    """Return which joint groups decide how many stages, and what the time goes to."""
     counts = [
         f"the {group_name(group)} {'' if k else 'decides '}{count}"
         for k, (group, count) in enumerate(row["deciding_stages"].items())
@@ -254,17 +254,17 @@ def _deciders(row: dict[str, Any]) -> str:
 
 
 def group_name(group: str) -> str:
-    """Returns what people call a joint group."""
+    """Return what people call a joint group."""
     return group if group == PLATFORM else f"{group} arm"
 
 
 def varied_solvers(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Returns which solvers differ between the rows, beside the method."""
+    """Return which solvers differ between the rows, beside the method."""
     return [key for key in SOLVERS[1:] if len({row[key] for row in rows}) > 1]
 
 
 def row_namer(rows: Sequence[dict[str, Any]]) -> Any:
-    """Returns how a row is called: its method, and whatever else differs between the rows."""
+    """Return how a row is called: its method, and whatever else differs between the rows."""
     varied = varied_solvers(rows)
 
     def called(row: dict[str, Any]) -> str:

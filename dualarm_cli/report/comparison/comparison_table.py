@@ -26,7 +26,7 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Table:
-    """Returns the table of one task file.
+    """Return the table of one task file.
 
     Args:
         section: one member of the document's `comparisons`.
@@ -64,7 +64,7 @@ def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Ta
 
 
 def reason_lines(section: dict[str, Any]) -> list[str]:
-    """Returns why methods have no verified plan, those with one reason together.
+    """Return why methods have no verified plan, those with one reason together.
 
     Args:
         section: one member of the document's `comparisons`.
@@ -78,7 +78,7 @@ def reason_lines(section: dict[str, Any]) -> list[str]:
 
 
 def comparison_csv(document: dict[str, Any]) -> bytes:
-    """Returns all rows as CSV; s, rad; wall-clock planning time is the last column and nowhere else.
+    """Return all rows as CSV; s, rad; wall-clock planning time is the last column and nowhere else.
 
     The travel of a platform that slides is in m.
 
@@ -107,14 +107,14 @@ def comparison_csv(document: dict[str, Any]) -> bytes:
 
 
 def csv_bytes(table: list[list[str]]) -> bytes:
-    """Returns rows of texts as CSV, with one newline as the end of each."""
+    """Return rows of texts as CSV, with one newline as the end of each."""
     text = StringIO()
     csv.writer(text, lineterminator="\n").writerows(table)
     return text.getvalue().encode("utf-8", "backslashreplace")
 
 
 def cell_text(value: Any) -> str:
-    """Returns a cell: numbers so that reading them gives the same double, nothing for None, no formula."""
+    """Return a cell: numbers so that reading them gives the same double, nothing for None, no formula."""
     if value is None:
         return ""
     if isinstance(value, str):

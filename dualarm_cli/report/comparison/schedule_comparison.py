@@ -52,7 +52,7 @@ class Version:
         )
 
     def arm_for(self, work: frozenset[tuple[str, str]], name: str) -> str:
-        """Returns the arm that does most of some work; the one of that name where none does any."""
+        """Return the arm that does most of some work; the one of that name where none does any."""
         shared = {
             arm: len({(part.task, part.action) for part in parts} & work)
             for arm, parts in self.parts.arms.items()
@@ -61,7 +61,7 @@ class Version:
         return best if shared.get(best) else name
 
     def times(self, arm: str) -> dict[str, float]:
-        """Returns how long an arm's parts take, and how long it waits between them [s]."""
+        """Return how long an arm's parts take, and how long it waits between them [s]."""
         times = {kinds[0]: self.parts.length(arm, *kinds) for kinds in KINDS}
         parts = self.parts.arms.get(arm, ())
         end = parts[-1].end if parts else self.parts.stage.start
@@ -69,11 +69,11 @@ class Version:
         return times
 
     def arrival(self, arm: str) -> float:
-        """Returns when an arm's transfer is over [s]."""
+        """Return when an arm's transfer is over [s]."""
         return self.parts.arrival(arm)
 
     def displacement(self, joint: str, arm: str) -> float | None:
-        """Returns how far a joint moves in an arm's transfer [rad]; None where there is no such joint."""
+        """Return how far a joint moves in an arm's transfer [rad]; None where there is no such joint."""
         trajectory = self.schedule.trajectory
         if joint not in trajectory.joints:
             return None
@@ -112,7 +112,7 @@ class Blame:
 
 
 def blame(a: Version, b: Version) -> Blame:
-    """Returns what made one of two versions of a stage longer.
+    """Return what made one of two versions of a stage longer.
 
     The longer version lasts as long as its critical arm, whose parts add up to it, while the same arm's parts in the
     shorter version add up to no more than that one. So some part of that arm grew at least by its share of the
@@ -140,7 +140,7 @@ def blame(a: Version, b: Version) -> Blame:
 
 
 def _slowest_joint(version: Version, arm: str) -> str:
-    """Returns the joint that decides an arm's transfer: the stated one, else by its least time, else the farthest."""
+    """Return the joint that decides an arm's transfer: the stated one, else by its least time, else the farthest."""
     robot, stated = version.schedule.robot, version.parts.stage.bottleneck
     known = robot.arms.get(arm)
     joints = [*(robot.platform or ()), *(known.joints if known is not None else ())]
@@ -157,7 +157,7 @@ def _slowest_joint(version: Version, arm: str) -> str:
 
 
 def _least_time(version: Version, joint: str, way: float | None) -> float | None:
-    """Returns the closed-form time of a way under the schedule's limits [s]; None where it states none."""
+    """Return the closed-form time of a way under the schedule's limits [s]; None where it states none."""
     limits = version.schedule.robot.limits
     if way is None or joint not in limits.joints:
         return None
@@ -168,7 +168,7 @@ def _least_time(version: Version, joint: str, way: float | None) -> float | None
 
 
 def _cause(a: Version, b: Version, joint: str, difference: float, moved: list[float | None]) -> str:
-    """Returns what most of a transfer's difference comes from: a longer way, other limits, or other timing."""
+    """Return what most of a transfer's difference comes from: a longer way, other limits, or other timing."""
     before, between, after = (
         _least_time(a, joint, moved[0]),
         _least_time(a, joint, moved[1]),
@@ -191,7 +191,7 @@ Pair = tuple[int | None, int | None]
 
 
 def compare_schedules(a: Schedule, b: Schedule, names: tuple[str, str]) -> dict[str, Any]:
-    """Returns the comparison as a JSON-ready document; times in s, angles in rad, ways of joints that slide in m.
+    """Return the comparison as a JSON-ready document; times in s, angles in rad, ways of joints that slide in m.
 
     Stages are matched by the tasks and actions that are done in them, whatever their places; the rest by
     the most work in common. What has no partner stands alone, so that all differences add up to the whole.
@@ -241,7 +241,7 @@ def _refuse_broken(schedule: Schedule, name: str) -> None:
 def _refuse_strangers(
     versions: Sequence[Sequence[Version]], pairs: Sequence[Pair], names: tuple[str, str]
 ) -> None:
-    """Raises where no stage of the one does anything that the other does: times alone say nothing."""
+    """Raise where no stage of the one does anything that the other does: times alone say nothing."""
     work = [any(v.work for v in side) for side in versions]
     shared = any(i is not None and j is not None and versions[0][i].work for i, j in pairs)
     if any(work) and not shared:
@@ -256,7 +256,7 @@ def _refuse_strangers(
 
 
 def _matched(a: Sequence[Version], b: Sequence[Version]) -> list[Pair]:
-    """Returns which stage of A goes with which of B, in A's order, then what only B has."""
+    """Return which stage of A goes with which of B, in A's order, then what only B has."""
     free = list(range(len(b)))
     partner: dict[int, int] = {}
     for i, version in enumerate(a):
@@ -322,7 +322,7 @@ def _same_motion(a: Schedule, b: Schedule) -> bool:
 
 
 def _blamed(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Returns the stages' differences by what is to blame, largest first; together the whole difference."""
+    """Return the stages' differences by what is to blame, largest first; together the whole difference."""
     found: dict[str, list[float]] = {}
     for row in rows:
         if abs(row["difference"]) <= SAME:
@@ -339,7 +339,7 @@ def _blamed(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _notes(a: Schedule, b: Schedule, pairs: Sequence[Pair]) -> list[str]:
-    """Returns what else differs: robots, limits, settings, order, what the files do not say."""
+    """Return what else differs: robots, limits, settings, order, what the files do not say."""
     notes = []
     if a.robot.name != b.robot.name or set(a.trajectory.joints) != set(b.trajectory.joints):
         notes.append(
@@ -371,7 +371,7 @@ def _notes(a: Schedule, b: Schedule, pairs: Sequence[Pair]) -> list[str]:
 
 
 def _limit_notes(a: Schedule, b: Schedule) -> list[str]:
-    """Returns which joints of both have other limits."""
+    """Return which joints of both have other limits."""
     one, two = a.robot.limits, b.robot.limits
     both = [joint for joint in one.joints if joint in two.joints]
     if not both:

@@ -23,7 +23,7 @@ CAUSES = {
 
 
 def schedules_table(document: dict[str, Any]) -> Table:
-    """Returns the table of stages: how long before and after, and what is to blame.
+    """Return the table of stages: how long before and after, and what is to blame.
 
     Args:
         document: of `dualarm compare schedules`.
@@ -51,7 +51,7 @@ def schedules_table(document: dict[str, Any]) -> Table:
 
 
 def schedules_sentence(document: dict[str, Any]) -> str:
-    """Returns one sentence: which is faster by how much, in how many stages, and what is to blame.
+    """Return one sentence: which is faster by how much, in how many stages, and what is to blame.
 
     Args:
         document: of `dualarm compare schedules`.
@@ -84,7 +84,7 @@ def schedules_sentence(document: dict[str, Any]) -> str:
 
 
 def _along(document: dict[str, Any]) -> list[dict[str, Any]]:
-    """Returns what is to blame for the whole difference: only what goes the same way, unless there is none."""
+    """Return what is to blame for the whole difference: only what goes the same way, unless there is none."""
     whole = document["difference"]
     if abs(whole) <= SAME:
         return list(document["blamed"])
@@ -92,7 +92,7 @@ def _along(document: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def schedules_csv(document: dict[str, Any]) -> bytes:
-    """Returns the stages as CSV; s, rad (m for joints that slide).
+    """Return the stages as CSV; s, rad (m for joints that slide).
 
     Args:
         document: of `dualarm compare schedules`.
@@ -113,7 +113,7 @@ def schedules_csv(document: dict[str, Any]) -> bytes:
 
 
 def cause_text(row: dict[str, Any]) -> str:
-    """Returns what is to blame in a row of a comparison, or what keeps it from being compared."""
+    """Return what is to blame in a row of a comparison, or what keeps it from being compared."""
     if row["match"] not in ("same work", "other work beside it"):
         return str(row["match"])
     found = row["blame"]
@@ -126,7 +126,7 @@ def cause_text(row: dict[str, Any]) -> str:
 
 
 def _change(found: dict[str, Any] | None) -> str:
-    """Returns what changed: the joint's way where that is why, the part's time otherwise."""
+    """Return what changed: the joint's way where that is why, the part's time otherwise."""
     if found is None:
         return ""
     ways = found["a_displacement"], found["b_displacement"]

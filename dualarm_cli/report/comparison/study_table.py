@@ -28,19 +28,19 @@ STATUS_WORDS = {
 
 
 def parameter_label(parameter: dict[str, Any]) -> str:
-    """Returns a parameter's name with its unit."""
+    """Return a parameter's name with its unit."""
     return f"{parameter['name']} [{parameter['unit']}]" if parameter["unit"] else parameter["name"]
 
 
 def value_text(value: Any) -> str:
-    """Returns a parameter's value as tables show it."""
+    """Return a parameter's value as tables show it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     return f"{value:.6g}" if isinstance(value, int | float) else str(value)
 
 
 def rows_table(document: dict[str, Any]) -> Table:
-    """Returns the table of the rows that have a plan, best first, at most MOST_ROWS."""
+    """Return the table of the rows that have a plan, best first, at most MOST_ROWS."""
     named = [OBJECTIVES[entry["name"]] for entry in document["objectives"]]
     others = [objective for name, objective in OBJECTIVES.items() if objective not in named]
     rows = [row for row in document["rows"] if row["rank"] is not None]
@@ -73,12 +73,12 @@ def rows_table(document: dict[str, Any]) -> Table:
 
 
 def objective_head(objective: Objective) -> str:
-    """Returns the short head of an objective's column."""
+    """Return the short head of an objective's column."""
     return f"{objective.name.replace('_', ' ')} {objective.shown_unit}"
 
 
 def most_time(jobs: list[dict[str, Any]]) -> str:
-    """Returns what most of the cycle goes to, with its share."""
+    """Return what most of the cycle goes to, with its share."""
     times: dict[str, float] = {}
     for job in jobs:
         for name, time in job["limiting"].items():
@@ -91,7 +91,7 @@ def most_time(jobs: list[dict[str, Any]]) -> str:
 
 
 def sentences(document: Mapping[str, Any], every: bool = False) -> list[str]:
-    """Returns what is to be said beside the table: rows left out, the best, what failed and why.
+    """Return what is to be said beside the table: rows left out, the best, what failed and why.
 
     Args:
         document: of `dualarm sweep`.
@@ -128,7 +128,7 @@ def sentences(document: Mapping[str, Any], every: bool = False) -> list[str]:
 
 
 def one_line_reason(reason: str) -> str:
-    """Returns a reason on one line, cut where it is long; the files have all of it."""
+    """Return a reason on one line, cut where it is long; the files have all of it."""
     text = ""
     for line in reason.splitlines():
         joint = " " if text.endswith(":") else "; "
@@ -137,7 +137,7 @@ def one_line_reason(reason: str) -> str:
 
 
 def _best_lines(document: Mapping[str, Any], planned: list[dict[str, Any]]) -> list[str]:
-    """Returns a sentence per objective: its best row, against the files as they are."""
+    """Return a sentence per objective: its best row, against the files as they are."""
     lines = []
     for entry in document["objectives"]:
         objective = OBJECTIVES[entry["name"]]
@@ -162,7 +162,7 @@ def _best_lines(document: Mapping[str, Any], planned: list[dict[str, Any]]) -> l
 
 
 def point_text(document: Mapping[str, Any], row: Mapping[str, Any]) -> str:
-    """Returns the values of a row's parameters."""
+    """Return the values of a row's parameters."""
     return ", ".join(
         f"{p['name']} {value_text(row['values'][p['name']])}{' ' * bool(p['unit'])}{p['unit']}"
         for p in document["parameters"]
@@ -174,7 +174,7 @@ def _shown(objective: Objective, value: float) -> str:
 
 
 def _against(objective: Objective, value: float, reference: dict[str, Any]) -> str:
-    """Returns how much better that is than the files as they are."""
+    """Return how much better that is than the files as they are."""
     base = reference[objective.name]
     if base is None:
         return f"; the files as they are: {STATUS_WORDS[reference['status']]}"
@@ -185,7 +185,7 @@ def _against(objective: Objective, value: float, reference: dict[str, Any]) -> s
 
 
 def sensitivity_table(document: dict[str, Any]) -> Table:
-    """Returns the table of how much each parameter matters for each objective."""
+    """Return the table of how much each parameter matters for each objective."""
     figures = numbers("main effect", "share", "slope", "rank corr.", no_wrap=True)
     first = Column("objective", no_wrap=True)
     table = Table(first, "parameter", *figures, title="what matters", title_justify="left")
@@ -213,7 +213,7 @@ SENSITIVITY_WORDS = (
 
 
 def sensitivity_sentences(document: dict[str, Any]) -> list[str]:
-    """Returns how far the numbers can be relied on, and which parameters act together."""
+    """Return how far the numbers can be relied on, and which parameters act together."""
     noted: dict[str, list[str]] = {}
     for section in document["sensitivity"]:
         for note in section["notes"]:
@@ -241,7 +241,7 @@ def _signed(value: float | None) -> str:
 
 
 def study_csv(document: dict[str, Any]) -> bytes:
-    """Returns all rows as CSV: best first, those without a plan last; SI units, parameters in theirs."""
+    """Return all rows as CSV: best first, those without a plan last; SI units, parameters in theirs."""
     jobs = document["tasks"] if len(document["tasks"]) > 1 else []
     table = [
         [

@@ -48,7 +48,7 @@ COLOURS = {
 
 
 def draw_comparison(document: dict[str, Any], kind: str) -> bytes:
-    """Returns the figure as PNG, SVG or PDF: one panel per task file, one bar per plan, best first.
+    """Return the figure as PNG, SVG or PDF: one panel per task file, one bar per plan, best first.
 
     Args:
         document: of `dualarm compare solvers`; wall-clock times are not drawn, so that the bytes stay the same.
@@ -88,13 +88,13 @@ def draw_comparison(document: dict[str, Any], kind: str) -> bytes:
 
 
 def _compared_paths(section: dict[str, Any]) -> list[str]:
-    """Returns the paths of a task file that several plans follow."""
+    """Return the paths of a task file that several plans follow."""
     rows = [row["path_curves"] for row in section["rows"] if row["path_curves"]]
     return [path["task"] for path in rows[0]] if len(rows) > 1 else []
 
 
 def _draw_curves(part: Any, section: dict[str, Any], task: str) -> None:
-    """Draws one path by every method: contraction force ([Choi2020] Fig. 11), manipulability ([Zhang2024] Fig. 4)."""
+    """Draw one path by every method: contraction force ([Choi2020] Fig. 11), manipulability ([Zhang2024] Fig. 4)."""
     called = row_namer(section["rows"])
     found = [
         (called(row), path)
@@ -137,7 +137,7 @@ def _label(name: str) -> str:
 
 
 def _draw_section(panel: Any, section: dict[str, Any], name: str) -> dict[str, Any]:
-    """Draws one task file's panel; returns one drawn thing per label."""
+    """Draw one task file's panel; returns one drawn thing per label."""
     rows, called = section["rows"], row_namer(section["rows"])
     drawn: dict[str, Any] = {}
     best = next((row["cycle_time"] for row in rows if row["status"] == "verified"), None)
@@ -182,7 +182,7 @@ def _draw_section(panel: Any, section: dict[str, Any], name: str) -> dict[str, A
 
 
 def _draw_bar(panel: Any, place: int, row: dict[str, Any]) -> dict[str, Any]:
-    """Draws what one plan's length is made of; a plan that failed is hatched."""
+    """Draw what one plan's length is made of; a plan that failed is hatched."""
     drawn: dict[str, Any] = {}
     if row["status"] == "failed":
         bar = panel.barh(
@@ -218,13 +218,13 @@ def _is_best(row: dict[str, Any], best: float | None) -> bool:
 
 
 def _short(reason: str) -> str:
-    """Returns the first line of a reason, cut where it would leave the panel."""
+    """Return the first line of a reason, cut where it would leave the panel."""
     line = reason.split("\n", maxsplit=1)[0]
     return line if len(line) <= 90 else f"{line[:89]}…"
 
 
 def _short_names(names: list[str]) -> list[str]:
-    """Returns names by which a reader tells the task files apart: folders where the files are named alike."""
+    """Return names by which a reader tells the task files apart: folders where the files are named alike."""
     paths = [PurePath(name) for name in names]
     for shorten in (
         lambda path: path.parent.name if path.stem == "tasks" and path.parent.name else path.stem,

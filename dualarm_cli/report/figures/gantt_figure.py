@@ -123,7 +123,7 @@ class Wanted:
 
 
 def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float) -> list[Wanted]:
-    """Returns the ids of tasks for a row: one for each stop, in its transfer rather than in another bar.
+    """Return the ids of tasks for a row: one for each stop, in its transfer rather than in another bar.
 
     Args:
         schedule: with segments.
@@ -151,7 +151,7 @@ def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float
 
 
 def _shared_begin(ids: Collection[str]) -> str:
-    """Returns what all ids begin with, up to a sign that parts words, and zeros: `left-0` of left-01 and left-02."""
+    """Return what all ids begin with, up to a sign that parts words, and zeros: `left-0` of left-01 and left-02."""
     if len(ids) < 2:
         return ""
     begin = re.match(r".*[^A-Za-z0-9]", commonprefix(list(ids)))  # noqa: RUF071 (letters, no paths)
@@ -164,7 +164,7 @@ def _shared_begin(ids: Collection[str]) -> str:
 
 
 def labels(words: Sequence[Wanted], inch: float) -> list[Label]:
-    """Returns the words in their bars, all of one size: the largest in which nearly all of them fit.
+    """Return the words in their bars, all of one size: the largest in which nearly all of them fit.
 
     Where even the smallest size is too large for many, they are shortened: to what differs from the others, then to
     the letters that fit.
@@ -188,14 +188,14 @@ def labels(words: Sequence[Wanted], inch: float) -> list[Label]:
 
 
 def _place(text: str, word: Wanted, inch: float, size: float) -> Bar | None:
-    """Returns the best of a word's bars that holds a text of a size, or None."""
+    """Return the best of a word's bars that holds a text of a size, or None."""
     room = text_width(text) * size + STYLE.padding
     large = [bar for bar in word.bars if (bar.end - bar.start) * inch * POINTS >= room]
     return min(large, key=lambda bar: (bar.rank, round(bar.start - bar.end, 6)), default=None)
 
 
 def _longest(word: Wanted, inch: float, size: float) -> tuple[str, Wanted, Bar | None]:
-    """Returns the longest form of a word that fits into one of its bars, and that bar; None where none does."""
+    """Return the longest form of a word that fits into one of its bars, and that bar; None where none does."""
     short = word.short or word.text
     counts = () if word.number else range(len(short) - 1, 0, -1)
     for form in (word.text, short, *(f"{short[:count]}…" for count in counts)):
@@ -207,7 +207,7 @@ def _longest(word: Wanted, inch: float, size: float) -> tuple[str, Wanted, Bar |
 
 @lru_cache(maxsize=4096)
 def text_width(text: str) -> float:
-    """Returns how wide a text is in size 1 [points]."""
+    """Return how wide a text is in size 1 [points]."""
     from matplotlib.textpath import TextPath
 
     # Dollars would be taken for formulas.
@@ -216,7 +216,7 @@ def text_width(text: str) -> float:
 
 
 def platform_moves(schedule: Schedule) -> list[tuple[float, float]]:
-    """Returns when any joint of the platform moves, as spans [s] with standing between them."""
+    """Return when any joint of the platform moves, as spans [s] with standing between them."""
     trajectory = schedule.trajectory
     columns = [trajectory.joints.index(name) for name in schedule.robot.platform]
     if not columns:
@@ -239,14 +239,14 @@ def platform_moves(schedule: Schedule) -> list[tuple[float, float]]:
 
 
 def _stops(velocity: FloatArray, knot: int) -> bool:
-    """Returns whether the platform comes to rest at a knot between two moves."""
+    """Return whether the platform comes to rest at a knot between two moves."""
     return bool((np.abs(velocity[knot]) <= STYLE.still).all())
 
 
 def platform_words(
     schedule: Schedule, moves: Sequence[tuple[float, float]], lane: int, start: float, end: float
 ) -> list[Wanted]:
-    """Returns where the platform stands for a row, wherever it stands.
+    """Return where the platform stands for a row, wherever it stands.
 
     Args:
         schedule: the schedule.
@@ -273,7 +273,7 @@ def platform_words(
 
 
 def place_text(value: float, slides: bool) -> str:
-    """Returns where a joint stands: an angle [rad] in degrees, to a tenth where it is not whole; a way [m] in mm."""
+    """Return where a joint stands: an angle [rad] in degrees, to a tenth where it is not whole; a way [m] in mm."""
     shown = value * 1e3 if slides else math.degrees(value)
     digits = 0 if slides or abs(shown - round(shown)) < STYLE.whole else 1
     text = f"{round(shown, digits) + 0.0:.{digits}f}".replace("-", "−")
@@ -320,7 +320,7 @@ class _Style:
 
 
 def draw_gantt(schedule: Schedule, job: Job, kind: str) -> bytes:
-    """Returns the figure of who does what when: arms and platform as bars over time, in up to MOST_ROWS rows.
+    """Return the figure of who does what when: arms and platform as bars over time, in up to MOST_ROWS rows.
 
     Waits are hatched by what they are for. Where they fit, bars bear the ids of their tasks, and the platform's lane
     the angle at which it stands.
@@ -363,7 +363,7 @@ def draw_gantt(schedule: Schedule, job: Job, kind: str) -> bytes:
 
 
 def row_count(schedule: Schedule) -> int:
-    """Returns into how many rows the time axis is broken: more where an arm has more stops."""
+    """Return into how many rows the time axis is broken: more where an arm has more stops."""
     stops = [
         len({(s.task, s.action) for s in schedule.segments if s.arm == arm and s.task})
         for arm in schedule.robot.arms
@@ -372,7 +372,7 @@ def row_count(schedule: Schedule) -> int:
 
 
 def _bars(schedule: Schedule, lanes: Sequence[str]) -> dict[tuple[int, _Style], list[Any]]:
-    """Returns spans (start, length) [s] by lane and look."""
+    """Return spans (start, length) [s] by lane and look."""
     bars: dict[tuple[int, _Style], list[Any]] = {}
     for part in schedule.segments:
         if part.arm in lanes and part.end - part.start > STYLE.rounding:
@@ -393,7 +393,7 @@ def _style(part: Segment) -> _Style:
 def _draw_row(
     axes: Any, bars: dict[tuple[int, _Style], list[Any]], start: float, end: float, last: float
 ) -> None:
-    """Draws what of the bars lies in a row; an axis that goes beyond the end of the motion is grey there."""
+    """Draw what of the bars lies in a row; an axis that goes beyond the end of the motion is grey there."""
     for (lane, style), spans in bars.items():
         inside = [span for span in spans if span[0] < end and sum(span) > start]
         axes.broken_barh(
@@ -424,7 +424,7 @@ def _write(axes: Any, words: Sequence[Label]) -> None:
 
 
 def _number_stages(axes: Any, schedule: Schedule, start: float, end: float, inch: float) -> None:
-    """Draws where stages begin, with their numbers, where both arms begin them together."""
+    """Draw where stages begin, with their numbers, where both arms begin them together."""
     free_from = start
     for number, stage in enumerate(schedule.stages, 1):
         if stage.arm or not start <= stage.start < end:
@@ -438,7 +438,7 @@ def _number_stages(axes: Any, schedule: Schedule, start: float, end: float, inch
 
 
 def _dress(axes: Any, lanes: Sequence[str], schedule: Schedule, start: float, end: float) -> None:
-    """Sets a row's axes: lanes from top to bottom, time in s."""
+    """Set a row's axes: lanes from top to bottom, time in s."""
     axes.set_xlim(start, end)
     axes.set_ylim(len(lanes) - 0.5, -0.5)
     axes.set_yticks(range(len(lanes)), lanes)
@@ -490,7 +490,7 @@ def _title_and_legend(figure: Any, heading: str, present: dict[str, _Style], hei
 
 
 def title(schedule: Schedule, job: Job) -> str:
-    """Returns the figure's heading: job, robot, time, and bound and gap where the bound says something."""
+    """Return the figure's heading: job, robot, time, and bound and gap where the bound says something."""
     what = "cycle time" if job.returns else "duration"
     names = dict.fromkeys((plan_title(schedule), schedule.robot.name))
     text = f"{', '.join(names)}: {what} {schedule.duration:.3f} s"

@@ -34,7 +34,7 @@ REACH = {"left": ("#1f5fbf", "Blues"), "right": ("#c23b22", "Reds"), "both": ("#
 def draw_move(
     problem: PlatformProblem, rows: list[MethodRow], start: FloatArray, kind: str
 ) -> bytes:
-    """Returns the figure of one move as PNG, SVG or PDF: the same bytes for the same input.
+    """Return the figure of one move as PNG, SVG or PDF: the same bytes for the same input.
 
     For the paper's input its panels are Figures 2 to 5 of [Bottin2021].
 
@@ -83,14 +83,14 @@ def draw_move(
 
 
 def _draw_shoulder_before(ax: Any, problem: PlatformProblem, angle: float) -> None:
-    """Draws where the first shoulder is before the move, in green as in Figure 5 of [Bottin2021]."""
+    """Draw where the first shoulder is before the move, in green as in Figure 5 of [Bottin2021]."""
     azimuth, radius = angle + problem.offset[0, 0], problem.radius[0, 0]
     x, y = radius * np.cos(azimuth), radius * np.sin(azimuth)
     ax.plot([0.0, x], [0.0, y], color=BALANCE, linewidth=2, label="first shoulder before the move")
 
 
 def _shown(rows: list[MethodRow]) -> list[MethodRow]:
-    """Returns the two candidates drawn: the paper's first root and the one it chooses.
+    """Return the two candidates drawn: the paper's first root and the one it chooses.
 
     For the paper's input these are numbers 1 and 3 of its Table 2, as in its Figure 5.
     """
@@ -103,7 +103,7 @@ def _shown(rows: list[MethodRow]) -> list[MethodRow]:
 def _draw_arms(
     ax: Any, problem: PlatformProblem, wrist: FloatArray, angle: float, faint: bool = False
 ) -> None:
-    """Draws platform, shoulders and both arms seen along the platform's axis."""
+    """Draw platform, shoulders and both arms seen along the platform's axis."""
     style = {"alpha": 0.3, "linestyle": "--"} if faint else {"linestyle": "-"}
     turn = np.linspace(0.0, TURN, 181)
     # Both elbows point away from the other arm.
@@ -125,7 +125,7 @@ def _draw_arms(
 def _elbow(
     problem: PlatformProblem, arm: int, shoulder: FloatArray, wrist: FloatArray, side: float
 ) -> FloatArray:
-    """Returns the elbow seen from above for a level arm plane, left (1) or right (-1) of the arm."""
+    """Return the elbow seen from above for a level arm plane, left (1) or right (-1) of the arm."""
     flat = wrist[:2] - shoulder
     rise = wrist[2] - problem.height[0, arm]
     reach = float(np.hypot(np.linalg.norm(flat), rise))
@@ -144,13 +144,13 @@ def _draw_targets(ax: Any, problem: PlatformProblem) -> None:
 
 
 def _turns(problem: PlatformProblem) -> tuple[FloatArray, FloatArray]:
-    """Returns turns over half a turn either way [deg] and the platform angles there [rad]."""
+    """Return turns over half a turn either way [deg] and the platform angles there [rad]."""
     turn = np.linspace(-np.pi, np.pi, 1441)
     return np.degrees(turn), problem.angle_0[0] + turn
 
 
 def _mark(ax: Any, rows: list[MethodRow], method: str) -> None:
-    """Draws the candidates as dashed lines: roots black, the others red, as in the paper."""
+    """Draw the candidates as dashed lines: roots black, the others red, as in the paper."""
     for row in rows:
         if row.method == method:
             root = row.kind in (Kind.ROOT_SAME, Kind.ROOT_OPPOSITE)
@@ -159,7 +159,7 @@ def _mark(ax: Any, rows: list[MethodRow], method: str) -> None:
 
 
 def _draw_equation(ax: Any, problem: PlatformProblem, rows: list[MethodRow]) -> None:
-    """Draws both functions of Eq. 5, each over its largest absolute value."""
+    """Draw both functions of Eq. 5, each over its largest absolute value."""
     degrees, angle = _turns(problem)
     u, v, w = np.moveaxis(cosine_coefficients(problem)[0], -1, 0)
     x = u[:, None] + v[:, None] * np.cos(angle) + w[:, None] * np.sin(angle)
@@ -178,7 +178,7 @@ def _draw_equation(ax: Any, problem: PlatformProblem, rows: list[MethodRow]) -> 
 
 
 def _draw_elbows(ax: Any, problem: PlatformProblem, rows: list[MethodRow]) -> None:
-    """Draws both elbow displacements and the difference of their sizes."""
+    """Draw both elbow displacements and the difference of their sizes."""
     degrees, angle = _turns(problem)
     x = elbow_cosine(problem, angle[None])[0]
     delta = np.degrees(np.arccos(np.clip(x, -1, 1)) - problem.elbow_0[0])
@@ -273,7 +273,7 @@ def _scale(name: str) -> Any:
 
 
 def _draw_sides(panel: Any, document: Mapping[str, Any]) -> None:
-    """Draws what each arm and both reach, each in one colour."""
+    """Draw what each arm and both reach, each in one colour."""
     from matplotlib.colors import ListedColormap
 
     for one in document["positions"]:
@@ -287,7 +287,7 @@ def _draw_sides(panel: Any, document: Mapping[str, Any]) -> None:
 
 
 def _mesh(panel: Any, document: Mapping[str, Any], values: Any, colours: Any) -> Any:
-    """Draws values (ny, nx) on the points of the grid."""
+    """Draw values (ny, nx) on the points of the grid."""
     x, y = np.array(document["x"]), np.array(document["y"])
     drawn = panel.pcolormesh(x, y, values, cmap=colours, shading="nearest", alpha=0.7, linewidth=0)
     drawn.set_edgecolor("face")
@@ -295,7 +295,7 @@ def _mesh(panel: Any, document: Mapping[str, Any], values: Any, colours: Any) ->
 
 
 def _draw_cell(panel: Any, document: Mapping[str, Any], cell: Cell) -> None:
-    """Draws where the robot stands, boxes seen from above, and frames; x to the right, y up."""
+    """Draw where the robot stands, boxes seen from above, and frames; x to the right, y up."""
     from matplotlib.patches import Polygon
 
     for obstacle in cell.obstacles:

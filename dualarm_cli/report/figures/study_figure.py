@@ -44,7 +44,7 @@ STYLE = StudyStyle()
 
 
 def draw_pareto(document: dict[str, Any], kind: str) -> bytes:
-    """Returns the figure of what can be had together: one panel for the first objective with each other one.
+    """Return the figure of what can be had together: one panel for the first objective with each other one.
 
     Args:
         document: of `dualarm sweep`, with two objectives or more.
@@ -81,7 +81,7 @@ def _draw_pair(
     colour: dict[str, Any] | None,
     drawn: dict[str, Any],
 ) -> Any:
-    """Draws all rows by two objectives; returns what a colour bar is made of, if anything."""
+    """Draw all rows by two objectives; returns what a colour bar is made of, if anything."""
     x, y = pair
     rows = [
         row for row in document["rows"] if row["rank"] and None not in (row[x.name], row[y.name])
@@ -115,7 +115,7 @@ def _draw_pair(
 
 
 def _widen(panel: Any, axis: str, objective: Objective) -> None:
-    """Lets an axis span at least `least_steps` steps of its objective, about the same middle."""
+    """Let an axis span at least `least_steps` steps of its objective, about the same middle."""
     low, high = getattr(panel, f"get_{axis}lim")()
     least = STYLE.least_steps * objective.step * objective.shown_factor
     if high - low < least:
@@ -130,7 +130,7 @@ def _draw_rows(
     colour: dict[str, Any] | None,
     drawn: dict[str, Any],
 ) -> Any:
-    """Draws a point per row, coloured by a parameter: numbers by a scale, which is returned, words by a colour each."""
+    """Draw a point per row, coloured by a parameter: numbers by a scale, which is returned, words by a colour each."""
     x, y = pair
     if colour is None or not rows:
         if rows:
@@ -152,7 +152,7 @@ def _draw_rows(
 
 
 def _draw_front(panel: Any, best: list[dict[str, Any]], pair: tuple[Objective, Objective]) -> None:
-    """Draws the border of what can be had: steps through the Pareto set."""
+    """Draw the border of what can be had: steps through the Pareto set."""
     x, y = pair
     rows = sorted(best, key=lambda row: (row[x.name], row[y.name]))
     # Between two points the worse of both is had in y: with x rising, y as it was reached before.
@@ -163,7 +163,7 @@ def _draw_front(panel: Any, best: list[dict[str, Any]], pair: tuple[Objective, O
 
 
 def _label(panel: Any, best: list[dict[str, Any]], pair: tuple[Objective, Objective]) -> None:
-    """Writes ranks beside points, the same place once."""
+    """Write ranks beside points, the same place once."""
     x, y = pair
     places: dict[tuple[float, float], list[str]] = {}
     for row in best[: STYLE.most_labels]:
@@ -182,14 +182,14 @@ def _column(rows: list[dict[str, Any]], objective: Objective) -> list[float]:
 
 
 def _colour_parameter(document: dict[str, Any]) -> dict[str, Any] | None:
-    """Returns the parameter that matters most for the first objective, of those that colours can tell apart."""
+    """Return the parameter that matters most for the first objective, of those that colours can tell apart."""
     known = {parameter["name"]: parameter for parameter in document["parameters"]}
     ordered = [known[one["name"]] for one in document["sensitivity"][0]["parameters"]]
     return next((p for p in ordered if p["numeric"] or len(p["values"]) <= len(STYLE.words)), None)
 
 
 def draw_sensitivity(document: dict[str, Any], kind: str) -> bytes:
-    """Returns the figure of what each parameter does: a row per objective, with shares and main effects.
+    """Return the figure of what each parameter does: a row per objective, with shares and main effects.
 
     Args:
         document: of `dualarm sweep`.
@@ -233,7 +233,7 @@ def draw_sensitivity(document: dict[str, Any], kind: str) -> bytes:
 
 
 def _draw_shares(panel: Any, section: dict[str, Any], objective: Objective, colour: str) -> None:
-    """Draws bars of the variance's shares, with interactions where they are known."""
+    """Draw bars of the variance's shares, with interactions where they are known."""
     bars = [(_short(one["name"]), one["share"], colour) for one in section["parameters"]]
     together = sum(pair["share"] for pair in section["interactions"])
     if section["interactions"]:
@@ -261,7 +261,7 @@ def _draw_effect(
     objective: Objective,
     colour: str,
 ) -> None:
-    """Draws an objective over one parameter: every plan, and the mean of each value."""
+    """Draw an objective over one parameter: every plan, and the mean of each value."""
     values = parameter["values"]
     own = [row["values"][parameter["name"]] for row in rows]
     x = np.array(own if parameter["numeric"] else [values.index(v) for v in own], dtype=np.float64)
@@ -284,7 +284,7 @@ def _draw_effect(
 
 
 def _means(x: Any, y: Any, levels: int | None) -> tuple[Any, Any]:
-    """Returns the means of y at each value of x, or over up to four parts of a range without steps."""
+    """Return the means of y at each value of x, or over up to four parts of a range without steps."""
     if not len(x):
         return [], []
     if levels is not None:
@@ -301,6 +301,6 @@ def _means(x: Any, y: Any, levels: int | None) -> tuple[Any, Any]:
 
 
 def _short(text: str) -> str:
-    """Returns a name that is not too long, and no formula."""
+    """Return a name that is not too long, and no formula."""
     short = text if len(text) <= STYLE.longest else f"{text[: STYLE.longest - 1]}…"
     return short.replace("$", r"\$")
