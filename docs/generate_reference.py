@@ -60,7 +60,7 @@ def pages() -> dict[str, str]:
         "robot": ("Robot file", "What the URDF does not say of a robot."),
         "study": ("Study file", "What a layout study changes, and what it compares."),
         "points": ("Points file", "Points that both robots have touched."),
-        "base": ("Base file", "Where a robot's base stands: `dualarm calibrate` writes it."),
+        "base": ("Base file", "Pose of a robot's base: `dualarm calibrate` writes it."),
     }
     return {
         "index.md": _index(),

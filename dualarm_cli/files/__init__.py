@@ -1,1 +1,1 @@
-"""Files to the data model: the only code that knows YAML, URDF, degrees, millimetres or line numbers."""
+"""Readers of input files: YAML, URDF, CSV and units become the data model."""

@@ -1,4 +1,4 @@
-"""Checks of single files, whatever they are, with nothing planned."""
+"""Checks of single input files of any kind, without planning."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from dualarm_cli.model.touches import Touches
 
 
 def load_file(path: str | Path) -> Robot | Cell | Job | Touches | Base | Study:
-    """Return what a file describes, told apart by its `dualarm` key.
+    """Read an input file of any kind, given by its `dualarm` key.
 
     Args:
         path: the file, or the name of a bundled job.
@@ -45,7 +45,7 @@ def load_file(path: str | Path) -> Robot | Cell | Job | Touches | Base | Study:
 
 
 def check_file(path: str | Path) -> list[Diagnostic]:
-    """Return everything wrong with a file and the files that it names.
+    """List everything wrong with a file and the files that it names.
 
     Args:
         path: the file.

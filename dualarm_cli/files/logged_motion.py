@@ -1,4 +1,4 @@
-"""Reads a motion that comes back from elsewhere: trajectory_msgs/JointTrajectory as YAML or JSON, or CSV."""
+"""Reader of recorded motions: trajectory_msgs/JointTrajectory as YAML or JSON, or CSV."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class LogLimits:
-    """Limits on logged motions."""
+    """Limits of recorded motions."""
 
-    most_bytes: int = 100_000_000
-    """Largest file that is read [bytes]."""
-    most_samples: int = 500_000
+    max_bytes: int = 100_000_000
+    """Maximum file size [bytes]."""
+    max_samples: int = 500_000
     """Maximum number of samples: eight minutes at 1 kHz."""
     batch: int = 10_000
-    """Rows of a table that are kept as text at a time."""
-    least_step: float = 0.5e-9
-    """Samples that are nearer to each other are refused [s]: messages count whole nanoseconds."""
-    largest: float = 1e9
-    """Largest number that is read [s, rad, m and their rates]."""
+    """Number of table rows that are kept as text at a time."""
+    min_step: float = 0.5e-9
+    """Least time between samples [s]: messages count whole nanoseconds."""
+    max_value: float = 1e9
+    """Largest absolute value that is read [s, rad, m and their rates]."""
 
 
 LOG = LogLimits()
@@ -43,7 +43,7 @@ SUFFIXES = (".csv", ".json", ".yaml", ".yml")
 
 
 def read_logged_motion(path: Path, joints: Sequence[str]) -> LoggedMotion:
-    """Return the motion in a file.
+    """Read the motion in a file.
 
     A JointTrajectory may stand below `trajectory`, as in the goal of a FollowJointTrajectory action. A CSV has a column
     `time` [s] and `<joint>_position` or `<joint>` [rad], with `<joint>_velocity` and `<joint>_acceleration` or without;
@@ -59,12 +59,12 @@ def read_logged_motion(path: Path, joints: Sequence[str]) -> LoggedMotion:
     reader = _Reader(str(path), joints)
     if path.suffix.lower() not in SUFFIXES:
         reader.fail(0, f"is neither .csv nor a JointTrajectory in {', '.join(SUFFIXES[1:])}")
-    source = read_text(path, str(path), LOG.most_bytes)
+    source = read_text(path, str(path), LOG.max_bytes)
     return reader.table(source) if path.suffix.lower() == ".csv" else reader.message(source)
 
 
 class _Reader:
-    """Reads one file."""
+    """Reader of one file."""
 
     def __init__(self, file: str, joints: Sequence[str]) -> None:
         self._file, self._joints = file, list(joints)
@@ -74,7 +74,7 @@ class _Reader:
         raise InputError([Diagnostic(self._file, line, 0, "E110", what)])
 
     def table(self, source: TextSource) -> LoggedMotion:
-        """Return the motion in a CSV."""
+        """Read the motion in a CSV."""
         rows = self._rows_of(source)
         first, header = next(rows, (0, []))
         if not header:
@@ -82,36 +82,36 @@ class _Reader:
         header = [name.strip() for name in header]
         if "time" not in header:
             self.fail(first, f"has no column 'time'; it has {', '.join(map(quote, header[:6]))}")
-        found: dict[str, list[int | None]] = {}
+        columns_of: dict[str, list[int | None]] = {}
         for joint in self._joints:
             names = ((f"{joint}_position", joint), (f"{joint}_velocity",))
-            columns = [
-                next((header.index(name) for name in some if name in header), None)
-                for some in (*names, (f"{joint}_acceleration",))
+            joint_columns = [
+                next((header.index(name) for name in alternatives if name in header), None)
+                for alternatives in (*names, (f"{joint}_acceleration",))
             ]
-            if columns[0] is not None:
-                found[joint] = columns
-        if not found:
-            known = ", ".join(f"{joint}_position" for joint in self._joints[:3])
-            self.fail(first, f"has no column of a joint of the robot, such as {known}")
-        # By kind: columns of all joints, or none where one joint has none of that kind.
-        kinds = list(zip(*found.values(), strict=True))
-        own = [[c for c in kind if c is not None] if None not in kind else [] for kind in kinds]
-        used = [header.index("time"), *own[0], *own[1], *own[2]]
+            if joint_columns[0] is not None:
+                columns_of[joint] = joint_columns
+        if not columns_of:
+            examples = ", ".join(f"{joint}_position" for joint in self._joints[:3])
+            self.fail(first, f"has no column of a joint of the robot, such as {examples}")
+        # Positions, velocities, accelerations: columns of all joints, or none if a joint lacks that kind.
+        kinds = list(zip(*columns_of.values(), strict=True))
+        columns = [[c for c in kind if c is not None] if None not in kind else [] for kind in kinds]
+        used = [header.index("time"), *columns[0], *columns[1], *columns[2]]
         twice = next((name for name in (header[c] for c in used) if header.count(name) > 1), None)
         if twice is not None:
             self.fail(first, f"has two columns {quote(twice)}; rename one")
         lines, values = self._numbers(rows, len(header), used)
         self._check_time(values[:, 0], lambda k: (lines[k], ""))
-        ends = np.cumsum([1, *map(len, own)])
+        ends = np.cumsum([1, *map(len, columns)])
         position, velocity, acceleration = (
             values[:, start:end] if end > start else None for start, end in pairwise(ends)
         )
         assert position is not None
-        return LoggedMotion(tuple(found), values[:, 0], position, velocity, acceleration)
+        return LoggedMotion(tuple(columns_of), values[:, 0], position, velocity, acceleration)
 
     def _rows_of(self, source: TextSource) -> Iterator[tuple[int, list[str]]]:
-        """Yield the rows of a CSV with their lines, without remarks."""
+        """Yield the rows of a CSV with their line numbers, without comments."""
         table = csv.reader(source.text.splitlines(keepends=True), strict=True)
         while True:
             line = table.line_num + 1
@@ -134,26 +134,24 @@ class _Reader:
         for line, row in rows:
             if len(row) != width:
                 self.fail(line, f"has {len(row)} columns, the header {width}")
-            if len(lines) == LOG.most_samples:
-                self.fail(
-                    line, f"is the end of {LOG.most_samples:,} samples; at most that many are read"
-                )
+            if len(lines) == LOG.max_samples:
+                self.fail(line, f"has more samples than the {LOG.max_samples:,} that are read")
             lines.append(line)
             batch.append([_number(row[column]) for column in used])
-            if not all(abs(value) <= LOG.largest for value in batch[-1]):
-                self.fail(line, f"has something else than a finite number up to {LOG.largest:g}")
+            if not all(abs(value) <= LOG.max_value for value in batch[-1]):
+                self.fail(line, f"must hold finite numbers up to {LOG.max_value:g}")
             if len(batch) == LOG.batch:
                 parts.append(np.array(batch))
                 batch = []
         return lines, np.concatenate([*parts, np.array(batch).reshape(-1, len(used))])
 
     def message(self, source: TextSource) -> LoggedMotion:
-        """Return the motion in a JointTrajectory."""
+        """Read the motion in a JointTrajectory."""
         document = self._document(source)
         if isinstance(document, dict) and isinstance(document.get("trajectory"), dict):
             document = document["trajectory"]
         if not isinstance(document, dict) or not {"joint_names", "points"} <= set(document):
-            self.fail(0, "is no JointTrajectory: joint_names and points are missing")
+            self.fail(0, "is not a JointTrajectory: joint_names or points is missing")
         names, points = document["joint_names"], document["points"]
         named = isinstance(names, list) and all(isinstance(name, str) for name in names)
         if not named or not names or len(set(names)) != len(names):
@@ -164,20 +162,23 @@ class _Reader:
                 self.fail(0, f"joint_names: the robot has no joint {quote(name)}{hint}")
         if not isinstance(points, list) or not all(isinstance(point, dict) for point in points):
             self.fail(0, "points: must be a list of points")
-        if len(points) > LOG.most_samples:
-            self.fail(0, f"points: are {len(points):,}; at most {LOG.most_samples:,} are read")
+        if len(points) > LOG.max_samples:
+            self.fail(0, f"points: are {len(points):,}; at most {LOG.max_samples:,} are read")
         time = np.array([self._time(point, k) for k, point in enumerate(points)])
         self._check_time(time, lambda k: (0, f"points[{k}].time_from_start: "))
         position = self._rows(points, "positions", len(names))
         if position is None:
-            self.fail(0, "points: there are no positions")
+            self.fail(0, "points: positions are missing")
         velocity = self._rows(points, "velocities", len(names))
         return LoggedMotion(
             tuple(names), time, position, velocity, self._rows(points, "accelerations", len(names))
         )
 
     def _document(self, source: TextSource) -> Any:
-        """Return what a file of YAML or JSON says; JSON is read by its own reader, which is faster."""
+        """Parse a file of YAML or JSON.
+
+        JSON has its own reader, which is faster.
+        """
         if source.text.lstrip().startswith("{"):
             try:
                 return json.loads(source.text, parse_int=_whole)
@@ -197,16 +198,16 @@ class _Reader:
         if (
             type(seconds) is not int
             or type(nanoseconds) is not int
-            or abs(seconds) > LOG.largest
+            or abs(seconds) > LOG.max_value
             or not 0 <= nanoseconds < 1_000_000_000
         ):
             where = f"points[{number}].time_from_start"
-            allowed = f"{{sec: up to {LOG.largest:g}, nanosec: 0 to 999999999}}"
+            allowed = f"{{sec: up to {LOG.max_value:g}, nanosec: 0 to 999999999}}"
             self.fail(0, f"{where}: must be {allowed}, not {_shown(stamp)}")
         return seconds + nanoseconds * 1e-9
 
     def _rows(self, points: Sequence[dict[str, Any]], key: str, count: int) -> FloatArray | None:
-        """Return one kind of values of all points, None where none has any."""
+        """Read one kind of values of all points, or None without any."""
         rows = [point.get(key) or [] for point in points]
         if not any(rows):
             return None
@@ -214,26 +215,26 @@ class _Reader:
             good = isinstance(row, list) and all(type(value) in (int, float) for value in row)
             if not good or len(row) != count:
                 self.fail(0, f"points[{k}].{key}: must be {count} numbers")
-            if not all(abs(value) <= LOG.largest for value in row):
-                self.fail(0, f"points[{k}].{key}: must be finite numbers up to {LOG.largest:g}")
+            if not all(abs(value) <= LOG.max_value for value in row):
+                self.fail(0, f"points[{k}].{key}: must be finite numbers up to {LOG.max_value:g}")
         return np.array(rows, dtype=np.float64)
 
     def _check_time(self, time: FloatArray, where: Callable[[int], tuple[int, str]]) -> None:
         """Require two instants or more, each 1 ns or more after another."""
         if len(time) < 2:
-            self.fail(0, f"has {len(time)} samples; at least two are needed")
-        back = np.flatnonzero(np.diff(time) < LOG.least_step)
+            self.fail(0, f"has {len(time)} samples; at least 2 are required")
+        back = np.flatnonzero(np.diff(time) < LOG.min_step)
         if len(back):
             k = int(back[0])
             line, prefix = where(k + 1)
             self.fail(
                 line,
-                f"{prefix}time {time[k + 1]:.9g} s is not after {time[k]:.9g} s, by 1 ns or more",
+                f"{prefix}time {time[k + 1]:.9g} s must be at least 1 ns after {time[k]:.9g} s",
             )
 
 
 def _shown(stamp: Any) -> str:
-    """Return a time stamp as messages show it."""
+    """Format a time stamp for messages."""
     parts = stamp if isinstance(stamp, dict) else {}
     pair = ", ".join(f"{key}: {quote(parts[key])}" for key in ("sec", "nanosec") if key in parts)
     return f"{{{pair}}}" if pair else quote(stamp)
@@ -246,7 +247,7 @@ def _whole(text: str) -> int:
 
 
 def _number(text: str) -> float:
-    """Return the number in a cell; NaN where something else stands in it."""
+    """Parse the number in a cell; NaN where something else stands in it."""
     try:
         return float(text)
     except ValueError:

@@ -111,7 +111,7 @@ def test_the_result_is_a_base_of_a_cell(points: Path, capsys) -> None:
         ("[0, 1, 0]", "[0, 1, .nan]", 2, "points.yaml:5:"),
         ("[0, 1, 0]", "[0, 1e6, 0]", 2, "outside the range of length"),
         (", right: {xyz: [-1, -1, -3]}", "", 2, "'right' is missing"),
-        ("dualarm: points/1", "dualarm: cell/1", 2, "needed here: points/1"),
+        ("dualarm: points/1", "dualarm: cell/1", 2, "required here: points/1"),
         (COORDINATES[COORDINATES.index("  - {name: C") :], "", 3, "2 points do not determine"),
         (COORDINATES[COORDINATES.index("  - {name: B") :], "", 3, "1 point does not determine"),
     ],

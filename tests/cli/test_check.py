@@ -84,7 +84,7 @@ def test_errors_are_the_result_and_the_exit_code_is_2(folder: Path) -> None:
 def test_an_error_in_a_shared_file_is_shown_once(folder: Path) -> None:
     """Two files that stand on the same broken URDF."""
     (folder / "one.urdf").write_text("")
-    assert run("tasks.yaml", "cell.yaml") == (2, "one.urdf: E400 is empty; a URDF is needed\n")
+    assert run("tasks.yaml", "cell.yaml") == (2, "one.urdf: E400 is empty; a URDF is required\n")
 
 
 def test_json_is_one_document(folder: Path) -> None:

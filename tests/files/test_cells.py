@@ -173,8 +173,8 @@ def test_a_pair_needs_robots_of_one_arm_without_a_platform(
         "robot: {left: {robot: robot.yaml}, right: {robot: carried.yaml}}",
     )
     assert messages(lambda: load_cell("cell.yaml")) == [
-        "cell.yaml:2:23: E300 Tiny has 2 arms; one of two robots needs exactly one",
-        "cell.yaml:2:51: E300 Single has a platform; one of two robots must not",
+        "cell.yaml:2:23: E300 Tiny has 2 arms; each robot of a pair must have exactly one",
+        "cell.yaml:2:51: E300 Single has a platform; robots of a pair must not have one",
     ]
 
 

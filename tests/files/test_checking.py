@@ -70,7 +70,7 @@ def test_a_file_of_no_known_kind_is_refused(text: str, message: str, project: Pa
 def test_a_file_of_another_kind_is_refused(project: Path) -> None:
     """A task file that names a robot file as its cell."""
     (project / "tasks.yaml").write_text("dualarm: tasks/1\ncell: robot.yaml\ntasks: []\n")
-    assert "robot.yaml:1:10: E200 this is a robot file (robot/1); needed here: cell/1" in [
+    assert "robot.yaml:1:10: E200 this is a robot file (robot/1); required here: cell/1" in [
         str(d) for d in check_file("tasks.yaml")
     ]
 

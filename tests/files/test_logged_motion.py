@@ -79,24 +79,28 @@ BOMB = "\n".join([f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in rang
         ("x.csv", "", "is empty"),
         ("x.csv", "a,b\n1,2\n", "has no column 'time'"),
         ("x.csv", "time,c\n0,1\n1,1\n", "no column of a joint"),
-        ("x.csv", "time,a\n0,1\n", "at least two"),
+        ("x.csv", "time,a\n0,1\n", "at least 2"),
         ("x.csv", "time,a\n0,1\n1\n", ":3: .*has 1 columns, the header 2"),
-        ("x.csv", "time,a\n0,1\n1,nan\n", ":3: .*else than a finite number"),
-        ("x.csv", "time,a\n0,1\n1,fast\n", ":3: .*else than a finite number"),
-        ("x.csv", "time,a\n0,1\n1,2e9\n", ":3: .*else than a finite number up to 1e"),
-        ("x.csv", f"time,a\n0,1\n1,{'9' * 400}\n", ":3: .*else than a finite number"),
+        ("x.csv", "time,a\n0,1\n1,nan\n", ":3: .*must hold finite numbers"),
+        ("x.csv", "time,a\n0,1\n1,fast\n", ":3: .*must hold finite numbers"),
+        ("x.csv", "time,a\n0,1\n1,2e9\n", ":3: .*hold finite numbers up to 1e"),
+        ("x.csv", f"time,a\n0,1\n1,{'9' * 400}\n", ":3: .*must hold finite numbers"),
         ("x.csv", f"time,a,b\n0,1,1\n\n1,1,{'9' * 131073}\n", ":4: .*is no CSV: field larger"),
         ("x.csv", 'time,a\n0,1\n"1,1\n2,1\n', ":3: .*is no CSV: unexpected end of data"),
-        ("x.csv", "time,a\n0,1\n5e-324,1\n1e-323,1\n", ":3: .*time 4.94.*e-324 s is not after 0 s"),
+        (
+            "x.csv",
+            "time,a\n0,1\n5e-324,1\n1e-323,1\n",
+            ":3: .*time 4.94.*e-324 s must be at least 1 ns after 0 s",
+        ),
         ("x.csv", "time,a,a\n0,1,1\n1,1,1\n", ":1: .*has two columns 'a'"),
-        ("x.csv", "time,a\n0,1\n1,1\n1,1\n", ":4: .*time 1 s is not after 1 s"),
-        ("x.json", "[1]", "is no JointTrajectory"),
+        ("x.csv", "time,a\n0,1\n1,1\n1,1\n", ":4: .*time 1 s must be at least 1 ns after 1 s"),
+        ("x.json", "[1]", "is not a JointTrajectory"),
         ("x.json", "{", "E101 not YAML"),
         ("x.yaml", "a: [", "E101 not YAML"),
         ("x.yaml", "joint_names: [a]\npoints: 3", "must be a list of points"),
         ("x.yaml", "joint_names: [q]\npoints: []", "no joint 'q'"),
         ("x.yaml", "joint_names: [a, a]\npoints: []", "every joint once"),
-        ("x.yaml", "joint_names: [a]\npoints: []", "at least two"),
+        ("x.yaml", "joint_names: [a]\npoints: []", "at least 2"),
         ("x.yaml", BOMB, "E105 anchor"),
         ("x.yaml", "!!python/object:a {}", "E105 tag"),
         ("x.yaml", f"joint_names: [{'9' * 5000}]", "E104 number of 5000 characters"),
@@ -126,7 +130,7 @@ def test_what_cannot_be_read_says_where_and_why(tmp_path, name, text, message):
         ),
         ({"velocities": []}, r"points\[1\].velocities: must be 2 numbers"),
         ({"time_from_start": 3.0}, r"points\[1\].time_from_start: must be"),
-        ({"time_from_start": {"sec": 0, "nanosec": 0}}, r"points\[1\].*is not after"),
+        ({"time_from_start": {"sec": 0, "nanosec": 0}}, r"points\[1\].*at least 1 ns after"),
     ],
 )
 def test_a_bad_point_is_named(tmp_path, change, message):
@@ -150,7 +154,7 @@ def test_what_never_ends_is_not_waited_for(tmp_path, suffix):
 
 def test_more_samples_than_are_read_are_refused(tmp_path, monkeypatch):
     """Counted while they are read, in batches; as many as are allowed are whole."""
-    limits = replace(logged_motion.LOG, most_samples=25, batch=10)
+    limits = replace(logged_motion.LOG, max_samples=25, batch=10)
     monkeypatch.setattr(logged_motion, "LOG", limits)
     file = tmp_path / "log.csv"
     for count in (25, 26):
@@ -158,7 +162,7 @@ def test_more_samples_than_are_read_are_refused(tmp_path, monkeypatch):
         if count == 25:
             motion = read_logged_motion(file, JOINTS)
             np.testing.assert_array_equal(motion.position, np.outer(np.arange(25), [3, 2]))
-    with pytest.raises(InputError, match=r":27: .*25 samples; at most"):
+    with pytest.raises(InputError, match=r":27: .*more samples than the 25"):
         read_logged_motion(file, JOINTS)
 
 

@@ -94,7 +94,7 @@ def test_an_error_is_told_of_who_wants_the_value(project: Path) -> None:
     ("key", "message"),
     [
         ("cell:/base/xyz/2", "cell.yaml:1:1: E300 cell:/base/xyz/2 leads nowhere: no 'base'; there: dualarm, robot"),
-        ("robot.left:/name", "robot.left: E300 /name is replaced by 1: this job has no file 'robot.left' of its own"),
+        ("robot.left:/name", "robot.left: E300 /name is replaced by 1: this job has no file 'robot.left'"),
         ("sell:/clearance", "leads nowhere: write a file (tasks, cell, robot,"),
         ("cell:clearance", "leads nowhere: write a file (tasks, cell, robot,"),
     ],

@@ -43,7 +43,7 @@ def test_paths_are_relative_to_the_file_that_holds_them(project: Path) -> None:
     assert job.tasks[0].stops[0].place.file == "t/tasks.yaml"
     (project / "r/tiny.urdf").write_text("")
     assert [str(d) for d in check_file("t/tasks.yaml")] == [
-        "r/tiny.urdf: E400 is empty; a URDF is needed"
+        "r/tiny.urdf: E400 is empty; a URDF is required"
     ]
 
 

@@ -50,7 +50,7 @@ def test_the_urdf_text_is_complete_and_moves_only_the_robots_joints(
     assert loaded.robot.urdf.count('<axis xyz="0.0 0.0 1.0"/>') == 5
     assert loaded.robot.limits.upper[2] == 1000.0
     assert loaded.notes == (
-        "joint 'l2' turns without end; its position is kept within ±1000 rad",
+        "joint 'l2' is continuous; its position is kept within ±1000 rad",
         "joints that neither platform nor arms name are fixed: lf at 0",
     )
     # Three joints turned by a, b, c about z, each 0.1 along x from the last, then 0.1 to the tool.
@@ -155,7 +155,7 @@ def test_soft_limits_and_margins_narrow_positions(project: Path, change: Change)
     model = pin.buildModelFromXML(loaded.robot.urdf)
     assert sorted(model.upperPositionLimit) == sorted(limits.upper)
     assert set(loaded.notes) == {
-        "joint 'r2': its soft limits are equal and not taken; no motion is left",
+        "joint 'r2': its soft limits are equal and ignored, because they allow no motion",
         "position limits are narrowed by soft limits of the URDF: l1, l2",
         "position limits are narrowed by position_margin: turn, l1, r1, r2",
     }

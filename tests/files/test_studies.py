@@ -126,7 +126,7 @@ def test_what_is_not_said_has_a_default(study) -> None:
         ),
         (
             _parameter("values: [1 mm, 1 deg]"),
-            ["study.yaml:6:20: E200 not of one dimension: '1 deg' is an angle, '1 mm' is a length"],
+            ["study.yaml:6:20: E200 dimensions differ: '1 deg' is an angle, '1 mm' is a length"],
         ),
         (
             _parameter("values: [[1]]"),
@@ -140,7 +140,7 @@ def test_what_is_not_said_has_a_default(study) -> None:
         (_parameter("range: {from: 0, to: 10, step: 0}"), ["study.yaml:6:36: E200 a step must be above 0"]),
         (
             _parameter("range: {from: 0, to: 10, step: 1, count: 3}"),
-            ["study.yaml:6:39: E200 step and count both say how many values; keep one"],
+            ["study.yaml:6:39: E200 step and count both set the number of values; keep one"],
         ),
         (_parameter("range: {from: 5, to: 5}"), ["study.yaml:6:26: E200 must be above 'from' (5), not 5"]),
         (_parameter("range: {from: 0, to: 1, step: 0.00001}"), ["makes 100001 values; at most 10000"]),
@@ -152,7 +152,7 @@ def test_what_is_not_said_has_a_default(study) -> None:
             _parameter("values: [5 mm]\n    apply: scale"),
             ["study.yaml:5:11: E300 '5 mm' cannot scale a value; write a factor such as 0.9 or 90%"],
         ),
-        (_parameter("values: [1]") + "sample: {count: 5}\n", ["study.yaml:7:1: E300 nothing is sampled"]),
+        (_parameter("values: [1]") + "sample: {count: 5}\n", ["study.yaml:7:1: E300 no range is sampled"]),
         (
             _parameter("values: [1]") + "objectives: [cycle_tme]\n",
             ["study.yaml:7:14: E200 'cycle_tme' is not allowed, did you mean 'cycle_time'?"],

@@ -82,8 +82,8 @@ def test_a_job_that_says_all_is_decided(opened: Callable[..., str]) -> None:
         # Sequences.
         ((SEQUENCES, "sequences: [[first, ¦secnd]]"), "E300 there is no task 'secnd', did you mean 'second'?"),
         ((SEQUENCES, "sequences: [[first, second], [third, ¦second]]"), "E300 task 'second' is in a sequence already (number 1)"),
-        ((SEQUENCES, "sequences: [¦[first, third]]"), "E300 one arm does a sequence; 'first' and 'third' are different arms'"),
-        ((SEQUENCES, "sequences: [¦[first, second, third]]"), "E300 one arm does a sequence; 'first' and 'third' are different arms'"),
+        ((SEQUENCES, "sequences: [¦[first, third]]"), "E300 one arm does a sequence; 'first' and 'third' have different arms"),
+        ((SEQUENCES, "sequences: [¦[first, second, third]]"), "E300 one arm does a sequence; 'first' and 'third' have different arms"),
         ((SEQUENCES, "sequences: [¦[first]]"), "E200 a list of 1 is too short; at least 2 are needed"),
         ((SEQUENCES, "sequences: [¦first, [second, first]]"), "E200 must be a list, such as [a, b], not 'first'"),
         (("order: optimise\nsequences: ", "order: given\nsequences: ¦"), "E300 order: given does all tasks in the file's order already; write order: optimise, or remove 'sequences'"),

@@ -68,7 +68,7 @@ BAD = {
         robot(chain(6, limit='<limit lower="1" upper="-1" velocity="1"/>')),
         "lower limit 1 is above upper limit -1",
     ),
-    "50,000 joints": (robot(chain(50_000)), "more than is read"),
+    "50,000 joints": (robot(chain(50_000)), "exceeds the limits of XML files"),
     "too few joints": (robot(chain(5)), "no row of 6 joints or more"),
     "no XML": ("{}", "not XML"),
     "empty": ("", "is empty"),
@@ -94,7 +94,7 @@ BAD = {
     ),
     "mesh by an absolute path behind three slashes": (
         with_solid('<mesh filename="package:///etc/hostname"/>'),
-        "package 'etc' was looked for",
+        "package 'etc' is not in the folder",
     ),
     "mesh by an absolute path behind four slashes": (
         with_solid('<mesh filename="package:////etc/hostname"/>'),
@@ -102,7 +102,7 @@ BAD = {
     ),
     "mesh of a folder that is no package": (
         with_solid('<mesh filename="package://aside/secret.stl"/>'),
-        "package 'aside' was looked for",
+        "package 'aside' is not in the folder",
     ),
     "mesh that is missing": (with_solid('<mesh filename="none.stl"/>'), "there is no file"),
     "box without end": (with_solid('<box size="inf 1 1"/>'), "'inf', which is not a finite"),

@@ -114,7 +114,7 @@ def test_the_unit_of_a_collada_file_counts_and_its_upward_axis_does_not(
         [wanted.min(axis=0), wanted.max(axis=0)],
         rtol=1e-6,
     )
-    told = [reason for reason in found.reasons if "units that COLLADA files state" in reason]
+    told = [reason for reason in found.reasons if "units of COLLADA files" in reason]
     assert len(told) == ("0.001" in unit or "0.0254" in unit)
     bounds = trimesh.load_mesh(path.parent / "box.dae").bounds
     np.testing.assert_allclose(bounds, [BOX.min(axis=0), BOX.max(axis=0)])
@@ -146,7 +146,7 @@ def test_the_unit_counts_in_robot_files_and_convex_parts(
 @pytest.mark.parametrize(
     ("unit", "scale", "message"),
     [
-        ('<unit meter="0.001"/>', ' scale="0.001 0.001 0.001"', "'box.dae' states a unit of 0.001 m, and the URDF scales it by 0.001 0.001 0.001"),
+        ('<unit meter="0.001"/>', ' scale="0.001 0.001 0.001"', "'box.dae' has a unit of 0.001 m and a scale of 0.001 0.001 0.001 in the URDF"),
         ('<unit meter="0"/>', "", "<unit> must be above 0 m, not 0 m"),
         ('<unit meter="mm"/>', "", "<unit> holds 'mm', which is not a finite number"),
     ],

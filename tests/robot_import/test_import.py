@@ -234,7 +234,7 @@ def test_packages_beside_the_urdfs_own_are_found_by_their_package_xml(tmp_path: 
     )
     text = path.read_text()
     path.write_text(text.replace(f'<link name="{link}">', f'<link name="{link}">{solids}', 1))
-    with pytest.raises(InputError, match="package 'arm_meshes' was looked for"):
+    with pytest.raises(InputError, match="package 'arm_meshes' is not in the folder"):
         imported(path)
     (tmp_path / "src/arm_meshes/package.xml").write_text("<package/>")
     assert len(imported(path).loaded.robot.meshes[link]) == 2

@@ -1,4 +1,4 @@
-"""Files of touched points, and of base poses that calibrations write: their schema and what they say."""
+"""Schemas and readers of files of touched points and of calibrated base poses."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class TipSection(Section):
 
 
 class ToucherSection(Section):
-    """A robot that touches."""
+    """A robot that touches the points."""
 
     robot: Name = Field(description="Bundled robot's name, or path of a robot file; one arm.")
     tcp: TipSection = Field(
@@ -59,13 +59,13 @@ class ToucherSection(Section):
 
 
 class ReadingSection(Section):
-    """What one robot says of one point: coordinates, joints, or both."""
+    """Reading of one point by one robot: coordinates, joints, or both."""
 
     xyz: Vector3 | None = Field(
         default=None, description="Coordinates in the robot's base frame [m]."
     )
     joints: list[JointReading] | None = Field(
-        default=None, description="Joint readings, base to flange [rad]; needs the robot above."
+        default=None, description="Joint readings, base to flange [rad]; requires the robot."
     )
 
     @model_validator(mode="after")
@@ -100,12 +100,12 @@ class PointsFile(Section):
     )
     origin: Name | None = Field(
         default=None,
-        description="Which of the first three points is the origin of the frame method; the second by default.",
+        description="Origin of the frame method, one of the first three points; default: the second.",
     )
     fit: list[Literal["tool", "base_height"]] = Field(
         default_factory=list,
         max_length=2,
-        description="What to estimate of the robots, together with the transform.",
+        description="Robot parameters that are estimated together with the transform.",
     )
     points: list[TouchedPointSection] = Field(
         min_length=1, max_length=1000, description="The points."
@@ -113,19 +113,19 @@ class PointsFile(Section):
 
 
 class BaseFile(Section):
-    """Where a robot's base stands, as `dualarm calibrate --out` writes it."""
+    """Pose of a robot's base, as `dualarm calibrate --out` writes it."""
 
     dualarm: Literal["base/1"] = Field(description="Kind and version of the file.")
     relative_to: Literal["left", "right"] | None = Field(
         default=None,
-        description="The robot of the pair in whose base frame the pose is given; without it: in the cell.",
+        description="Robot of the pair whose base frame the pose refers to; default: the cell.",
     )
     base: Pose = Field(description="The root link's pose.")
 
 
 @dataclass(frozen=True)
 class LoadedTouches:
-    """Touched points, and what is known of their loading."""
+    """Touched points and their provenance."""
 
     touches: Touches
     """The points."""
@@ -134,7 +134,7 @@ class LoadedTouches:
 
 
 def load_points(path: str | Path) -> LoadedTouches:
-    """Return the touched points of a file.
+    """Read the touched points of a file.
 
     Args:
         path: the file.
@@ -160,7 +160,7 @@ def load_points(path: str | Path) -> LoadedTouches:
 
 
 class _PointsReader:
-    """Turns one file into the data model, noting every error."""
+    """Converter of one file to the data model; collects every error."""
 
     def __init__(
         self, project: Project, path: Path, document: Document, findings: Findings
@@ -169,7 +169,7 @@ class _PointsReader:
         self._document, self._findings = document, findings
 
     def names(self, model: PointsFile) -> tuple[str, ...]:
-        """Return the points' names, which must differ."""
+        """Read the names of the points, which must differ."""
         first: dict[str, int] = {}
         for k, point in enumerate(model.points):
             loc = ("points", k, "name")
@@ -180,18 +180,18 @@ class _PointsReader:
         return tuple(point.name for point in model.points)
 
     def origin(self, model: PointsFile, names: tuple[str, ...]) -> int:
-        """Return which of the first three points is the origin of the frame method."""
+        """Find the index of the frame method's origin among the first three points."""
         if model.origin is None:
             return 1
         if model.origin not in names[:3]:
-            known = suggest(model.origin, list(names[:3]), "the first three points are")
-            message = f"{quote(model.origin)} cannot be the origin{known}"
+            hint = suggest(model.origin, list(names[:3]), "the first three points are")
+            message = f"{quote(model.origin)} cannot be the origin{hint}"
             self._findings.add(self._document, ("origin",), message)
             return 1
         return names.index(model.origin)
 
     def side(self, side: str, model: PointsFile) -> TouchSide:
-        """Return what one robot says of all points."""
+        """Read one robot's readings of the points."""
         section: ToucherSection | None = getattr(model, side)
         robot = self._robot(side, section) if section is not None else None
         readings: list[ReadingSection] = [getattr(point, side) for point in model.points]
@@ -222,14 +222,14 @@ class _PointsReader:
         return None
 
     def _joints(self, loc: Loc, values: list[object], robot: Robot) -> FloatArray | None:
-        """Return joint readings within the limits [rad], or None after noting what is wrong."""
+        """Read joint readings within the limits [rad], or None after noting errors."""
         names = robot.arms[0].joints
         if len(values) != len(names):
             message = f"{robot.name} has {len(names)} joints ({', '.join(names)}); found {len(values)} readings"
             self._findings.add(self._document, loc, message)
             return None
         limits = robot.limits.select(names)
-        found = []
+        positions = []
         for k, (name, value) in enumerate(zip(names, values, strict=True)):
             try:
                 position = parse_quantity(
@@ -243,12 +243,12 @@ class _PointsReader:
                 span = _span(low, high, name in robot.sliding)
                 message = f"{quote(value)} is outside the limits of {quote(name)}: {span}"
                 self._findings.add(self._document, (*loc, k), message)
-            found.append(position)
-        return np.array(found) if len(found) == len(names) else None
+            positions.append(position)
+        return np.array(positions) if len(positions) == len(names) else None
 
 
 def _span(low: float, high: float, slides: bool) -> str:
-    """Return a joint's limits [rad or m] and how readings are written."""
+    """Format a joint's limits [rad or m] and the units of its readings."""
     if slides:
         return (
             f"{low:.6g} to {high:.6g} m ({1e3 * low:.6g} to {1e3 * high:.6g} mm); a plain number is m, "
@@ -262,16 +262,16 @@ def _span(low: float, high: float, slides: bool) -> str:
 
 @dataclass(frozen=True)
 class Base:
-    """Where a robot's root link stands."""
+    """Pose of a robot's root link."""
 
     pose: pin.SE3
-    """Its pose."""
+    """Pose of the root link."""
     relative_to: str | None
-    """The robot of the pair in whose base frame that is; None for the cell."""
+    """Robot of the pair whose base frame the pose refers to; None for the cell."""
 
 
 def read_base(project: Project, path: Path, name: str, role: str | None = None) -> Base:
-    """Return the pose that a file holds.
+    """Read the base pose in a file.
 
     Args:
         project: what the file must stay in.

@@ -10,45 +10,45 @@ from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document
 
 WORLD = "world"
-"""Name of the frame that everything stands in."""
+"""Name of the root frame."""
 
 
 def world_frames(
     document: Document, sections: dict[str, FramedPose], findings: Findings
 ) -> dict[str, pin.SE3]:
-    """Return the frames in the world: T_world_frame = T_world_parent T_parent_frame.
+    """Compute the frames in the world: T_world_frame = T_world_parent T_parent_frame.
 
     Args:
         document: the cell file.
         sections: frames as the file has them.
         findings: where errors are noted.
     """
-    found: dict[str, pin.SE3] = {}
-    known = [*sections, WORLD]
+    world: dict[str, pin.SE3] = {}
+    names = [*sections, WORLD]
     for name, section in sections.items():
         if name == WORLD:
             message = f"'{WORLD}' is the name of the root frame; choose another name"
             findings.add(document, ("frames", name), message, key=True)
         parent = section.in_
-        if parent is not None and parent not in known:
-            message = f"there is no frame {quote(parent)}{suggest(parent, known, 'frames')}"
+        if parent is not None and parent not in names:
+            message = f"there is no frame {quote(parent)}{suggest(parent, names, 'frames')}"
             findings.add(document, ("frames", name, "in"), message)
     waiting = {name: section for name, section in sections.items() if name != WORLD}
     while waiting:
-        ready = [n for n, s in waiting.items() if (s.in_ or WORLD) == WORLD or s.in_ in found]
+        ready = [n for n, s in waiting.items() if (s.in_ or WORLD) == WORLD or s.in_ in world]
         if not ready:
             _note_cycles(document, waiting, findings)
             break
         for name in ready:
             section = waiting.pop(name)
-            T_world_parent = found.get(section.in_ or WORLD, pin.SE3.Identity())
-            found[name] = T_world_parent * to_se3(section)
-    # A frame that could not be placed has been noted; what stands in it shall not be blamed again.
-    return {name: found.get(name, pin.SE3.Identity()) for name in sections}
+            T_world_parent = world.get(section.in_ or WORLD, pin.SE3.Identity())
+            world[name] = T_world_parent * to_se3(section)
+    # A frame that could not be placed has been noted; frames inside it are not reported again.
+    return {name: world.get(name, pin.SE3.Identity()) for name in sections}
 
 
 def _note_cycles(document: Document, waiting: dict[str, FramedPose], findings: Findings) -> None:
-    """Note each ring of frames once, at its first member in the file."""
+    """Note each cycle of frames once, at its first member in the file."""
     seen: set[str] = set()
     for start in waiting:
         path = [start]
@@ -72,7 +72,7 @@ def frame_pose(
     frames: dict[str, pin.SE3],
     findings: Findings,
 ) -> pin.SE3 | None:
-    """Return a frame in the world, or None after noting that there is none of that name.
+    """Look up a frame in the world, or None after noting an unknown name.
 
     Args:
         document: the file that names it.
@@ -84,8 +84,8 @@ def frame_pose(
     if name is None or name == WORLD:
         return pin.SE3.Identity()
     if name not in frames:
-        known = [*frames, WORLD]
-        message = f"the cell has no frame {quote(name)}{suggest(name, known, 'it has')}"
+        names = [*frames, WORLD]
+        message = f"the cell has no frame {quote(name)}{suggest(name, names, 'it has')}"
         findings.add(document, loc, message)
         return None
     return frames[name]

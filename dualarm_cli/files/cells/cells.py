@@ -1,4 +1,4 @@
-"""Cell files to cells."""
+"""Reader of cell files."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from dualarm_cli.records import dataclass
 def pair_bases(
     project: Project, path: Path, document: Document, pair: PairSection, findings: Findings
 ) -> dict[str, pin.SE3] | None:
-    """Return the poses of both robots' root links in the cell, or None after noting what is wrong.
+    """Read the base poses of a pair, or None after noting errors.
 
     Args:
         project: what files must stay in.
@@ -50,7 +50,7 @@ def pair_bases(
         findings: where errors are noted.
     """
     sections = {"left": pair.left.base, "right": pair.right.base}
-    found: dict[str, Base] = {}
+    bases: dict[str, Base] = {}
     for side, value in sections.items():
         base = _base(project, path, document, value, ("robot", side, "base"), findings)
         if base is not None and base.relative_to == side:
@@ -58,25 +58,25 @@ def pair_bases(
             findings.add(document, ("robot", side, "base"), message)
             base = None
         if base is not None:
-            found[side] = base
-    if len(found) < 2:
+            bases[side] = base
+    if len(bases) < 2:
         return None
-    if all(base.relative_to is not None for base in found.values()):
+    if all(base.relative_to is not None for base in bases.values()):
         message = "the base of each robot is given relative to the other; give one of them a pose in the cell"
         findings.add(document, ("robot", "right", "base"), message)
         return None
-    other = {"left": "right", "right": "left"}
+    other_side = {"left": "right", "right": "left"}
     return {
         # T_cell_side = T_cell_other T_other_side
-        side: base.pose if base.relative_to is None else found[other[side]].pose * base.pose
-        for side, base in found.items()
+        side: base.pose if base.relative_to is None else bases[other_side[side]].pose * base.pose
+        for side, base in bases.items()
     }
 
 
 def _base(
     project: Project, path: Path, document: Document, value: object, loc: Loc, findings: Findings
 ) -> Base | None:
-    """Return one robot's base, or None after noting what is wrong."""
+    """Read one robot's base, or None after noting errors."""
     if isinstance(value, dict):
         pose = validate(document, Pose, findings, value, loc)
         return None if pose is None else Base(to_se3(pose), None)
@@ -93,45 +93,48 @@ def _base(
 
 @dataclass(frozen=True)
 class LoadedCell:
-    """A cell, and what is known of its loading."""
+    """A cell and its provenance."""
 
     cell: Cell
     """The cell."""
     inputs: Mapping[str, str]
     """SHA-256 of every file that was read, by its name within the project."""
     notes: tuple[str, ...]
-    """What the reader should know of how the files were understood."""
+    """Notes on how the files were interpreted."""
 
 
 @dataclass(frozen=True)
 class AddedToCell:
-    """What a kind of work has read of a cell file."""
+    """Content of a cell file for one kind of work."""
 
     fields: Mapping[str, Any]
     """Its fields of a `Cell`, by name."""
     bodies: Sequence[tuple[Loc, str]] = ()
-    """Bodies that it adds to those that may touch: where they are written, and their names."""
+    """Places and names of further bodies that may collide."""
 
 
 @dataclass(frozen=True)
 class KindCell:
-    """What one kind of work adds to cell files."""
+    """Extension of cell files for one kind of work."""
 
     keys: type[CellFile]
-    """The keys that it adds, as a section of its own."""
+    """Section with the additional keys."""
     read: Callable[[CellReader, CellFile, dict[str, Tool], dict[str, pin.SE3]], AddedToCell]
-    """Reads what they say, by the tool of each arm and the frames in the world; notes what is wrong."""
+    """Reader of the additional keys, which notes errors.
+
+    It receives the tool of each arm and the frames in the world.
+    """
 
 
 @cache
 def cell_schema(kinds: tuple[KindCell, ...]) -> type[CellFile]:
-    """Return the schema of cell files with the keys of some kinds of work."""
+    """Build the schema of cell files with the given kinds of work."""
     bases = tuple(reversed([kind.keys for kind in kinds])) or (CellFile,)
     return create_model(CellFile.__name__, __base__=bases, __doc__=CellFile.__doc__)
 
 
 def load_cell(path: str | Path) -> LoadedCell:
-    """Return the cell that a cell file describes.
+    """Read the cell in a cell file.
 
     Args:
         path: the cell file.
@@ -145,7 +148,7 @@ def load_cell(path: str | Path) -> LoadedCell:
 
 
 def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str, ...]]:
-    """Return the cell of a cell file, and notes on how it was understood.
+    """Build the cell of a cell file, with notes on its interpretation.
 
     Args:
         project: what the file must stay in.
@@ -170,7 +173,7 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str
     added = [kind.read(reader, model, tools, frames) for kind in kinds]
     if robot is None:
         findings.fail()
-    bodies = reader.bodies(robot, model, [body for one in added for body in one.bodies])
+    bodies = reader.bodies(robot, model, [body for addition in added for body in addition.bodies])
     allowed: dict[Loc, Sequence[str]] = {
         ("allowed_contacts", k): pair for k, pair in enumerate(model.allowed_contacts)
     }
@@ -191,18 +194,18 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str
         tuple((*pair, s.clearance) for pair, s in zip(special, model.clearances, strict=True)),
         contacts,
         parts,
-        **{name: value for one in added for name, value in one.fields.items()},
+        **{name: value for addition in added for name, value in addition.fields.items()},
     )
     return cell, tuple(reader.notes)
 
 
 class CellReader:
-    """Turns the parts of one cell file into data, noting every error."""
+    """Converter of one cell file to the data model; collects every error."""
 
     def __init__(
         self, project: Project, path: Path, name: str, document: Document, findings: Findings
     ) -> None:
-        """Prepare for a file.
+        """Store the file and where its errors are noted.
 
         Args:
             project: what it must stay in.
@@ -216,7 +219,7 @@ class CellReader:
         self.notes: list[str] = []
 
     def robot(self, value: object) -> Robot | None:
-        """Return the robot, or two robots as one; None after noting what is wrong."""
+        """Read the robot, or a pair as one robot; None after noting errors."""
         if isinstance(value, str):
             return self._one_robot(value, ("robot",))
         if isinstance(value, dict):
@@ -236,8 +239,8 @@ class CellReader:
             place = find_robot(self.project, reference, self.path, self.name)
             side = ".".join(str(step) for step in loc[:2]) if len(loc) > 1 else "robot"
             robot, notes = build_robot(replace(place, role=side))
-            told = [f"{robot.name}: {note}" for note in notes]
-            self.notes += [note for note in told if note not in self.notes]
+            robot_notes = [f"{robot.name}: {note}" for note in notes]
+            self.notes += [note for note in robot_notes if note not in self.notes]
             return robot
         return None
 
@@ -258,10 +261,10 @@ class CellReader:
         return robot
 
     def tools(self, model: CellFile, robot: Robot | None) -> dict[str, Tool]:
-        """Return the tool of every arm; an arm without one has its flange as tool centre point."""
+        """Read the tool of every arm; an arm without one has its flange as tool centre point."""
         sections = {"left": model.tools.left, "right": model.tools.right}
         arms = [arm.name for arm in robot.arms] if robot is not None else list(sections)
-        found = {}
+        tools = {}
         for side, section in sections.items():
             if section is None:
                 continue
@@ -270,33 +273,33 @@ class CellReader:
                 self.findings.add(self.document, ("tools", side), message, key=True)
             loc: Loc = ("tools", side, "shapes")
             shapes = [self.shape(s, (*loc, k), {}) for k, s in enumerate(section.shapes)]
-            found[side] = Tool(to_se3(section.tcp), section.mass, tuple(s for s in shapes if s))
-        return {arm: found.get(arm, Tool(pin.SE3.Identity())) for arm in arms}
+            tools[side] = Tool(to_se3(section.tcp), section.mass, tuple(s for s in shapes if s))
+        return {arm: tools.get(arm, Tool(pin.SE3.Identity())) for arm in arms}
 
     def parts(self, model: CellFile) -> dict[str, tuple[Shape, ...]]:
-        """Return the solids of each kind of part."""
-        found = {}
+        """Read the solids of each kind of part."""
+        parts = {}
         for name, section in model.parts.items():
             loc: Loc = ("parts", name, "shapes")
             shapes = [self.shape(s, (*loc, k), {}) for k, s in enumerate(section.shapes)]
-            found[name] = tuple(s for s in shapes if s)
-        return found
+            parts[name] = tuple(s for s in shapes if s)
+        return parts
 
     def bodies(self, robot: Robot, model: CellFile, added: Sequence[tuple[Loc, str]]) -> list[str]:
-        """Return the names of all bodies, some added by kinds of work, after noting those that two of them share."""
-        known = [*link_names(robot), *(f"{arm.name}_tool" for arm in robot.arms)]
+        """List the names of all bodies, with `added` ones; note duplicates."""
+        fixed = [*link_names(robot), *(f"{arm.name}_tool" for arm in robot.arms)]
         named: list[tuple[Loc, str]] = [(("parts", name), name) for name in model.parts]
         named += [(("obstacles", name), name) for name in model.obstacles]
         names = {name for _, name in added}
         for loc, name in (*added, *named):
             taken = loc[0] in ("parts", "obstacles") and name in names
-            if name in known or taken or (loc[0] == "obstacles" and name in model.parts):
+            if name in fixed or taken or (loc[0] == "obstacles" and name in model.parts):
                 message = f"{quote(name)} is already the name of a link, tool or part"
                 self.findings.add(self.document, loc, message, key=True)
-        return list(dict.fromkeys([*known, *(name for _, name in (*added, *named))]))
+        return list(dict.fromkeys([*fixed, *(name for _, name in (*added, *named))]))
 
     def obstacles(self, model: CellFile, frames: dict[str, pin.SE3]) -> tuple[Obstacle, ...]:
-        """Return the obstacles, posed in the world."""
+        """Read the obstacles, posed in the world."""
         shapes = {
             name: self.shape(section, ("obstacles", name), frames)
             for name, section in model.obstacles.items()
@@ -304,7 +307,7 @@ class CellReader:
         return tuple(Obstacle(name, shape) for name, shape in shapes.items() if shape is not None)
 
     def shape(self, section: ShapeSection, loc: Loc, frames: dict[str, pin.SE3]) -> Shape | None:
-        """Return a solid in the frame that holds it, or None after noting what is wrong.
+        """Read a solid in its reference frame, or None after noting errors.
 
         Args:
             section: the solid as the file has it.

@@ -24,7 +24,7 @@ from dualarm_cli.files.source.fields import (
 from dualarm_cli.files.source.short_forms import ByName, ShortForm
 
 SHAPE_KINDS = ("box", "sphere", "cylinder", "capsule", "half_space", "mesh")
-"""Solids that a file can describe."""
+"""Kinds of solids in a file."""
 
 
 class RoundSection(Section):
@@ -53,13 +53,13 @@ def _half_space(value: object) -> object:
     if value is not True:
         raise refuse(
             "a half_space is everything below the plane z = 0 of its own pose; allowed: "
-            "`half_space: true`, with `xyz` and `rpy` beside it for where the plane is"
+            "`half_space: true`, with `xyz` and `rpy` for the pose of the plane"
         )
     return value
 
 
 class ShapeSection(FramedPose):
-    """A solid and where it sits; exactly one kind of solid."""
+    """A solid and its pose; exactly one kind of solid."""
 
     box: Annotated[list[Size], Field(min_length=3, max_length=3)] | None = Field(
         default=None, description="Full sides along x, y, z [m]."
@@ -91,7 +91,7 @@ class ShapeSection(FramedPose):
 
 
 class ToolShapeSection(ShapeSection):
-    """A solid that moves: of a tool, in the flange frame, or of a part, in the tool centre point's."""
+    """A moving solid: of a tool, in the flange frame, or of a part, in the TCP frame."""
 
     @model_validator(mode="after")
     def _on_flange(self) -> ToolShapeSection:
@@ -113,21 +113,21 @@ class PartSection(Section):
     """A kind of part that a tool carries."""
 
     shapes: Annotated[list[ToolShapeSection], Field(min_length=1)] = Field(
-        description="Solids in the frame of the tool centre point that carries it."
+        description="Solids in the frame of the tool centre point."
     )
 
 
 class ClearanceSection(Section):
-    """A least distance of its own for a pair of bodies."""
+    """Clearance of one pair of bodies."""
 
     between: BodyPair = Field(
         description="Two bodies: links, left_tool, right_tool, parts or obstacles."
     )
-    clearance: Clearance = Field(description="Least distance between them [m].")
+    clearance: Clearance = Field(description="Required distance between them [m].")
 
 
 class ToolSection(Section):
-    """What an arm carries on its flange."""
+    """Tool on the flange of an arm."""
 
     tcp: ToolPose = Field(
         default=ToolPose.model_construct(), description="Tool centre point in the flange frame."
@@ -146,31 +146,34 @@ class ToolsSection(Section):
 
 
 class LimitsSection(Section):
-    """Caps on motion, besides those of the joints."""
+    """Limits of motion, in addition to those of the joints."""
 
     tool_speed: ToolSpeed | None = Field(
-        default=None, description="Cap on the speed of every tool centre point [m/s]."
+        default=None, description="Maximum speed of every tool centre point [m/s]."
     )
 
 
 class BaseReference:
-    """Field annotation: a pose or a path, validated by hand: a union's errors lose their place."""
+    """Field annotation of a pose or a path.
+
+    It is validated by hand, because errors of a union lose their place.
+    """
 
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """Return the JSON Schema of a pose or a path."""
+        """Build the JSON Schema of a pose or a path."""
         return {"anyOf": [{"type": "string"}, handler(Pose.__pydantic_core_schema__)]}
 
 
 class PairMemberSection(Section):
-    """One of two robots that make the cell together."""
+    """Robot of a pair that forms the cell."""
 
     robot: Name = Field(description="Bundled robot's name, or path of a robot file.")
     base: Annotated[Any, BaseReference()] = Field(
         default_factory=dict,
-        description="Its root link in the cell: a pose, or the path of a `dualarm: base/1` file, such as "
-        "`dualarm calibrate --out` writes.",
+        description="Pose of its root link in the cell, or the path of a `dualarm: base/1` file from "
+        "`dualarm calibrate --out`.",
     )
 
 
@@ -182,24 +185,27 @@ class PairSection(Section):
 
 
 class RobotReference:
-    """Field annotation: text or a pair, validated by hand: a union's errors lose their place."""
+    """Field annotation of text or a pair.
+
+    It is validated by hand, because errors of a union lose their place.
+    """
 
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """Return the JSON Schema of a name, a path or two robots."""
+        """Build the JSON Schema of a name, a path or two robots."""
         return {"anyOf": [{"type": "string"}, handler(PairSection.__pydantic_core_schema__)]}
 
 
 class CellFile(Section):
-    """A cell: a robot at its place, tools, named frames and obstacles."""
+    """A cell: a robot with its base, tools, named frames and obstacles."""
 
     dualarm: Literal["cell/1"] = Field(description="Kind and version of the file.")
     robot: Annotated[Any, RobotReference()] = Field(
         description="Bundled robot's name, path of a robot file, or {left: …, right: …} for two.",
     )
     base: Pose = Field(
-        default=Pose.model_construct(), description="The robot's root link in the world."
+        default=Pose.model_construct(), description="Pose of the robot's root link in the world."
     )
     tools: Annotated[ToolsSection, ByName("tool")] = Field(
         default=ToolsSection.model_construct(), description="Tools by arm."
@@ -211,17 +217,18 @@ class CellFile(Section):
         default_factory=dict, description="Fixed obstacles, by name."
     )
     clearance: Clearance = Field(
-        default=0.0, description="Least distance between bodies that may not touch [m]."
+        default=0.0, description="Required distance between bodies that may not touch [m]."
     )
     clearances: list[ClearanceSection] = Field(
-        default_factory=list, description="Pairs of bodies with a least distance of their own."
+        default_factory=list, description="Clearances of single pairs of bodies."
     )
     allowed_contacts: list[BodyPair] = Field(
-        default_factory=list, description="Pairs of bodies that may touch, besides the robot's."
+        default_factory=list,
+        description="Pairs of bodies that may touch, in addition to the robot's.",
     )
     parts: dict[Name, PartSection] = Field(
         default_factory=dict, description="Kinds of parts that tools carry, by name."
     )
     limits: LimitsSection = Field(
-        default=LimitsSection.model_construct(), description="Caps for the whole cell."
+        default=LimitsSection.model_construct(), description="Limits for the whole cell."
     )

@@ -13,17 +13,17 @@ from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 
-MOST_LISTED = 8
-"""Most names that a note lists."""
+MAX_LISTED = 8
+"""Maximum number of names in a note."""
 
 
 def frozen_positions(
     document: Document, model: RobotFile, urdf: Urdf, moving: Sequence[str], findings: Findings
 ) -> dict[str, float]:
-    """Return the position [rad or m] of each joint of the URDF that does not move, by its name.
+    """Compute the fixed position [rad or m] of each joint outside platform and arms.
 
-    It is what the robot file says; for a joint that mimics another one, what follows from that one; else 0, or the
-    nearest limit where 0 is outside.
+    The robot file decides; a joint that mimics another one follows it; every other joint is at 0, or at the
+    nearest limit if 0 is outside.
 
     Args:
         document: the robot file.
@@ -37,12 +37,12 @@ def frozen_positions(
         for name, joint in urdf.joints.items()
         if joint.get("type") in MOVING_TYPES and name not in moving
     }
-    found = {name: nearest_to_zero(joint) for name, joint in joints.items()}
+    positions = {name: nearest_to_zero(joint) for name, joint in joints.items()}
     for name, value in model.frozen.items():
         loc: Loc = ("frozen", name)
         if name in joints:
             position = _position(document, loc, value, joints[name], findings)
-            found[name] = found[name] if position is None else position
+            positions[name] = positions[name] if position is None else position
         elif name in moving:
             message = f"{quote(name)} belongs to the platform or an arm; to freeze it, take its name out there"
             findings.add(document, loc, message, key=True)
@@ -52,25 +52,25 @@ def frozen_positions(
     _check_chains(document, model, urdf, moving, findings)
     for name in joints:
         if name not in model.frozen:
-            found[name] = _followed(name, joints, found, moving)
-    return found
+            positions[name] = _followed(name, joints, positions, moving)
+    return positions
 
 
 def frozen_note(urdf: Urdf, positions: Mapping[str, float]) -> list[str]:
-    """Return notes on joints of the URDF that do not move: which, where they stand, and which of them should follow.
+    """Compose notes on fixed joints: names, positions, and mimics of moving joints.
 
     Args:
         urdf: a checked URDF.
         positions: of its frozen joints [rad or m].
     """
-    other = [
+    unsupported = [
         joint.name
         for joint in urdf.joints.values()
         if joint.get("type") not in ("fixed", *MOVING_TYPES)
     ]
-    if not positions and not other:
+    if not positions and not unsupported:
         return []
-    zero = [*other, *(name for name, position in positions.items() if position == 0.0)]
+    zero = [*unsupported, *(name for name, position in positions.items() if position == 0.0)]
     elsewhere = [
         f"{name} at {_shown(urdf.joints[name], position)}"
         for name, position in positions.items()
@@ -95,9 +95,9 @@ def frozen_note(urdf: Urdf, positions: Mapping[str, float]) -> list[str]:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return names for a note; of many only the first."""
-    shown = ", ".join(names[:MOST_LISTED])
-    more = len(names) - MOST_LISTED
+    """Join names for a note, only the first of many."""
+    shown = ", ".join(names[:MAX_LISTED])
+    more = len(names) - MAX_LISTED
     return f"{shown} and {more} more" if more > 0 else shown
 
 
@@ -108,7 +108,7 @@ def _shown(joint: Element, position: float) -> str:
 
 
 def nearest_to_zero(joint: Element) -> float:
-    """Return 0, or the limit that is nearest to it where a joint's limits exclude it [rad or m].
+    """Compute the position within a joint's limits nearest to 0 [rad or m].
 
     Args:
         joint: a moving joint; limits that are missing or no numbers exclude nothing.
@@ -136,7 +136,7 @@ def stated_range(joint: Element) -> tuple[float, float]:
 def _position(
     document: Document, loc: Loc, value: object, joint: Element, findings: Findings
 ) -> float | None:
-    """Return a stated position within the joint's limits, or None after noting what is wrong."""
+    """Read a frozen position within the joint's limits, or None after noting errors."""
     if joint.find("mimic") is not None:
         leader = joint.child_name("mimic", "joint")
         message = f"{quote(joint.name)} mimics {quote(leader)}; give that joint's position"
@@ -150,7 +150,10 @@ def _position(
 def _check_chains(
     document: Document, model: RobotFile, urdf: Urdf, moving: Sequence[str], findings: Findings
 ) -> None:
-    """Note joints between root and flange that mimic a moving joint: kinematics knows none that follow."""
+    """Note joints between root and flange that mimic a moving joint.
+
+    The kinematics has no joints that follow others.
+    """
     for side, arm in file_arms(model).items():
         for name in urdf.chain(arm.flange) if arm.flange in urdf.links else []:
             leader = leader_of(urdf, name)
@@ -163,9 +166,9 @@ def _check_chains(
 
 
 def leader_of(urdf: Urdf, name: str) -> str:
-    """Return the joint that a joint follows in the end, through any number of joints that mimic others.
+    """Find the joint at the end of a chain of mimics.
 
-    Empty for a joint that mimics none, and for one whose mimics go round in a circle.
+    Empty for a joint without mimic, and for a cycle of mimics.
     """
     seen = [name]
     while (leader := urdf.joints[seen[-1]].child_name("mimic", "joint")) in urdf.joints:
@@ -176,26 +179,26 @@ def leader_of(urdf: Urdf, name: str) -> str:
 
 
 def _followed(
-    name: str, joints: Mapping[str, Element], found: Mapping[str, float], moving: Sequence[str]
+    name: str, joints: Mapping[str, Element], positions: Mapping[str, float], moving: Sequence[str]
 ) -> float:
-    """Return where a joint stands that may mimic a frozen one; its own position in a circle of mimics."""
+    """Compute the position of a frozen joint, through its mimics; its own in a cycle of mimics."""
     factor, offset, seen = 1.0, 0.0, [name]
     while True:
         mimic = joints[seen[-1]].find("mimic")
         leader = "" if mimic is None else mimic.get("joint")
         if mimic is None or leader in seen or (leader not in joints and leader not in moving):
-            return factor * found[seen[-1]] + offset if leader not in seen else found[name]
+            return factor * positions[seen[-1]] + offset if leader not in seen else positions[name]
         step, shift = (
             _number(mimic, key, default) for key, default in (("multiplier", 1.0), ("offset", 0.0))
         )
         factor, offset = factor * step, offset + factor * shift
-        if leader in moving:  # it stands where it would be with the leader at 0
+        if leader in moving:  # the position that belongs to the leader at 0
             return offset
         seen.append(leader)
 
 
 def _number(element: Element, attribute: str, default: float) -> float:
-    """Return a number of a joint that nothing is planned for; the default where there is none that is finite."""
+    """Read a number of a fixed joint; the default if it is missing or not finite."""
     try:
         value = float(element.get(attribute))
     except ValueError:

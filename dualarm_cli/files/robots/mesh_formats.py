@@ -1,6 +1,6 @@
-"""STL, OBJ and PLY to the corners of their faces, all or none; and hulls to STL.
+"""Readers of corners from STL, OBJ and PLY files; a writer of STL.
 
-What cannot be read whole is refused: a lost corner would make a hull smaller than the thing.
+A file that cannot be read completely is refused: a lost corner would make a hull smaller than the body.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class MeshError(ValueError):
 
 
 def mesh_number(word: bytes, where: str) -> float:
-    """Return a number of a text format.
+    """Parse a number of a text format.
 
     Args:
         word: as it is written.
@@ -73,7 +73,7 @@ def mesh_number(word: bytes, where: str) -> float:
 
 
 def stl_corners(data: bytes) -> FloatArray:
-    """Return the corners of an STL file, text or binary, shape (n, 3).
+    """Read the corners of an STL file, text or binary, shape (n, 3).
 
     Args:
         data: the whole file.
@@ -123,7 +123,7 @@ def _stl_text_corners(data: bytes) -> FloatArray:
 
 
 def obj_corners(data: bytes) -> FloatArray:
-    """Return the corners of an OBJ file, shape (n, 3): all that are in it.
+    """Read the corners of an OBJ file, shape (n, 3), used or not.
 
     Args:
         data: the whole file.
@@ -154,7 +154,7 @@ def obj_corners(data: bytes) -> FloatArray:
 
 
 def _obj_lines(data: bytes) -> Iterator[tuple[int, list[bytes]]]:
-    """Yield the number and the words of every line that has some; after a backslash the next line belongs to it."""
+    """Yield line numbers and words of lines with content, joined at trailing backslashes."""
     words: list[bytes] = []
     for number, text in enumerate(io.BytesIO(data), 1):
         line = text.rstrip()
@@ -167,7 +167,10 @@ def _obj_lines(data: bytes) -> Iterator[tuple[int, list[bytes]]]:
 
 
 def _obj_number(word: bytes, so_far: int, line: int) -> int:
-    """Return the number from 0 of a corner that a face names: from 1, or from the last one backwards."""
+    """Convert a face's corner reference to an index from 0.
+
+    References count from 1, or backwards from the last corner.
+    """
     text = word.split(b"/", 1)[0]
     if not _WHOLE.fullmatch(text) or int(text) == 0:
         raise MeshError(
@@ -182,9 +185,11 @@ def _obj_number(word: bytes, so_far: int, line: int) -> int:
 
 
 def ply_corners(data: bytes) -> FloatArray:
-    """Return the corners of a PLY file, text or binary, shape (n, 3): all that are in it.
+    """Read the corners of a PLY file, text or binary, shape (n, 3).
 
-    What comes after the corners, faces among it, is counted and not read: a hull needs none.
+    Corners without a face are included.
+
+    Elements after the corners, such as faces, are counted and not read: a hull needs none.
 
     Args:
         data: the whole file.
@@ -216,7 +221,11 @@ def ply_corners(data: bytes) -> FloatArray:
 
 
 def _ply_header(header: bytes) -> tuple[str, dict[str, tuple[int, dict[str, str]]]]:
-    """Return the byte order, empty for text, and by element its count and its properties' types, empty for lists."""
+    """Read the byte order and the elements of a PLY header.
+
+    The byte order is empty for text. Each element has its count and the types of its properties,
+    empty for lists.
+    """
     order = None
     elements: dict[str, tuple[int, dict[str, str]]] = {}
     properties: dict[str, str] = {}
@@ -238,14 +247,19 @@ def _ply_header(header: bytes) -> tuple[str, dict[str, tuple[int, dict[str, str]
             case ["property", "list", _, _, name] if elements:
                 properties[name] = ""
             case _:
-                raise MeshError(f"line {line}: {quote(text.strip())} is not known in a PLY header")
+                raise MeshError(
+                    f"line {line}: {quote(text.strip())} is not supported in a PLY header"
+                )
     if order is None:
         raise MeshError("is not a PLY file: its header has no 'format'")
     return order, elements
 
 
 def _text_values(data: bytes, start: int, counts: tuple[int, int], names: list[str]) -> FloatArray:
-    """Return x, y and z of a text file's first rows; counts are of these and of all, without empty lines."""
+    """Read x, y and z of the first rows of a text file.
+
+    `counts` has the numbers of these and of all rows, without empty lines.
+    """
     places, values, rows = [names.index(axis) for axis in "xyz"], array("d"), 0
     first = data.count(b"\n", 0, start) + 1
     for line, text in enumerate(io.BytesIO(data[start:]), first):

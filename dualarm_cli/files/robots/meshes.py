@@ -1,9 +1,13 @@
-"""Mesh files: read by ourselves within limits, as convex hulls.
+"""Reader of mesh files as convex hulls, within limits.
 
-COLLADA (DAE) to the corners of what its scene shows, all or none, and the unit that they are in.
+COLLADA (DAE) files are read here: the corners of the geometry in their scene, and their length
+unit. Faces are not read, because a hull needs none. The upward axis of the file is not applied: ROS
+tools ignore it.
 
-Faces are not read, as a hull needs none. The upward axis that the file states is not applied: the tools of ROS show
-robots without it.
+
+
+COLLADA (DAE) files are read here: the corners of the geometry in their scene, and their length unit. Faces are not
+read, because a hull needs none. The upward axis of the file is not applied: ROS tools ignore it.
 """
 
 from __future__ import annotations
@@ -36,21 +40,21 @@ from dualarm_cli.model.shape import Hull, Shape
 from dualarm_cli.records import dataclass
 
 MESH_SUFFIXES = (".stl", ".obj", ".ply", ".dae")
-"""Kinds of mesh files."""
+"""Suffixes of mesh files."""
 
 
 @dataclass(frozen=True)
 class MeshLimits:
-    """Limits on mesh files, so that none takes the machine's memory."""
+    """Limits of mesh files, which bound the memory."""
 
     size: int = 50_000_000
     """Largest mesh file [bytes]."""
     corners: int = 300_000
-    """Most different corners of a mesh: their hull takes some four seconds."""
+    """Maximum number of distinct corners of a mesh: their hull takes some four seconds."""
     coordinate: float = 1000.0
-    """Farthest that a corner may be from the origin along an axis [m]."""
+    """Maximum absolute coordinate of a corner [m]."""
     stated: int = 3_000_000
-    """Most corners of a mesh, each as often as faces have it."""
+    """Maximum number of corners of a mesh, with repetitions by faces."""
     nodes: int = 10_000
     """Maximum number of nodes in a scene; a node counts each time it is instantiated."""
     depth: int = 100
@@ -61,7 +65,7 @@ MESH = MeshLimits()
 
 
 def read_hull(path: Path, reference: str, scale: FloatArray) -> Hull:
-    """Return the convex hull of a mesh file. A unit that a COLLADA file states is not applied.
+    """Read the convex hull of a mesh file; the unit of a COLLADA file is not applied.
 
     Args:
         path: the file.
@@ -76,9 +80,10 @@ def read_hull(path: Path, reference: str, scale: FloatArray) -> Hull:
 
 
 def link_hull(path: Path, reference: str, scale: FloatArray) -> tuple[Hull, float]:
-    """Return the convex hull of a URDF's mesh file, and the unit that the file states [m], which is applied.
+    """Read the convex hull of a URDF's mesh file, and the file's unit [m].
 
-    So do RViz and Gazebo; MoveIt's collision checks do not. A scale on top of a unit can mean either.
+    The unit is applied, as in RViz and Gazebo; MoveIt's collision checks do not apply it. A scale in addition to a unit
+    is ambiguous.
 
     Args:
         path: the file.
@@ -92,8 +97,8 @@ def link_hull(path: Path, reference: str, scale: FloatArray) -> tuple[Hull, floa
     if unit != 1.0 and not np.allclose(np.abs(scale), 1.0):
         factors = " ".join(f"{factor:g}" for factor in scale)
         raise BadReferenceError(
-            f"{quote(reference)} states a unit of {unit:g} m, and the URDF scales it by {factors}: tools differ in "
-            'what that means. Take the scale away, or write <unit meter="1"/> in the file'
+            f"{quote(reference)} has a unit of {unit:g} m and a scale of {factors} in the URDF: tools combine them "
+            'differently. Remove the scale, or write <unit meter="1"/> in the file'
         )
     return _scaled_hull(corners, reference, scale * unit), unit
 
@@ -108,7 +113,7 @@ def _scaled_hull(corners: FloatArray, reference: str, scale: FloatArray) -> Hull
 
 
 def _corners(path: Path, reference: str) -> tuple[FloatArray, float]:
-    """Return the corners of a mesh file, and the unit that it states [m], 1 where it states none."""
+    """Read the corners of a mesh file, and its unit [m], by default 1."""
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise BadReferenceError(
@@ -137,7 +142,7 @@ def _parsed(data: bytes, suffix: str) -> tuple[FloatArray, float]:
 
 
 def convex_hull(corners: FloatArray) -> Hull:
-    """Return the convex hull of corners (n, 3) [m], by Qhull.
+    """Compute the convex hull of corners (n, 3) [m], by Qhull.
 
     Raises:
         MeshError: a corner that is not finite or far away, too many of them, or no volume.
@@ -159,18 +164,18 @@ def convex_hull(corners: FloatArray) -> Hull:
             f"has {len(corners)} different corners; at most {MESH.corners} are allowed; simplify it"
         )
     try:
-        found = ConvexHull(corners)
+        hull = ConvexHull(corners)
     except (QhullError, ValueError):
         raise MeshError(
             "has no volume: its corners lie in a plane or closer together than rounding"
         ) from None
-    used = found.vertices
+    used = hull.vertices
     number = np.full(len(corners), -1)
     number[used] = np.arange(len(used))
-    triangles = number[found.simplices]
+    triangles = number[hull.simplices]
     first, second, third = (corners[used][triangles[:, k]] for k in range(3))
     inward = (
-        np.einsum("ij,ij->i", np.cross(second - first, third - first), found.equations[:, :3]) < 0.0
+        np.einsum("ij,ij->i", np.cross(second - first, third - first), hull.equations[:, :3]) < 0.0
     )
     triangles[inward] = triangles[inward][:, ::-1]
     return Hull(corners[used], triangles)
@@ -178,12 +183,12 @@ def convex_hull(corners: FloatArray) -> Hull:
 
 @dataclass(frozen=True)
 class LinkMeshes:
-    """The meshes that a URDF gives to collision."""
+    """Collision meshes of a URDF."""
 
     shapes: dict[str, tuple[Shape, ...]]
-    """Their hulls by link, in the links' frames."""
+    """Hulls by link, in the link frames."""
     units: dict[str, float]
-    """The unit that a COLLADA file states [m] by its name in the URDF, where it is not the metre."""
+    """Length unit [m] of COLLADA files not in metres, by name in the URDF."""
 
     @property
     def notes(self) -> list[str]:
@@ -192,14 +197,14 @@ class LinkMeshes:
             return []
         files = ", ".join(f"{name} ({unit:g} m)" for name, unit in self.units.items())
         return [
-            f"units that COLLADA files state are applied, as RViz does and MoveIt's collision checks do not: {files}"
+            f"units of COLLADA files are applied, as in RViz but not in MoveIt's collision checks: {files}"
         ]
 
 
 def link_meshes(urdf: Urdf, finder: MeshFinder) -> LinkMeshes:
-    """Return the meshes that a URDF gives to collision.
+    """Read the collision meshes of a URDF.
 
-    Meshes that are only looked at are not read: they may be missing.
+    Visual meshes are not read: they may be missing.
 
     Args:
         urdf: a checked URDF.
@@ -230,12 +235,12 @@ def link_meshes(urdf: Urdf, finder: MeshFinder) -> LinkMeshes:
 
 
 def mesh_scale(mesh: Element) -> FloatArray:
-    """Return what a mesh element multiplies coordinates along x, y and z with, shape (3,)."""
+    """Read the scale of a mesh element along x, y and z, shape (3,)."""
     return _vector(mesh, "scale", 1.0)
 
 
 def _pose(solid: Element) -> pin.SE3:
-    """Return where a shape is in its link."""
+    """Read the pose of a shape in its link."""
     origin = solid.find("origin")
     if origin is None:
         return pin.SE3.Identity()
@@ -250,7 +255,7 @@ def _vector(element: Element, attribute: str, default: float) -> FloatArray:
 
 _PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 _TRANSFORMS = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
-"""Elements that move a node, and how many numbers they hold."""
+"""Elements that move a node, with their number of values."""
 _T = TypeVar("_T")
 
 
@@ -262,12 +267,12 @@ class _Scene:
     """Nodes that may be instantiated, by id."""
     corners: dict[str, FloatArray]
     """Corners of each geometry, by id."""
-    left: int
+    remaining: int
     """Number of corners that may still be added."""
     visited: int = 0
     """Number of nodes visited so far."""
-    found: list[FloatArray] = field(default_factory=list)
-    """Corners in the scene."""
+    placed: list[FloatArray] = field(default_factory=list)
+    """Transformed corners of the scene."""
 
 
 def dae_corners(data: bytes, most: int) -> tuple[FloatArray, float]:
@@ -287,8 +292,8 @@ def dae_corners(data: bytes, most: int) -> tuple[FloatArray, float]:
     try:
         root = parse_xml(TextSource("", text, ""))
     except InputError as error:
-        found = error.diagnostics[0]
-        raise MeshError(f"line {found.line}: {found.message}") from None
+        fault = error.diagnostics[0]
+        raise MeshError(f"line {fault.line}: {fault.message}") from None
     if root.tag != "COLLADA":
         raise MeshError(f"line {root.line}: root element must be <COLLADA>, not <{root.tag}>")
     geometries = {
@@ -305,13 +310,15 @@ def dae_corners(data: bytes, most: int) -> tuple[FloatArray, float]:
         if element.tag in ("node", "visual_scene")
     }
     scene = _Scene(nodes, geometries, most)
-    shown = [one for part in root.all("scene") for one in part.all("instance_visual_scene")]
+    shown = [
+        instance for part in root.all("scene") for instance in part.all("instance_visual_scene")
+    ]
     if len(shown) != 1:
         raise MeshError(f"must have one <instance_visual_scene>, not {len(shown)}")
     _show(_target(shown[0], nodes), np.eye(4), scene, 0)
-    if not scene.found:
+    if not scene.placed:
         raise MeshError("shows no geometry with faces")
-    return np.concatenate(scene.found), _unit(root)
+    return np.concatenate(scene.placed), _unit(root)
 
 
 def _unit(root: Element) -> float:
@@ -333,22 +340,22 @@ def _below(element: Element) -> Iterator[Element]:
         yield from _below(child)
 
 
-def _target(instance: Element, known: Mapping[str, _T]) -> _T:
+def _target(instance: Element, targets: Mapping[str, _T]) -> _T:
     """Look up the target of an instance's url."""
     url = instance.get("url")
-    if not url.startswith("#") or url[1:] not in known:
+    if not url.startswith("#") or url[1:] not in targets:
         raise MeshError(
             f"line {instance.line}: <{instance.tag}> names {quote(url)}, which is not in the file"
         )
-    return known[url[1:]]
+    return targets[url[1:]]
 
 
 def _show(node: Element, T_scene_parent: FloatArray, scene: _Scene, depth: int) -> None:
-    """Add the corners of a node's geometries, and of the nodes within it."""
+    """Add the corners of a node's geometries and of its child nodes."""
     scene.visited += 1
     if scene.visited > MESH.nodes or depth > MESH.depth:
         raise MeshError(
-            f"line {node.line}: more nodes than are read ({MESH.nodes}, {MESH.depth} deep)"
+            f"line {node.line}: more than {MESH.nodes} nodes, or deeper than {MESH.depth}"
         )
     T_scene_node = T_scene_parent
     for part in node.children:
@@ -361,10 +368,12 @@ def _show(node: Element, T_scene_parent: FloatArray, scene: _Scene, depth: int) 
             _show(_target(part, scene.nodes), T_scene_node, scene, depth + 1)
         elif part.tag == "instance_geometry":
             corners = _target(part, scene.corners)
-            scene.left -= len(corners)
-            if scene.left < 0:
-                raise MeshError(f"line {part.line}: more corners than are read")
-            scene.found.append(product(corners, T_scene_node[:3, :3].T) + T_scene_node[:3, 3])
+            scene.remaining -= len(corners)
+            if scene.remaining < 0:
+                raise MeshError(
+                    f"line {part.line}: more corners than the {MESH.stated} that are read"
+                )
+            scene.placed.append(product(corners, T_scene_node[:3, :3].T) + T_scene_node[:3, 3])
         elif part.tag in ("lookat", "skew", "instance_controller"):
             raise MeshError(
                 f"line {part.line}: <{part.tag}> is not read; export the mesh as it stands, with its nodes' matrices"
@@ -395,13 +404,13 @@ def _geometry_corners(geometry: Element) -> FloatArray:
     (mesh, *_) = geometry.all("mesh")
     sources = {source.get("id"): source for source in mesh.all("source")}
     vertices, positions = mesh.find("vertices"), None
-    for one in vertices.all("input") if vertices is not None else ():
-        if one.get("semantic") == "POSITION":
-            positions = sources.get(one.get("source").removeprefix("#"))
+    for entry in vertices.all("input") if vertices is not None else ():
+        if entry.get("semantic") == "POSITION":
+            positions = sources.get(entry.get("source").removeprefix("#"))
     if vertices is None or positions is None:
         raise MeshError(f"line {mesh.line}: <mesh> has no <vertices> with positions")
     if not any(part.tag in _PRIMITIVES for part in mesh.children):
-        # Lines only: nothing that has a surface.
+        # Lines only: there is no surface.
         return np.empty((0, 3))
     return _positions(positions)
 
@@ -419,7 +428,7 @@ def _positions(source: Element) -> FloatArray:
     )
     if stride < 3 or count > len(values) or offset + count * stride > len(values):
         raise MeshError(
-            f"line {accessor.line}: <accessor> asks for {count} times {stride} numbers "
+            f"line {accessor.line}: <accessor> needs {count} times {stride} numbers "
             f"from {offset} on, but its array has {len(values)}"
         )
     return values[offset : offset + count * stride].reshape(count, stride)[:, :3]

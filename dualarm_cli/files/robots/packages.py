@@ -1,4 +1,4 @@
-"""Meshes of a URDF, found beside it or in a ROS package."""
+"""Search for the meshes of a URDF, locally or in a ROS package."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ _SCHEME = "package://"
 
 @dataclass(frozen=True)
 class MeshFinder:
-    """Finds the mesh files of one URDF."""
+    """Search for the mesh files of one URDF."""
 
     project: Project
-    """What relative paths must stay in."""
+    """Project that relative paths must not leave."""
     urdf: Path
-    """The URDF."""
+    """Path of the URDF."""
     packages: tuple[Path, ...] = ()
-    """Folders of packages, or folders that hold packages, that the user names."""
+    """Folders of packages, or folders that hold packages, given by the user."""
     beyond: bool = False
-    """Whether packages are looked for above the project as well: the URDF's own, and those with a package.xml."""
+    """Whether packages above the project are searched: the URDF's own, and those with a
+    package.xml."""
 
     def find(self, reference: str) -> Path:
-        """Return a mesh file.
+        """Find a mesh file.
 
         Args:
             reference: a path relative to the URDF, or `package://name/path`.
@@ -38,7 +39,7 @@ class MeshFinder:
         if not reference.startswith(_SCHEME):
             if reference.startswith("file://"):
                 raise BadReferenceError(
-                    f"{quote(reference)} holds only on the machine that wrote it; write a path relative to the URDF"
+                    f"{quote(reference)} is valid only on the machine that wrote it; write a path relative to the URDF"
                 )
             return self.project.follow(reference, self.urdf)
         # Some files have a slash too many, `package:///name/path`; pinocchio reads them as well.
@@ -57,7 +58,7 @@ class MeshFinder:
             path = folder / rest
             if not path.is_file():
                 continue
-            # Colcon installs files as links to their sources: packages that the user names may hold such links.
+            # Colcon installs files as links to their sources, so packages named by the user may hold such links.
             if named or Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
                 return path
             linked = True
@@ -67,36 +68,39 @@ class MeshFinder:
                 "`dualarm robot import --package-dir`"
             )
         raise BadReferenceError(
-            f"there is no file {quote(reference)}: package {quote(package)} was looked for beside the URDF, in the "
-            "folders above it and in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH; name its folder with "
+            f"there is no file {quote(reference)}: package {quote(package)} is not in the folder of the URDF, in those "
+            "above it, or in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH; name its folder with "
             "`dualarm robot import --package-dir`"
         )
 
     def _folders(self, package: str) -> Iterator[tuple[Path, bool]]:
-        """Iterate over the folders that may be the package's, and whether the user or ROS names them."""
+        """Iterate over candidate folders of a package.
+
+        Each comes with whether the user or ROS names it.
+        """
         for folder in self.packages:
-            yield from ((one, True) for one in _as_package(folder, package))
-        here = Path(os.path.realpath(self.urdf)).parent
-        for folder in (here, *here.parents):
+            yield from ((candidate, True) for candidate in _as_package(folder, package))
+        urdf_folder = Path(os.path.realpath(self.urdf)).parent
+        for folder in (urdf_folder, *urdf_folder.parents):
             if folder.is_relative_to(self.project.folder):
-                yield from ((one, False) for one in _as_package(folder, package))
+                yield from ((candidate, False) for candidate in _as_package(folder, package))
             elif self.beyond:
-                for one in _as_package(folder, package):
-                    if one == folder or (one / "package.xml").is_file():
-                        yield one, False
+                for candidate in _as_package(folder, package):
+                    if candidate == folder or (candidate / "package.xml").is_file():
+                        yield candidate, False
         for folder in ros_folders(os.environ):
             yield folder / package, True
 
 
 def _as_package(folder: Path, package: str) -> Iterator[Path]:
-    """Iterate over the folder itself if it has the package's name, and the one of that name in it."""
+    """Iterate over the folder itself and its child if they have the package's name."""
     if folder.name == package:
         yield folder
     yield folder / package
 
 
 def ros_folders(environment: Mapping[str, str]) -> Sequence[Path]:
-    """Return the folders that hold ROS packages.
+    """List the folders of ROS packages.
 
     Args:
         environment: variables; ROS_PACKAGE_PATH of ROS 1 and AMENT_PREFIX_PATH of ROS 2 are read.

@@ -1,6 +1,6 @@
-"""Joints of a robot file, checked against its URDF: names, chains, postures, limits.
+"""Joints of a robot file, checked against its URDF: names, chains, postures and limits.
 
-Limits are the acceleration limits, the jerk limits and the position margins.
+Limits are acceleration limits, jerk limits and position margins.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from dualarm_cli.model.place import Place
 from dualarm_cli.model.robot import Arm, JointLimits, rate_source
 
 POSITION_SLACK = 1e-9
-"""How far a posture may lie outside its limits, for rounding [rad or m]."""
+"""Tolerance of position limits, for rounding [rad or m]."""
 
 
 def file_arms(model: RobotFile) -> dict[str, ArmSection]:
-    """Return the arms that a robot file has, left before right."""
+    """Return the arms of a robot file, left before right."""
     pairs = (("left", model.arms.left), ("right", model.arms.right))
     return {name: arm for name, arm in pairs if arm is not None}
 
@@ -41,7 +41,7 @@ def _source(model: RobotFile) -> str:
 
 
 def check_names(document: Document, model: RobotFile, urdf: Urdf, findings: Findings) -> bool:
-    """Return whether every joint and flange that the file names is in the URDF, each joint once.
+    """Check that the URDF has every named joint and flange, each joint once.
 
     Args:
         document: the robot file.
@@ -81,7 +81,7 @@ def check_names(document: Document, model: RobotFile, urdf: Urdf, findings: Find
 def check_chains(
     document: Document, model: RobotFile, urdf: Urdf, joints: list[UrdfJoint], findings: Findings
 ) -> None:
-    """Note arms whose joints are not what moves their flange, and kinds that do not fit."""
+    """Note arms whose joints do not form their chain, and unsuitable kinds."""
     used = {joint.name for joint in joints}
     slides = {joint.name for joint in joints if joint.slides}
     for side, arm in file_arms(model).items():
@@ -110,7 +110,7 @@ def check_chains(
 def posture_positions(
     document: Document, model: RobotFile, joints: list[UrdfJoint], findings: Findings
 ) -> dict[str, FloatArray]:
-    """Return the named postures, home among them, each of shape (n,) over the moving joints."""
+    """Read the named postures with home, each (n,) over the moving joints."""
     columns = {joint.name: k for k, joint in enumerate(joints)}
     postures = {}
     sections: dict[str, dict[str, object]] = {"home": {}, **model.postures}
@@ -141,7 +141,7 @@ def _check_zeros(
     model: RobotFile,
     findings: Findings,
 ) -> None:
-    """Note joints that a posture does not name although they cannot be at 0."""
+    """Note joints that a posture omits although 0 is outside their limits."""
     outside = [
         joint.name
         for joint in joints
@@ -159,7 +159,7 @@ def _check_zeros(
 def joint_position(
     document: Document, loc: Loc, value: object, joint: UrdfJoint, findings: Findings
 ) -> float | None:
-    """Return a joint position within its limits [rad or m], or None after noting what is wrong."""
+    """Read a joint position within its limits [rad or m]; None after an error."""
     dimension = quantities.LENGTH if joint.slides else quantities.ANGLE
     try:
         position = parse_quantity(value, dimension)
@@ -177,12 +177,12 @@ def joint_position(
         about = {"joint": joint.name, "value": position, "allowed": [joint.lower, joint.upper]}
         findings.add(document, loc, message, about=about)
         return None
-    # What lies outside by rounding only is put onto the limit.
+    # A position outside by rounding only is moved onto the limit.
     return min(max(position, joint.lower), joint.upper)
 
 
 def model_arms(document: Document, model: RobotFile, measured: pin.Model) -> tuple[Arm, ...]:
-    """Return the arms as values, left before right; kinds that the file does not give are measured.
+    """Build the arms, left before right; missing kinds are measured.
 
     Args:
         document: the robot file.
@@ -199,7 +199,7 @@ def model_arms(document: Document, model: RobotFile, measured: pin.Model) -> tup
 
 
 DEFAULT = "default"
-"""Key of the limits of joints that have none of their own."""
+"""Key of the default limits."""
 _SMALLEST_RATE = 1e-6
 _RULE = re.compile(r"(top speed|acceleration) in (.+)", re.DOTALL)
 
@@ -209,7 +209,7 @@ Rate = Literal["acceleration", "jerk"]
 def with_margins(
     document: Document, model: RobotFile, joints: list[UrdfJoint], findings: Findings
 ) -> list[UrdfJoint]:
-    """Narrow the positions of joints by their own or default margins.
+    """Narrow the positions of joints by their position margins or the default margin.
 
     Args:
         document: the robot file.
@@ -217,7 +217,7 @@ def with_margins(
         joints: the moving joints.
         findings: where errors are noted.
     """
-    found = []
+    narrowed = []
     for joint in joints:
         stated = {
             name: model.limits[name].position_margin
@@ -225,7 +225,7 @@ def with_margins(
             if name in model.limits and model.limits[name].position_margin is not None
         }
         if not stated:
-            found.append(joint)
+            narrowed.append(joint)
             continue
         name, value = next(iter(stated.items()))
         try:
@@ -241,8 +241,8 @@ def with_margins(
             margin = 0.0
         words = (*joint.narrowed, "position_margin") if margin else joint.narrowed
         lower, upper = joint.lower + margin, joint.upper - margin
-        found.append(replace(joint, lower=lower, upper=max(lower, upper), narrowed=words))
-    return found
+        narrowed.append(replace(joint, lower=lower, upper=max(lower, upper), narrowed=words))
+    return narrowed
 
 
 def joint_limits(
@@ -250,10 +250,10 @@ def joint_limits(
 ) -> tuple[JointLimits, list[str]] | None:
     """Read the limits of all moving joints, with notes on assumed ones.
 
-    None after noting missing or wrong limits.
+    None after noting errors.
 
-    A joint's own section comes first, then the URDF, then `default`; without any of them there is no acceleration
-    limit, which is an error, and the jerk limit is that of JERK_RULE.
+    The section of a joint has priority over the URDF, and the URDF over `default`. Without any of them a missing
+    acceleration limit is an error, and the jerk limit follows JERK_RULE.
 
     Args:
         document: the robot file.
@@ -261,10 +261,10 @@ def joint_limits(
         joints: the moving joints.
         findings: where errors are noted.
     """
-    known = [joint.name for joint in joints]
+    names = [joint.name for joint in joints]
     for name in model.limits:
-        if name not in (*known, DEFAULT):
-            message = f"{quote(name)} is no joint of platform or arms{did_you_mean(name, known)}"
+        if name not in (*names, DEFAULT):
+            message = f"{quote(name)} is no joint of platform or arms{did_you_mean(name, names)}"
             findings.add(document, ("limits", name), message, key=True)
     rows = []
     lacking: list[str] = []
@@ -291,7 +291,7 @@ def joint_limits(
     if len(rows) != len(joints):
         return None
     limits = JointLimits(
-        tuple(known),
+        tuple(names),
         np.array([joint.lower for joint in joints]),
         np.array([joint.upper for joint in joints]),
         np.array([joint.velocity for joint in joints]),
@@ -379,10 +379,10 @@ def _ruled(rule: str, which: Rate, before: float) -> float:
         QuantityError: no such rule, or a time that is not above 0.
     """
     wanted = {"acceleration": "top speed", "jerk": "acceleration"}[which]
-    found = _RULE.fullmatch(rule.strip())
-    if found is None or found[1] != wanted:
+    match = _RULE.fullmatch(rule.strip())
+    if match is None or match[1] != wanted:
         raise QuantityError(f"{quote(rule)} is no rule for {which}; write `{wanted} in 0.2 s`")
-    seconds = parse_quantity(found[2], quantities.TIME)
+    seconds = parse_quantity(match[2], quantities.TIME)
     if seconds < 1e-3:
         raise QuantityError(f"{quote(rule)}: the time must be at least 1 ms")
     return before / seconds

@@ -1,4 +1,4 @@
-"""Two robots of one arm each, as one robot."""
+"""Composition of two robots of one arm each into one robot."""
 
 from __future__ import annotations
 
@@ -13,18 +13,20 @@ from dualarm_cli.model.robot import Arm, JointLimits, Robot
 
 
 def why_not_a_pair_member(robot: Robot) -> str | None:
-    """Return why a robot cannot be one of two, or None."""
+    """Explain why a robot cannot be part of a pair, or return None."""
     if len(robot.arms) != 1:
-        return f"{robot.name} has {len(robot.arms)} arms; one of two robots needs exactly one"
+        return (
+            f"{robot.name} has {len(robot.arms)} arms; each robot of a pair must have exactly one"
+        )
     if robot.platform:
-        return f"{robot.name} has a platform; one of two robots must not"
+        return f"{robot.name} has a platform; robots of a pair must not have one"
     return None
 
 
 def compose_pair(left: Robot, left_base: pin.SE3, right: Robot, right_base: pin.SE3) -> Robot:
-    """Return one robot with arms left and right, every name prefixed by `left_` or `right_`.
+    """Compose one robot with arms left and right, names prefixed by `left_` or `right_`.
 
-    A posture of only one of them leaves the other at home.
+    A posture that only one robot has leaves the other at home.
 
     Args:
         left: robot of one arm that becomes the left one.
@@ -54,9 +56,9 @@ def compose_pair(left: Robot, left_base: pin.SE3, right: Robot, right_base: pin.
     }
     title = f"{left.name} and {right.name}"
     contacts = tuple(
-        (f"{side}_{one}", f"{side}_{other}")
+        (f"{side}_{link_a}", f"{side}_{link_b}")
         for side, robot in robots.items()
-        for one, other in robot.allowed_contacts
+        for link_a, link_b in robot.allowed_contacts
     )
     meshes = {
         f"{side}_{link}": shapes

@@ -1,6 +1,6 @@
-"""Robots from robot files, with a URDF or with Denavit-Hartenberg tables.
+"""Reader of robot files, with a URDF or with Denavit-Hartenberg tables.
 
-Tables are turned into the text of a URDF.
+Tables are converted to the text of a URDF.
 """
 
 from __future__ import annotations
@@ -58,32 +58,32 @@ HULL_NOTE = "collision meshes are taken as their convex hulls"
 
 @dataclass(frozen=True)
 class LoadedRobot:
-    """A robot, and what is known of its loading."""
+    """A robot and its provenance."""
 
     robot: Robot
     """The robot."""
     inputs: Mapping[str, str]
     """SHA-256 of every file that was read, by its name within the project."""
     notes: tuple[str, ...]
-    """What the reader should know of how the files were understood."""
+    """Notes on how the files were interpreted."""
 
 
 @dataclass(frozen=True)
 class RobotFilePlace:
-    """A robot file that was found."""
+    """Location of a robot file."""
 
     project: Project
-    """What it must stay in."""
+    """Project that its references must not leave."""
     path: Path
     """The file."""
     name: str
-    """What the user calls it."""
+    """Name in messages."""
     role: str = "robot"
-    """What it is to the cell: robot, robot.left or robot.right."""
+    """Role in the cell: robot, robot.left or robot.right."""
 
 
 def load_robot(name_or_path: str | Path) -> LoadedRobot:
-    """Return a bundled robot, or the robot that a robot file describes.
+    """Read a bundled robot, or the robot in a robot file.
 
     Args:
         name_or_path: a bundled robot's name, or the path of a robot file.
@@ -105,7 +105,7 @@ def load_robot(name_or_path: str | Path) -> LoadedRobot:
 
 
 def find_robot(project: Project, reference: str, holder: Path, holder_name: str) -> RobotFilePlace:
-    """Return the robot file that another file names.
+    """Find the robot file that another file refers to.
 
     Args:
         project: the other file's project.
@@ -127,10 +127,10 @@ def _is_path(reference: str) -> bool:
 
 
 def _find_bundled(project: Project, name: str) -> RobotFilePlace:
-    known = bundled_robots()
-    if name not in known:
+    names = bundled_robots()
+    if name not in names:
         raise BadReferenceError(
-            f"no bundled robot {quote(name)}{suggest(name, known, 'bundled')}; "
+            f"no bundled robot {quote(name)}{suggest(name, names, 'bundled')}; "
             "the path of a robot file ends with .yaml"
         )
     path = robots_folder() / name / ROBOT_FILE
@@ -138,7 +138,7 @@ def _find_bundled(project: Project, name: str) -> RobotFilePlace:
 
 
 def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
-    """Return the robot of a robot file, and notes on how it was understood.
+    """Build the robot of a robot file, with notes on its interpretation.
 
     Args:
         place: the robot file.
@@ -204,7 +204,10 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
 def _moving_joints(
     urdf: Urdf, names: Sequence[str], findings: Findings
 ) -> tuple[list[UrdfJoint], list[str]]:
-    """Select the named joints, with notes; raise everything that is wrong with the file and them."""
+    """Select the named joints, with notes.
+
+    Everything wrong with the file and the joints is raised.
+    """
     try:
         return moving_joints(urdf, names)
     except InputError as error:
@@ -213,7 +216,7 @@ def _moving_joints(
 
 
 def _narrowed_notes(joints: Sequence[UrdfJoint]) -> list[str]:
-    """Return a note for each cause that narrows the positions of joints."""
+    """Compose a note for each cause of narrowed joint positions."""
     causes = dict.fromkeys(cause for joint in joints for cause in joint.narrowed)
     return [
         f"position limits are narrowed by {cause}: "
@@ -223,17 +226,17 @@ def _narrowed_notes(joints: Sequence[UrdfJoint]) -> list[str]:
 
 
 def _contact_note(pairs: Sequence[tuple[str, str]]) -> list[str]:
-    """Return the note on links whose collisions are left out by assumption."""
+    """Compose the note on links whose collisions are excluded by assumption."""
     if not pairs:
         return []
-    names = listed([f"{one} and {other}" for one, other in pairs])
+    names = listed([f"{link_a} and {link_b}" for link_a, link_b in pairs])
     return [
-        f"collisions are not checked between {names}: `assumed_contacts` says that only their shapes touch"
+        f"collisions are not checked between {names}: `assumed_contacts` assumes that only their shapes touch"
     ]
 
 
 def _check_description(document: Document, findings: Findings) -> bool:
-    """Return whether a robot file has either a URDF or tables; notes what is wrong otherwise."""
+    """Check that a robot file has either a URDF or tables; note errors."""
     given = [key for key in ("urdf", "dh") if document.data.get(key) is not None]
     if len(given) == 2:
         findings.add(
@@ -248,7 +251,7 @@ def _check_description(document: Document, findings: Findings) -> bool:
 def _load_urdf(
     place: RobotFilePlace, document: Document, model: RobotFile, findings: Findings
 ) -> tuple[Urdf | None, LinkMeshes]:
-    """Return the checked URDF and its meshes by link, or None after noting what is wrong."""
+    """Read the checked URDF and its meshes by link, or None after noting errors."""
     if model.urdf is None:
         return read_tables(document, model, findings), LinkMeshes({}, {})
     with noted(findings, document, ("urdf",)):
@@ -261,10 +264,10 @@ def _load_urdf(
 
 
 def _checked_model(urdf: Urdf, text: str, count: int) -> pin.Model:
-    """Return what pinocchio reads of the text that was written: one number per joint.
+    """Build pinocchio's model of the written URDF, with one coordinate per joint.
 
     Raises:
-        InputError: it does not.
+        InputError: pinocchio cannot read it so.
     """
     try:
         model = pin.buildModelFromXML(text)
@@ -279,16 +282,16 @@ def _checked_model(urdf: Urdf, text: str, count: int) -> pin.Model:
 
 
 def _mesh_note(meshes: dict[str, tuple[Shape, ...]]) -> list[str]:
-    """Return a note on links whose meshes are taken as convex hulls."""
+    """Compose the note on links whose meshes are replaced by convex hulls."""
     if not meshes:
         return []
     return [Note(f"{HULL_NOTE}: {listed([*meshes])}", HULL_NOTE)]
 
 
 ROOT_LINK = "base_link"
-"""Name of the link that nothing moves."""
+"""Name of the root link."""
 Placement = tuple[FloatArray, FloatArray]
-"""Translation (3,) [m] and rotation (3, 3) of a frame in the one before it."""
+"""Translation (3,) [m] and rotation (3, 3) of a frame in the previous one."""
 
 
 def read_tables(document: Document, model: RobotFile, findings: Findings) -> Urdf | None:
@@ -314,7 +317,9 @@ def read_tables(document: Document, model: RobotFile, findings: Findings) -> Urd
         parts += _arm(rows, frames, arm.flange)
     try:
         return read_urdf(TextSource(document.source.name, urdf_text("robot", parts), ""))
-    except InputError as error:  # the text has no places of its own: the table stands for it
+    except (
+        InputError
+    ) as error:  # the generated text has no places in a file: report the table instead
         for diagnostic in error.diagnostics:
             findings.add(document, ("dh",), diagnostic.message)
         return None
@@ -333,14 +338,14 @@ def placements(rows: Sequence[RowSection], convention: str) -> list[Placement]:
     """
     zero, turns = np.zeros(3), [_turn_z(row.theta) for row in rows]
     if convention == "modified":
-        found = [
+        frames = [
             (
                 np.array([row.a, -sin(row.alpha) * row.d, cos(row.alpha) * row.d]),
                 product(_turn_x(row.alpha), turn),
             )
             for row, turn in zip(rows, turns, strict=True)
         ]
-        return [*found, (zero, np.eye(3))]
+        return [*frames, (zero, np.eye(3))]
     turns.append(np.eye(3))
     after = [(np.array([row.a, 0.0, row.d]), _turn_x(row.alpha)) for row in rows]
     return [

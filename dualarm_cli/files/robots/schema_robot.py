@@ -30,20 +30,20 @@ Torque = Annotated[float, Quantity(quantities.TORQUE, 0.0)]
 
 
 class RowSection(Section):
-    """One row of a table: a joint that turns, and the link that it moves."""
+    """Row of a table: a revolute joint and the link that it moves."""
 
     joint: Name = Field(description="The joint's name; its link is called `<joint>_link`.")
     a: LinkLength = Field(default=0.0, description="Length of the common normal [m].")
     alpha: Angle = Field(default=0.0, description="Twist about the common normal [rad].")
     d: LinkLength = Field(default=0.0, description="Offset along the joint's axis [m].")
-    theta: Angle = Field(default=0.0, description="What is added to the joint's position [rad].")
+    theta: Angle = Field(default=0.0, description="Offset of the joint's position [rad].")
     lower: Angle = Field(description="Lowest position [rad].")
     upper: Angle = Field(description="Highest position [rad].")
     velocity: JointSpeed = Field(description="Largest speed [rad/s].")
-    effort: Torque = Field(default=0.0, description="Largest torque [Nm]; 0: not known.")
+    effort: Torque = Field(default=0.0, description="Largest torque [Nm]; 0: unknown.")
     radius: Size | None = Field(
         default=None,
-        description="Radius of a capsule from this joint's origin to the next one's; none: no shape [m].",
+        description="Radius of a capsule from this joint's origin to the next one's [m]; default: no shape.",
     )
 
     @model_validator(mode="after")
@@ -59,7 +59,7 @@ Rows = Annotated[list[RowSection], Field(min_length=1, max_length=12)]
 
 
 class BasesSection(Section):
-    """Where each arm's table begins."""
+    """Base of each arm's table."""
 
     left: Pose = Field(
         default=Pose.model_construct(), description="Frame 0 of the left table in the root link."
@@ -70,7 +70,7 @@ class BasesSection(Section):
 
 
 class DhSection(Section):
-    """Arms as tables of Denavit and Hartenberg's parameters; every joint turns."""
+    """Denavit-Hartenberg tables of the arms; every joint is revolute."""
 
     convention: Literal["standard", "modified"] = Field(
         default="standard",
@@ -91,18 +91,18 @@ class DhSection(Section):
         return self
 
     def tables(self) -> dict[str, list[RowSection]]:
-        """Return the tables that there are, left before right."""
+        """Collect the given tables, left before right."""
         pairs = (("left", self.left), ("right", self.right))
         return {side: rows for side, rows in pairs if rows is not None}
 
 
 JERK_RULE = "acceleration in 0.1 s"
-"""Jerk limit of joints for which neither robot file nor URDF has one."""
+"""Rule of the jerk limit for joints without one in robot file and URDF."""
 _NULL: JsonDict = {"type": "null"}
 
 
 def _rate_schema(rates: Sequence[Dimension], words: Sequence[str]) -> JsonDict:
-    """Return the JSON Schema of a limit: a quantity, a rule, or nothing."""
+    """Build the JSON Schema of a limit: a quantity, a rule, or nothing."""
     return {"anyOf": [quantity_schema(rates, 1e-6, words=words), _NULL]}
 
 
@@ -120,16 +120,19 @@ MARGIN: JsonDict = {
 Position = Annotated[
     Any, WithJsonSchema(quantity_schema([quantities.ANGLE, quantities.LENGTH], -50.0, 50.0))
 ]
-"""Of a joint that turns or slides; read once the joint is known."""
+"""Position of a joint, parsed once its type is known."""
 
 
 def _named_by_tables(schema: JsonDict) -> None:
-    """Leave joints and flange of an arm out of what the schema requires: with dh they have defaults."""
+    """Make joints and flange of an arm optional in the schema.
+
+    With `dh` they have defaults.
+    """
     schema.pop("required", None)
 
 
 def _with_tables_or_urdf(schema: JsonDict) -> None:
-    """Require joints and flange of arms where there is no dh, and one of dh and URDF."""
+    """Require joints and flange of arms without `dh`, and either `dh` or `urdf`."""
     arm: JsonDict = {"required": ["joints", "flange"]}
     sides: JsonDict = {"left": arm, "right": arm}
     tables: JsonDict = {"required": ["dh"], "properties": {"dh": {"type": "object"}}}
@@ -138,32 +141,32 @@ def _with_tables_or_urdf(schema: JsonDict) -> None:
 
 
 class ArmSection(Section):
-    """One arm of the robot."""
+    """Arm of the robot."""
 
     model_config = ConfigDict(json_schema_extra=_named_by_tables)
 
     joints: Annotated[list[Name], Field(min_length=1, max_length=12)] = Field(
-        description="Its joints from base to flange, by their names in the URDF; with dh: by default its rows'."
+        description="Joints from base to flange, by their names in the URDF; with dh the default is those of its rows."
     )
     flange: Name = Field(
-        description="Link to which the tool is bolted; with dh: what it is called, by default `flange` "
-        "of one arm, `left_flange` and `right_flange` of two."
+        description="Link to which the tool is bolted; with dh its name, by default `flange` "
+        "of a single arm, `left_flange` and `right_flange` of two."
     )
     kind: ArmKind | None = Field(
         default=None,
-        description="How its inverse kinematics is solved; measured on the URDF where it is not given.",
+        description="Kind of inverse kinematics; default: measured on the URDF.",
     )
 
 
 class ArmsSection(Section):
-    """The robot's arms: two, or one."""
+    """Arms of the robot: two, or one."""
 
     left: ArmSection | None = Field(default=None, description="The left arm.")
     right: ArmSection | None = Field(default=None, description="The right arm.")
 
 
 class LimitSection(Section):
-    """Acceleration, jerk and margin of a joint; positions and velocity come from the URDF."""
+    """Acceleration, jerk and position margin of a joint; positions and velocity come from the URDF."""
 
     acceleration: Any = Field(
         default=None,
@@ -176,31 +179,31 @@ class LimitSection(Section):
         default=None,
         description=f"Largest jerk; a plain number is {quantities.ANGULAR_JERK.unit} "
         f"({quantities.JERK.unit} for a joint that slides). A rule takes it from the acceleration limit: "
-        f"`acceleration in 0.1 s`. `none`: not limited. Without any, `{JERK_RULE}` is assumed.",
+        f"`acceleration in 0.1 s`. `none`: unlimited. Default: `{JERK_RULE}`, assumed.",
         json_schema_extra=JERK,
     )
     source: Literal["datasheet", "measured", "joint_limits", "assumed"] = Field(
         default="assumed",
-        description="Where acceleration and jerk come from: datasheet, measured, joint_limits (joint_limits.yaml), or "
+        description="Source of acceleration and jerk: datasheet, measured, joint_limits (joint_limits.yaml), or "
         "assumed; every report lists the assumed ones.",
     )
     position_margin: Any = Field(
         default=None,
-        description="Distance that is kept to both position limits, also to soft ones of the URDF; a plain number is "
-        f"{quantities.ANGLE.unit} ({quantities.LENGTH.unit} for a joint that slides). Without it, none.",
+        description="Margin to both position limits, also to soft ones of the URDF; a plain number is "
+        f"{quantities.ANGLE.unit} ({quantities.LENGTH.unit} for a joint that slides). Default: none.",
         json_schema_extra=MARGIN,
     )
 
 
 class RobotFile(Section):
-    """A robot: its URDF or its tables of parameters, platform, arms, limits and named postures."""
+    """A robot: URDF or tables, platform, arms, limits and named postures."""
 
     model_config = ConfigDict(json_schema_extra=_with_tables_or_urdf)
 
     dualarm: Literal["robot/1"] = Field(description="Kind and version of the file.")
     name: Name = Field(description="The robot's name.")
     urdf: Name | None = Field(
-        default=None, description="Path of its URDF, relative to this file; or give dh instead."
+        default=None, description="Path of the URDF, relative to this file; or give dh instead."
     )
     dh: DhSection | None = Field(
         default=None,
@@ -210,26 +213,26 @@ class RobotFile(Section):
         default_factory=list,
         description="Joints that carry both arms, world side first: none, one or two.",
     )
-    arms: ArmsSection = Field(description="Its arms: left, right or both.")
+    arms: ArmsSection = Field(description="Arms: left, right or both.")
     limits: dict[Name, LimitSection] = Field(
         default_factory=dict,
-        description="Acceleration, jerk and margin of the moving joints, by name; `default`: of all others.",
+        description="Acceleration, jerk and margin of the moving joints, by name; `default`: all others.",
     )
     frozen: dict[Name, Position] = Field(
         default_factory=dict,
-        description="Positions [rad, or m] of joints that neither platform nor arms name; 0 where it is not given.",
+        description="Positions [rad, or m] of joints outside platform and arms; default: 0.",
     )
     postures: dict[Name, dict[Name, Position]] = Field(
         default_factory=dict,
-        description="Named postures: joint positions [rad, or m]; joints not named are 0.",
+        description="Named postures: joint positions [rad, or m]; joints that are not named are at 0.",
     )
     allowed_contacts: list[BodyPair] = Field(
         default_factory=list,
-        description="Pairs of links whose shapes may touch, as the shapes are wider than the links.",
+        description="Pairs of links whose shapes may touch, because the shapes are wider than the links.",
     )
     assumed_contacts: list[BodyPair] = Field(
         default_factory=list,
-        description="Pairs of which that is only assumed, such as `dualarm robot import` does: each plan tells them.",
+        description="Pairs of links that touch by assumption, as from `dualarm robot import`; each plan lists them.",
     )
 
     @model_validator(mode="before")
@@ -239,9 +242,9 @@ class RobotFile(Section):
 
 
 def _with_table_names(data: dict[str, Any]) -> dict[str, Any]:
-    """Return the data of a file with the joints and flanges that its tables make plain.
+    """Complete joints and flanges of a file from its tables.
 
-    Wrong tables are reported where they stand; here they must only not be reported twice.
+    Faulty tables are reported at their place; here they must not be reported a second time.
     """
     tables, arms = data["dh"], data.get("arms")
     if not isinstance(tables, dict) or not isinstance(arms, dict):

@@ -1,4 +1,4 @@
-"""URDF: checked in every point that could mislead a parser or a planner."""
+"""URDF, checked for everything that could mislead a parser or a planner."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SIZES: dict[str, tuple[tuple[str, int], ...]] = {
 
 
 def check_link(link: Element, findings: UrdfFindings) -> None:
-    """Note what is impossible about a link's inertia and shapes.
+    """Note impossible values of a link's inertia and shapes.
 
     Args:
         link: the element.
@@ -98,15 +98,18 @@ def mesh_elements(solid: Element) -> Iterator[Element]:
 
 
 CONTINUOUS_LIMIT = 1000.0
-"""Position limit given to joints that turn without end [rad]."""
+"""Position limit of continuous joints [rad]."""
 SOFT_LIMITS = ("soft_lower_limit", "soft_upper_limit")
-"""Attributes of `<safety_controller>`: positions that a controller does not let the joint leave."""
+"""Attributes of `<safety_controller>`: position limits of the controller."""
 UNLIMITED = (-math.inf, math.inf)
 """Positions of a joint without limits [rad or m]."""
 MAX_JOINTS = 1000
-"""Most joints of one URDF: libraries go through them by recursion, and some 5,000 in a row end the process."""
+"""Maximum number of joints in one URDF.
+
+Libraries traverse them by recursion, and some 5,000 in a row end the process.
+"""
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
-"""Joint types that a robot file may name."""
+"""Joint types that may move."""
 _TYPES = (*MOVING_TYPES, "fixed", "floating", "planar")
 
 
@@ -115,7 +118,7 @@ class UrdfJoint:
     """A moving joint."""
 
     name: str
-    """Its name."""
+    """Name."""
     slides: bool
     """Whether it is prismatic."""
     lower: float
@@ -125,11 +128,11 @@ class UrdfJoint:
     velocity: float
     """Largest speed [rad/s or m/s]."""
     acceleration: float | None = None
-    """Largest acceleration [rad/s² or m/s²], where the URDF gives one (version 1.2)."""
+    """Largest acceleration [rad/s² or m/s²], or None (URDF 1.2)."""
     jerk: float | None = None
-    """Largest jerk [rad/s³ or m/s³], where the URDF gives one (version 1.2)."""
+    """Largest jerk [rad/s³ or m/s³], or None (URDF 1.2)."""
     narrowed: tuple[str, ...] = ()
-    """Causes that narrow its positions below those of `<limit>`, in words."""
+    """Causes in words that narrow the positions below those of `<limit>`."""
 
 
 @dataclass(frozen=True)
@@ -139,28 +142,28 @@ class Urdf:
     source: TextSource
     """The file."""
     root: Element
-    """Its root element."""
+    """Root element."""
     root_link: str
-    """The link that nothing moves."""
+    """Link without a parent."""
     links: dict[str, Element]
     """Links by name."""
     joints: dict[str, Element]
     """Joints by name, in document order."""
 
     def chain(self, link: str) -> list[str]:
-        """Return the moving joints from the root to a link."""
+        """List the moving joints from the root to a link."""
         parent_of = {joint.child_name("child", "link"): joint for joint in self.joints.values()}
-        found = []
+        joints = []
         while link != self.root_link:
             joint = parent_of[link]
             if joint.get("type") != "fixed":
-                found.append(joint.name)
+                joints.append(joint.name)
             link = joint.child_name("parent", "link")
-        return found[::-1]
+        return joints[::-1]
 
 
 def read_urdf(source: TextSource) -> Urdf:
-    """Return a checked URDF.
+    """Parse and check a URDF.
 
     Args:
         source: the text of the file.
@@ -185,7 +188,7 @@ def read_urdf(source: TextSource) -> Urdf:
         findings.add(root, "there is no <link>")
     if len(joints) > MAX_JOINTS:
         message = (
-            f"{len(joints)} joints; at most {MAX_JOINTS} are read: leave out what does not move"
+            f"{len(joints)} joints; at most {MAX_JOINTS} are read; remove those that do not move"
         )
         findings.add(list(joints.values())[MAX_JOINTS], message)
         findings.raise_if_any()
@@ -200,19 +203,19 @@ def read_urdf(source: TextSource) -> Urdf:
 
 
 def _by_name(root: Element, tag: str, findings: UrdfFindings) -> dict[str, Element]:
-    """Return the named elements of one kind; names must be there and differ."""
-    found: dict[str, Element] = {}
+    """Index the elements of one kind by name; names must be present and unique."""
+    elements: dict[str, Element] = {}
     for element in root.all(tag):
         name = element.name
         if not name or not name.isprintable() or name != name.strip():
             findings.add(element, f"<{tag}> needs a printable name, not {quote(name)}")
-        elif name in found:
+        elif name in elements:
             findings.add(
-                element, f"duplicate {tag} {quote(name)}, first at line {found[name].line}"
+                element, f"duplicate {tag} {quote(name)}, first at line {elements[name].line}"
             )
         else:
-            found[name] = element
-    return found
+            elements[name] = element
+    return elements
 
 
 def _check_joint(joint: Element, links: dict[str, Element], findings: UrdfFindings) -> None:
@@ -243,7 +246,7 @@ def _check_joint(joint: Element, links: dict[str, Element], findings: UrdfFindin
 def _check_tree(
     root: Element, links: dict[str, Element], joints: dict[str, Element], findings: UrdfFindings
 ) -> str:
-    """Return the root link; notes two parents, several roots, cycles."""
+    """Find the root link; note two parents, several roots, cycles."""
     parent_joint: dict[str, Element] = {}
     for joint in joints.values():
         child = joint.child_name("child", "link")
@@ -273,7 +276,7 @@ def _check_tree(
 
 
 def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], list[str]]:
-    """Return the named joints in document order with their limits, and notes on them.
+    """Read the named joints in document order with their limits, and notes on them.
 
     Args:
         urdf: a checked URDF.
@@ -283,7 +286,7 @@ def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], li
         InputError: a joint cannot move, mimics another, or has no or impossible limits.
     """
     findings = UrdfFindings(urdf.source)
-    found, notes = [], []
+    joints, notes = [], []
     for joint in urdf.joints.values():
         if joint.name not in names:
             continue
@@ -293,7 +296,10 @@ def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], li
             continue
         mimic = joint.find("mimic")
         if mimic is not None:
-            findings.add(mimic, f"{what} mimics {quote(mimic.get('joint'))}; it cannot be planned")
+            findings.add(
+                mimic,
+                f"{what} mimics {quote(mimic.get('joint'))}; joints that follow others cannot be planned",
+            )
             continue
         limits = _limits(joint, kind, what, findings)
         soft = _checked_soft_range(joint, what, findings)
@@ -307,21 +313,23 @@ def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], li
                 findings.add(joint, f"{message} have no position in common")
             narrowed = ("soft limits of the URDF",) if [lower, upper] != whole else ()
             ranges = lower, upper, velocity, acceleration, jerk
-            found.append(UrdfJoint(joint.name, kind == "prismatic", *ranges, narrowed))
+            joints.append(UrdfJoint(joint.name, kind == "prismatic", *ranges, narrowed))
             if soft == UNLIMITED and joint.child_name("safety_controller", SOFT_LIMITS[0]):
-                notes.append(f"{what}: its soft limits are equal and not taken; no motion is left")
+                notes.append(
+                    f"{what}: its soft limits are equal and ignored, because they allow no motion"
+                )
         if kind == "continuous" and soft == UNLIMITED:
             notes.append(
-                f"{what} turns without end; its position is kept within ±{CONTINUOUS_LIMIT:g} rad"
+                f"{what} is continuous; its position is kept within ±{CONTINUOUS_LIMIT:g} rad"
             )
     findings.raise_if_any()
-    return found, notes
+    return joints, notes
 
 
 def _limits(
     joint: Element, kind: str, what: str, findings: UrdfFindings
 ) -> tuple[float, float, float] | None:
-    """Return lower, upper and velocity limits, or None after noting what is wrong."""
+    """Read lower, upper and velocity limits, or None after noting errors."""
     limit = joint.find("limit")
     if limit is None:
         findings.add(joint, f"{what} has no <limit>; give lower, upper and velocity")
@@ -345,9 +353,9 @@ def _limits(
 
 
 def soft_range(joint: Element) -> tuple[float, float]:
-    """Return a joint's soft position limits [rad or m], infinite where it has none.
+    """Read a joint's soft position limits [rad or m], by default infinite.
 
-    URDF's default of both is 0. Limits that are equal or no numbers are taken as not set.
+    URDF's default of both is 0. Limits that are equal or not numbers count as not set.
     """
     soft = joint.find("safety_controller")
     try:
@@ -376,14 +384,14 @@ def _checked_soft_range(
 def _stated_rate(
     joint: Element, keys: Sequence[str], what: str, findings: UrdfFindings
 ) -> float | None:
-    """Return the smallest of some limits of URDF 1.2, or None."""
+    """Read the smallest of several limits of URDF 1.2, or None."""
     limit = joint.find("limit")
-    found: list[float] = []
+    values: list[float] = []
     for key in keys:
         if limit is None or key not in limit.attributes:
             continue
         value = findings.numbers(limit, key, 1, what)
         if value is not None and value[0] <= 0.0:
             findings.add(limit, f"{what}: {key} limit must be above 0, not {value[0]:g}")
-        found += value or []
-    return min(found, default=None)
+        values += value or []
+    return min(values, default=None)

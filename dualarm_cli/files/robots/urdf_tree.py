@@ -1,4 +1,4 @@
-"""XML of a URDF or COLLADA file as a tree that remembers lines and expands nothing."""
+"""XML parser for URDF and COLLADA: a tree with line numbers, without entities."""
 
 from __future__ import annotations
 
@@ -13,50 +13,50 @@ from dualarm_cli.files.source.text_source import TextSource, quote
 from dualarm_cli.records import dataclass
 
 MAX_ELEMENTS = 50_000
-"""Most elements in one URDF."""
+"""Maximum number of elements in one URDF."""
 MAX_DEPTH = 40
-"""Deepest nesting of elements."""
+"""Maximum nesting depth of elements."""
 MAX_MAGNITUDE = 1e9
-"""Largest number that a URDF may hold."""
+"""Largest absolute number in a URDF."""
 _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?", re.ASCII)
 
 
 @dataclass
 class Element:
-    """One XML element."""
+    """Element of an XML tree."""
 
     tag: str
-    """Its name."""
+    """Tag name."""
     attributes: dict[str, str]
-    """Its attributes."""
+    """Attributes by name."""
     line: int = 0
-    """Where it begins."""
+    """Line of the start tag."""
     column: int = 0
-    """Where it begins."""
+    """Column of the start tag."""
     children: list[Element] = field(default_factory=list)
-    """Elements within it."""
+    """Child elements."""
     text: str = ""
-    """What stands between its own tags and within none of its children's."""
+    """Text of the element without that of its children."""
 
     def find(self, tag: str) -> Element | None:
-        """Return the first child of that name."""
+        """Find the first child with a tag."""
         return next(self.all(tag), None)
 
     def all(self, tag: str) -> Iterator[Element]:
-        """Iterate over the children of that name."""
+        """Iterate over the children with a tag."""
         return (child for child in self.children if child.tag == tag)
 
     def get(self, name: str, default: str = "") -> str:
-        """Return an attribute."""
+        """Look up an attribute."""
         return self.attributes.get(name, default)
 
     @property
     def name(self) -> str:
-        """Its `name` attribute."""
+        """Value of the `name` attribute."""
         return self.get("name")
 
     def child_name(self, tag: str, attribute: str) -> str:
-        """Return an attribute of the first child of that name, or an empty string."""
+        """Look up an attribute of the first child with a tag, or ""."""
         child = self.find(tag)
         return child.get(attribute) if child else ""
 
@@ -65,18 +65,18 @@ class UrdfFindings:
     """Everything wrong with one URDF."""
 
     def __init__(self, source: TextSource) -> None:
-        """Start with nothing found."""
+        """Start without findings."""
         self.source = source
         self.diagnostics: list[Diagnostic] = []
 
     def add(self, element: Element, message: str) -> None:
-        """Add one finding at an element."""
+        """Add a finding at an element."""
         self.diagnostics.append(
             self.source.diagnostic(element.line, element.column, "E400", message)
         )
 
     def raise_if_any(self) -> None:
-        """Raise everything found, by line.
+        """Raise all findings, by line.
 
         Raises:
             InputError: something was found.
@@ -87,7 +87,7 @@ class UrdfFindings:
     def numbers(
         self, element: Element, attribute: str, count: int, what: str
     ) -> list[float] | None:
-        """Return the numbers of an attribute, or None after noting what is wrong with them.
+        """Parse the numbers of an attribute, or None after noting errors.
 
         Args:
             element: the element.
@@ -99,8 +99,8 @@ class UrdfFindings:
         words = text.split()
         if len(words) != count:
             wanted = "a number" if count == 1 else f"{count} numbers"
-            found = quote(text) if attribute in element.attributes else "nothing"
-            self.add(element, f"{what}: {attribute} must be {wanted}, not {found}")
+            given = quote(text) if attribute in element.attributes else "nothing"
+            self.add(element, f"{what}: {attribute} must be {wanted}, not {given}")
             return None
         for word in words:
             if not _NUMBER.fullmatch(word) or len(word) > 40:
@@ -121,7 +121,7 @@ class UrdfFindings:
 
 
 def parse_xml(source: TextSource) -> Element:
-    """Return the root element of an XML text.
+    """Parse the root element of an XML text.
 
     Args:
         source: the text of one file.
@@ -143,7 +143,7 @@ def parse_xml(source: TextSource) -> Element:
         count += 1
         if count > MAX_ELEMENTS or len(stack) >= MAX_DEPTH:
             limits = f"{MAX_ELEMENTS} elements, {MAX_DEPTH} deep"
-            raise fail(f"more than is read ({limits})", "E100")
+            raise fail(f"exceeds the limits of XML files ({limits})", "E100")
         element = Element(tag, attributes, parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
         (stack[-1].children if stack else root).append(element)
         stack.append(element)
@@ -167,7 +167,7 @@ def parse_xml(source: TextSource) -> Element:
     except expat.ExpatError as error:
         if not source.text.strip():
             raise InputError(
-                [Diagnostic(source.name, 0, 0, "E400", "is empty; a URDF is needed")]
+                [Diagnostic(source.name, 0, 0, "E400", "is empty; a URDF is required")]
             ) from None
         reason = expat.ErrorString(error.code)
         diagnostic = source.diagnostic(error.lineno, error.offset + 1, "E400", f"not XML: {reason}")

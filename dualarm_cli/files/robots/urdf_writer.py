@@ -1,4 +1,4 @@
-"""URDF text written anew: only the robot's joints moving; or two robots as one; or from its parts."""
+"""Writer of URDF text: with selected moving joints, of a pair of robots, or from elements."""
 
 from __future__ import annotations
 
@@ -23,16 +23,19 @@ ESCAPES = str.maketrans(
         "\t": "&#9;",
     }
 )
-"""How attributes' characters are written. (The standard library's function loads all that opens web addresses.)"""
+"""Escapes of characters in attributes.
+
+The standard library's function would load all modules that open web addresses.
+"""
 _LINK_PARTS = ("inertial", "visual", "collision")
 
 
 def write_urdf(urdf: Urdf, joints: list[UrdfJoint], frozen: Mapping[str, float]) -> str:
-    """Return complete URDF text in which exactly the given joints move.
+    """Write a complete URDF in which exactly the given joints move.
 
-    Joints that turn without end become revolute with wide limits, axes get length 1, every other
-    joint is fixed; capsules, which many readers do not know, become a cylinder and two spheres; meshes, which would
-    be looked for elsewhere, and extensions of other tools are left out.
+    Continuous joints become revolute with wide limits, axes get unit length, every other joint is fixed.
+    Capsules, which many readers do not support, become a cylinder and two spheres. Meshes, whose paths would be
+    wrong, and extensions of other tools are omitted.
 
     Args:
         urdf: a checked URDF.
@@ -47,7 +50,7 @@ def write_urdf(urdf: Urdf, joints: list[UrdfJoint], frozen: Mapping[str, float])
 
 
 def write_pair(members: dict[str, tuple[Element, str, pin.SE3]]) -> str:
-    """Return one URDF with two robots on a `world` link, every name prefixed by the arm's name.
+    """Write one URDF with two robots on a `world` link, names prefixed.
 
     Args:
         members: for each arm name the root element of its clean URDF, its root link, and the
@@ -77,7 +80,7 @@ def _clean_link(link: Element) -> Element:
 
 
 def _without_capsule(element: Element, link: str) -> list[Element]:
-    """Return a visual or collision element; of a capsule its cylinder and spheres."""
+    """Replace a capsule by a cylinder and two spheres; keep other elements."""
     geometry = element.find("geometry")
     capsule = None if geometry is None else geometry.find("capsule")
     if capsule is None:
@@ -87,7 +90,7 @@ def _without_capsule(element: Element, link: str) -> list[Element]:
     xyz = [float(word) for word in origin.get("xyz", "0 0 0").split()]
     radius, length = (float(capsule.get(size)) for size in ("radius", "length"))
     along = pin.rpy.rpyToMatrix(*rpy)[:, 2] * length / 2.0
-    found = []
+    solids = []
     for ending, shift, tag in (
         ("", 0.0, "cylinder"),
         ("_a", -1.0, "sphere"),
@@ -98,10 +101,10 @@ def _without_capsule(element: Element, link: str) -> list[Element]:
         words = {"xyz": place, "rpy": " ".join(repr(v) for v in rpy)}
         shape = Element("geometry", {}, children=[Element(tag, sizes)])
         name = f"{element.name or f'{link}_capsule'}{ending}"
-        found.append(
+        solids.append(
             Element(element.tag, {"name": name}, children=[Element("origin", words), shape])
         )
-    return found
+    return solids
 
 
 def _without_materials(element: Element) -> Element:
@@ -132,7 +135,10 @@ def _clean_joint(joint: Element, moving: UrdfJoint | None, position: float) -> E
 
 
 def _displace(clean: Element, joint: Element, displacement: FloatArray) -> None:
-    """Put a fixed joint where it stands away from its zero: turned [rad] or slid [m] along its axis, shape (3,)."""
+    """Move the origin of a fixed joint by a displacement from its zero.
+
+    The joint is turned [rad] or slid [m] along its axis, shape (3,).
+    """
     origin = clean.find("origin") or Element("origin", {})
     xyz, rpy = (
         np.array([float(word) for word in origin.get(key, "0 0 0").split()])
@@ -150,13 +156,13 @@ def _displace(clean: Element, joint: Element, displacement: FloatArray) -> None:
 
 
 def origin_words(pose: pin.SE3) -> dict[str, str]:
-    """Return a pose as the attributes of an `origin`."""
+    """Format a pose as the attributes of an `origin`."""
     parts = (("xyz", pose.translation), ("rpy", pin.rpy.matrixToRpy(pose.rotation)))
     return {key: " ".join(repr(float(v) + 0.0) for v in values) for key, values in parts}
 
 
 def _prefixed(element: Element, prefix: str) -> Element:
-    """Return a link or joint with its own name and the links that it refers to prefixed."""
+    """Prefix the names of a link or joint and of its references."""
     attributes = dict(element.attributes)
     if element.tag in ("link", "joint"):
         attributes["name"] = prefix + attributes["name"]
@@ -168,7 +174,7 @@ def _prefixed(element: Element, prefix: str) -> Element:
 
 
 def urdf_text(name: str, parts: list[Element]) -> str:
-    """Return the text of a robot description.
+    """Write a robot description.
 
     Args:
         name: what the robot is called.

@@ -1,4 +1,4 @@
-"""Numbers as files have them, with their units: read, converted, moved."""
+"""Numbers of files with their units: reading, conversion, shift and scale."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ DIMENSIONS = (
     quantities.ANGULAR_ACCELERATION,
     quantities.ANGULAR_JERK,
 )
-"""Every dimension that a file can have; no two share the name of a unit."""
+"""Every dimension of a file; unit names are unique."""
 _DIMENSION_OF = {unit: d for d in DIMENSIONS for unit in d.units if unit}
 
 
 def read_amount(value: object) -> Amount:
-    """Return a number with its unit, whatever its dimension.
+    """Read a number with its unit, of any dimension.
 
     Args:
         value: a number, or text such as `120 mm`.
@@ -48,29 +48,31 @@ def read_amount(value: object) -> Amount:
         return Amount(number)
     dimension = _DIMENSION_OF.get(unit)
     if dimension is None:
-        known = ", ".join(_DIMENSION_OF)
-        raise QuantityError(f"unknown unit {quote(unit)} in {quote(value)}; known: {known}")
+        units = ", ".join(_DIMENSION_OF)
+        raise QuantityError(f"unknown unit {quote(unit)} in {quote(value)}; allowed: {units}")
     parse_quantity(value, dimension)
     return Amount(number, unit, dimension.units[unit], dimension.unit)
 
 
-def in_unit(amount: Amount, other: Amount) -> Amount:
-    """Return an amount in the unit of another one.
+def in_unit(amount: Amount, reference: Amount) -> Amount:
+    """Convert an amount to the unit of another one.
 
     Raises:
         QuantityError: they are not of one dimension.
     """
-    if amount.unit == other.unit:
+    if amount.unit == reference.unit:
         return amount
-    if amount.unit and other.unit and _dimension(amount) is not _dimension(other):
+    if amount.unit and reference.unit and _dimension(amount) is not _dimension(reference):
         raise QuantityError(
-            f"{quote(amount.shown)} is {_named(amount)}, {quote(other.shown)} is {_named(other)}"
+            f"{quote(amount.shown)} is {_named(amount)}, {quote(reference.shown)} is {_named(reference)}"
         )
-    return Amount(tidy(amount.si / other.factor), other.unit, other.factor, other.base)
+    return Amount(
+        tidy(amount.si / reference.factor), reference.unit, reference.factor, reference.base
+    )
 
 
 def one_unit(amounts: list[Amount]) -> list[Amount]:
-    """Return amounts in one unit: that of the first that has one.
+    """Convert amounts to the unit of the first that has one.
 
     Raises:
         QuantityError: they are not of one dimension.
@@ -79,44 +81,43 @@ def one_unit(amounts: list[Amount]) -> list[Amount]:
     return [in_unit(amount, lead) for amount in amounts]
 
 
-def shifted(found: Amount, by: Amount) -> Amount:
-    """Return a file's number plus another, in the file's unit.
+def shifted(amount: Amount, by: Amount) -> Amount:
+    """Add an amount to a file's number, in the file's unit.
 
-    Where only the other one has a unit the result is SI with its unit, so that whoever reads it sees whether it belongs
-    there.
+    If only the other one has a unit, the result is in SI with its unit, which shows whether it belongs there.
 
     Raises:
         QuantityError: they are not of one dimension.
     """
-    moved = in_unit(by, found) if found.unit or not by.unit else by
+    moved = in_unit(by, amount) if amount.unit or not by.unit else by
     if moved.number == 0:
-        return found
-    if found.unit == moved.unit:
-        return _like(found, found.number + moved.number, by)
-    return Amount(tidy(found.si + by.si), by.base, 1.0, by.base)
+        return amount
+    if amount.unit == moved.unit:
+        return _like(amount, amount.number + moved.number, by)
+    return Amount(tidy(amount.si + by.si), by.base, 1.0, by.base)
 
 
-def scaled(found: Amount, by: Amount) -> Amount:
-    """Return a file's number times another, in the file's unit.
+def scaled(amount: Amount, by: Amount) -> Amount:
+    """Multiply a file's number by a factor, in the file's unit.
 
     Raises:
-        QuantityError: the other one is no plain number or fraction.
+        QuantityError: the factor is not a plain number or fraction.
     """
     if by.base:
         raise QuantityError(
             f"{quote(by.shown)} cannot scale a value; write a factor such as 0.9 or 90%"
         )
-    return found if by.si == 1.0 else _like(found, found.number * by.si, by)
+    return amount if by.si == 1.0 else _like(amount, amount.number * by.si, by)
 
 
-def _like(found: Amount, number: float, by: Amount) -> Amount:
-    """Return a number in a file's unit; a whole one where all were whole, as counts are."""
-    whole = isinstance(found.number, int) and isinstance(by.number, int) and not by.unit
-    return Amount(int(number) if whole else tidy(number), found.unit, found.factor, found.base)
+def _like(amount: Amount, number: float, by: Amount) -> Amount:
+    """Build an amount in a file's unit; integers stay integers."""
+    whole = isinstance(amount.number, int) and isinstance(by.number, int) and not by.unit
+    return Amount(int(number) if whole else tidy(number), amount.unit, amount.factor, amount.base)
 
 
 def _dimension(amount: Amount) -> Dimension:
-    """Return the dimension of an amount that has a unit."""
+    """Find the dimension of an amount that has a unit."""
     return _DIMENSION_OF[amount.unit]
 
 

@@ -1,4 +1,4 @@
-"""Names of the bodies of a cell, and the pairs of them that a file names."""
+"""Names of the bodies of a cell, and pairs of them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dualarm_cli.model.robot import Robot
 
 
 def link_names(robot: Robot) -> list[str]:
-    """Return the names of a robot's links."""
+    """List the names of a robot's links."""
     frames = pin.buildModelFromXML(robot.urdf).frames
     return [frame.name for frame in frames if frame.type == pin.FrameType.BODY]
 
@@ -21,28 +21,28 @@ def link_names(robot: Robot) -> list[str]:
 def checked_pairs(
     document: Document,
     pairs: Mapping[Loc, Sequence[str]],
-    known: list[str],
+    bodies: list[str],
     findings: Findings,
     kinds: Collection[str] = (),
 ) -> tuple[tuple[str, str], ...]:
-    """Return pairs of bodies, after noting every name that is none, and bodies paired with themselves or twice.
+    """Check pairs of bodies; note unknown names, pairs with itself and duplicates.
 
     Args:
         document: the file.
         pairs: two names each, by their places.
-        known: all bodies.
+        bodies: all bodies.
         findings: where errors are noted.
-        kinds: those of the bodies that there may be several of: parts.
+        kinds: bodies that may exist several times: parts.
     """
-    found: list[tuple[str, str]] = []
-    for place, (one, other) in pairs.items():
-        for n, name in enumerate((one, other)):
-            if name not in known:
-                message = f"there is no body {quote(name)}{suggest(name, known, 'bodies')}"
+    checked: list[tuple[str, str]] = []
+    for place, (body_a, body_b) in pairs.items():
+        for n, name in enumerate((body_a, body_b)):
+            if name not in bodies:
+                message = f"there is no body {quote(name)}{suggest(name, bodies, 'bodies')}"
                 findings.add(document, (*place, n), message)
-        if one == other and one not in kinds:
-            findings.add(document, place, f"{quote(one)} is paired with itself; name two bodies")
-        if any({one, other} == set(pair) for pair in found):
-            findings.add(document, place, f"{quote(one)} and {quote(other)} are paired twice")
-        found.append((one, other))
-    return tuple(found)
+        if body_a == body_b and body_a not in kinds:
+            findings.add(document, place, f"{quote(body_a)} is paired with itself; name two bodies")
+        if any({body_a, body_b} == set(pair) for pair in checked):
+            findings.add(document, place, f"{quote(body_a)} and {quote(body_b)} are paired twice")
+        checked.append((body_a, body_b))
+    return tuple(checked)

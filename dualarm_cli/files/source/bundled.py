@@ -1,4 +1,4 @@
-"""Bundled robots and task files: where they are, in an installed package and in a source tree."""
+"""Paths of bundled robots and task files."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ TASK_FILE = "tasks.yaml"
 
 @cache
 def robots_folder() -> Path:
-    """Return the folder with one folder per bundled robot.
+    """Locate the folder with one folder per bundled robot.
 
-    A wheel carries it inside the package; a source tree has it beside the package.
+    A wheel has it inside the package, a source tree next to the package.
     """
     return _folder("robots")
 
@@ -31,7 +31,7 @@ def _folder(name: str) -> Path:
 
 
 def bundled_robots() -> list[str]:
-    """Return the names of the bundled robots, sorted."""
+    """List the names of the bundled robots, sorted."""
     folder = robots_folder()
     if not folder.is_dir():
         return []
@@ -39,16 +39,18 @@ def bundled_robots() -> list[str]:
 
 
 def bundled_tasks() -> dict[str, Path]:
-    """Return the bundled task files by the names of their folders, sorted: the reference work of comparisons."""
+    """List the bundled task files by job name, sorted."""
     folder = _folder("tasks")
     if not folder.is_dir():
         return {}
-    found = (entry / TASK_FILE for entry in sorted(folder.iterdir()))
-    return {path.parent.name: path for path in found if path.is_file()}
+    paths = (entry / TASK_FILE for entry in sorted(folder.iterdir()))
+    return {path.parent.name: path for path in paths if path.is_file()}
 
 
 def task_file(path: str | Path) -> tuple[Path, str]:
-    """Return the task file that a path or the name of a bundled job means, and what messages call it.
+    """Resolve a path or a bundled job's name to a task file.
+
+    The second result is its name in messages.
 
     Args:
         path: a path; a bundled job's name where no file has that one.
@@ -57,12 +59,12 @@ def task_file(path: str | Path) -> tuple[Path, str]:
         InputError: something that looks like a name is neither.
     """
     name = str(path)
-    known = bundled_tasks()
-    if name in known and not Path(path).is_file():
-        return known[name], f"tasks/{name}/{TASK_FILE}"
+    jobs = bundled_tasks()
+    if name in jobs and not Path(path).is_file():
+        return jobs[name], f"tasks/{name}/{TASK_FILE}"
     if name.replace("_", "").isalnum() and not os.path.lexists(path):
         message = (
-            f"there is no such file and no such bundled job{suggest(name, list(known), 'jobs')}"
+            f"there is no such file and no such bundled job{suggest(name, list(jobs), 'jobs')}"
         )
         raise InputError([Diagnostic(name, 0, 0, "E500", message)])
     return Path(path), name

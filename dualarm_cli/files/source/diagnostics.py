@@ -1,4 +1,7 @@
-"""Diagnostics: what pydantic found, said as people say it, at its place; and their text. Codes: `explanations.py`."""
+"""Diagnostics from pydantic's errors, with places, and their text.
+
+Codes: `explanations.py`.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +18,9 @@ if TYPE_CHECKING:
     from dualarm_cli.files.source.yaml_source import Document, Loc
 
 MAX_MISTAKES = 100_000
-"""Most things that are wrong with one file for them to be told one by one."""
+"""Maximum number of errors of one file that are reported one by one."""
 MAX_SHOWN = 20
-"""Most diagnostics that are printed before the rest is counted."""
+"""Maximum number of diagnostics that are printed before the others are counted."""
 _KINDS = {
     "string_type": "text (in quotes, if it looks like a number)",
     "list_type": "a list, such as [a, b]",
@@ -29,10 +32,10 @@ _KINDS = {
 
 
 class Findings:
-    """Everything found wrong so far, in one or more files."""
+    """Collector of everything wrong in one or more files."""
 
     def __init__(self, diagnostics: Iterable[Diagnostic] = ()) -> None:
-        """Start with what reading a file has found."""
+        """Start with the findings of reading a file."""
         self.diagnostics: list[Diagnostic] = []
         self._unread: set[tuple[str, int, int]] = set()
         self.extend(diagnostics)
@@ -50,13 +53,13 @@ class Findings:
         self.extend([replace(document.diagnostic(loc, code, message, key), about=about or {})])
 
     def extend(self, diagnostics: Iterable[Diagnostic]) -> None:
-        """Add findings; a number that could not be read (E104) is not blamed again."""
+        """Add findings; a number that could not be read (E104) is not reported again."""
         fresh = [d for d in diagnostics if _place(d) not in self._unread]
         self._unread |= {_place(d) for d in fresh if d.code == "E104"}
         self.diagnostics += fresh
 
     def raise_if_any(self) -> None:
-        """Raise everything at once, by file and line.
+        """Raise all findings at once, by file and line.
 
         Raises:
             InputError: something was found.
@@ -65,7 +68,7 @@ class Findings:
             self.fail()
 
     def fail(self) -> NoReturn:
-        """Raise InputError with everything, by file and line, where nothing can go on."""
+        """Raise InputError with all findings, by file and line, where reading cannot continue."""
         files = {d.file: None for d in self.diagnostics}
         order = {name: k for k, name in enumerate(files)}
         unique = dict.fromkeys(self.diagnostics)
@@ -79,7 +82,7 @@ def _place(diagnostic: Diagnostic) -> tuple[str, int, int]:
 def schema_diagnostics(
     document: Document, model: type[BaseModel], error: ValidationError, prefix: Loc = ()
 ) -> list[Diagnostic]:
-    """Return one diagnostic for each thing that a schema found wrong.
+    """Convert the errors of a schema to diagnostics.
 
     Args:
         document: the file.
@@ -88,12 +91,12 @@ def schema_diagnostics(
         prefix: where in the file the validated part stands.
     """
     if error.error_count() > MAX_MISTAKES:
-        # Told one by one they would take gigabytes, and nobody wrote so many by hand.
+        # Reported one by one they would take gigabytes; a program wrote such a file.
         message = (
             f"{error.error_count():,} mistakes in this file; correct the program that wrote it"
         )
         return [document.diagnostic(prefix, "E100", message)]
-    found = []
+    diagnostics = []
     for item in error.errors(include_url=False):
         loc = tuple(item["loc"])
         kind, context = item["type"], item.get("ctx", {})
@@ -106,13 +109,13 @@ def schema_diagnostics(
         else:
             message = _message(kind, item["msg"], item["input"], context)
             if kind in _KINDS and isinstance(item["input"], (dict, list)):
-                # The place shown is where the value begins, which may be a line further down.
+                # The value may begin a line further down than its key, so name the key.
                 message = f"{_last_key(loc)}{message}"
             code = str(context.get("code", code))
             if context.get("key"):
                 loc, at_key = (*loc, str(context["key"])), True
-        found.append(document.diagnostic((*prefix, *loc), code, message, at_key))
-    return found
+        diagnostics.append(document.diagnostic((*prefix, *loc), code, message, at_key))
+    return diagnostics
 
 
 def _message(kind: str, text: str, value: Any, context: dict[str, Any]) -> str:
@@ -132,12 +135,12 @@ def _message(kind: str, text: str, value: Any, context: dict[str, Any]) -> str:
         words_of = {"greater_than": "above", "less_than": "below"}
         relation = words_of.get(kind, "at least" if kind == "greater_than_equal" else "at most")
         return f"{quote(value)} must be {relation} {bound:g}"
-    # What a validator of ours says of a value; pydantic would put its own words before it.
+    # The message of one of our validators: pydantic would put its own words before it.
     return str(context["error"]) if kind == "value_error" else text
 
 
 def _last_key(loc: Loc) -> str:
-    """Return the key that a value belongs to, quoted; nothing for an item of a list."""
+    """Quote the key of a value; empty for an item of a list."""
     return f"'{loc[-1]}' " if loc and isinstance(loc[-1], str) else ""
 
 
@@ -145,20 +148,20 @@ REMOVED_KEYS = {
     "dwell_motion": "joints stand while tools dwell",
     "line_motion": "the platform stands while tools are on lines",
 }
-"""Keys of earlier versions, and what holds without them."""
+"""Keys of earlier versions, with the behaviour of this version."""
 
 
 def _unknown_key(model: type[BaseModel], loc: Loc) -> str:
-    """Return the message for a key that a mapping does not have."""
+    """Compose the message for an unknown key."""
     if why := REMOVED_KEYS.get(str(loc[-1])):
         return f"key {quote(loc[-1])} was removed: {why}; delete it"
     holder = _model_at(model, loc[:-1])
-    known = [field.alias or name for name, field in holder.model_fields.items()] if holder else []
-    return f"unknown key {quote(loc[-1])}{suggest(str(loc[-1]), known, most=None)}"
+    keys = [field.alias or name for name, field in holder.model_fields.items()] if holder else []
+    return f"unknown key {quote(loc[-1])}{suggest(str(loc[-1]), keys, most=None)}"
 
 
 def _model_at(model: type[BaseModel], loc: Loc) -> type[BaseModel] | None:
-    """Return the pydantic model that describes the mapping at a place."""
+    """Find the pydantic model of the mapping at a place."""
     current: Any = model
     for step in loc:
         holder = _as_model(current)
@@ -174,7 +177,7 @@ def _model_at(model: type[BaseModel], loc: Loc) -> type[BaseModel] | None:
 
 
 def _bare(annotation: Any) -> Any:
-    """Return what `list | None` and `Annotated[list, …]` hold: the list or mapping itself."""
+    """Unwrap the list or mapping in `list | None` or `Annotated[list, …]`."""
     while getattr(annotation, "__origin__", None) not in (list, dict):
         inner = [a for a in _arguments(annotation) if a is not type(None)]
         if not inner:
@@ -184,7 +187,7 @@ def _bare(annotation: Any) -> Any:
 
 
 def _as_model(annotation: Any) -> type[BaseModel] | None:
-    """Return the model in `Model`, `Model | None` or `Annotated[Model, …]`."""
+    """Unwrap the model in `Model`, `Model | None` or `Annotated[Model, …]`."""
     if hasattr(annotation, "model_fields"):
         return annotation
     if getattr(annotation, "__origin__", None) in (list, dict):
@@ -197,7 +200,7 @@ def _arguments(annotation: Any) -> Sequence[Any]:
 
 
 def render(diagnostics: list[Diagnostic], limit: int = MAX_SHOWN) -> str:
-    """Return diagnostics as text: place, message, source line and a caret below the column.
+    """Format diagnostics: place, message, source line and a caret below the column.
 
     Args:
         diagnostics: what to show.

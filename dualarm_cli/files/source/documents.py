@@ -15,7 +15,7 @@ from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc, parse_yaml
 
 KINDS = ("robot/1", "cell/1", "tasks/1", "points/1", "base/1", "study/1")
-"""File kinds that this version reads."""
+"""Supported kinds of files."""
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -23,14 +23,14 @@ M = TypeVar("M", bound=BaseModel)
 def read_document(
     project: Project, path: Path, name: str, kind: str | None = None, role: str | None = None
 ) -> Document:
-    """Return the document in a file and makes sure of what kind it is.
+    """Read the document in a file and check its kind.
 
     Args:
         project: where the reading is recorded.
         path: the file.
         name: what the user calls it.
-        kind: what it must be, such as `cell/1`; None for any kind that this version reads.
-        role: what it is to the job, such as `robot.left`; None for what its kind says.
+        kind: required kind, such as `cell/1`; None for any kind that this version reads.
+        role: role in the job, such as `robot.left`; None for the default of its kind.
 
     Raises:
         InputError: it cannot be read, is not YAML, is something else, or lacks a value that is to be replaced.
@@ -45,7 +45,7 @@ def read_document(
 
 
 def _kind_problem(data: object, kind: str | None) -> tuple[Loc, str, str] | None:
-    """Return place, code and message of what is wrong with a file's kind."""
+    """Describe a wrong kind of file by place, code and message."""
     wanted = kind or "tasks/1"
     if not isinstance(data, dict):
         return (
@@ -55,25 +55,27 @@ def _kind_problem(data: object, kind: str | None) -> tuple[Loc, str, str] | None
         )
     if "dualarm" not in data:
         close = [key for key in data if did_you_mean(key, ["dualarm"])]
-        found = f" (there is {quote(close[0])})" if close else ""
-        return (), "E202", f"'dualarm' is missing{found}; begin the file with 'dualarm: {wanted}'"
-    found_kind = data["dualarm"]
-    if found_kind in ((kind,) if kind else KINDS):
-        return None
-    if found_kind in KINDS:
-        message = (
-            f"this is a {str(found_kind).split('/')[0]} file ({found_kind}); needed here: {kind}"
+        near_miss = f" (there is {quote(close[0])})" if close else ""
+        return (
+            (),
+            "E202",
+            f"'dualarm' is missing{near_miss}; begin the file with 'dualarm: {wanted}'",
         )
+    actual = data["dualarm"]
+    if actual in ((kind,) if kind else KINDS):
+        return None
+    if actual in KINDS:
+        message = f"this is a {str(actual).split('/')[0]} file ({actual}); required here: {kind}"
     else:
-        hint = suggest(str(found_kind), [kind] if kind else list(KINDS), "this version reads")
-        message = f"unknown kind {quote(found_kind)}{hint}"
+        hint = suggest(str(actual), [kind] if kind else list(KINDS), "this version reads")
+        message = f"unknown kind {quote(actual)}{hint}"
     return ("dualarm",), "E200", message
 
 
 def validate(
     document: Document, model: type[M], findings: Findings, data: object = None, prefix: Loc = ()
 ) -> M | None:
-    """Return the validated part of a document, or None after noting everything wrong with it.
+    """Validate a part of a document, or return None after noting errors.
 
     Args:
         document: the file.

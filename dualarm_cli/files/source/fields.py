@@ -30,19 +30,19 @@ from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.records import dataclass
 
 MAX_NAME_LENGTH = 120
-"""Longest name or id."""
+"""Maximum length of a name or id."""
 QUATERNION_TOLERANCE = 1e-3
-"""How far a quaternion's norm may be from 1."""
+"""Tolerance of a quaternion's norm."""
 SMALLEST_POSITIVE = 1e-9
 """Least size, rate or duration that counts as positive [SI]."""
 LONGEST_CLEARANCE = 1.0
-"""Longest clearance, stand-off or tolerance that is written without a unit [m]."""
+"""Longest clearance, stand-off or tolerance without a unit [m]."""
 LONGEST_REACH = 5.0
-"""Longest tool, link, approach or retract that is written without a unit [m]."""
+"""Longest tool, link, approach or retract without a unit [m]."""
 
 
 def refuse(message: str, key: str = "", code: str = "E200") -> PydanticCustomError:
-    """Return the error that a validator raises; `key` points at one key of the mapping."""
+    """Create the error that a validator raises; `key` points at one key of the mapping."""
     return PydanticCustomError("refused", "{text}", {"text": message, "key": key, "code": code})
 
 
@@ -60,19 +60,19 @@ class Section(BaseModel):
 
 @dataclass(frozen=True)
 class Quantity:
-    """Field annotation: a number with or without its unit, in SI after validation."""
+    """Field annotation of a number with or without unit, in SI after validation."""
 
     dimension: Dimension
-    """What it must be."""
+    """Dimension of the quantity."""
     low: float = -math.inf
-    """Least value [SI]."""
+    """Minimum [SI]."""
     high: float = math.inf
-    """Greatest value [SI]."""
+    """Maximum [SI]."""
     plain: float = math.inf
-    """Greatest plain number, where it is less than that of the dimension."""
+    """Largest plain number, if smaller than that of the dimension."""
 
     def read(self, value: object) -> float:
-        """Return the SI value; raises what pydantic reports."""
+        """Parse the value [SI]; raises an error for pydantic."""
         try:
             number = parse_quantity(value, self.dimension, plain=self.plain)
         except QuantityError as error:
@@ -87,13 +87,13 @@ class Quantity:
     def __get_pydantic_core_schema__(
         self, source: type[Any], handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
-        """Read the value before pydantic checks that it is a finite float."""
+        """Parse the value before pydantic checks that it is a finite float."""
         return core_schema.no_info_before_validator_function(self.read, handler(source))
 
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """Return the JSON Schema: a number within the range, or text with a unit."""
+        """Build the JSON Schema: a number within the range, or text with a unit."""
         most = min(self.plain, self.dimension.plain)
         return quantity_schema(
             [self.dimension], max(self.low, -most), min(self.high, most, self.dimension.limit)
@@ -117,7 +117,7 @@ Scale = Annotated[float, Quantity(quantities.FRACTION, SMALLEST_POSITIVE)]
 
 
 def check_name(text: str) -> str:
-    """Return a name that is fit to be shown and written; raises otherwise."""
+    """Check that a name can be shown and written."""
     if not text.strip():
         raise refuse("must not be empty")
     if len(text) > MAX_NAME_LENGTH:
@@ -135,7 +135,10 @@ NAME_SCHEMA: JsonDict = {
     "maxLength": MAX_NAME_LENGTH,
     "pattern": r"^\S(.*\S)?$",
 }
-"""JSON Schema of what `check_name` accepts; which characters can be printed, a schema cannot say."""
+"""JSON Schema of the names that `check_name` accepts.
+
+A schema cannot express which characters are printable.
+"""
 Name = Annotated[str, AfterValidator(check_name), WithJsonSchema(NAME_SCHEMA)]
 BodyPair = Annotated[list[Name], Field(min_length=2, max_length=2)]
 Vector3 = Annotated[list[Length], Field(min_length=3, max_length=3)]
@@ -161,11 +164,12 @@ Quaternion = Annotated[
 
 
 class Pose(Section):
-    """A pose: translation, then rotation given by `rpy` or `quat`; what is missing is zero."""
+    """A pose: translation, then rotation by `rpy` or `quat`; missing values are zero."""
 
     xyz: Vector3 | None = Field(default=None, description="Translation [m]; default zero.")
     rpy: Angles3 | None = Field(
-        default=None, description="Turns about the fixed axes x, then y, then z [rad], as in URDF."
+        default=None,
+        description="Rotations about the fixed axes x, then y, then z [rad], as in URDF.",
     )
     quat: Quaternion | None = Field(
         default=None, description="Unit quaternion [x, y, z, w] instead of rpy."
@@ -179,7 +183,7 @@ class Pose(Section):
 
 
 class ToolPose(Pose):
-    """A pose on a tool or flange: translation, then rotation given by `rpy` or `quat`; what is missing is zero."""
+    """A pose on a tool or flange; missing values are zero."""
 
     xyz: ToolVector3 | None = Field(default=None, description="Translation [m]; default zero.")
 
@@ -188,12 +192,12 @@ class FramedPose(Pose):
     """A pose in the world or in a named frame."""
 
     in_: Name | None = Field(
-        default=None, alias="in", description="Named frame that it is given in; default world."
+        default=None, alias="in", description="Named reference frame; default: world."
     )
 
 
 def to_se3(pose: Pose) -> pin.SE3:
-    """Return the transform T_parent_child that a file's pose describes.
+    """Compute the transform T_parent_child of a pose in a file.
 
     `rpy` turns about the parent's fixed axes x, then y, then z, as in URDF:
     R = Rz(yaw) Ry(pitch) Rx(roll).
@@ -212,9 +216,9 @@ def to_se3(pose: Pose) -> pin.SE3:
 
 
 NUMBER = r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?"
-"""Pattern of numbers as files spell them: a decimal point, no leading zero."""
+"""Pattern of numbers in files: a decimal point, no leading zero."""
 _SPELLINGS = {"^2": "(\\^2|2|²)", "^3": "(\\^3|3|³)", "um": "[uµμ]m", "deg": "(deg|°)"}
-"""Patterns of what units may be written as."""
+"""Patterns of alternative spellings of units."""
 
 
 def quantity_schema(
@@ -243,7 +247,7 @@ def quantity_schema(
     text: JsonDict = {
         "type": "string",
         "title": f"with a unit: {', '.join(units)}" if units else "number as text",
-        "pattern": "|".join(f"^{one}$" for one in (text_pattern(dimensions), *words)),
+        "pattern": "|".join(f"^{pattern}$" for pattern in (text_pattern(dimensions), *words)),
     }
     return {"anyOf": [number, text]}
 

@@ -1,4 +1,4 @@
-"""Overrides: values of a job's files that are replaced after reading and before validation, as a study does.
+"""Overrides: values of a job's files, replaced after reading and before validation, for studies.
 
 A key is the role of a file and a JSON pointer into it, such as `cell:/base/xyz/2` or `robot:/limits/torso_b1/jerk`.
 `robot` means every robot file of the cell; of two robots `robot.left` and `robot.right` mean one. A file of a base
@@ -18,38 +18,42 @@ if TYPE_CHECKING:
     from dualarm_cli.files.source.yaml_source import Document
 
 ROLES = ("tasks", "cell", "robot", "robot.left", "robot.right", "base.left", "base.right")
-"""The files of a job, by what they are to it."""
+"""Roles of the files of a job."""
 
 
 @dataclass(frozen=True)
 class Override:
-    """A value that takes the place of a file's."""
+    """Replacement for a value of a file."""
 
     value: Any
-    """What is put there, as the file would have it."""
+    """New value, in the form of the file."""
     cause: str = ""
-    """Who wants it, such as `parameter 'height'`."""
+    """Origin of the value, such as `parameter 'height'`."""
     at: Diagnostic | None = None
-    """Where that is written; errors of the value are then told there."""
+    """Place of the origin, where errors of the value are reported."""
 
-    def blame(self, found: Diagnostic, shown: str) -> Diagnostic:
-        """Return a finding about the value as one about who wants it.
+    def blame(self, finding: Diagnostic, shown: str) -> Diagnostic:
+        """Convert a finding about the value to one about its origin.
 
         Args:
-            found: at the value's place in its file.
+            finding: at the value's place in its file.
             shown: path of the value in the file.
         """
         if self.at is None:
-            text = f"{shown} is replaced by {quote(self.value)}: {found.message}"
-            return Diagnostic(found.file, found.line, found.column, found.code, text, found.snippet)
-        text = f"{self.cause} makes {shown} of {found.file} {quote(self.value)}: {found.message}"
+            text = f"{shown} is replaced by {quote(self.value)}: {finding.message}"
+            return Diagnostic(
+                finding.file, finding.line, finding.column, finding.code, text, finding.snippet
+            )
+        text = (
+            f"{self.cause} makes {shown} of {finding.file} {quote(self.value)}: {finding.message}"
+        )
         return Diagnostic(
-            self.at.file, self.at.line, self.at.column, found.code, text, self.at.snippet
+            self.at.file, self.at.line, self.at.column, finding.code, text, self.at.snippet
         )
 
 
 class Overrides:
-    """What is replaced in the files of one job."""
+    """Replacements in the files of one job."""
 
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         """Sort values by file.
@@ -58,28 +62,28 @@ class Overrides:
             values: by key; plain, or as `Override`.
 
         Raises:
-            InputError: a key that means nothing.
+            InputError: an invalid key.
         """
         self._by_role: dict[str, dict[str, Override]] = {}
-        self._left: dict[str, Override] = {}
+        self._unused: dict[str, Override] = {}
         for key, value in (values or {}).items():
             role, _, pointer = key.partition(":")
             if role not in ROLES or not pointer.startswith("/"):
-                known = ", ".join(ROLES)
-                message = f"{key} leads nowhere: write a file ({known}), ':' and a JSON pointer"
+                roles = ", ".join(ROLES)
+                message = f"{key} leads nowhere: write a file ({roles}), ':' and a JSON pointer"
                 raise InputError([Diagnostic(key, 0, 0, "E300", message)])
             override = value if isinstance(value, Override) else Override(value)
             self._by_role.setdefault(role, {})[pointer] = override
-            self._left[key] = override
+            self._unused[key] = override
 
     def apply(self, document: Document, role: str) -> None:
         """Replace values of a file that was just read.
 
-        A key that a mapping lacks is added to it, as a person would who edits the file; an entry of a list is not.
+        A missing key of a mapping is added; a missing entry of a list is an error.
 
         Args:
             document: the file; its data changes.
-            role: what it is to the job.
+            role: its role in the job.
 
         Raises:
             InputError: a pointer that leads nowhere.
@@ -93,15 +97,17 @@ class Overrides:
 
         missing = []
         roles = dict.fromkeys((role.partition(".")[0] if role.startswith("robot") else role, role))
-        for own in roles:
-            for pointer, override in self._by_role.get(own, {}).items():
-                self._left.pop(f"{own}:{pointer}", None)
+        for applicable in roles:
+            for pointer, override in self._by_role.get(applicable, {}).items():
+                self._unused.pop(f"{applicable}:{pointer}", None)
                 try:
                     loc = from_pointer(document.data, pointer, may_add=True)
                 except PathError as error:
-                    text = f"{own}:{pointer} leads nowhere: {error}"
-                    found = document.diagnostic((), "E300", text)
-                    missing.append(found if override.at is None else override.blame(found, pointer))
+                    text = f"{applicable}:{pointer} leads nowhere: {error}"
+                    finding = document.diagnostic((), "E300", text)
+                    missing.append(
+                        finding if override.at is None else override.blame(finding, pointer)
+                    )
                     continue
                 value_at(document.data, loc[:-1])[loc[-1]] = override.value
                 document.replaced[loc] = (override, shown_path(document.data, loc))
@@ -109,10 +115,10 @@ class Overrides:
             raise InputError(missing)
 
     def unused(self) -> list[Diagnostic]:
-        """Return what is wrong where a job has no file of a role."""
-        found = []
-        for key, override in self._left.items():
+        """Report overrides of files that the job does not have."""
+        findings = []
+        for key, override in self._unused.items():
             role, _, pointer = key.partition(":")
-            plain = Diagnostic(role, 0, 0, "E300", f"this job has no file {quote(role)} of its own")
-            found.append(override.blame(plain, pointer))
-        return found
+            plain = Diagnostic(role, 0, 0, "E300", f"this job has no file {quote(role)}")
+            findings.append(override.blame(plain, pointer))
+        return findings

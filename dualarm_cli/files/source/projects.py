@@ -1,4 +1,4 @@
-"""Project: the folder that a job's files must stay in, and a record of what was read."""
+"""Project: the folder that contains a job's files, and a record of the files read."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from dualarm_cli.files.source.yaml_source import Document, Loc
 
 MARKERS = ("dualarm.toml", ".git")
-"""Names of which one is in the top folder of a project."""
+"""Names of the marker files of a project's top folder."""
 
 
 class BadReferenceError(ValueError):
@@ -29,20 +29,20 @@ class BadReferenceError(ValueError):
 
 @dataclass
 class Project:
-    """A folder, and what has been read from it so far."""
+    """A project folder, and the files read from it."""
 
     folder: Path
-    """Resolved folder that relative paths may not leave."""
+    """Resolved folder that relative paths must not leave."""
     label: str = ""
-    """What stands before names of files within it, such as `robots` for the bundled ones."""
+    """Prefix of file names within it, such as `robots` for the bundled ones."""
     inputs: dict[str, str] = field(default_factory=dict)
     """SHA-256 of every file read, by its name within the project."""
     overrides: Overrides = field(default_factory=Overrides)
-    """What takes the place of values of the files."""
+    """Replacements for values of the files."""
 
     @classmethod
     def of(cls, path: Path) -> Project:
-        """Return the project of a file: its nearest marked ancestor, else its parent's parent.
+        """Find the project of a file: its nearest marked ancestor, else its parent's parent.
 
         Args:
             path: a task, cell or robot file; it need not exist.
@@ -61,7 +61,7 @@ class Project:
         return cls(resolved.parent.parent)
 
     def bundled(self) -> Project:
-        """Return the bundled robots as a project that shares this one's record."""
+        """Return the bundled robots as a project that shares this record."""
         return Project(
             Path(os.path.realpath(robots_folder())), "robots", self.inputs, self.overrides
         )
@@ -75,7 +75,7 @@ class Project:
         return f"{self.label}/{inside}" if self.label else inside
 
     def read(self, path: Path, name: str) -> TextSource:
-        """Return the text of a file and records its hash.
+        """Read the text of a file and record its hash.
 
         Args:
             path: file to read.
@@ -89,7 +89,7 @@ class Project:
         return source
 
     def follow(self, reference: str, holder: Path) -> Path:
-        """Return the file that a relative path in another file means.
+        """Resolve a relative path in another file.
 
         Args:
             reference: the path as written.
@@ -117,7 +117,7 @@ class Project:
 
 @contextmanager
 def noted(findings: Findings, document: Document, loc: Loc) -> Iterator[None]:
-    """Note faults of a file that is referred to, instead of raising them.
+    """Note faults of a referenced file instead of raising them.
 
     Args:
         findings: takes them.
@@ -144,5 +144,5 @@ def _existing(path: Path, reference: str) -> None:
 
 
 def display_name(reference: str, holder_name: str) -> str:
-    """Return what the user would call a file that another file names."""
+    """Name in messages of a file that another file refers to."""
     return os.path.normpath(Path(holder_name).parent / reference)

@@ -1,4 +1,4 @@
-"""Quantities: a number, or a number with its unit, to SI."""
+"""Quantities: conversion of numbers with or without units to SI."""
 
 from __future__ import annotations
 
@@ -24,19 +24,20 @@ class Dimension:
     """A physical quantity: its units, and the sizes that make sense."""
 
     name: str
-    """What it is, for messages."""
+    """Name in messages."""
     units: dict[str, float]
-    """SI value of one of each unit; the first is what a plain number means."""
+    """SI value of each unit; the first is the unit of plain numbers."""
     limit: float
-    """Largest magnitude that is taken seriously [first unit]."""
+    """Largest plausible magnitude [first unit]."""
     plain: float = math.inf
-    """Largest magnitude of a plain number [first unit]: beyond it, its writer meant another unit."""
+    """Largest plausible magnitude of a plain number [first unit]; beyond it another unit was meant.
+    """
     meant: str = ""
-    """That other unit."""
+    """Unit that was meant beyond `plain`."""
 
     @property
     def unit(self) -> str:
-        """What a plain number means."""
+        """Unit of plain numbers."""
         return next(iter(self.units))
 
 
@@ -64,32 +65,32 @@ class QuantityError(ValueError):
 def parse_quantity(
     value: object, dimension: Dimension, example: str = "", plain: float = math.inf
 ) -> float:
-    """Return the SI value of a number or of text such as `120 mm`.
+    """Convert a number or a text such as `120 mm` to SI.
 
     Args:
         value: a number, or text with a unit; a plain number is SI.
-        dimension: what it must be.
-        example: what to write instead of one that cannot be read; one of the dimension where it is not given.
-        plain: largest magnitude of a plain number where it is less than that of the dimension [first unit].
+        dimension: the required dimension.
+        example: a valid value for messages; default: one of the dimension.
+        plain: largest magnitude of a plain number, if less than that of the dimension [first unit].
 
     Raises:
         QuantityError: no number, an unknown or foreign unit, or an absurd size.
     """
     number, unit = _split(value, example or _example(dimension))
-    most = min(plain, dimension.plain)
+    max_plain = min(plain, dimension.plain)
     sensible = abs(number) * dimension.units.get(dimension.meant, 0.0) < dimension.limit
-    if abs(number) > most and not unit and sensible:
-        much = "a turn" if dimension is ANGLE else f"{most:g} {dimension.unit}"
+    if abs(number) > max_plain and not unit and sensible:
+        much = "a turn" if dimension is ANGLE else f"{max_plain:g} {dimension.unit}"
         raise QuantityError(
             f"{quote(value)} without a unit is {dimension.unit}, and more than {much}; "
             f"did you mean '{number:g} {dimension.meant}'?"
         )
     unit = unit or dimension.unit
     if unit not in dimension.units:
-        known = [name for name in dimension.units if name]
+        units = [name for name in dimension.units if name]
         raise QuantityError(
             f"unit {quote(unit)} in {quote(value)} is not one of {dimension.name}"
-            f"; allowed: {', '.join(known)}"
+            f"; allowed: {', '.join(units)}"
         )
     result = number * dimension.units[unit]
     if not math.isfinite(result) or abs(result) > dimension.limit:
@@ -101,11 +102,11 @@ def parse_quantity(
 
 
 def split_quantity(value: str, example: str = "0.12 or '120 mm'") -> tuple[float, str]:
-    """Return number and unit of a text; the unit is empty where there is none.
+    """Split a text into number and unit, which may be empty.
 
     Args:
         value: text such as `120 mm`.
-        example: what to write instead of one that cannot be read.
+        example: a valid value for messages.
 
     Raises:
         QuantityError: it is not a number, with or without a unit.
@@ -118,7 +119,7 @@ def split_quantity(value: str, example: str = "0.12 or '120 mm'") -> tuple[float
 
 
 def _split(value: object, example: str) -> tuple[float, str]:
-    """Return number and unit of a value; the unit is empty where there is none."""
+    """Split a value into number and unit, which may be empty."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value), ""
     if not isinstance(value, str):
@@ -127,7 +128,7 @@ def _split(value: object, example: str) -> tuple[float, str]:
 
 
 def _advice(text: str, example: str) -> str:
-    """Return what to write instead."""
+    """Advise how to correct a number."""
     comma = _DECIMAL_COMMA.fullmatch(text)
     if comma:
         return f"; write a decimal point: {comma[1]}.{comma[2]}{comma[3]}"

@@ -1,4 +1,4 @@
-"""Field annotations: a plain value for a mapping, one entry for a list, a list with names for a mapping."""
+"""Field annotations of short forms: plain value for mapping, item for list, list for mapping."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from dualarm_cli.files.source.yaml_source import Document, Loc, Node
 from dualarm_cli.records import dataclass
 
 NAME = "name"
-"""The key of a list's entry that is its name."""
+"""Key of the name of a list entry."""
 _TEXT = "text (in quotes, if it looks like a number)"
 
 
 @dataclass(frozen=True)
 class ShortForm:
-    """A number or text in place of a mapping is the value of one of its keys."""
+    """Short form of a mapping: the value of one key, as a number or text."""
 
     key: str
-    """That key."""
+    """The key."""
 
     def read(self, value: object) -> object:
-        """Return the mapping."""
+        """Expand the value to a mapping."""
         return {self.key: value} if isinstance(value, int | float | str) else value
 
     def __get_pydantic_core_schema__(
         self, source: type[Any], handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
-        """Make a mapping of the value before pydantic checks it."""
+        """Expand the value to a mapping before pydantic checks it."""
         return core_schema.no_info_before_validator_function(
             self.read, handler(source), metadata={"mapping": source}
         )
@@ -40,8 +40,8 @@ class ShortForm:
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """Return the JSON Schema: that of the key, or of the mapping."""
-        # What refers to the mapping may come before its definition.
+        """Build the JSON Schema: that of the key, or of the mapping."""
+        # A reference to the mapping may come before its definition.
         whole = handler(schema["metadata"]["mapping"].__pydantic_core_schema__)
         short = dict(handler.resolve_ref_schema(whole)["properties"][self.key])
         for note in ("title", "default"):
@@ -51,12 +51,12 @@ class ShortForm:
 
 @dataclass(frozen=True)
 class OneOrMore:
-    """Text in place of a list is its only entry."""
+    """Short form of a list: its only entry, as text."""
 
     def __get_pydantic_core_schema__(
         self, source: type[Any], handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
-        """Make a list of the text before pydantic checks it."""
+        """Expand the text to a list before pydantic checks it."""
         return core_schema.no_info_before_validator_function(
             lambda value: [value] if isinstance(value, str) else value, handler(source)
         )
@@ -64,7 +64,7 @@ class OneOrMore:
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """Return the JSON Schema: an entry, or a list of them."""
+        """Build the JSON Schema: an entry, or a list of entries."""
         several = handler(schema)
         return {"anyOf": [several["items"], several]}
 
@@ -74,12 +74,12 @@ class ByName:
     """Entries by name; a list of entries that have a `name` means the same."""
 
     what: str
-    """What an entry is, for messages."""
+    """Kind of entry, for messages."""
 
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """Return the JSON Schema: the mapping, or the list."""
+        """Build the JSON Schema: the mapping, or the list."""
         mapping = handler(schema)
         inside = handler.resolve_ref_schema(mapping)
         by_key = inside.get("properties", {}).values()
@@ -93,13 +93,13 @@ class ByName:
 
 
 def _present(optional: dict[str, Any]) -> dict[str, Any]:
-    """Return what a schema allows besides null."""
+    """Extract the part of a schema besides null."""
     parts: list[dict[str, Any]] = optional.get("anyOf", [optional])
     return next(part for part in parts if part.get("type") != "null")
 
 
 def name_entries(document: Document, model: type[BaseModel], findings: Findings) -> None:
-    """Make mappings of a document's lists with names, their places included, after noting what is wrong with names.
+    """Convert named lists of a document to mappings, with their places; note errors.
 
     Args:
         document: the file; its data change.
@@ -110,16 +110,16 @@ def name_entries(document: Document, model: type[BaseModel], findings: Findings)
         by_name = next((note for note in field.metadata if isinstance(note, ByName)), None)
         if by_name is None or not isinstance(document.data.get(key), list):
             continue
-        node, found = document.root.children[key], dict[str, Any]()
+        node, mapping = document.root.children[key], dict[str, Any]()
         places, steps = dict[str | int, Node](), dict[int, str]()
         for k, name in _names(document, key, by_name.what, findings):
             entry, place = document.data[key][k], node.children[k]
             line, column = document.place((key, k, NAME))
-            found[name] = {inner: value for inner, value in entry.items() if inner != NAME}
+            mapping[name] = {inner: value for inner, value in entry.items() if inner != NAME}
             places[name] = Node(place.line, place.column, (line, column))
             places[name].children = place.children
             steps[k] = name
-        document.data[key], node.children = found, places
+        document.data[key], node.children = mapping, places
         for loc in [loc for loc in document.replaced if loc[0] == key and len(loc) > 1]:
             name = steps.get(int(loc[1]), str(loc[1]))
             document.replaced[(key, name, *loc[2:])] = document.replaced.pop(loc)
@@ -128,7 +128,7 @@ def name_entries(document: Document, model: type[BaseModel], findings: Findings)
 def _names(
     document: Document, key: str, what: str, findings: Findings
 ) -> Iterator[tuple[int, str]]:
-    """Yield index and name of the entries of a list that have a name of their own, after noting the others."""
+    """Yield index and name of the list entries with a unique name; note the others."""
     first: dict[str, int] = {}
     for k, entry in enumerate(document.data[key]):
         loc: Loc = (key, k)

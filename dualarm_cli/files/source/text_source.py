@@ -1,4 +1,4 @@
-"""TextSource: an input file read safely, with its lines and its hash."""
+"""TextSource: an input file, read safely, with its lines and hash."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
 from dualarm_cli.records import dataclass
 
 MAX_FILE_BYTES = 20_000_000
-"""Largest input file that is read [bytes]."""
+"""Maximum size of an input file [bytes]."""
 MAX_LISTED = 12
-"""Most names that a message lists."""
+"""Maximum number of names in a message."""
 _SNIPPET_LENGTH = 160
 # U+0085, U+2028 and U+2029 end a line for some parsers only; line numbers would differ.
 _FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\ufffe\uffff]")
@@ -28,7 +28,7 @@ _READ: ContextVar[dict[str, str] | None] = ContextVar("read", default=None)
 
 @contextmanager
 def recorded_reads() -> Iterator[dict[str, str]]:
-    """Within its `with` block every input file that is read is recorded: its SHA-256 by its path as it was opened."""
+    """Record every input file read within the `with` block: SHA-256 by path as opened."""
     record: dict[str, str] = {}
     token = _READ.set(record)
     try:
@@ -38,25 +38,25 @@ def recorded_reads() -> Iterator[dict[str, str]]:
 
 
 def suggest(
-    word: str, known: list[str], label: str = "allowed", most: int | None = MAX_LISTED
+    word: str, choices: list[str], label: str = "allowed", most: int | None = MAX_LISTED
 ) -> str:
-    """Return the end of a message about an unknown word: the closest known one, then the known ones.
+    """Compose the end of a message about an unknown word: the closest choice, then all choices.
 
     Args:
         word: the unknown word.
-        known: the words that there are.
-        label: what they are.
-        most: how many of them are listed; None for all.
+        choices: the valid words.
+        label: heading of the list.
+        most: maximum number listed; None for all.
     """
-    shown = ", ".join(known[:most]) or "none"
-    more = f" and {len(known) - most} more" if most is not None and len(known) > most else ""
-    hint = did_you_mean(word, known)
+    shown = ", ".join(choices[:most]) or "none"
+    more = f" and {len(choices) - most} more" if most is not None and len(choices) > most else ""
+    hint = did_you_mean(word, choices)
     joint = f"{hint} {label.capitalize()}" if hint else f"; {label}"
     return f"{joint}: {shown}{more}"
 
 
 def quote(value: object) -> str:
-    """Return a value as a message shows it: on one line, not too long, without controls."""
+    """Format a value for messages: on one line, shortened, without control characters."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):
@@ -76,19 +76,19 @@ class TextSource:
     """The text of one input file."""
 
     name: str
-    """File as the user would name it."""
+    """Name of the file in messages."""
     text: str
-    """Its text with line ends normalised and without a byte order mark."""
+    """Text with normalised line ends and without a byte order mark."""
     sha256: str
     """Hash of its bytes."""
 
     @cached_property
     def lines(self) -> list[str]:
-        """Lines without their ends."""
+        """Lines without line ends."""
         return self.text.split("\n")
 
     def snippet(self, line: int) -> str:
-        """Return a source line fit for a terminal: controls replaced one for one, cut off."""
+        """Format a source line for a terminal: control characters replaced, long lines cut."""
         if not 1 <= line <= len(self.lines):
             return ""
         text = self.lines[line - 1][:_SNIPPET_LENGTH]
@@ -97,17 +97,17 @@ class TextSource:
         )
 
     def diagnostic(self, line: int, column: int, code: str, message: str) -> Diagnostic:
-        """Return a diagnostic at a place of this file, with its snippet."""
+        """Create a diagnostic at a place of this file, with its snippet."""
         return Diagnostic(self.name, line, column, code, message, self.snippet(line))
 
 
 def read_bytes(path: Path, name: str, limit: int = MAX_FILE_BYTES) -> bytes:
-    """Return the bytes of a regular file, never waiting for a pipe or a device.
+    """Read the bytes of a regular file, without blocking on a pipe.
 
     Args:
         path: file to read.
         name: what the user calls it.
-        limit: most bytes it may have.
+        limit: maximum size [bytes].
 
     Raises:
         InputError: missing, unreadable, not a regular file, or too large.
@@ -143,12 +143,12 @@ def read_bytes(path: Path, name: str, limit: int = MAX_FILE_BYTES) -> bytes:
 
 
 def read_text(path: Path, name: str, limit: int = MAX_FILE_BYTES) -> TextSource:
-    """Return the text of an input file.
+    """Read the text of an input file.
 
     Args:
         path: file to read.
         name: what the user calls it.
-        limit: most bytes it may have.
+        limit: maximum size [bytes].
 
     Raises:
         InputError: it cannot be read, is not UTF-8, or contains control characters.

@@ -1,4 +1,4 @@
-"""Paths to values of files, such as `obstacles.table.xyz[2]`: read, found in a file's data, and as JSON pointers."""
+"""Paths to values of files, such as `obstacles.table.xyz[2]`: parsing, look-up, JSON pointers."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ class PathError(ValueError):
 
 @dataclass(frozen=True)
 class PathStep:
-    """One step of a path."""
+    """Step of a path."""
 
     text: str
     """Key, name or index."""
     dotted: bool
-    """Whether it stands between dots, and so may be part of a key that has dots itself."""
+    """Whether dots enclose it: it may be part of a dotted key."""
 
 
 def read_path(text: str) -> tuple[PathStep, ...]:
-    """Return the steps of a path.
+    """Parse the steps of a path.
 
     Args:
         text: such as `base.xyz[2]`, `frames["bin.slot_3"].xyz[0]` or `tasks.tray-1.pick.xyz[0]`.
@@ -64,7 +64,7 @@ def read_path(text: str) -> tuple[PathStep, ...]:
 
 
 def find_value(data: Any, text: str, file: str) -> Loc:
-    """Return the place of the one value that a path leads to.
+    """Find the place of the single value that a path leads to.
 
     Entries of lists are found by index from 0, or by their name or id. Keys may have dots.
 
@@ -74,34 +74,34 @@ def find_value(data: Any, text: str, file: str) -> Loc:
         file: what the user calls the file.
 
     Raises:
-        PathError: it leads nowhere, to several values, or to a mapping or a list; says what there is.
+        PathError: it leads nowhere, to several values, or to a mapping or a list.
     """
     steps = read_path(text)
     search = _Search(data, steps)
-    found = list(search.places(data, 0, ()))
-    if not found:
+    locs = list(search.places(data, 0, ()))
+    if not locs:
         raise search.failure(file)
-    if len(found) > 1:
-        ways = " and ".join(shown_path(data, loc) for loc in found)
-        raise PathError(f"{quote(text)} leads to {ways} in {file}; write the one that is meant")
-    value = value_at(data, found[0])
+    if len(locs) > 1:
+        targets = " and ".join(shown_path(data, loc) for loc in locs)
+        raise PathError(f"{quote(text)} leads to {targets} in {file}; write the one that is meant")
+    value = value_at(data, locs[0])
     if isinstance(value, dict | list):
         inside = _names(value)
         kind = "a mapping" if isinstance(value, dict) else f"a list of {len(value)}"
         what = f"; in it: {', '.join(inside[:12])}" if inside else ""
         raise PathError(f"{quote(text)} is {kind} in {file}; name one value of it{what}")
-    return found[0]
+    return locs[0]
 
 
 def value_at(data: Any, loc: Loc) -> Any:
-    """Return the value at a place."""
+    """Look up the value at a place."""
     for step in loc:
         data = data[step]
     return data
 
 
 def shown_path(data: Any, loc: Loc) -> str:
-    """Return a place as a path that people read: entries of lists by name where they have one."""
+    """Format a place as a readable path, with list entries by name."""
     text = ""
     for step in loc:
         name = _name_of(data[step]) if isinstance(step, int) else None
@@ -114,20 +114,20 @@ def shown_path(data: Any, loc: Loc) -> str:
 
 
 def to_pointer(loc: Loc) -> str:
-    """Return a place as a JSON pointer."""
+    """Format a place as a JSON pointer."""
     return "".join(f"/{str(step).replace('~', '~0').replace('/', '~1')}" for step in loc)
 
 
 def from_pointer(data: Any, pointer: str, may_add: bool = False) -> Loc:
-    """Return the place that a JSON pointer means in a file's data.
+    """Find the place of a JSON pointer in a file's data.
 
     Args:
         data: content of a file.
         pointer: such as `/base/xyz/2`.
-        may_add: whether the last key may be one that its mapping does not have yet.
+        may_add: whether the last key may be missing in its mapping.
 
     Raises:
-        PathError: there is nothing at that place; says what there is where the way ends.
+        PathError: the place does not exist.
     """
     loc: Loc = ()
     names = [part.replace("~1", "/").replace("~0", "~") for part in pointer.split("/")[1:]]
@@ -147,14 +147,14 @@ def from_pointer(data: Any, pointer: str, may_add: bool = False) -> Loc:
 
 
 class _Search:
-    """Every place that a path may mean, and where the longest way ended."""
+    """Search for every place that a path may mean, with the deepest place reached."""
 
     def __init__(self, data: Any, steps: tuple[PathStep, ...]) -> None:
         self.data, self.steps = data, steps
         self._deepest: tuple[int, Loc] = (0, ())
 
     def places(self, node: Any, k: int, loc: Loc) -> Iterator[Loc]:
-        """Yield the places that the steps from the k-th on lead to."""
+        """Yield the places reached by the steps from the k-th on."""
         if k > self._deepest[0]:
             self._deepest = (k, loc)
         if k == len(self.steps):
@@ -164,7 +164,7 @@ class _Search:
             yield from self.places(node[key], k + taken, (*loc, key))
 
     def _matches(self, node: Any, k: int) -> Iterator[tuple[str | int, int]]:
-        """Yield keys or indices that the next steps may mean, and how many steps that takes."""
+        """Yield matching keys or indices, with the number of steps that each takes."""
         for taken in range(len(self.steps) - k, 0, -1):
             steps = self.steps[k : k + taken]
             if taken > 1 and not all(step.dotted for step in steps):
@@ -178,7 +178,7 @@ class _Search:
                         yield index, taken
 
     def failure(self, file: str) -> PathError:
-        """Return the error of a path that leads nowhere: what is missing where it ended, and what there is."""
+        """Create the error of a path that leads nowhere."""
         k, loc = self._deepest
         node = value_at(self.data, loc)
         where = f"{quote(shown_path(self.data, loc))} of {file}" if loc else file
@@ -196,14 +196,14 @@ class _Search:
 
 
 def _name_of(entry: Any) -> str | None:
-    """Return what an entry of a list is called."""
+    """Return the name or id of a list entry."""
     if not isinstance(entry, dict):
         return None
     return next((entry[key] for key in ("name", "id") if isinstance(entry.get(key), str)), None)
 
 
 def _names(node: Any) -> list[str]:
-    """Return what can be named in a mapping or a list."""
+    """List the names in a mapping or a list."""
     if isinstance(node, dict):
         return [str(key) for key in node]
     return [_name_of(entry) or str(index) for index, entry in enumerate(node)]

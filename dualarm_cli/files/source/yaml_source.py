@@ -1,4 +1,4 @@
-"""YAML text to plain data that remembers the line and column of every key and value."""
+"""YAML parser that keeps line and column of every key and value."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dualarm_cli.files.source.text_source import TextSource, quote
 from dualarm_cli.records import dataclass
 
 MAX_NUMBER_LENGTH = 40
-"""Longest spelling of a number."""
+"""Maximum length of a number."""
 _INT = re.compile(r"[-+]?(0|[1-9][0-9]*)", re.ASCII)
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?", re.ASCII)
 _NON_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
@@ -33,10 +33,10 @@ class ScalarError(ValueError):
 
 
 def core_scalar(text: str) -> str | int | float | bool | None:
-    """Return what an unquoted scalar means.
+    """Interpret an unquoted scalar.
 
     Octal, hexadecimal, sexagesimal and date spellings and leading zeros stay text, so that
-    whoever wants a number there can say what to write instead.
+    a field of a number can report how to write it.
 
     Args:
         text: the scalar as written.
@@ -59,22 +59,22 @@ def core_scalar(text: str) -> str | int | float | bool | None:
 
 
 MAX_DEPTH = 40
-"""Deepest nesting."""
+"""Maximum nesting depth."""
 MAX_NODES = 1_000_000
-"""Most keys and values in one file."""
+"""Maximum number of keys and values in one file."""
 Loc = tuple[str | int, ...]
-"""Keys and indices from the top of a file to one of its values."""
+"""Keys and indices from the top of a file to a value."""
 
 _CONFLICT = re.compile(r"^(<{7}|>{7}|\|{7})( |$)", re.MULTILINE)
 
 
 class Node:
-    """Where one value stands, and its key."""
+    """Place of a value and of its key."""
 
     __slots__ = ("children", "column", "key_column", "key_line", "line")
 
     def __init__(self, line: int, column: int, key: tuple[int, int]) -> None:
-        """Store the places; children follow while the file is read."""
+        """Store the places; children are added while the file is read."""
         self.line, self.column = line, column
         self.key_line, self.key_column = key
         self.children: dict[str | int, Node] = {}
@@ -82,30 +82,30 @@ class Node:
 
 @dataclass(frozen=True)
 class Document:
-    """The data of one YAML file and the place of every part of it."""
+    """Data of one YAML file, with the place of every part."""
 
     source: TextSource
     """The text."""
     data: Any
     """Mappings, lists, text, numbers, true, false, None."""
     root: Node
-    """Place of everything."""
+    """Tree of places."""
     diagnostics: list[Diagnostic] = field(default_factory=list)
-    """What is wrong with single keys and numbers."""
+    """Errors of single keys and numbers."""
     replaced: dict[Loc, tuple[Override, str]] = field(default_factory=dict)
-    """By place: values that are not the file's own, and their paths as people read them."""
+    """Replaced values and their readable paths, by place."""
 
     def listed(self, key: str) -> list[Any]:
-        """Return the unchecked entries of a list at the top, none where there is something else."""
-        found = self.data.get(key)
-        return found if isinstance(found, list) else []
+        """Return the unchecked entries of a list at the top level, else none."""
+        entries = self.data.get(key)
+        return entries if isinstance(entries, list) else []
 
     def place(self, loc: Iterable[str | int], key: bool = False) -> tuple[int, int]:
-        """Return line and column of a value, or of the deepest known value around it.
+        """Find line and column of a value, or of its innermost known parent.
 
         Args:
             loc: keys and indices from the top.
-            key: whether the key is meant rather than its value.
+            key: whether to locate the key instead of its value.
         """
         node = self.root
         for step in loc:
@@ -118,24 +118,24 @@ class Document:
     def diagnostic(
         self, loc: Iterable[str | int], code: str, message: str, key: bool = False
     ) -> Diagnostic:
-        """Return a diagnostic at the place of a value (or of its key).
+        """Create a diagnostic at the place of a value or of its key.
 
-        What is wrong with a replaced value is reported where it was replaced.
+        An error of a replaced value is reported at the origin of the replacement.
         """
         steps = tuple(loc)
-        found = self.source.diagnostic(*self.place(steps, key), code, message)
+        finding = self.source.diagnostic(*self.place(steps, key), code, message)
         for length in range(len(steps), 0, -1):
             if steps[:length] in self.replaced:
                 override, shown = self.replaced[steps[:length]]
-                return override.blame(found, shown)
-        return found
+                return override.blame(finding, shown)
+        return finding
 
 
 def parse_yaml(source: TextSource) -> Document:
-    """Return the data of a YAML text.
+    """Parse the data of a YAML text.
 
     Numbers are read as YAML 1.2 reads them, so `no` is text and `12:30` is not a number. Aliases,
-    anchors and tags are refused: no input file needs them, and some bring a parser down.
+    anchors and tags are refused: no input file needs them, and some crash a parser.
 
     Args:
         source: the text of one file.
@@ -165,7 +165,7 @@ def parse_yaml(source: TextSource) -> Document:
 
 @cache
 def _event_loader() -> Any:
-    """Return the C parser where PyYAML was built with it, else the Python one."""
+    """Return the C parser if PyYAML was built with it, else the Python one."""
     return getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -173,7 +173,7 @@ def _syntax_error(source: TextSource, error: yaml.MarkedYAMLError) -> Diagnostic
     mark = error.problem_mark or error.context_mark
     line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
     if "nesting depth" in (error.problem or ""):
-        # Newer parsers have a limit of their own, which counts brackets before they are anything.
+        # Newer parsers have a nesting limit, which counts brackets before they are parsed.
         return source.diagnostic(line, column, "E100", f"nesting deeper than {MAX_DEPTH}")
     text = source.lines[line - 1] if line <= len(source.lines) else ""
     if text[column - 1 : column] == "\t" or text[: column - 1].strip(" ").startswith("\t"):
@@ -196,7 +196,7 @@ def _syntax_error(source: TextSource, error: yaml.MarkedYAMLError) -> Diagnostic
 
 
 class _Builder:
-    """Builds data and places from parser events with a stack of its own."""
+    """Builder of data and places from parser events, with an explicit stack."""
 
     def __init__(self, source: TextSource) -> None:
         self.source = source
@@ -208,10 +208,10 @@ class _Builder:
         self._documents = 0
 
     def feed(self, event: Any) -> None:
-        """Take one event.
+        """Process one event.
 
         Raises:
-            InputError: the event ends the reading.
+            InputError: the file cannot be read further.
         """
         kind = type(event)
         if kind is yaml.ScalarEvent:
@@ -261,7 +261,7 @@ class _Builder:
         if len(self._stack) >= MAX_DEPTH:
             raise self._fatal(event, "E100", f"nesting deeper than {MAX_DEPTH}")
         top = self._stack[-1] if self._stack else None
-        if top is not None and top.wants_key:
+        if top is not None and top.expects_key:
             raise self._fatal(event, "E101", "a key must be text, not a list or a mapping")
         self._stack.append(_Open(container, self._add(event, container)))
 
@@ -269,7 +269,7 @@ class _Builder:
         top = self._stack[-1] if self._stack else None
         if not event.value.isascii() and any("\ud800" <= c <= "\udfff" for c in event.value):
             raise self._fatal(event, "E101", "half a surrogate pair is not a character")
-        if top is None or not top.wants_key:
+        if top is None or not top.expects_key:
             self._add(event, self._value(event))
             return
         mark = event.start_mark
@@ -290,7 +290,7 @@ class _Builder:
             return 0
 
     def _add(self, event: Any, value: Any) -> Node:
-        """Put a value where it belongs and returns its place."""
+        """Add a value to its container and return its place."""
         mark = event.start_mark
         line, column = mark.line + 1, mark.column + 1
         node = Node(line, column, (line, column))
@@ -311,7 +311,7 @@ class _Builder:
 
 
 class _Open:
-    """A mapping or list that is still being read."""
+    """A mapping or list that is being read."""
 
     __slots__ = ("container", "key", "node")
 
@@ -320,6 +320,6 @@ class _Open:
         self.key: tuple[str | None, tuple[int, int]] | None = None
 
     @property
-    def wants_key(self) -> bool:
+    def expects_key(self) -> bool:
         """Whether the next scalar is a key."""
         return isinstance(self.container, dict) and self.key is None

@@ -1,1 +1,1 @@
-"""Study files to studies."""
+"""Reader of study files."""

@@ -19,17 +19,17 @@ ROLE_KEYS = {
     "base_left": "base.left",
     "base_right": "base.right",
 }
-"""Fields of a target to what the files are to a job."""
+"""Roles of files in a job, by the fields of a target."""
 NUMBER = quantity_schema(DIMENSIONS)
 Number = Annotated[Any, WithJsonSchema(NUMBER)]
 """A number with any unit; its dimension is that of the value that it changes."""
 Level = Annotated[Any, WithJsonSchema({"type": ["number", "string", "boolean"]})]
 MOST_LEVELS = 10_000
-"""Most values of one parameter."""
+"""Maximum number of values of one parameter."""
 
 
 class StudyTargetSection(Section):
-    """One value of one of a job's files, and how it is changed."""
+    """A value of one of a job's files, and how it is changed."""
 
     tasks: str | None = Field(default=None, description="Path to a value of the task file.")
     cell: str | None = Field(
@@ -37,13 +37,17 @@ class StudyTargetSection(Section):
     )
     robot: str | None = Field(
         default=None,
-        description="Path to a value of the robot file, such as limits.torso_b1.acceleration; of two robots in both.",
+        description="Path to a value of the robot file, such as limits.torso_b1.acceleration; a pair: in both.",
     )
     robot_left: str | None = Field(
-        default=None, alias="robot.left", description="Path in the file of the left one of two."
+        default=None,
+        alias="robot.left",
+        description="Path in the robot file of the left robot of a pair.",
     )
     robot_right: str | None = Field(
-        default=None, alias="robot.right", description="Path in the file of the right one of two."
+        default=None,
+        alias="robot.right",
+        description="Path in the robot file of the right robot of a pair.",
     )
     base_left: str | None = Field(
         default=None, alias="base.left", description="Path in the base file of the left robot."
@@ -53,21 +57,21 @@ class StudyTargetSection(Section):
     )
     apply: Literal["set", "shift", "scale"] | None = Field(
         default=None,
-        description="set: the file's value becomes the parameter's (default); shift: it is moved by it; "
-        "scale: it is multiplied by it.",
+        description="Change of the file's value. set (default): replaced by the parameter; "
+        "shift: the parameter is added; scale: multiplied by it.",
     )
 
     def given(self) -> list[tuple[str, str]]:
-        """Return the files that are named, each with the path into it."""
+        """List the given files, each with the path into it."""
         pairs = ((role, getattr(self, field)) for field, role in ROLE_KEYS.items())
         return [(role, path) for role, path in pairs if path is not None]
 
 
 class OneTargetSection(StudyTargetSection):
-    """One of several targets that move together."""
+    """Member of a group of values that change together."""
 
     @model_validator(mode="after")
-    def _one(self) -> OneTargetSection:
+    def _check_one_target(self) -> OneTargetSection:
         given = self.given()
         if not given:
             raise refuse(
@@ -81,43 +85,43 @@ class OneTargetSection(StudyTargetSection):
 
 
 class RangeSection(Section):
-    """Numbers from one to another; without step and count all between, for sampling and searching."""
+    """A range of numbers; without step and count it is sampled and searched continuously."""
 
-    from_: Number = Field(
-        alias="from", description="First value; a number, with its unit if need be."
-    )
+    from_: Number = Field(alias="from", description="First value: a number, with or without unit.")
     to: Number = Field(description="Last value.")
     step: Annotated[Any, WithJsonSchema({"anyOf": [NUMBER, {"type": "null"}]})] = Field(
-        default=None, description="From one value to the next; must lead to the last one."
+        default=None, description="Increment; it must reach the last value exactly."
     )
     count: Annotated[int, Field(ge=2, le=MOST_LEVELS)] | None = Field(
-        default=None, description="How many values, evenly spread, both ends among them."
+        default=None, description="Number of values, evenly spaced, including both ends."
     )
 
     @model_validator(mode="after")
-    def _one_way(self) -> RangeSection:
+    def _check_at_most_one(self) -> RangeSection:
         if self.step is not None and self.count is not None:
-            raise refuse("step and count both say how many values; keep one", "count")
+            raise refuse("step and count both set the number of values; keep one", "count")
         return self
 
 
 class ParameterSection(StudyTargetSection):
-    """Something that is varied: where it stands in the files, and its values."""
+    """A varied parameter: its place in the files and its values."""
 
     targets: Annotated[list[OneTargetSection], Field(min_length=1, max_length=100)] | None = Field(
-        default=None, description="Several values of the files that move together."
+        default=None, description="Several values of the files that change together."
     )
-    range: RangeSection | None = Field(default=None, description="Numbers from one to another.")
+    range: RangeSection | None = Field(default=None, description="Range of numbers.")
     values: Annotated[list[Level], Field(min_length=1, max_length=MOST_LEVELS)] | None = Field(
         default=None,
-        description="The values themselves: quantities, names, true or false.",
+        description="List of values: quantities, names, true or false.",
     )
 
     @model_validator(mode="after")
     def _whole(self) -> ParameterSection:
         given = self.given()
         if self.targets is not None and given:
-            raise refuse(f"{given[0][0]} and targets both say what is varied; keep one", "targets")
+            raise refuse(
+                f"{given[0][0]} and targets both select the varied value; keep one", "targets"
+            )
         if self.targets is None and not given:
             raise refuse(
                 "no target; give cell, robot or tasks with the path of a value", code="E202"
@@ -133,43 +137,43 @@ class ParameterSection(StudyTargetSection):
 
 
 class SampleSection(Section):
-    """How ranges without step and count are sampled."""
+    """Sampling of ranges without step and count."""
 
     method: Literal["latin_hypercube", "halton"] = Field(
         default="latin_hypercube",
-        description="latin_hypercube: every parameter evenly spread; halton: a longer study has the points of a "
-        "shorter one.",
+        description="Method. latin_hypercube: every parameter evenly spread; "
+        "halton: a longer study contains the points of a shorter one.",
     )
-    count: Annotated[int, Field(ge=2, le=MOST_LEVELS)] = Field(description="How many points.")
+    count: Annotated[int, Field(ge=2, le=MOST_LEVELS)] = Field(description="Number of points.")
     seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = Field(
         default=0, description="Seed of the points."
     )
 
 
 class SettingsSection(Section):
-    """Settings of planning, as `dualarm plan` has them."""
+    """Settings of planning, as in `dualarm plan`."""
 
     platform: Name | None = Field(
         default=None, description="Method that chooses the platform angles."
     )
     redundancy: Name | None = Field(
-        default=None, description="Redundancy solver of stops, or of paths."
+        default=None, description="Redundancy solver of stops or paths."
     )
     timing: Name | None = Field(default=None, description="Timing solver.")
     effort: Literal["quick", "normal", "thorough"] | None = Field(
-        default=None, description="How hard to try."
+        default=None, description="Search effort."
     )
     seed: Annotated[int, Field(ge=0, le=2**32 - 1)] | None = Field(
-        default=None, description="Seed of all randomness of planning."
+        default=None, description="Random seed of planning."
     )
 
 
 class StudyFile(Section):
-    """A layout study: what is varied over which values, and what is to become good."""
+    """A layout study: the varied parameters, their values and the objectives."""
 
     dualarm: Literal["study/1"] = Field(description="Kind and version of the file.")
     tasks: Annotated[list[Name], Field(min_length=1, max_length=100), OneOrMore()] = Field(
-        description="Path of a task file, relative to this file, or a list of them: every layout is planned for all."
+        description="Path of a task file, relative to this file, or a list of them; every layout is planned for all."
     )
     parameters: Annotated[dict[Name, ParameterSection], Field(min_length=1, max_length=50)] = Field(
         description="The parameters, by name."
@@ -179,10 +183,10 @@ class StudyFile(Section):
         Field(min_length=1, max_length=4),
     ] = Field(
         default=["cycle_time"],
-        description="The objectives, most important first: cycle_time, gap and travel small, clearance large.",
+        description="Objectives, most important first: cycle_time, gap and travel (minimised), clearance (maximised).",
     )
     sample: SampleSection | None = Field(
-        default=None, description="How ranges without step and count are sampled."
+        default=None, description="Sampling of ranges without step and count."
     )
     settings: SettingsSection = Field(
         default=SettingsSection.model_construct(), description="Settings of planning."

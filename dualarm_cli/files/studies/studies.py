@@ -1,4 +1,4 @@
-"""Study files to studies."""
+"""Reader of study files."""
 
 from __future__ import annotations
 
@@ -44,18 +44,18 @@ from dualarm_cli.model.study import (
     tidy,
 )
 
-_MUST_BE_THERE = "; what a study varies must stand in the file, if only with its default"
+_MUST_BE_THERE = "; a varied value must be in the file, even at its default"
 _OF_THE_URDF = (".velocity", ".position", ".lower", ".upper")
 _PAIR = ("robot.left", "robot.right")
 
 
 class StudyTargetReader:
-    """Finds the values that paths lead to, in the files of all jobs, noting every error."""
+    """Search for the values of target paths in the files of all jobs; collects every error."""
 
     def __init__(
         self, document: Document, jobs: list[dict[str, Document]], findings: Findings
     ) -> None:
-        """Store the study file and the documents of its jobs, and where errors are noted."""
+        """Store the study file, the documents of its jobs, and the list of errors."""
         self._document, self._jobs, self._findings = document, jobs, findings
         self._taken: dict[tuple[int, str], tuple[str, int]] = {}
 
@@ -66,12 +66,12 @@ class StudyTargetReader:
         name: str,
         values: tuple[tuple[Level, ...], Span | None],
     ) -> tuple[Target, ...]:
-        """Return a parameter's targets, without those that are wrong.
+        """Read a parameter's targets, without the faulty ones.
 
         Args:
             section: the parameter.
             loc: its place.
-            name: what it is called.
+            name: its name.
             values: its values, or its span.
         """
         entries: list[tuple[StudyTargetSection, Loc]]
@@ -79,12 +79,12 @@ class StudyTargetReader:
             entries = [(section, loc)]
         else:
             entries = [(entry, (*loc, "targets", k)) for k, entry in enumerate(section.targets)]
-        found = []
+        targets = []
         for entry, place in entries:
             role, path = entry.given()[0]
             apply: Apply = entry.apply or section.apply or "set"
-            found += self._target(role, path, apply, (*place, role), name, values)
-        return tuple(found)
+            targets += self._target(role, path, apply, (*place, role), name, values)
+        return tuple(targets)
 
     def _target(
         self,
@@ -95,41 +95,41 @@ class StudyTargetReader:
         name: str,
         values: tuple[tuple[Level, ...], Span | None],
     ) -> list[Target]:
-        """Return a target; of two robots that are meant together one for each."""
+        """Read a target; for a pair of robots one target each."""
         roles = [role]
         if role == "robot" and any(pair in job for job in self._jobs for pair in _PAIR):
             roles = list(_PAIR)
-        found = []
-        for own in roles:
+        targets = []
+        for file_role in roles:
             keys, amounts = [], []
             for k, job in enumerate(self._jobs):
-                place = self._place(job, own, path, loc)
+                place = self._place(job, file_role, path, loc)
                 if place is None:
                     continue
-                document = job[own]
-                key = f"{own}:{to_pointer(place)}"
+                document = job[file_role]
+                key = f"{file_role}:{to_pointer(place)}"
                 self._claim(k, key, name, loc)
                 value = value_at(document.data, place)
                 keys.append(key)
                 amounts.append(self._amount(value, apply, document, place, loc))
             if len(keys) == len(self._jobs) and self._fits(apply, amounts, values, loc):
-                found.append(Target(own, path, apply, tuple(keys), tuple(amounts)))
-        return found
+                targets.append(Target(file_role, path, apply, tuple(keys), tuple(amounts)))
+        return targets
 
     def _place(self, job: dict[str, Document], role: str, path: str, loc: Loc) -> Loc | None:
-        """Return where a path leads to in a job's file, or None after noting that it does not."""
+        """Find a path in a job's file, or None after noting an error."""
         document = job.get(role)
         if document is None:
-            known = ", ".join(job)
+            files = ", ".join(job)
             message = (
-                f"{job['tasks'].source.name} has no file {quote(role)}; its files are: {known}"
+                f"{job['tasks'].source.name} has no file {quote(role)}; its files are: {files}"
             )
             self._findings.add(self._document, loc, message, key=True)
             return None
         try:
             return find_value(document.data, path, document.source.name)
         except PathError as error:
-            # Keys that a file leaves out have defaults; whoever varies one should see from which.
+            # A missing key has a default, which the file shall show if a study varies it.
             hint = "" if error.guessed else _MUST_BE_THERE
             if role.startswith("robot") and path.endswith(_OF_THE_URDF):
                 hint = "; position and velocity limits are the URDF's, and cannot be varied"
@@ -137,17 +137,20 @@ class StudyTargetReader:
             return None
 
     def _claim(self, job: int, key: str, name: str, loc: Loc) -> None:
-        """Note a value that is changed twice."""
+        """Note a value that two parameters change."""
         line = self._document.place(loc)[0]
-        other = self._taken.setdefault((job, key), (name, line))
-        if other != (name, line):
-            message = f"parameter {quote(other[0])} changes the same value, at line {other[1]}"
+        first = self._taken.setdefault((job, key), (name, line))
+        if first != (name, line):
+            message = f"parameter {quote(first[0])} changes the same value, at line {first[1]}"
             self._findings.add(self._document, loc, message)
 
     def _amount(
         self, value: object, apply: Apply, document: Document, place: Loc, loc: Loc
     ) -> Level | None:
-        """Return a file's value, as a number if it is one; None after noting that it has to be one and is not."""
+        """Read a file's value, as a number if it is one.
+
+        None after noting that a number is required.
+        """
         try:
             return read_amount(value)
         except QuantityError:
@@ -167,12 +170,12 @@ class StudyTargetReader:
         values: tuple[tuple[Level, ...], Span | None],
         loc: Loc,
     ) -> bool:
-        """Return whether the parameter's values can be applied to what the files have."""
+        """Check that the parameter's values can be applied to the values of the files."""
         levels, span = values
-        some = [span.low] if span is not None else list(levels[:1])
-        if not some:
-            return False  # the values are wrong, and that has been said
-        level = some[0]
+        examples = [span.low] if span is not None else list(levels[:1])
+        if not examples:
+            return False  # the values are wrong, which has been noted
+        level = examples[0]
         for amount in amounts:
             try:
                 if not isinstance(level, Amount):
@@ -191,14 +194,14 @@ class StudyTargetReader:
 
 
 class LevelReader:
-    """Reads the values of parameters, noting every error."""
+    """Reader of the values of parameters; collects every error."""
 
     def __init__(self, document: Document, findings: Findings) -> None:
-        """Store the study file, and where errors are noted."""
+        """Store the study file and the list of errors."""
         self._document, self._findings = document, findings
 
     def read(self, section: ParameterSection, loc: Loc) -> tuple[tuple[Level, ...], Span | None]:
-        """Return a parameter's values, or its span where it has no steps; nothing after noting an error.
+        """Read a parameter's values, or its span if it has no steps; neither after an error.
 
         Args:
             section: the parameter.
@@ -209,7 +212,7 @@ class LevelReader:
         return self._values(section.values or [], (*loc, "values")), None
 
     def _values(self, values: list[Any], loc: Loc) -> tuple[Level, ...]:
-        """Return listed values: numbers of one unit, or words, or true and false."""
+        """Read listed values: numbers of one unit, words, or booleans."""
         amounts: list[Amount] = []
         problems: list[tuple[int, str]] = []
         for k, value in enumerate(values):
@@ -233,7 +236,7 @@ class LevelReader:
         else:
             levels = list(values)
         for k, level in enumerate(levels):
-            # True is no 1: a boolean is not an Amount.
+            # True differs from 1: a boolean is not an Amount.
             if level in levels[:k]:
                 self._findings.add(
                     self._document, (*loc, k), f"{quote(values[k])} is listed twice", "E102"
@@ -267,7 +270,7 @@ class LevelReader:
         return (), Span(low, high)
 
     def _steps(self, low: Amount, high: Amount, step: Amount, loc: Loc) -> tuple[Level, ...]:
-        """Return from, from + step and so on to the end, in decimals as people count."""
+        """Expand a range by its step, in decimal arithmetic."""
         if step.number <= 0.0:
             self._findings.add(self._document, loc, "a step must be above 0", "E200")
             return ()
@@ -288,16 +291,19 @@ class LevelReader:
         return tuple(_like(low, int(n) if whole else tidy(float(n))) for n in numbers)
 
     def _same_unit(self, amounts: list[Amount], locs: list[Loc]) -> list[Amount]:
-        """Return amounts in one unit, or nothing after noting one that is of another dimension."""
+        """Convert amounts to one unit, or return none after noting different dimensions."""
         try:
             return one_unit(amounts)
         except QuantityError as error:
-            self._findings.add(self._document, locs[-1], f"not of one dimension: {error}", "E200")
+            self._findings.add(self._document, locs[-1], f"dimensions differ: {error}", "E200")
             return []
 
 
 def _evenly(low: Amount, high: Amount, count: int) -> tuple[Level, ...]:
-    """Return numbers evenly spread, both ends among them; whole ones where all of them are."""
+    """Expand a range to evenly spaced numbers, including both ends.
+
+    The numbers are whole if all inputs allow it.
+    """
     span = high.number - low.number
     numbers = [tidy(low.number + span * k / (count - 1)) for k in range(count)]
     whole = isinstance(low.number, int) and all(number.is_integer() for number in numbers)
@@ -309,7 +315,7 @@ def _like(amount: Amount, number: float) -> Amount:
 
 
 def job_documents(project: Project, path: Path, name: str) -> dict[str, Document]:
-    """Return the documents of a job by their roles; without those that cannot be read.
+    """Read the documents of a job by their roles, without unreadable ones.
 
     Args:
         project: where the reading is recorded.
@@ -320,44 +326,44 @@ def job_documents(project: Project, path: Path, name: str) -> dict[str, Document
         InputError: the task file cannot be read.
     """
     tasks = read_document(project, path, name, "tasks/1")
-    found = {"tasks": tasks}
+    documents = {"tasks": tasks}
     try:
         reference = _text(tasks.data.get("cell"))
         cell_path = project.follow(reference, path)
         cell_name = display_name(reference, name)
-        found["cell"] = cell = read_document(project, cell_path, cell_name, "cell/1")
+        documents["cell"] = cell = read_document(project, cell_path, cell_name, "cell/1")
     except (BadReferenceError, InputError):
-        return found
+        return documents
     robot = cell.data.get("robot")
     if not isinstance(robot, dict):
-        _add_robot(found, "robot", robot, project, cell_path, cell_name)
-        return found
+        _add_robot(documents, "robot", robot, project, cell_path, cell_name)
+        return documents
     for side in ("left", "right"):
         member = robot.get(side)
         if not isinstance(member, dict):
             continue
-        _add_robot(found, f"robot.{side}", member.get("robot"), project, cell_path, cell_name)
+        _add_robot(documents, f"robot.{side}", member.get("robot"), project, cell_path, cell_name)
         if isinstance(member.get("base"), str):
-            _add_base(found, f"base.{side}", member["base"], project, cell_path, cell_name)
-    return found
+            _add_base(documents, f"base.{side}", member["base"], project, cell_path, cell_name)
+    return documents
 
 
 def _add_robot(
-    found: dict[str, Document], role: str, value: Any, project: Project, cell: Path, name: str
+    documents: dict[str, Document], role: str, value: Any, project: Project, cell: Path, name: str
 ) -> None:
     try:
         place = find_robot(project, _text(value), cell, name)
-        found[role] = read_document(place.project, place.path, place.name, "robot/1", role)
+        documents[role] = read_document(place.project, place.path, place.name, "robot/1", role)
     except (BadReferenceError, InputError):
         return
 
 
 def _add_base(
-    found: dict[str, Document], role: str, value: str, project: Project, cell: Path, name: str
+    documents: dict[str, Document], role: str, value: str, project: Project, cell: Path, name: str
 ) -> None:
     try:
         path = project.follow(value, cell)
-        found[role] = read_document(project, path, display_name(value, name), "base/1", role)
+        documents[role] = read_document(project, path, display_name(value, name), "base/1", role)
     except (BadReferenceError, InputError):
         return
 
@@ -369,7 +375,7 @@ def _text(value: Any) -> str:
 
 
 def load_study(path: str | Path) -> Study:
-    """Return the study that a study file describes; its jobs are read too, as they are.
+    """Read the study in a study file; its jobs are read too, unchanged.
 
     Args:
         path: the study file.
@@ -394,10 +400,10 @@ def load_study(path: str | Path) -> Study:
     for name, section in model.parameters.items():
         loc: Loc = ("parameters", name)
         values, span = levels.read(section, loc)
-        # Where a job cannot be read its paths cannot be blamed.
-        found = targets.read(section, loc, name, (values, span)) if readable else ()
+        # Paths into a job that cannot be read are not reported.
+        parameter_targets = targets.read(section, loc, name, (values, span)) if readable else ()
         place = Place(document.source.name, *document.place(loc, key=True))
-        parameters.append(Parameter(name, found, values, span, place))
+        parameters.append(Parameter(name, parameter_targets, values, span, place))
     _check_sampling(document, model, parameters, findings)
     _check_objectives(document, model, findings)
     findings.raise_if_any()
@@ -423,28 +429,28 @@ def load_study(path: str | Path) -> Study:
 def _tasks(
     project: Project, path: Path, document: Document, model: StudyFile, findings: Findings
 ) -> list[StudyTasks]:
-    """Return the task files that can be found, after noting what is wrong with any of them."""
-    found: dict[Path, StudyTasks] = {}
+    """Read the usable task files, after noting errors of the others."""
+    jobs: dict[Path, StudyTasks] = {}
     listed = isinstance(document.data["tasks"], list)
     for k, reference in enumerate(model.tasks):
         loc: Loc = ("tasks", k) if listed else ("tasks",)
         with noted(findings, document, loc):
             tasks = project.follow(reference, path)
             name = display_name(reference, document.source.name)
-            if tasks.resolve() in found:
+            if tasks.resolve() in jobs:
                 findings.add(document, loc, f"{quote(reference)} is named twice", "E102")
                 continue
             job = load_job(tasks, name)
             project.inputs.update(job.inputs)
-            found[tasks.resolve()] = StudyTasks(Path(name), name)
-    return list(found.values())
+            jobs[tasks.resolve()] = StudyTasks(Path(name), name)
+    return list(jobs.values())
 
 
 def _check_sampling(
     document: Document, model: StudyFile, parameters: list[Parameter], findings: Findings
 ) -> None:
     if model.sample is not None and not any(p.span is not None for p in parameters):
-        message = "nothing is sampled: every parameter has values or steps; remove 'sample', or a step or count"
+        message = "no range is sampled: every parameter has values, step or count; remove 'sample', or a step or count"
         findings.add(document, ("sample",), message, key=True)
 
 

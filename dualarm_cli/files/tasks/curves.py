@@ -1,4 +1,4 @@
-"""Curves of task files, which tools or parts follow: from their pieces, or through the poses of a CSV file."""
+"""Reader of curves in task files: from pieces, or through the poses of a CSV file."""
 
 from __future__ import annotations
 
@@ -27,13 +27,15 @@ from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.curves.tool_path import Line, Piece, Spline, ToolPath, Turn
 
 SHORTEST = 1e-6
-"""Pieces of paths shorter than this are none [m]."""
+"""Minimum length of a piece of a path [m]."""
 COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 """Columns of a CSV file of poses."""
 
 
 def read_poses(source: TextSource) -> list[pin.SE3]:
-    """Return the poses of a CSV file: a header with x, y, z, qx, qy, qz, qw, then one pose a line [m].
+    """Read the poses of a CSV file.
+
+    The header has x, y, z, qx, qy, qz, qw; each line has one pose [m].
 
     Args:
         source: the file.
@@ -70,7 +72,7 @@ def read_poses(source: TextSource) -> list[pin.SE3]:
 
 
 def _row(line: str, names: list[str]) -> tuple[pin.SE3 | None, str]:
-    """Return the pose of one line, or what is wrong with it."""
+    """Read the pose of one line, or an error message."""
     fields = line.split(",")
     if len(fields) != len(names):
         return None, f"{len(fields)} values; the first line names {len(names)} columns"
@@ -93,18 +95,18 @@ def _row(line: str, names: list[str]) -> tuple[pin.SE3 | None, str]:
 
 
 class CurveReader:
-    """Turns the curves of one task file into data."""
+    """Converter of the curves of one task file to data."""
 
     def __init__(
         self, project: Project, path: Path, document: Document, cell: Cell, findings: Findings
     ) -> None:
-        """Prepare for a file and its cell.
+        """Store a file, its cell and the list of errors.
 
         Args:
-            project: what files must stay in.
+            project: folder that files must not leave.
             path: the task file.
             document: its content.
-            cell: where frames come from.
+            cell: provides the frames.
             findings: where errors are noted.
         """
         self._project, self._path = project, path
@@ -113,16 +115,21 @@ class CurveReader:
         self._default: str | None = None
 
     def note(self, loc: Loc, message: str, code: str = "E300") -> None:
-        """Note what is wrong at a place of the file."""
+        """Note an error at a place of the file."""
         self._findings.add(self._document, loc, message, code)
 
     def frame(self, name: str | None, loc: Loc) -> pin.SE3 | None:
-        """Return a named frame in the world, the world for None; None after noting that there is no such frame."""
+        """Look up a frame in the world, or None after noting an error.
+
+        No name means the world.
+
+        No name means the world.
+        """
         self._default = None
         return self._frame(name, loc)
 
-    def way(self, section: CurveSection, loc: Loc, frame: str | None = None) -> ToolPath | None:
-        """Return a way through poses, or None after noting what is wrong.
+    def read(self, section: CurveSection, loc: Loc, frame: str | None = None) -> ToolPath | None:
+        """Read a curve, or return None after noting errors.
 
         Args:
             section: the curve as the file has it.
@@ -133,12 +140,15 @@ class CurveReader:
         return self._curve(section, loc)
 
     def placed(self, section: FramedPose, loc: Loc) -> pin.SE3 | None:
-        """Return a pose, in the world where it names a frame, or None after noting that there is no such frame."""
+        """Read a pose, or return None after noting an error.
+
+        It is in the world if it names a frame.
+        """
         frame = self.frame(section.in_, (*loc, "in"))
         return None if frame is None else frame * to_se3(section)
 
     def poses(self, reference: str, loc: Loc) -> list[pin.SE3] | None:
-        """Return the poses of a CSV file as they stand there, or None after noting what is wrong."""
+        """Read the poses of a CSV file unchanged, or None after noting an error."""
         self._default = None
         return self._file(reference, loc)
 
@@ -154,9 +164,7 @@ class CurveReader:
             self.note((*loc, 0), "the first entry of a path is the pose where it starts: give xyz")
             return None
         if sections[0].rpy is None and sections[0].quat is None:
-            self.note(
-                (*loc, 0), "where a path starts the tool's rotation is needed: give rpy or quat"
-            )
+            self.note((*loc, 0), "the start of a path needs the tool's rotation; give rpy or quat")
             return None
         here = self._pose(sections[0], (*loc, 0), None)
         pieces: list[Piece] = []
@@ -223,12 +231,12 @@ class CurveReader:
         return self._smooth(poses, loc, listed=True)
 
     def _smooth(self, poses: list[pin.SE3], loc: Loc, listed: bool) -> Spline | None:
-        """Return the spline through poses, or None after noting that it turns back at once.
+        """Interpolate poses by a spline, or return None after noting a cusp.
 
         Args:
-            poses: with the one where it starts.
+            poses: start pose and the poses after it.
             loc: where they stand.
-            listed: whether all but the first are listed there, so that each has a place of its own.
+            listed: whether all but the first are listed there, each with its own place.
         """
         spline = Spline(tuple(poses))
         back = spline.turns_back
@@ -243,7 +251,7 @@ class CurveReader:
         return None
 
     def _pose(self, section: FramedPose, loc: Loc, before: pin.SE3 | None) -> pin.SE3 | None:
-        """Return a pose in the world; without a rotation of its own it keeps the one before."""
+        """Read a pose in the world; without a rotation it keeps the previous one."""
         if section.xyz is None:
             self.note(loc, "no position; give xyz")
             return None

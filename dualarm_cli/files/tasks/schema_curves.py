@@ -1,4 +1,4 @@
-"""Schema of curves in task files: lines, arcs, turns and splines through poses."""
+"""Schema of curves in task files: lines, arcs, turns and splines."""
 
 from __future__ import annotations
 
@@ -21,29 +21,27 @@ from dualarm_cli.files.source.quantities import Dimension
 PathAcceleration = Annotated[float, Quantity(quantities.ACCELERATION, 1e-6)]
 Component = Annotated[float, Quantity(Dimension("component", {"": 1.0}, 1e6))]
 PATH_PIECES = ("arc", "turn", "spline")
-"""Pieces of a path besides straight lines to a pose."""
+"""Pieces of a path other than straight lines."""
 
 
 class PointSection(Section):
     """A point in the world or in a named frame."""
 
-    xyz: Vector3 = Field(description="Where it is [m].")
+    xyz: Vector3 = Field(description="Position [m].")
     in_: Name | None = Field(
-        default=None, alias="in", description="Named frame that it is given in; default world."
+        default=None, alias="in", description="Named reference frame; default: world."
     )
 
 
 class ArcSection(Section):
-    """A circular arc from where the path is by a point to a pose."""
+    """Circular arc from the path's current end through a point."""
 
     via: PointSection = Field(description="A point on the arc.")
-    to: FramedPose = Field(
-        description="Where it ends; without rpy or quat the tool keeps its rotation."
-    )
+    to: FramedPose = Field(description="End pose; without rpy or quat the tool keeps its rotation.")
 
 
 class TurnSection(Section):
-    """A turn about a fixed axis: a circle of the tool about it."""
+    """Turn about a fixed axis: the tool moves on a circle about it."""
 
     about: Vector3 = Field(description="A point of the axis [m].")
     axis: Annotated[list[Component], Field(min_length=3, max_length=3)] = Field(
@@ -52,10 +50,10 @@ class TurnSection(Section):
     angle: Angle = Field(description="Angle of the turn, positive by the right-hand rule [rad].")
     tool: Literal["turns", "keeps"] = Field(
         default="turns",
-        description="turns: the tool turns with it, as on a rigid part; keeps: it keeps its rotation.",
+        description="Rotation of the tool. turns: with the axis, as on a rigid part; keeps: unchanged.",
     )
     in_: Name | None = Field(
-        default=None, alias="in", description="Named frame of point and axis; default world."
+        default=None, alias="in", description="Named frame of point and axis; default: world."
     )
 
     @model_validator(mode="after")
@@ -66,12 +64,12 @@ class TurnSection(Section):
 
 
 class PieceSection(FramedPose):
-    """The next piece of a path: a pose to go straight to, or an arc, a turn, or a spline."""
+    """Next piece of a path: a straight line to a pose, an arc, a turn, or a spline."""
 
     arc: ArcSection | None = Field(default=None, description="A circular arc.")
     turn: TurnSection | None = Field(default=None, description="A turn about an axis.")
     spline: Annotated[list[FramedPose], Field(min_length=1, max_length=10_000)] | None = Field(
-        default=None, description="Poses that a smooth curve goes through, from where the path is."
+        default=None, description="Poses of a smooth curve from the current end of the path."
     )
 
     @model_validator(mode="after")
@@ -90,18 +88,18 @@ class PieceSection(FramedPose):
 
 
 class CurveSection(Section):
-    """The path of one tool: pieces, or poses from a file."""
+    """Path of one tool: pieces, or poses from a file."""
 
     through: Annotated[list[PieceSection], Field(min_length=1, max_length=10_000)] | None = Field(
         default=None, description="The start pose, then the pieces of the curve."
     )
     poses: Name | None = Field(
         default=None,
-        description="CSV file of poses that a smooth curve goes through: columns x, y, z [m], qx, qy, qz, qw.",
+        description="CSV file of poses of a smooth curve: columns x, y, z [m], qx, qy, qz, qw.",
     )
 
     @model_validator(mode="after")
-    def _one_way(self) -> CurveSection:
+    def _check_at_most_one(self) -> CurveSection:
         if self.through is not None and self.poses is not None:
             raise refuse("'poses' does not go with 'through'; keep one", "poses")
         return self

@@ -35,15 +35,16 @@ Skew = Annotated[float, Quantity(quantities.TIME, SMALLEST_POSITIVE, 1.0)]
 
 
 class BudgetSection(Section):
-    """What every plan of the job must keep: a plan that does not ends with exit code 1."""
+    """Limits that every plan of the job must meet: otherwise the exit code is 1."""
 
     cycle_time: _LongestTime | None = Field(default=None, description="Longest cycle time [s].")
     clearance: Clearance | None = Field(
         default=None,
-        description="Least distance of any two bodies that must keep apart [m].",
+        description="Minimum distance of all pairs of bodies that must not touch [m].",
     )
     skew: Skew | None = Field(
-        default=None, description="Least delay of one arm that the clearance must survive [s]."
+        default=None,
+        description="Minimum delay of one arm at which plans must keep their clearance [s].",
     )
 
     @model_validator(mode="after")
@@ -54,7 +55,7 @@ class BudgetSection(Section):
 
 
 class TimingSection(Section):
-    """Timing that both controllers have to keep."""
+    """Timing accuracy of both controllers."""
 
     skew: Skew = Field(
         description="Delay of either arm against the other, up to which plans keep their clearance [s]."
@@ -62,7 +63,7 @@ class TimingSection(Section):
 
 
 def read_budget(document: Document, section: BudgetSection | None) -> Budget | None:
-    """Return the budget of a task file with the places of its figures; None where it has none."""
+    """Read the budget with the places of its limits, or None."""
     if section is None:
         return None
     places = {
@@ -83,14 +84,14 @@ _POSITION = quantity_schema([quantities.ANGLE, quantities.LENGTH], -50.0, 50.0)
 PositionOrRow = Annotated[
     Any, WithJsonSchema({"anyOf": [_POSITION, {"type": "array", "items": _POSITION}]})
 ]
-"""One joint position of a configuration, or one of several configurations; read once the arm is known."""
+"""Joint position, or one of several configurations; read once the arm is known."""
 
 
 class DwellSection(Section):
-    """How long the tool stands still, and for what."""
+    """Dwell of a tool at its target, by purpose."""
 
     gripper: Duration = Field(default=0.0, description="Time of the gripper [s].")
-    settle: Duration = Field(default=0.0, description="Time for the arm to come to rest [s].")
+    settle: Duration = Field(default=0.0, description="Settling time of the arm [s].")
     handshake: Duration = Field(
         default=0.0, description="Time for signals of the cell's controller [s]."
     )
@@ -100,19 +101,20 @@ Dwell = Annotated[DwellSection, ShortForm("gripper")]
 
 
 class TargetSection(FramedPose):
-    """Where the tool centre point shall be: a pose, or joint configurations of the arm."""
+    """Target of the tool centre point: a pose, or joint configurations of the arm."""
 
     xyz: Vector3 | None = Field(
         default=None, description="Translation [m]; every pose has one, [0, 0, 0] at the frame."
     )
     at: Name | None = Field(
-        default=None, description="Named frame that the pose is given in; same as `in`."
+        default=None, description="Named reference frame of the pose; same as `in`."
     )
     free: Literal["yaw"] | None = Field(
-        default=None, description="yaw: any turn about the tool's z axis will do."
+        default=None, description="yaw: any rotation about the tool's z axis is allowed."
     )
     symmetry: Annotated[int, Field(ge=1, le=360)] | None = Field(
-        default=None, description="Turns by a full turn divided by this number are equally good."
+        default=None,
+        description="Number of equivalent rotations about the tool's z axis in a full turn.",
     )
     joints: Annotated[list[PositionOrRow], Field(min_length=1, max_length=1000)] | None = Field(
         default=None,
@@ -126,7 +128,7 @@ class TargetSection(FramedPose):
 
     @property
     def by_joints(self) -> Literal["joints", "posture"] | None:
-        """The key that gives joint positions instead of a pose; None for a pose."""
+        """Key that gives joint positions instead of a pose; None for a pose."""
         return "joints" if self.joints is not None else "posture" if self.posture else None
 
     @model_validator(mode="after")
@@ -146,23 +148,23 @@ class TargetSection(FramedPose):
 
 
 class SignalsSection(Section):
-    """Names of signals, such as outputs of a robot controller, by what the arm does when they are set."""
+    """Names of signals, such as outputs of a robot controller, by action."""
 
     grip: Name | None = Field(
-        default=None, description="When the tool grips: at a pick, and where a part is taken over."
+        default=None, description="Signal of gripping: at a pick, and when a part is taken over."
     )
     release: Name | None = Field(
-        default=None, description="When it lets go: at a place, and where a part is given."
+        default=None, description="Signal of releasing: at a place, and when a part is given."
     )
-    pick: Name | None = Field(default=None, description="At a pick; instead of `grip`.")
+    pick: Name | None = Field(default=None, description="Signal at a pick, instead of `grip`.")
     take: Name | None = Field(
-        default=None, description="Where a part is taken over; instead of `grip`."
+        default=None, description="Signal when a part is taken over, instead of `grip`."
     )
-    place: Name | None = Field(default=None, description="At a place; instead of `release`.")
+    place: Name | None = Field(default=None, description="Signal at a place, instead of `release`.")
     give: Name | None = Field(
-        default=None, description="Where a part is given; instead of `release`."
+        default=None, description="Signal when a part is given, instead of `release`."
     )
-    move: Name | None = Field(default=None, description="At the target of a bare move.")
+    move: Name | None = Field(default=None, description="Signal at the target of a bare move.")
 
     @model_validator(mode="after")
     def _something(self) -> SignalsSection:
@@ -178,49 +180,53 @@ SIGNAL_KEYS: Mapping[str, tuple[str, ...]] = {
     "give": ("give", "release"),
     "move": ("move",),
 }
-"""Keys of signals by the action at which they are set; the first that is given counts."""
+"""Keys of signals by action; the first given one applies."""
 
 
 class TaskHead(Section):
-    """The keys of a task that messages list first, before those of the kinds of work."""
+    """Keys of a task that messages list before those of other kinds."""
 
     id: Name = Field(description="Unique name.")
     arm: Literal["left", "right", "any"] | None = Field(
-        default=None, description="The arm that does it; of a hand-over the giving one."
+        default=None, description="Arm of the task; of a hand-over the giving one."
     )
     after: list[Name] = Field(
         default_factory=list,
-        description="Tasks that are over before this one begins, in every mode and order.",
+        description="Tasks that must be finished before this one begins, in every mode and order.",
     )
     not_before: Duration | None = Field(
         default=None,
-        description="The tool is at the first target no earlier than this after the start [s].",
+        description="Earliest time of the tool at the first target, after the start [s].",
     )
     not_after: Duration | None = Field(
         default=None,
-        description="The tool is at the last target no later than this after the start [s].",
+        description="Latest time of the tool at the last target, after the start [s].",
     )
-    pick: TargetSection | None = Field(default=None, description="Where the part is taken.")
-    place: TargetSection | None = Field(default=None, description="Where the part is put.")
+    pick: TargetSection | None = Field(
+        default=None, description="Target at which the part is taken."
+    )
+    place: TargetSection | None = Field(
+        default=None, description="Target at which the part is placed."
+    )
     move: Annotated[TargetSection, ShortForm("posture")] | None = Field(
         default=None,
-        description="Where the tool moves, without gripping; or the name of a posture of the robot.",
+        description="Target of a move without gripping; or the name of a posture of the robot.",
     )
 
 
 class TaskSection(TaskHead):
-    """One thing to be done: a pick and a place, a bare move, or work of another kind."""
+    """A task: a pick and a place, a bare move, or work of another kind."""
 
     part: Name | None = Field(
         default=None, description="Kind of part carried from pick to place, as the cell names it."
     )
     touches: list[Name] = Field(
         default_factory=list,
-        description="Tasks whose parts this one's part may touch: it lies on them or against them.",
+        description="Tasks whose parts may touch this one's part: it lies on them or against them.",
     )
     leaves: bool | None = Field(
         default=None,
-        description="Whether the part is taken out of the cell once it is placed, as by a chute or a person; default: "
+        description="Whether the part leaves the cell once it is placed, as by a chute or a person; default: "
         "that of the defaults.",
     )
     approach: StraightLine | None = Field(
@@ -231,18 +237,18 @@ class TaskSection(TaskHead):
     )
     straight: StraightPart | None = Field(
         default=None,
-        description="How much of approach and retract, next to the target, must be straight [m].",
+        description="Straight length of approach and retract next to the target [m].",
     )
     blend: Blend | None = Field(
         default=None,
-        description="How far the tool may leave the target of a `move`, so that it need not stop there [m]; default: "
-        "that of the defaults.",
+        description="Allowed deviation from the target of a `move` for passing it without stop [m]; "
+        "default: that of the defaults.",
     )
     dwell: Dwell | None = Field(
-        default=None, description="Time at each target [s], one number or its shares."
+        default=None, description="Time at each target [s]: one number or its parts."
     )
     signals: SignalsSection | None = Field(
-        default=None, description="Names of signals that are set when the tool grips or lets go."
+        default=None, description="Names of signals at gripping and releasing."
     )
 
     @model_validator(mode="after")
@@ -264,7 +270,7 @@ class TaskSection(TaskHead):
 
 
 class DefaultsSection(Section):
-    """What holds for every pick and place that does not say otherwise."""
+    """Default values of picks and places."""
 
     approach: StraightLine = Field(
         default=0.0, description="Straight approach along the tool's z axis [m]."
@@ -280,26 +286,26 @@ class DefaultsSection(Section):
     )
     leaves: bool = Field(
         default=False,
-        description="Whether parts are taken out of the cell once they are placed; default: they lie where they are "
+        description="Whether parts leave the cell once they are placed; default: they stay where they are "
         "placed.",
     )
     signals: SignalsSection | None = Field(
-        default=None, description="Names of signals of tasks that name none for what they do."
+        default=None, description="Names of signals of tasks without their own."
     )
     straight: StraightPart | None = Field(
         default=None,
-        description="How much of approach and retract, next to the target, must be straight [m]; all of it where "
-        "nothing is said, or where a line is shorter.",
+        description="Straight length of approach and retract next to the target [m]; default and "
+        "maximum: the whole line.",
     )
     blend: Blend | None = Field(
         default=None,
-        description="How far a tool may leave targets of moves and corners of its path, so that it need not stop "
-        "there [m]; default: it stops.",
+        description="Allowed deviation from targets of moves and corners of paths for passing them without stop [m]; "
+        "default: stop.",
     )
 
 
 class TasksFile(Section):
-    """What is to be done in a cell, by which arm, in which order."""
+    """Tasks of a job: the cell, the arms and the order."""
 
     dualarm: Literal["tasks/1"] = Field(description="Kind and version of the file.")
     cell: Name = Field(description="Path of the cell file, relative to this file.")
@@ -310,7 +316,7 @@ class TasksFile(Section):
     order: Literal["given", "optimise"] = Field(
         default="given", description="Whether the file or the planner orders the tasks."
     )
-    start: Name = Field(default="home", description="Posture in which the motion starts, or free.")
+    start: Name = Field(default="home", description="Posture at the start of the motion, or free.")
     return_: bool = Field(
         default=False, alias="return", description="Whether the motion ends where it started."
     )
@@ -318,7 +324,7 @@ class TasksFile(Section):
         default=1.0, description="Fraction of full speed for the whole plan."
     )
     limits: LimitsSection = Field(
-        default=LimitsSection.model_construct(), description="Caps for these tasks."
+        default=LimitsSection.model_construct(), description="Limits for these tasks."
     )
     defaults: DefaultsSection = Field(
         default=DefaultsSection.model_construct(), description="Default values for all tasks."
@@ -327,11 +333,11 @@ class TasksFile(Section):
         default=None, description="Limits that every plan of these tasks must meet."
     )
     timing: TimingSection | None = Field(
-        default=None, description="How exactly both arms start together; default: exactly."
+        default=None, description="Timing accuracy of the arms; default: exact."
     )
     sequences: list[Annotated[list[Name], Field(min_length=2)]] = Field(
         default_factory=list,
-        description="Lists of tasks that one arm does directly one after another, for order: optimise.",
+        description="Lists of tasks that one arm does in direct succession, for order: optimise.",
     )
     tasks: Annotated[list[TaskSection], Field(min_length=1)] = Field(
         description="The tasks, in order."

@@ -1,6 +1,6 @@
-"""The tasks of a file, read with what each kind of work adds to them.
+"""Reader of tasks, with the extensions of each kind of work.
 
-Targets of tasks: poses in the world, or joint configurations within the arm's limits.
+Targets become poses in the world, or joint configurations within the arm's limits.
 """
 
 from __future__ import annotations
@@ -52,47 +52,48 @@ from dualarm_cli.model.robot import Robot
 from dualarm_cli.records import dataclass
 
 ACTIONS: tuple[Action, ...] = ("pick", "place", "move")
-"""What tasks do by keys of the core's own."""
+"""Actions of the core's own task keys."""
 
 
 @dataclass(frozen=True)
 class KindReading:
-    """What one kind of work adds to task files."""
+    """Extension of task files by one kind of work."""
 
     key: str = ""
-    """The key of tasks that are its work; empty where it only adds to others."""
+    """Key of its tasks; empty if it only extends others."""
     plural: str = ""
-    """What messages call such tasks."""
+    """Name of such tasks in messages."""
     beside: tuple[str, ...] = ()
-    """The core's keys that go with it, all of them."""
+    """Core keys that its tasks require."""
     task_keys: type[TaskHead] = TaskHead
-    """The keys that it adds to a task, as a section of its own."""
+    """Section with the additional keys of a task."""
     target_keys: type[TargetSection] = TargetSection
-    """Those that it adds to a target."""
+    """Section with the additional keys of a target."""
     defaults_keys: type[DefaultsSection] = DefaultsSection
-    """Those that it adds to the defaults."""
+    """Section with the additional keys of the defaults."""
     file_keys: type[TasksFile] = TasksFile
-    """Those that it adds to the file."""
+    """Section with the additional keys of the file."""
     check: Callable[[Document, Mapping[int, TaskSection], TasksFile | None, Findings], None] = (
         lambda document, tasks, model, findings: None
     )
-    """Notes what is wrong across tasks; the file's content is None where its schema does not accept it."""
+    """Check across tasks, which notes errors; the file's content is None if its schema rejects it.
+    """
     check_cell: Callable[[Document, TasksFile, Cell, Findings], None] = (
         lambda document, model, cell, findings: None
     )
-    """Notes what does not go with the cell."""
+    """Check against the cell, which notes errors."""
     shares: Callable[[TaskReader, TaskSection, Loc], list[Task]] = lambda reader, section, loc: []
-    """Reads a task that is its work: each arm's share."""
+    """Reader of a task of this kind: the share of each arm."""
     stop: Callable[[TaskReader, TargetSection, Loc, Stop], Stop] = (
         lambda reader, section, loc, stop: stop
     )
-    """Adds to the stop of a target."""
+    """Extension of the stop of a target."""
     task: Callable[[TaskReader, TaskSection, Loc, Task], Task] = lambda reader, section, loc, task: (
         task
     )
-    """Adds to a task of the core's own."""
+    """Extension of a task of the core."""
     job: Callable[[Document, TasksFile, Job], Job] = lambda document, model, job: job
-    """Adds to the job, once everything has been checked."""
+    """Extension of the job, after all checks."""
 
 
 @dataclass(frozen=True)
@@ -100,16 +101,16 @@ class Schemas:
     """Sections of task files with the keys of all kinds of work."""
 
     file: type[TasksFile]
-    """Of the whole file."""
+    """Section of the whole file."""
     task: type[TaskSection]
-    """Of a task."""
+    """Section of a task."""
     defaults: type[DefaultsSection]
-    """Of the defaults."""
+    """Section of the defaults."""
 
 
 @cache
 def schemas_of(kinds: tuple[KindReading, ...]) -> Schemas:
-    """Return the core's sections with the keys of some kinds."""
+    """Build the core's sections with the keys of the given kinds."""
     target = _with(TargetSection, [kind.target_keys for kind in kinds])
     one_kind = model_validator(mode="after")(_one_kind_of(kinds))
     task = _with(
@@ -138,7 +139,12 @@ def _with(
     validators: Any = None,
     **fields: Any,
 ) -> Any:
-    """Return a section of the core with the keys of kinds, then the rest of its own; some fields of other types."""
+    """Build a section of the core with the keys of kinds.
+
+    The keys of the kinds come before those of `rest`; `fields` replace types.
+
+    The keys of the kinds come before those of `rest`.
+    """
     added = [kind for kind in reversed(kinds) if kind is not core]
     whole = rest or core
     changed: dict[str, Any] = {
@@ -154,19 +160,22 @@ def _with(
 
 
 def _one_kind_of(kinds: Sequence[KindReading]) -> Callable[[TaskSection], TaskSection]:
-    """Return the rule that a task is one thing, done by one arm where it does not say itself which it takes."""
-    own = [kind for kind in kinds if kind.key]
-    beside = {"pick": ("place",), "place": ("pick",), **{kind.key: kind.beside for kind in own}}
+    """Build the rule that a task has exactly one kind of work.
+
+    A task needs an arm, unless its kind names the arms.
+    """
+    keyed = [kind for kind in kinds if kind.key]
+    beside = {"pick": ("place",), "place": ("pick",), **{kind.key: kind.beside for kind in keyed}}
     arms_named = {kind.key for kind in of_kinds("reading", "any")}
 
-    def one_kind(section: TaskSection) -> TaskSection:
-        keys = (*ACTIONS, *(kind.key for kind in own))
+    def check_one_kind(section: TaskSection) -> TaskSection:
+        keys = (*ACTIONS, *(kind.key for kind in keyed))
         given = [key for key in keys if getattr(section, key) is not None]
         if not given:
-            alone = [kind.key for kind in own if not kind.beside]
+            alone = [kind.key for kind in keyed if not kind.beside]
             others = ", ".join(["pick and place", "move", *alone[:-1]])
             raise refuse(f"nothing to do; give {others}, or {alone[-1]}")
-        first = next((kind.key for kind in own if kind.beside and kind.key in given), given[0])
+        first = next((kind.key for kind in keyed if kind.beside and kind.key in given), given[0])
         more = [key for key in given if key not in (first, *beside.get(first, ()))]
         if more:
             raise refuse(f"'{more[0]}' does not go with '{first}'; make two tasks", more[0])
@@ -174,11 +183,11 @@ def _one_kind_of(kinds: Sequence[KindReading]) -> Callable[[TaskSection], TaskSe
             raise refuse("'arm' is missing", code="E202")
         return section
 
-    return one_kind
+    return check_one_kind
 
 
 class TaskReader:
-    """Turns the tasks of one file into data."""
+    """Converter of the tasks of one file to data."""
 
     def __init__(
         self,
@@ -188,13 +197,13 @@ class TaskReader:
         defaults: DefaultsSection,
         curves: CurveReader,
     ) -> None:
-        """Prepare for a file and its cell.
+        """Store a file, its cell and the list of errors.
 
         Args:
             document: the task file.
-            cell: where arms, frames and parts come from.
+            cell: provides arms, frames and parts.
             findings: where errors are noted.
-            defaults: what tasks have that do not say otherwise.
+            defaults: default values of tasks.
             curves: reads curves.
         """
         self.document, self.cell, self.findings = document, cell, findings
@@ -204,27 +213,27 @@ class TaskReader:
         self._kinds: list[KindReading] = of_kinds("reading")
 
     def note(self, loc: Loc, message: str, code: str = "E300") -> None:
-        """Note what is wrong at a place of the file."""
+        """Note an error at a place of the file."""
         self.findings.add(self.document, loc, message, code)
 
     def place(self, loc: Loc) -> Place:
-        """Return where in the file something is written."""
+        """Look up the place of a value in the file."""
         return Place(self.document.source.name, *self.document.place(loc))
 
     def tasks(self, sections: Mapping[int, TaskSection]) -> tuple[Task, ...]:
-        """Return the tasks in file order.
+        """Read the tasks in file order.
 
         Args:
-            sections: those that their schema accepts, by their index in the file.
+            sections: valid tasks by their index in the file.
         """
-        found: list[Task] = []
+        tasks: list[Task] = []
         for index, section in sections.items():
             loc: Loc = ("tasks", index)
-            own = [
+            kinds = [
                 kind for kind in self._kinds if kind.key and getattr(section, kind.key) is not None
             ]
-            if own:
-                found += self.signalled(own[0].shares(self, section, loc), section, loc)
+            if kinds:
+                tasks += self.signalled(kinds[0].shares(self, section, loc), section, loc)
                 continue
             arm = self.arm(section, loc)
             if arm is None:
@@ -233,18 +242,20 @@ class TaskReader:
             task = self.task(section, loc, arm, stops, self.part(section, loc))
             for kind in self._kinds:
                 task = kind.task(self, section, loc, task)
-            found += self.signalled([task], section, loc)
-        return tuple(found)
+            tasks += self.signalled([task], section, loc)
+        return tuple(tasks)
 
     def signalled(self, shares: Sequence[Task], section: TaskSection, loc: Loc) -> list[Task]:
-        """Return each arm's share of a task with its signals, after noting those that it never sets.
+        """Add its signals to each arm's share of a task; note unused signals.
 
         Args:
             shares: of one task.
             section: the task as the file has it.
             loc: where it stands.
         """
-        sources = [one for one in (section.signals, self.defaults.signals) if one is not None]
+        sources = [
+            source for source in (section.signals, self.defaults.signals) if source is not None
+        ]
         actions = {stop.action for task in shares for stop in task.stops}
         used = {key for action in actions for key in SIGNAL_KEYS.get(action, ())}
         for key in section.signals.model_fields_set if section.signals and actions else ():
@@ -266,7 +277,7 @@ class TaskReader:
         ]
 
     def arm(self, section: TaskSection, loc: Loc) -> str | None:
-        """Return the arm that does a task, ANY for either; None after noting one that the robot does not have.
+        """Read the arm of a task, ANY for either; None after noting an unknown arm.
 
         Args:
             section: the task as the file has it.
@@ -277,20 +288,20 @@ class TaskReader:
             message = f"{name} has no {section.arm} arm; it has {', '.join(self.arms)}"
             self.note((*loc, "arm"), message)
             return None
-        # What only one arm can do is that arm's.
+        # A task that only one arm can do belongs to that arm.
         return self.arms[0] if section.arm == ANY and len(self.arms) == 1 else section.arm
 
     def task(
         self, section: TaskSection, loc: Loc, arm: str, stops: tuple[Stop, ...], part: str
     ) -> Task:
-        """Return a task with what its file says of order and times.
+        """Build a task with its order and times.
 
         Args:
             section: the task as the file has it.
             loc: where it stands.
-            arm: that does it.
+            arm: arm of the task.
             stops: its targets.
-            part: that it carries.
+            part: name of the carried part.
         """
         return Task(
             section.id,
@@ -306,7 +317,7 @@ class TaskReader:
         )
 
     def part(self, section: TaskSection, loc: Loc) -> str:
-        """Return the name of the part that is carried, after noting one that the cell does not have.
+        """Read the name of the carried part, after noting an unknown one.
 
         Args:
             section: the task as the file has it.
@@ -328,24 +339,27 @@ class TaskReader:
         return part
 
     def check_posture(self, name: str | None, loc: Loc) -> bool:
-        """Return whether the robot has a posture, after noting that it has not; True for none."""
-        known = list(self.cell.robot.postures)
-        if name is None or name in known:
+        """Check that the robot has a posture, or note an error.
+
+        None passes.
+        """
+        postures = list(self.cell.robot.postures)
+        if name is None or name in postures:
             return True
-        hint = suggest(name, known, "choose one of")
+        hint = suggest(name, postures, "choose one of")
         self.note(loc, f"{self.cell.robot.name} has no posture {quote(name)}{hint}")
         return False
 
     def stops(
         self, section: TaskSection, loc: Loc, arm: str, taker: str | None = None
     ) -> tuple[Stop, ...]:
-        """Return the stops of a task by keys of the core's own.
+        """Read the stops of a task of the core.
 
         Args:
             section: the task as the file has it.
             loc: where it stands.
-            arm: that does it.
-            taker: the arm that takes over what this one picks, and places it; None where it does so itself.
+            arm: arm of the task.
+            taker: arm that takes the part over and places it; None if the same arm places it.
         """
         stops = []
         for action in ACTIONS:
@@ -353,7 +367,7 @@ class TaskReader:
             if target_section is None:
                 continue
             if target_section.by_joints is not None and arm == ANY:
-                continue  # the rules across tasks have said so
+                continue  # the rules across tasks have noted it
             by = taker if action == "place" and taker is not None else arm
             if not self.check_posture(target_section.posture, (*place, "posture")):
                 continue
@@ -374,7 +388,7 @@ class TaskReader:
         return tuple(stops)
 
     def _surroundings(self, section: TaskSection, bare: bool) -> tuple[float, float, Dwell]:
-        """Return approach, retract and dwell; defaults are for picks and places only."""
+        """Read approach, retract and dwell; defaults apply to picks and places only."""
         approach = 0.0 if bare else self.defaults.approach
         retract = 0.0 if bare else self.defaults.retract
         dwell = DwellSection() if bare else self.defaults.dwell
@@ -387,14 +401,14 @@ class TaskReader:
 
 
 class TargetReader:
-    """Turns the targets of one task file into data."""
+    """Converter of the targets of one task file to data."""
 
     def __init__(self, document: Document, cell: Cell, findings: Findings) -> None:
-        """Prepare for a file and its cell.
+        """Store a file, its cell and the list of errors.
 
         Args:
             document: the task file.
-            cell: where frames and arms come from.
+            cell: provides frames and arms.
             findings: where errors are noted.
         """
         self._document, self._findings = document, findings
@@ -420,7 +434,7 @@ class TargetReader:
         return PoseTarget(pose, section.free == "yaw", section.symmetry or 1)
 
     def _of_posture(self, name: str, arm: str) -> FloatArray:
-        """Return an arm's joint positions in a named posture [rad], shape (1, n)."""
+        """Look up an arm's joint positions in a named posture [rad], shape (1, n)."""
         columns = [self._robot.joints.index(joint.name) for joint in self._joints[arm]]
         return self._robot.postures[name][None, columns]
 

@@ -1,4 +1,4 @@
-"""Rules across tasks: unique ids, precedence without cycles, sequences, windows, what cannot be planned yet."""
+"""Rules across tasks: ids, precedence, sequences, windows, supported combinations."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.cell import Cell
 
 NOT_AVAILABLE = "E310"
-"""Code of what the format has and this version has not."""
+"""Code of features of the format that this version lacks."""
 WINDOW = ("not_before", "not_after")
 """Keys of a task's window."""
 
 
-def apart(what: str, tasks: Iterable[TaskSection]) -> list[TaskSection]:
-    """Return the tasks that do not go with a kind of work or a setting in this version, by the list of kinds."""
+def incompatible_tasks(what: str, tasks: Iterable[TaskSection]) -> list[TaskSection]:
+    """Select the tasks that a kind of work or a setting excludes."""
     keys = [kind.key for kind in of_kinds("reading", what)]
     return [task for task in tasks if any(getattr(task, key) is not None for key in keys)]
 
 
-def listed_kinds(what: str) -> str:
-    """Return what messages call the kinds of work that do not go with a kind or a setting."""
+def incompatible_kinds(what: str) -> str:
+    """List in words the kinds of work that a kind or a setting excludes."""
     *first, last = [kind.plural for kind in of_kinds("reading", what)]
     return f"{', '.join(first)} and {last}" if first else str(last)
 
 
 def check_tasks(document: Document, tasks: Mapping[int, TaskSection], findings: Findings) -> None:
-    """Note duplicate ids, impossible precedence and kinds of task that cannot be planned yet.
+    """Note duplicate ids, impossible precedence and unsupported kinds of tasks.
 
     Args:
         document: the task file.
-        tasks: the tasks that their schema accepts, by their index in the file.
+        tasks: valid tasks by their index in the file.
         findings: where errors are noted.
     """
     first: dict[str, int] = {}
@@ -53,30 +53,30 @@ def check_tasks(document: Document, tasks: Mapping[int, TaskSection], findings: 
 
 
 def check_settings(document: Document, model: TasksFile, findings: Findings) -> None:
-    """Note settings of the whole file that do not go together.
+    """Note settings of the whole file that exclude each other.
 
     Args:
         document: the task file.
         model: its content.
         findings: where errors are noted.
     """
-    alone = apart("free", model.tasks)
+    alone = incompatible_tasks("free", model.tasks)
     if model.mode == "free" and alone:
         message = (
-            f"mode: free does not go with {listed_kinds('free')} (task {quote(alone[0].id)}) in this version; use "
-            "mode: paired, or plan them in files of their own"
+            f"mode: free does not go with {incompatible_kinds('free')} (task {quote(alone[0].id)}) in this version; "
+            "use mode: paired, or plan them in files of their own"
         )
         findings.add(document, ("mode",), message, NOT_AVAILABLE)
-    timed = apart("window", model.tasks)
+    timed = incompatible_tasks("window", model.tasks)
     for index, task in enumerate(model.tasks if timed else ()):
         for key in WINDOW:
             if getattr(task, key) is not None and task not in timed:
                 message = (
-                    f"{key} does not go with {listed_kinds('window')} (task {quote(timed[0].id)}) in this version; "
-                    "plan them in files of their own"
+                    f"{key} does not go with {incompatible_kinds('window')} (task {quote(timed[0].id)}) in "
+                    "this version; plan them in files of their own"
                 )
                 findings.add(document, ("tasks", index, key), message, NOT_AVAILABLE)
-    names = {task.id for task in apart("sequence", model.tasks)}
+    names = {task.id for task in incompatible_tasks("sequence", model.tasks)}
     for k, row in enumerate(model.sequences):
         for m, name in enumerate(row):
             if name in names:
@@ -91,19 +91,19 @@ def check_settings(document: Document, model: TasksFile, findings: Findings) -> 
 
 
 def check_start(document: Document, cell: Cell, findings: Findings) -> None:
-    """Note a start posture that the robot does not have."""
-    known = [*cell.robot.postures, "free"]
+    """Note an unknown start posture."""
+    postures = [*cell.robot.postures, "free"]
     start = document.data.get("start", "home")
-    if isinstance(start, str) and start not in known:
+    if isinstance(start, str) and start not in postures:
         message = (
             f"{cell.robot.name} has no posture {quote(start)}"
-            f"{suggest(start, known, 'choose one of')}"
+            f"{suggest(start, postures, 'choose one of')}"
         )
         findings.add(document, ("start",), message)
 
 
 def check_skew(document: Document, cell: Cell, findings: Findings) -> None:
-    """Note a delay of one arm against the other in a cell of one arm."""
+    """Note a skew in a cell with a single arm."""
     for section in ("timing", "budget"):
         given = document.data.get(section)
         if isinstance(given, dict) and "skew" in given and len(cell.robot.arms) == 1:
@@ -112,7 +112,7 @@ def check_skew(document: Document, cell: Cell, findings: Findings) -> None:
 
 
 def _check_any(document: Document, index: int, task: TaskSection, findings: Findings) -> None:
-    """Note what does not go with arm: any."""
+    """Note what `arm: any` excludes."""
     if task.arm != "any":
         return
     for action in ("pick", "place", "move"):
@@ -129,13 +129,13 @@ def _check_any(document: Document, index: int, task: TaskSection, findings: Find
 
 
 def _check_window(document: Document, index: int, task: TaskSection, findings: Findings) -> None:
-    """Note a window that ends before it begins, and windows of what has its own."""
+    """Note a window that ends before it begins, or that the task cannot have."""
     early, late = task.not_before, task.not_after
     if early is not None and late is not None and late < early:
         message = f"not_after: {late:g} s is before not_before: {early:g} s"
         findings.add(document, ("tasks", index, "not_after"), message)
     for key in WINDOW:
-        if getattr(task, key) is not None and apart("window", [task]):
+        if getattr(task, key) is not None and incompatible_tasks("window", [task]):
             message = f"'{key}' goes with picks, places and moves only; remove it"
             findings.add(document, ("tasks", index, key), message)
 
@@ -143,17 +143,17 @@ def _check_window(document: Document, index: int, task: TaskSection, findings: F
 def check_sequences(
     document: Document, tasks: Mapping[int, TaskSection], findings: Findings
 ) -> list[tuple[str, str]]:
-    """Note sequences of tasks that cannot be; returns who comes right after whom."""
+    """Note impossible sequences; return pairs of tasks in direct succession."""
     arms = {task.id: task.arm for task in tasks.values()}
-    known = [t.get("id") for t in document.listed("tasks") if isinstance(t, dict)]
+    ids = [t.get("id") for t in document.listed("tasks") if isinstance(t, dict)]
     follows, where = [], dict[str, int]()
     for k, names in enumerate(document.listed("sequences")):
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            continue  # the schema has said so
+            continue  # the schema has noted it
         for m, name in enumerate(names):
             loc = ("sequences", k, m)
-            if name not in known:
-                hint = did_you_mean(name, [n for n in known if isinstance(n, str)])
+            if name not in ids:
+                hint = did_you_mean(name, [n for n in ids if isinstance(n, str)])
                 findings.add(document, loc, f"there is no task {quote(name)}{hint}")
             elif name in where:
                 message = f"task {quote(name)} is in a sequence already (number {where[name] + 1})"
@@ -161,9 +161,9 @@ def check_sequences(
             where.setdefault(name, k)
         given = {arms[name]: name for name in names if arms.get(name) in ("left", "right")}
         if len(given) > 1:
-            one, other = given.values()
+            first, second = given.values()
             message = (
-                f"one arm does a sequence; {quote(one)} and {quote(other)} are different arms'"
+                f"one arm does a sequence; {quote(first)} and {quote(second)} have different arms"
             )
             findings.add(document, ("sequences", k), message)
         follows += list(pairwise(names))
@@ -178,19 +178,21 @@ def _check_precedence(
 ) -> None:
     entries = document.listed("tasks")
     ids = [t["id"] for t in entries if isinstance(t, dict) and isinstance(t.get("id"), str)]
-    known = dict.fromkeys(ids)
+    known_ids = dict.fromkeys(ids)
     before: dict[str, list[str]] = {}
     for name, then in in_a_row:
         before.setdefault(then, []).append(name)
     index_of = {task.id: index for index, task in reversed(list(tasks.items()))}
     for index, task in tasks.items():
-        for k, other in enumerate(task.after):
-            if other == task.id:
+        for k, predecessor in enumerate(task.after):
+            if predecessor == task.id:
                 loc = ("tasks", index, "after", k)
-                findings.add(document, loc, f"task {quote(other)} cannot come after itself")
-            elif _is_known(document, ("tasks", index, "after", k), other, known, findings):
-                before.setdefault(task.id, []).append(other)
-        _check_touches(document, index, task, known, findings)
+                findings.add(document, loc, f"task {quote(predecessor)} cannot come after itself")
+            elif _is_known(
+                document, ("tasks", index, "after", k), predecessor, known_ids, findings
+            ):
+                before.setdefault(task.id, []).append(predecessor)
+        _check_touches(document, index, task, known_ids, findings)
     ring = _find_ring(before)
     if ring:
         text = " after ".join(quote(name) for name in [*ring, ring[0]])
@@ -205,7 +207,7 @@ def _check_touches(
     document: Document,
     index: int,
     task: TaskSection,
-    known: Mapping[str, None],
+    ids: Mapping[str, None],
     findings: Findings,
 ) -> None:
     """Note unknown tasks in `touches`, and its keys without a part."""
@@ -213,26 +215,26 @@ def _check_touches(
         if getattr(task, key) and (task.pick is None or task.place is None):
             message = f"only a pick with its place carries a part; remove '{key}'"
             findings.add(document, ("tasks", index, key), message)
-    for k, other in enumerate(task.touches):
+    for k, neighbour in enumerate(task.touches):
         loc: Loc = ("tasks", index, "touches", k)
-        if other == task.id:
-            findings.add(document, loc, f"the part of {quote(other)} cannot touch itself")
+        if neighbour == task.id:
+            findings.add(document, loc, f"the part of {quote(neighbour)} cannot touch itself")
         else:
-            _is_known(document, loc, other, known, findings)
+            _is_known(document, loc, neighbour, ids, findings)
 
 
 def _is_known(
-    document: Document, loc: Loc, name: str, known: Mapping[str, None], findings: Findings
+    document: Document, loc: Loc, name: str, ids: Mapping[str, None], findings: Findings
 ) -> bool:
-    """Return whether a name is a task's; note it otherwise."""
-    if name not in known:
-        hint = did_you_mean(name, list(known))
+    """Check that a name is a task's; note it otherwise."""
+    if name not in ids:
+        hint = did_you_mean(name, list(ids))
         findings.add(document, loc, f"there is no task {quote(name)}{hint}")
-    return name in known
+    return name in ids
 
 
 def _find_ring(before: Mapping[str, list[str]]) -> list[str]:
-    """Return one ring of tasks that wait for each other, or nothing; no recursion."""
+    """Find a cycle of tasks that wait for each other, without recursion."""
     done: set[str] = set()
     for start in before:
         path, branches = [start], [iter(before[start])]

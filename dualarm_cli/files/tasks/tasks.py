@@ -1,4 +1,4 @@
-"""Task files to jobs."""
+"""Reader of task files."""
 
 from __future__ import annotations
 
@@ -33,11 +33,13 @@ from dualarm_cli.model.place import Place
 
 
 def check_order(document: Document, job: Job, findings: Findings) -> None:
-    """Note tasks that one arm, or a path between, does before those that they are to come after, and rings of waits.
+    """Note tasks whose file order contradicts their precedence, and cycles of waits.
+
+    A contradiction needs one arm, or a path between both tasks.
 
     Args:
         document: the task file.
-        job: what it says, with order: given.
+        job: its content, with order: given.
         findings: where errors are noted.
     """
     arms: dict[str, set[str]] = {}
@@ -53,7 +55,7 @@ def check_order(document: Document, job: Job, findings: Findings) -> None:
         for k, name in enumerate(task.after):
             if name not in sections or place[name] < place[task.id]:
                 continue
-            # Arms wait for one another, but nothing is done beside a path, and each arm keeps the file's order.
+            # Arms wait for each other, but a path allows no parallel task, and each arm keeps the file's order.
             both = arms[name] | arms[task.id]
             shared = ANY in both or arms[name] & arms[task.id]
             if sections[name] == sections[task.id] and not shared:
@@ -76,12 +78,12 @@ def check_order(document: Document, job: Job, findings: Findings) -> None:
 def load_job(
     path: str | Path, name: str | None = None, overrides: Mapping[str, Any] | None = None
 ) -> Job:
-    """Return the job that a task file describes, with its cell and robot.
+    """Read the job in a task file, with its cell and robot.
 
     Args:
         path: the task file, or the name of a bundled job.
-        name: what the user calls it; None for its path.
-        overrides: values in place of those in the files, put there before these are checked; see
+        name: its name in messages; None for its path.
+        overrides: replacements for values of the files, applied before validation; see
             `files.source.overrides`.
 
     Raises:
@@ -144,7 +146,7 @@ def load_job(
 def _good_tasks(
     document: Document, model: TasksFile | None, schemas: Schemas
 ) -> dict[int, TaskSection]:
-    """Return the tasks that their schema accepts, so that the others do not hide their errors."""
+    """Select the valid tasks, so that the others do not hide their errors."""
     if model is not None:
         return dict(enumerate(model.tasks))
     good = {}
@@ -159,7 +161,7 @@ def _good_tasks(
 def _load_cell(
     project: Project, document: Document, path: Path, findings: Findings
 ) -> tuple[Cell, tuple[str, ...]] | None:
-    """Return the cell with its notes, or None after noting what is wrong with it."""
+    """Read the cell with its notes, or None after noting errors."""
     reference = document.data.get("cell")
     if not isinstance(reference, str):
         return None

@@ -13,7 +13,7 @@ from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.schema_tasks import TargetSection, TaskSection, TasksFile
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
-from dualarm_cli.files.tasks.task_rules import NOT_AVAILABLE, apart, listed_kinds
+from dualarm_cli.files.tasks.task_rules import NOT_AVAILABLE, incompatible_kinds, incompatible_tasks
 from dualarm_cli.model.cell import OnBelt
 from dualarm_cli.model.job import Stop, Task
 
@@ -62,13 +62,13 @@ def check_apart(
     findings: Findings,
 ) -> None:
     """Notes targets on conveyors in a file that has tasks which conveyors do not go with."""
-    others = apart("conveyor", model.tasks) if model is not None else []
+    others = incompatible_tasks("conveyor", model.tasks) if model is not None else []
     for index, task in tasks.items() if others else ():
         for action in ("pick", "place"):
             target = getattr(task, action)
             if isinstance(target, ConveyorTarget) and target.conveyor is not None:
                 message = (
-                    f"conveyors do not go with {listed_kinds('conveyor')} (task {quote(others[0].id)}) in this "
+                    f"conveyors do not go with {incompatible_kinds('conveyor')} (task {quote(others[0].id)}) in this "
                     "version; plan them in files of their own"
                 )
                 loc = ("tasks", index, action, "conveyor")

@@ -198,7 +198,7 @@ def _work(reader: TaskReader, section: PathSection, loc: Loc, arm: str | None) -
     elif arm is not None:
         curves[arm] = (section, loc)
     paths = {
-        name: reader.curves.way(curve, place, section.in_)
+        name: reader.curves.read(curve, place, section.in_)
         for name, (curve, place) in curves.items()
     }
     good = {name: path for name, path in paths.items() if path is not None}

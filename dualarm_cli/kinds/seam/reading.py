@@ -146,7 +146,7 @@ class SeamReader:
         if section.mode is not None:
             return Hold(still=section.mode == "still")
         if section.way is not None:
-            way = self._curves.way(section.way, (*loc, "way"))
+            way = self._curves.read(section.way, (*loc, "way"))
             if way is not None and way.corners:
                 self._reader.note((*loc, "way"), CORNERS)
                 return None
