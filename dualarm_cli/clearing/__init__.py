@@ -1,1 +1,1 @@
-"""Collisions of a plan and their repairs: delays and curves."""
+"""Collisions of a plan and their repairs: delays, curves, via points."""

@@ -1,4 +1,4 @@
-"""Repairs of colliding stages: delay one arm or curve its transfer."""
+"""Repairs of colliding stages: delay one arm, curve its transfer, or stop it at a via point."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from dualarm_cli.clearing.stage_samples import (
 )
 from dualarm_cli.effort import ClearanceSettings
 from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.motion.bent_transfers import CurveCost, curve, quick_curves
@@ -36,13 +37,70 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.timing import TimingSolver
 
 
+@dataclass(frozen=True)
+class ViaSettings:
+    """Search for a via point at which an arm stops, where no curve is collision-free."""
+
+    spreads: tuple[float, ...] = (0.2, 0.4, 0.7, 1.1)
+    """Standard deviations of random postures about the transfer [rad]."""
+    postures: int = 120
+    """Number of random postures of each spread."""
+    leg_samples: int = 13
+    """Points of each leg, to and from the via point."""
+    timed: int = 24
+    """Maximum number of via points, nearest first, that are timed."""
+
+
+VIA = ViaSettings()
+
+
+def quickest_stop(
+    context: StageContext, name: str, clear: Callable[[StageSamples], bool], with_other: bool
+) -> StagePlan | None:
+    """Find the quickest via point at which an arm stops and is collision-free; return its stage, or None."""
+    start, goal, posture = _drawn(context, name)
+    limits = context.job.cell.robot.limits.select(context.model.arms[name].arm.joints)
+    posture = posture[((posture >= limits.lower) & (posture <= limits.upper)).all(axis=1)]
+    progress = np.linspace(0.0, 1.0, VIA.leg_samples)[:, None]
+    to_via = start + progress * (posture[:, None] - start)
+    from_via = posture[:, None] + progress * (goal - posture[:, None])
+    legs = np.concatenate([to_via, from_via[:, 1:]], axis=1)
+    straight = start + np.linspace(0.0, 1.0, legs.shape[1])[:, None] * (goal - start)
+    motion = context.motions[name]
+    lack = missing_clearance(context, name, motion, straight, with_other)(legs)
+    length = sum(
+        (np.abs(leg[:, -1] - leg[:, 0]) / limits.velocity).max(axis=1) for leg in (to_via, from_via)
+    )
+    best, shortest = None, np.inf
+    order = np.argsort(np.where(lack == 0.0, length, np.inf), kind="stable")
+    for k in order[: min(VIA.timed, int((lack == 0.0).sum()))]:
+        detour = Detour(posture[k : k + 1], stops=True)
+        motions = {**context.motions, name: context.detoured(name, detour)}
+        stage = combined(context.model, context.samples, motions, {})
+        if len(stage.position) < shortest and clear(stage):
+            shortest = len(stage.position)
+            best = replace(context.plan, detours={**context.plan.detours, name: detour})
+    return best
+
+
+def _drawn(context: StageContext, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Draw random postures (k, n) about an arm's transfer; return its start, its goal and them."""
+    arm = context.model.arms[name]
+    start, goal = context.plan.start[arm.columns], context.plan.arrival[arm.columns]
+    random = np.random.default_rng(context.seed)
+    progress = random.uniform(0.25, 0.75, (len(VIA.spreads) * VIA.postures, 1))
+    spread = np.repeat(VIA.spreads, VIA.postures)[:, None]
+    noise = random.normal(size=(len(progress), len(start))) * spread
+    return start, goal, start + progress * (goal - start) + noise
+
+
 def quickest_curve(
     context: StageContext, name: str, clear: Callable[[StageSamples], bool], with_other: bool
 ) -> StagePlan | None:
     """Find the fastest collision-free curve of one arm's transfer; None if none is found.
 
     Curves are optimised against the estimated simultaneous motion of platform and other arm; the best ones are timed
-    and checked exactly.
+    and checked exactly. Without a collision-free curve a via point is looked for, at which the arm stops.
 
     Args:
         context: the stage.
@@ -64,7 +122,7 @@ def quickest_curve(
         curves = quick_curves(start, goal, cost, context.seed)
         timed = []
         for controls in curves[: context.settings.timed_curves]:
-            detour = Detour(controls)
+            detour = Detour(controls, stops=False)
             try:
                 timed.append(context.detoured(name, detour))
             except InfeasibleError:
@@ -79,7 +137,7 @@ def quickest_curve(
             break
         # The timed curve improves the estimate of the simultaneous motion.
         arm_motion, points = timed[0], curve(start, curves[0], goal, next_samples)
-    return None
+    return quickest_stop(context, name, clear, with_other)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.bent_transfers import Missing, ToolTimes, curved_transfer
+from dualarm_cli.motion.bent_transfers import Missing, ToolTimes, detour_pieces
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.transfers import Drive
 from dualarm_cli.motion.waiting import transfer_ends
@@ -337,10 +337,10 @@ class StageContext:
         """Time one arm's motion along a detour."""
         drive = Drive.of(self.model, self.job, self.timing)
         plan = replace(self.plan, detours={name: detour})
-        piece = curved_transfer(drive, plan, name, self.platform)
+        pieces = detour_pieces(drive, plan, name, self.platform)
         base = self.motions[name]
-        rows = piece.at(np.arange(0.0, piece.duration, self.samples.step))[0]
-        transfer = np.concatenate([base.q[:1], rows])
+        rows = [piece.at(np.arange(0.0, piece.duration, self.samples.step))[0] for piece in pieces]
+        transfer = np.concatenate([base.q[:1], *rows])
         # A line begins when arm and platform have arrived.
         wait = max(0, self._platform_arrival() - len(transfer))
         lines = base.arrival if base.meets is None else base.meets

@@ -1,8 +1,8 @@
-"""Detours that begin and end in motion: a via point replaces the curve.
+"""Detours that begin and end in motion: by a via point that need not be a stop, with the lines beside them.
 
-The state in which an arm passes its via point is taken from the curve that is known to be collision-free. Given that
-state the transfers before and after it are problems of their own, so that the line on each side is chosen by itself.
-Whether the whole is collision-free is for the caller to find out. Our own.
+The state in which an arm passes its via point is taken from the curve that is known to be collision-free, or is rest
+where the detour stops there. Given that state the transfers before and after it are problems of their own, so that the
+line on each side is chosen by itself. Whether the whole is collision-free is for the caller to find out. Our own.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.bent_transfers import curved_transfer
+from dualarm_cli.motion.bent_transfers import detour_pieces
 from dualarm_cli.motion.blending import WORTH, passings_beside, with_ways
 from dualarm_cli.motion.stop_motion import rates_between
 from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers
@@ -88,27 +88,30 @@ def _ways(drive: Drive, before: StagePlan | None, plan: StagePlan, name: str) ->
     if len(retract.ways) == len(approach.ways) == 1:
         return []
     platform = time_transfers(drive, plan, rates_between(drive, before, plan)).motion.get(PLATFORM)
-    whole = curved_transfer(drive, plan, name, platform)
+    pieces = detour_pieces(drive, plan, name, platform)
     least = platform.duration if platform is not None and plan.stops else 0.0
-    rest = max(whole.duration, least)
+    rest = max(sum(piece.duration for piece in pieces), least)
     rest += float(retract.time[0] + approach.time[0])
     found = []
-    for via, rates in _vias(whole):
+    for via, rates in _vias(plan.detours[name], pieces[0]):
         i, j, time = _quickest(drive, plan, name, (retract, approach), (via, rates), least)
         if time < rest - WORTH:
             lines = retract.ways[i], approach.ways[j]
             ends = np.zeros_like(rates)
-            detour = Detour(via[None], np.stack([ends, rates, ends]))
+            detour = Detour(via[None], not rates.any(), np.stack([ends, rates, ends]))
             found.append(BentWay(detour, lines, rest - time))
     return sorted(found, key=lambda way: -way.saved)
 
 
-def _vias(whole: Trajectory) -> list[tuple[FloatArray, FloatArray]]:
-    """Select via points (n,) on a detour's curve, and rates (2, n) at them.
+def _vias(detour: Detour, whole: Trajectory) -> list[tuple[FloatArray, FloatArray]]:
+    """Returns via points (n,) that a detour may have in motion, and rates (2, n) at them.
 
     Args:
-        whole: motion along the curve, from rest to rest.
+        detour: at rest at both ends.
+        whole: its motion, if it is a curve.
     """
+    if detour.stops:
+        return [(detour.points[0], np.zeros((2, detour.points.shape[1])))]
     found = []
     for share in SHARES:
         q, v, a = (row[0] for row in whole.at(np.array([share * whole.duration])))

@@ -1,8 +1,8 @@
-"""Transfers that are not straight: along a curve, or by a via point in motion; within a tool's cap."""
+"""Transfers that are not straight: along a curve, by a posture, or all joints along one path; within a tool's cap."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
@@ -16,7 +16,13 @@ from dualarm_cli.geometry.elementary import power
 from dualarm_cli.geometry.products import product
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.transfers import PLATFORM, Drive, largest_tool_speed, slowed
+from dualarm_cli.motion.transfers import (
+    PLATFORM,
+    Drive,
+    largest_tool_speed,
+    slowed,
+    transfers_within_tool_speed,
+)
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
@@ -169,10 +175,10 @@ def quick_curves(
     return [controls for controls, lack in zip(best, lacking, strict=True) if lack == 0.0]
 
 
-def curved_transfer(
+def detour_pieces(
     drive: Drive, plan: StagePlan, name: str, platform: Trajectory | None
-) -> Trajectory:
-    """Time an arm's transfer along the curve of its detour, from rest to rest.
+) -> list[Trajectory]:
+    """Returns an arm's way by a via point, there and on, or in one curve that does not stop there.
 
     Args:
         drive: of the job.
@@ -183,33 +189,30 @@ def curved_transfer(
     Raises:
         InfeasibleError: the tool exceeds its cap however slowly the arm goes, since the platform moves it.
     """
-    index, joints = drive.columns[name], drive.joints(name)
-    controls, late = plan.detours[name].points, plan.waits.get(name, 0.0)
-    points = curve(plan.start[index], controls, plan.arrival[index], CURVES.curve_points)
-    share, own = np.linspace(0.0, 1.0, len(points)), drive.limits.select(joints)
+    detour, index = plan.detours[name], drive.columns[name]
+    joints = drive.joints(name)
+    if not detour.stops:
+        points = curve(plan.start[index], detour.points, plan.arrival[index], CURVES.curve_points)
+        late = plan.waits.get(name, 0.0)
 
-    def made(factor: float) -> Trajectory:
-        slower = replace(own, velocity=own.velocity * factor)
-        return drive.timing.line(
-            LineProblem(joints, points, share, slower, None, CURVES.curve_knots)
-        )
-
-    def speed(piece: Trajectory) -> float:
-        def position_at(time: FloatArray) -> FloatArray:
+        def position_at(piece: Trajectory, time: FloatArray) -> FloatArray:
             q = np.tile(plan.start, (len(time), 1))
             if platform is not None:
                 q[:, drive.columns[PLATFORM]] = platform.at(time + late)[0]
             q[:, index] = piece.at(time)[0]
             return q
 
-        return largest_tool_speed(drive.model, [name], position_at, piece.duration)
-
-    if drive.cap is None:
-        return made(1.0)
-    found = slowed(made, speed, drive.cap)
-    if found is None:
-        raise InfeasibleError(Refusal("detour_too_fast", allowed=drive.cap))
-    return found
+        return [_along(drive, [name], joints, points, position_at)]
+    between = np.array(plan.start)
+    between[index] = detour.points[0]
+    goal = np.array(plan.start)
+    goal[index] = plan.arrival[index]
+    legs = []
+    for start, end in ((plan.start, between), (between, goal)):
+        alone = StagePlan(start, end, end, {}, plan.solver, 0.0)
+        moved = transfers_within_tool_speed(drive, alone)
+        legs.append([moved.motion[name]] if name in moved.motion else [])
+    return [*legs[0], *legs[1]]
 
 
 def moving_detour(drive: Drive, plan: StagePlan, name: str, least: float) -> list[Trajectory]:
@@ -239,3 +242,45 @@ def moving_detour(drive: Drive, plan: StagePlan, name: str, least: float) -> lis
             raise InfeasibleError(Refusal("no_plan_on_grid"))
         legs.append(leg)
     return legs
+
+
+def _along(
+    drive: Drive,
+    arms: Sequence[str],
+    joints: tuple[str, ...],
+    points: FloatArray,
+    position_at: Callable[[Trajectory, FloatArray], FloatArray],
+) -> Trajectory:
+    """Returns the quickest motion along points of a curve [rad], shape (m, n), in which no tool exceeds its cap.
+
+    Args:
+        drive: of the job.
+        arms: those whose tools count.
+        joints: that move along the curve.
+        points: of the curve.
+        position_at: all joints (m, columns) [rad] with a motion along the curve at instants (m,) [s].
+
+    Raises:
+        InfeasibleError: a tool exceeds its cap at any speed along the curve.
+    """
+    share, own = np.linspace(0.0, 1.0, len(points)), drive.limits.select(joints)
+    cap = drive.cap
+
+    def made(factor: float) -> Trajectory:
+        slower = replace(own, velocity=own.velocity * factor)
+        return drive.timing.line(
+            LineProblem(joints, points, share, slower, None, CURVES.curve_knots)
+        )
+
+    if cap is None:
+        return made(1.0)
+
+    def speed(piece: Trajectory) -> float:
+        return largest_tool_speed(
+            drive.model, arms, lambda time: position_at(piece, time), piece.duration
+        )
+
+    found = slowed(made, speed, cap)
+    if found is None:
+        raise InfeasibleError(Refusal("detour_too_fast", allowed=cap))
+    return found

@@ -12,7 +12,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import SegmentKind, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.bent_transfers import curved_transfer, moving_detour
+from dualarm_cli.motion.bent_transfers import detour_pieces, moving_detour
 from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.motion.stop_motion import (
     add_handover,
@@ -174,10 +174,10 @@ def moves_to_lines(
         least = platform_end - late if name in plan.stops else 0.0
         moves += [Move(piece) for piece in moving_detour(drive, plan, name, least)]
     elif name in plan.detours:
-        piece = curved_transfer(drive, plan, name, transfers.motion.get(PLATFORM))
-        moves.append(Move(piece))
+        pieces = detour_pieces(drive, plan, name, transfers.motion.get(PLATFORM))
+        moves += [Move(piece) for piece in pieces]
         # Its line begins when the platform is there as well.
-        rest = platform_end - (late + piece.duration)
+        rest = platform_end - (late + sum(piece.duration for piece in pieces))
         if name in plan.stops and rest > 0.0:
             moves.append(Move(hold(joints, plan.arrival[index], rest), "platform"))
     elif name in transfers.motion:

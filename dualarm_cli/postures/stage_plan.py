@@ -35,13 +35,15 @@ class ArmStop:
 
 @dataclass(frozen=True)
 class Detour:
-    """Bend of an arm's transfer: a curve, or a via point in motion."""
+    """What bends an arm's transfer: a via point that it stops at, or control points of one curve."""
 
     points: FloatArray
-    """The arm's joints [rad]: control points of the curve, shape (c, 7), or the via point, shape (1, 7)."""
+    """The arm's joints there [rad], shape (1, 7) for a via point, (c, 7) for control points."""
+    stops: bool
+    """Whether the arm stops at the via point; on a curve it does not."""
     rates: FloatArray | None = None
-    """Velocities and accelerations at the transfer's start, the via point and the goal, shape (3, 2, 7); None for a
-    curve."""
+    """Velocities and accelerations at the transfer's start, the via point and the goal, shape (3, 2, 7); None: the
+    transfer begins and ends at rest."""
 
 
 @dataclass(frozen=True)

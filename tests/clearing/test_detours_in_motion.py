@@ -69,7 +69,7 @@ def test_legs_of_a_detour_in_motion_join_keep_limits_and_take_as_long_as_they_ha
         rates *= np.stack([limits.velocity, limits.acceleration])
         start, goal = np.zeros((2, len(job.cell.robot.joints)))
         start[index], goal[index] = q[0], q[2]
-        detours = {"left": Detour(q[1:2], rates)}
+        detours = {"left": Detour(q[1:2], stops=False, rates=rates)}
         plan = StagePlan(start, goal, goal, {}, "exact", 0.0, detours=detours)
         least = float(random.uniform(0.0, 4.0))
         legs = moving_detour(drive, plan, "left", least)

@@ -135,7 +135,7 @@ def test_a_detour_that_is_over_before_the_platform_is_there_waits_for_it(tasks_f
     start = arrival.copy()
     start[model.platform_columns] = plan.start[model.platform_columns]
     start[columns] += 0.01
-    controls = np.tile(arrival[columns] + 0.005, (4, 1))
+    posture = arrival[columns] + 0.005
     end = plan.end.copy()
     end[model.platform_columns] = arrival[model.platform_columns]
     turned = replace(
@@ -143,7 +143,7 @@ def test_a_detour_that_is_over_before_the_platform_is_there_waits_for_it(tasks_f
         start=start,
         arrival=arrival,
         end=end,
-        detours={"left": Detour(controls)},
+        detours={"left": Detour(posture[None], stops=True)},
     )
     motion, left = _left(job, model, [turned])
     assert [(s.kind, s.reason) for s in left[:3]] == [
