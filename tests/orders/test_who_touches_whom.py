@@ -10,7 +10,7 @@ import pytest
 
 from dualarm_cli.clearing import blocked as clear_words
 from dualarm_cli.clearing.repairs import TimedPlan
-from dualarm_cli.effort import EFFORTS
+from dualarm_cli.effort import EFFORTS, ClearanceSettings
 from dualarm_cli.errors import BlockedError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -87,6 +87,8 @@ def test_a_few_stages_in_which_lines_touch_are_mended_more_are_refused(stages, f
         """Its first stages touch."""
 
         settings = EFFORTS["normal"].clearing
+
+        settings = ClearanceSettings()
 
         def __init__(self, count):
             self.count = count

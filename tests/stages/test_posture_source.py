@@ -144,7 +144,7 @@ def test_a_stage_whose_lines_do_not_hold_is_not_taken(numeric, monkeypatch):
     whole = best_combination(problem, slow, [best.decisions])
     assert whole.total == pytest.approx(best.total)
 
-    def lines_hold(problem, arm, table, angle, rows):
+    def lines_hold(problem, arm, angle, rows):
         held = np.ones(problem.stages, dtype=np.bool_)
         held[1] = not np.allclose(rows.near[1], best.decisions.arms[arm].near[1], atol=1e-6)
         return held
