@@ -170,6 +170,7 @@ def test_the_verifier_loads_no_solver(clean, tmp_path):
             "geometry",
             "kinds",
             "model",
+            "notes",  # sentences and their values
             "native",  # for products of matrices
             "records",
             "refusals",
