@@ -14,7 +14,7 @@ from dualarm_cli.model.lying import lying_parts
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.page.scene import WORLD_BODY, DrawnHulls, drawn, placed, poses_at, tcp
 from dualarm_cli.verification.line_spans import line_spans
-from dualarm_cli.verification.lying_bodies import Played
+from dualarm_cli.verification.lying_bodies import ExecutedJob
 from dualarm_cli.verification.tool_model import ToolModel
 
 STILL = [0.0, 0.0, 0.0]
@@ -68,7 +68,7 @@ def while_they_are_there(
         job: as it was done.
     """
     tools = ToolModel(schedule)
-    motion, found = Played(schedule, job, line_spans(schedule, job, tools), tools), []
+    motion, found = ExecutedJob(schedule, job, line_spans(schedule, job, tools), tools), []
     lives = {lying.key: motion.lies(lying) for lying in lying_parts(job, motion.visits)}
     for thing in rows:
         steps = [dict(step) for step in thing["keyframes"]]

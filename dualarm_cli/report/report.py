@@ -26,7 +26,7 @@ from dualarm_cli.report.measures import elbow_imbalance, joint_travel, platform_
 from dualarm_cli.report.sensitivity import sensitivity
 from dualarm_cli.report.stage_parts import StageParts, blending_rows, stage_parts
 from dualarm_cli.verification.budget_checks import judge_budget
-from dualarm_cli.verification.motion_checks import jerk_share, velocity_extrema
+from dualarm_cli.verification.motion_checks import jerk_fraction, velocity_extrema
 from dualarm_cli.verification.tolerances import TOL
 
 SHORTEST_CYCLE = 1e-3
@@ -274,7 +274,7 @@ def _limits_used(schedule: Schedule) -> dict[str, dict[str, float]]:
     peak = {
         "velocity": velocity_extrema(trajectory) / limits.velocity,
         "acceleration": np.abs(trajectory.acceleration).max(axis=0) / limits.acceleration,
-        "jerk": jerk_share(trajectory, limits),
+        "jerk": jerk_fraction(trajectory, limits),
     }
     return {
         joint: {name: float(share[k]) for name, share in peak.items()}

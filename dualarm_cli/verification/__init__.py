@@ -1,4 +1,7 @@
-"""The independent judge: it shares readers, the data model, pinocchio and coal with the planner, nothing else."""
+"""Independent verifier of schedules.
+
+It shares readers, the data model, pinocchio and coal with the planner, nothing else.
+"""
 
 from __future__ import annotations
 
@@ -60,15 +63,15 @@ T = TypeVar("T")
 
 
 class Both(Protocol):
-    """Calls two functions without arguments."""
+    """Caller of two functions without arguments, in turn or in parallel."""
 
-    def __call__(self, one: Callable[[], S], other: Callable[[], T], /) -> tuple[S, T]:
-        """Returns their results."""
+    def __call__(self, first: Callable[[], S], second: Callable[[], T], /) -> tuple[S, T]:
+        """Call both functions and return their results."""
 
 
-def in_turn(one: Callable[[], S], other: Callable[[], T]) -> tuple[S, T]:
-    """Returns the results of two functions."""
-    return one(), other()
+def in_turn(first: Callable[[], S], second: Callable[[], T]) -> tuple[S, T]:
+    """Call two functions one after the other."""
+    return first(), second()
 
 
 def verify(
@@ -78,28 +81,26 @@ def verify(
     clearance: bool = False,
     both: Both = in_turn,
 ) -> Verification:
-    """Returns the judgement of a schedule.
+    """Verify a schedule.
 
-    With a job, robot, base, tools and limits are the job's: what the schedule states of them is not believed.
+    With a job, robot, base, tools and limits are the job's, whatever the schedule states.
 
     Args:
-        schedule: what is to be judged.
+        schedule: the schedule to verify.
         job: cell and tasks as read from their files; without it targets, order and start are not checked and
             robot and limits are those that the schedule states.
-        clearance: whether the clearance of all bodies is proven over the whole motion, which the planner does not
-            look at yet.
-        both: calls two functions without arguments, which share nothing, and returns both results: at once where there
-            is a second core.
+        clearance: whether the clearance of all bodies is proven over the whole motion.
+        both: caller of two independent functions, in parallel if there is a second core.
 
     Raises:
-        InputError: the robot cannot be built, so that nothing can be measured, or the job is for another one.
+        InputError: the robot cannot be built, or the job is for another robot.
     """
-    # Absurd numbers overflow on their way to a finding; they are no reason for warnings or to stop.
+    # Absurd numbers may overflow before a check fails on them: no reason for warnings or to stop.
     with np.errstate(all="ignore"):
-        return _judged(schedule, job, clearance, both)
+        return _verify(schedule, job, clearance, both)
 
 
-def _judged(schedule: Schedule, job: Job | None, clearance: bool, both: Both) -> Verification:
+def _verify(schedule: Schedule, job: Job | None, clearance: bool, both: Both) -> Verification:
     numbers = [check_finite(schedule.motion)]
     if numbers[0].verdict == "passed":
         numbers.append(check_time(schedule.motion))
@@ -113,22 +114,22 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool, both: Both) ->
     trajectory = schedule.trajectory
     if job is not None:
         schedule = replace(schedule, robot=_robot_of(job, trajectory.joints))
-        # It says that only so much of its lines is straight, and of its paths sharp, as the job asks for then.
+        # With blending the job requires only a part of its lines to be straight and of its paths to be sharp.
         job = schedule.blending.straight(job)
     model = ToolModel(schedule)
-    known = _of_known_arms(schedule)
-    # What needs an arm for every task takes the one that did it; whether it may have is for the check of the order.
+    known_arms_only = _only_known_arms(schedule)
+    # Every task gets the arm that did it; whether that arm was allowed is for the check of the order.
     done = None if job is None else job_as_done(schedule, job)
-    stated = known.events
+    stated = known_arms_only.events
     if done is not None:
-        known = _moving(known, done)
-    # What has a tolerance of its own is judged with its work.
-    stops = known
+        known_arms_only = _with_target_velocities(known_arms_only, done)
+    # Events with tolerances of their own are judged by the checks of their kind of work.
+    stops = known_arms_only
     if job is not None:
-        own = (e for e in known.events if e.action not in WITHIN_TOLERANCE)
-        stops = replace(known, events=tuple(own))
-    spans = () if done is None else line_spans(known, done, model)
-    evidence = Evidence(schedule, known, stated, job, done, model, spans)
+        events = (e for e in known_arms_only.events if e.action not in WITHIN_TOLERANCE)
+        stops = replace(known_arms_only, events=tuple(events))
+    spans = () if done is None else line_spans(known_arms_only, done, model)
+    evidence = Evidence(schedule, known_arms_only, stated, job, done, model, spans)
     if not clearance:
         rest = not_checked(COLLISIONS)
         return Verification((*numbers, *_checks(evidence, stops), rest))
@@ -147,13 +148,18 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool, both: Both) ->
 
 
 def _checks(evidence: Evidence, stops: Schedule) -> list[Check]:
-    """Returns all checks but that of clearance.
+    """Run all checks but that of clearance.
 
     Args:
-        evidence: what is known.
-        stops: the schedule with those events that have no tolerance of their own.
+        evidence: the schedule and what was measured of it.
+        stops: the schedule without events that have tolerances of their own.
     """
-    schedule, known, job, done = evidence.schedule, evidence.known, evidence.job, evidence.done
+    schedule, known_arms_only, job, done = (
+        evidence.schedule,
+        evidence.known_arms_only,
+        evidence.job,
+        evidence.done,
+    )
     model, spans, trajectory = evidence.model, evidence.spans, schedule.trajectory
     sliding = schedule.robot.sliding
     return [
@@ -162,7 +168,7 @@ def _checks(evidence: Evidence, stops: Schedule) -> list[Check]:
         check_rest(trajectory, sliding),
         check_arms(schedule),
         *check_events(stops, model),
-        *check_lines(known, done, model),
+        *check_lines(known_arms_only, done, model),
         *_kind_checks("lines", evidence),
         *_kind_checks("work", evidence),
         *_kind_checks("joints", evidence),
@@ -170,27 +176,27 @@ def _checks(evidence: Evidence, stops: Schedule) -> list[Check]:
         check_tool_speed(schedule, schedule.robot.tool_speed, model),
         check_stages(schedule, job),
         check_segments(schedule),
-        check_segment_kinds(known),
+        check_segment_kinds(known_arms_only),
         check_bound(schedule),
         *_job_checks(evidence),
     ]
 
 
 def _robot_of(job: Job, joints: tuple[str, ...]) -> ScheduleRobot:
-    """Returns the robot, tools and limits that the job has.
+    """Return the job's robot, tools and limits.
 
     Raises:
         InputError: the job's robot has other joints than the schedule.
     """
-    other = sorted(set(job.cell.robot.joints) ^ set(joints))
-    if other:
-        message = f"schedule and tasks are for different robots: {', '.join(other[:4])}"
+    differences = sorted(set(job.cell.robot.joints) ^ set(joints))
+    if differences:
+        message = f"schedule and tasks are for different robots: {', '.join(differences[:4])}"
         raise InputError([Diagnostic("schedule", 0, 0, "E301", message)])
     return ScheduleRobot.of_job(job)
 
 
-def _of_known_arms(schedule: Schedule) -> Schedule:
-    """Returns the schedule without the work of arms that the robot does not have."""
+def _only_known_arms(schedule: Schedule) -> Schedule:
+    """Leave out the work of arms that the robot lacks."""
     arms = schedule.robot.arms
     return replace(
         schedule,
@@ -199,25 +205,25 @@ def _of_known_arms(schedule: Schedule) -> Schedule:
     )
 
 
-def _moving(schedule: Schedule, job: Job) -> Schedule:
-    """Returns a schedule whose events move as the job's targets do: what it states itself is not believed."""
+def _with_target_velocities(schedule: Schedule, job: Job) -> Schedule:
+    """Replace the velocities of events by those of the job's targets."""
     stops = job.stops_by_key()
 
-    def moving(event: Event) -> Event:
+    def with_velocity(event: Event) -> Event:
         stop = stops.get((event.arm, event.task, event.action))
         return replace(event, velocity=(0.0,) * 3 if stop is None else stop.velocity)
 
-    return replace(schedule, events=tuple(moving(event) for event in schedule.events))
+    return replace(schedule, events=tuple(with_velocity(event) for event in schedule.events))
 
 
 def _kind_checks(subject: Subject, evidence: Evidence) -> list[Check]:
-    """Returns the checks that the kinds of work have of one subject."""
+    """Run the checks of one subject by all kinds of work."""
     judges = [kind.judge[subject] for kind in of_kinds("checks") if subject in kind.judge]
     return [check for judge in judges for check in judge(evidence)]
 
 
 def _job_checks(evidence: Evidence) -> list[Check]:
-    """Returns the checks of what only a job tells, as its file has it and as it was done."""
+    """Run the checks that need a job."""
     schedule, job, done, spans = evidence.schedule, evidence.job, evidence.done, evidence.spans
     if job is None or done is None:
         first, second, third = (

@@ -14,34 +14,38 @@ from dualarm_cli.verification.tolerances import TOL
 
 
 def job_as_done(schedule: Schedule, job: Job) -> Job:
-    """Returns the job with arms, order and pairing as a schedule has them; a job that says all itself as it is.
+    """Decide the arms, order and pairing of a job as in a schedule.
 
-    What is done besides, such as tool changes, are tasks as well, each before the next one that its arm does.
-    A task that any arm may do is its first event's arm's, and stays any arm's where nobody did it. Whether that was
-    allowed, complete and one after the other is for the checks of order and pairing.
+    Added work, such as tool changes, becomes tasks too, each before the next task of its arm. A task that any arm may
+    do gets the arm of its first event, and stays open if it has none. Whether this is allowed and complete is for the
+    checks of order and pairing. A job that is decided keeps its order.
 
     Args:
-        schedule: who does what when.
-        job: as its file leaves it.
+        schedule: with the events of all arms.
+        job: as in its file.
     """
     changes = [task for kind in of_kinds("checks") for task in kind.added(schedule, job)]
     if job.is_decided:
         return replace(job, tasks=_with_changes(schedule, job, changes)) if changes else job
     arms = {arm.name for arm in job.cell.robot.arms}
-    done: dict[tuple[str, str], Event] = {}
+    first_events: dict[tuple[str, str], Event] = {}
     for event in in_time(schedule.events):
         if event.arm in arms:
-            done.setdefault((event.task, event.action), event)
+            first_events.setdefault((event.task, event.action), event)
 
-    def first(task: Task) -> Event | None:
-        found = [done[task.id, s.action] for s in task.stops if (task.id, s.action) in done]
-        return min(found, key=lambda event: event.time, default=None)
+    def first_event(task: Task) -> Event | None:
+        events = [
+            first_events[task.id, s.action]
+            for s in task.stops
+            if (task.id, s.action) in first_events
+        ]
+        return min(events, key=lambda event: event.time, default=None)
 
-    begun = [(task, first(task)) for task in (*job.tasks, *(task for _, task in changes))]
-    begun.sort(key=lambda one: np.inf if one[1] is None else one[1].time)
+    started = [(task, first_event(task)) for task in (*job.tasks, *(task for _, task in changes))]
+    started.sort(key=lambda item: np.inf if item[1] is None else item[1].time)
     tasks = [
         replace(task, arm=event.arm) if task.arm == ANY and event is not None else task
-        for task, event in begun
+        for task, event in started
     ]
     decided = replace(job, tasks=tuple(tasks), order="given")
     if job.mode == "free":
@@ -52,62 +56,62 @@ def job_as_done(schedule: Schedule, job: Job) -> Job:
 def _with_changes(
     schedule: Schedule, job: Job, changes: Sequence[tuple[float, Task]]
 ) -> tuple[Task, ...]:
-    """Returns the tasks in the file's order, what is done besides before what its arm begins next."""
-    begun: dict[str, float] = {}
+    """Insert added tasks before the next task that their arm begins."""
+    start_times: dict[str, float] = {}
     for event in schedule.events:
-        begun[event.task] = min(event.time, begun.get(event.task, np.inf))
-    left, found = list(changes), list[Task]()
+        start_times[event.task] = min(event.time, start_times.get(event.task, np.inf))
+    remaining, ordered = list(changes), list[Task]()
     for task in job.tasks:
         due = [
             change
-            for change in left
-            if change[1].arm == task.arm and change[0] <= begun.get(task.id, np.inf)
+            for change in remaining
+            if change[1].arm == task.arm and change[0] <= start_times.get(task.id, np.inf)
         ]
-        left = [change for change in left if change not in due]
-        found += [*(change for _, change in due), task]
-    return (*found, *(change for _, change in left))
+        remaining = [change for change in remaining if change not in due]
+        ordered += [*(change for _, change in due), task]
+    return (*ordered, *(change for _, change in remaining))
 
 
 def is_change(event: Event, job: Job) -> bool:
-    """Returns whether an event takes a tool or leaves one, of an arm that may: no task of the file."""
+    """Return whether an event is a tool change, which is no task of the file."""
     return event.action in AT_STANDS and event.arm in job.cell.tool_changes
 
 
 def in_time(events: Sequence[Event]) -> list[Event]:
-    """Returns events by their time; those of one instant as they are listed."""
+    """Sort events by time, stably."""
     return sorted(events, key=lambda event: event.time)
 
 
 def events_by_stage(schedule: Schedule) -> list[list[Event]]:
-    """Returns the events that belong to each stage: at most one of each arm.
+    """Assign events to stages, at most one of each arm.
 
     An event may lie on the border of two stages: it belongs to the first one that contains it, is its arm's or both
     arms', and comes after the stage of that arm's event before.
     """
     stages = schedule.stages
-    found: list[list[Event]] = [[] for _ in stages]
+    events_of_stage: list[list[Event]] = [[] for _ in stages]
     for arm in dict.fromkeys(event.arm for event in schedule.events):
-        left = stages_of_arm(schedule, arm)
+        remaining = stages_of_arm(schedule, arm)
         for event in in_time([e for e in schedule.events if e.arm == arm]):
-            place = next((n for n, k in enumerate(left) if contains(stages[k], event)), None)
+            place = next((n for n, k in enumerate(remaining) if contains(stages[k], event)), None)
             if place is not None:
-                found[left[place]].append(event)
-                left = left[place + 1 :]
-    return found
+                events_of_stage[remaining[place]].append(event)
+                remaining = remaining[place + 1 :]
+    return events_of_stage
 
 
 def stages_of_arm(schedule: Schedule, arm: str) -> list[int]:
-    """Returns the numbers of the stages of one arm and of both, from 0, one after the other.
+    """List the numbers of an arm's stages and of common ones, from 0, in time order.
 
-    By their middles: of stages that do not overlap but for rounding, one without length is not put on the wrong side.
+    Sorted by their middles, so that rounding does not misplace a stage without length.
     """
     stages = schedule.stages
-    own = [k for k, stage in enumerate(stages) if stage.arm in ("", arm)]
-    return sorted(own, key=lambda k: stages[k].start + stages[k].end)
+    numbers = [k for k, stage in enumerate(stages) if stage.arm in ("", arm)]
+    return sorted(numbers, key=lambda k: stages[k].start + stages[k].end)
 
 
 def contains(stage: Stage, event: Event) -> bool:
-    """Returns whether a stage names an event's task and lasts from before it to the end of its dwell."""
+    """Return whether a stage names an event's task and contains its dwell."""
     return (
         event.task in stage.tasks
         and stage.start - TOL.same_time <= event.time
@@ -116,17 +120,17 @@ def contains(stage: Stage, event: Event) -> bool:
 
 
 def _pairing(schedule: Schedule, job: Job) -> tuple[tuple[StopKey, ...], ...]:
-    """Returns the job's targets stage by stage; the return and what nobody asked for are left out."""
-    asked = {(task.arm, task.id, stop.action) for task in job.tasks for stop in task.stops}
+    """List the job's targets stage by stage, without the return and surplus work."""
+    required = {(task.arm, task.id, stop.action) for task in job.tasks for stop in task.stops}
     order = [arm.name for arm in job.cell.robot.arms]
-    found: list[tuple[StopKey, ...]] = []
+    pairing: list[tuple[StopKey, ...]] = []
     for events in events_by_stage(schedule):
         keys = [(e.arm, e.task, e.action) for e in events]
-        found.append(
-            tuple(sorted((k for k in keys if k in asked), key=lambda key: order.index(key[0])))
+        pairing.append(
+            tuple(sorted((k for k in keys if k in required), key=lambda key: order.index(key[0])))
         )
-        # What is done once more is the order's to find.
-        asked -= set(keys)
-    while found and not found[-1]:
-        found.pop()
-    return tuple(found)
+        # Repeated targets are for the check of the order.
+        required -= set(keys)
+    while pairing and not pairing[-1]:
+        pairing.pop()
+    return tuple(pairing)

@@ -16,11 +16,14 @@ from dualarm_cli.verification.tolerances import TOL
 
 
 def judge_budget(schedule: Schedule, job: Job) -> tuple[Kept, ...]:
-    """Returns the lines of a job's budget, compared with a schedule; nothing where it has none.
+    """Compare a schedule with its job's budget, item by item.
 
     Args:
-        schedule: with its verification; without clearances in it clearance and skew count as missed.
-        job: what it was planned for.
+        schedule: with its verification; without proven clearances, clearance and skew count as missed.
+        job: the job that it was planned for.
+
+    Returns:
+        Items of the budget; empty without a budget.
     """
     budget, lines = job.budget, list[Kept]()
     if budget is None:
@@ -38,30 +41,30 @@ def judge_budget(schedule: Schedule, job: Job) -> tuple[Kept, ...]:
             Kept("clearance", budget.clearance, least, kept, place.file, place.line, place.column)
         )
     if budget.skew is not None:
-        found = schedule.verification.delays if schedule.verification is not None else ()
-        clear, place = min((one.clear for one in found), default=None), budget.skew_place
+        arm_delays = schedule.verification.delays if schedule.verification is not None else ()
+        clear, place = min((delay.clear for delay in arm_delays), default=None), budget.skew_place
         kept = clear is not None and clear >= budget.skew
         lines.append(Kept("skew", budget.skew, clear, kept, place.file, place.line, place.column))
     return tuple(lines)
 
 
 def least_clearance(schedule: Schedule, job: Job) -> float | None:
-    """Returns the least distance of any two bodies that must keep apart [m], proven; None where none was proven.
+    """Return the least proven clearance of any pair [m], or None.
 
-    The stages of a verification have the pairs that are nearest to what is required of them. Where all pairs have to
-    keep the same distance these are the nearest ones of all; where some have one of their own it is proven once more.
+    A verification lists the pairs with the least margins. If pairs require different clearances, the least distance
+    may be another pair's, and the proof is repeated with the same requirement for all.
     """
     stages = schedule.verification.clearances if schedule.verification is not None else ()
     if stages and job.cell.clearances:
         with np.errstate(all="ignore"):
-            stages = _alike(schedule, job)
-    # What may lie on something has no clearance to speak of.
-    found = [stage.clearance for stage in stages if stage.required >= 0.0]
-    return min(found, default=None)
+            stages = _uniform_clearances(schedule, job)
+    # Parts that may lie on something have no clearance.
+    clearances = [stage.clearance for stage in stages if stage.required >= 0.0]
+    return min(clearances, default=None)
 
 
-def _alike(schedule: Schedule, job: Job) -> tuple[StageClearance, ...]:
-    """Returns the least clearances where the same is required of all pairs."""
+def _uniform_clearances(schedule: Schedule, job: Job) -> tuple[StageClearance, ...]:
+    """Prove the least clearances with the same requirement for all pairs."""
     done = job_as_done(schedule, job)
     cell = replace(done.cell, clearances=())
     return check_clearance(schedule, replace(done, cell=cell))[1]

@@ -42,18 +42,18 @@ from dualarm_cli.verification.holding_spans import (
 )
 from dualarm_cli.verification.kind_checks import Touch
 from dualarm_cli.verification.line_spans import LineSpan, line_spans
-from dualarm_cli.verification.lying_bodies import LyingBodies, Played
+from dualarm_cli.verification.lying_bodies import ExecutedJob, LyingBodies
 from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_model import ToolModel
 
 
 def edges_of(schedule: Schedule) -> FloatArray:
-    """Returns the starts and ends of the stages and of the motion [s]; one stretch where no stages are stated."""
+    """List the starts and ends of the stages and of the motion [s]."""
     time = schedule.trajectory.time
     first, last = float(time[0]), float(time[-1])
     edges = sorted({first, *(s.start for s in schedule.stages if first < s.start < last)})
     for end in sorted(stage.end for stage in schedule.stages):
-        # An end that only rounding parts from where the next stage starts is no edge of its own.
+        # An end that differs from the start of the next stage by rounding is no further edge.
         place = bisect(edges, end)
         near = (*edges[place - 1 : place + 1], last)
         if first < end < last and all(abs(end - edge) > TOL.same_time for edge in near):
@@ -62,19 +62,19 @@ def edges_of(schedule: Schedule) -> FloatArray:
 
 
 def stages_of(schedule: Schedule, edges: FloatArray) -> list[list[int]]:
-    """Returns the stages that each stretch between two edges is part of.
+    """List the stages that contain each interval between two edges.
 
-    What is between stages counts with the last that has begun: no motion is left out.
+    Motion between stages counts with the last stage that has begun, so that none is left out.
     """
     starts = np.array([stage.start for stage in schedule.stages])
     ends = np.array([stage.end for stage in schedule.stages])
-    found = []
+    stages = []
     for start, end in pairwise(edges.tolist()):
         inside = np.flatnonzero((starts <= start) & (end <= ends + TOL.same_time)).tolist()
         begun = np.flatnonzero(starts <= start)
         last = int(begun[np.argmax(starts[begun])]) if len(begun) else 0
-        found.append(inside or [last])
-    return found
+        stages.append(inside or [last])
+    return stages
 
 
 NO_JOB = "obstacles, tools and clearances are in the cell file: no task file was given (--tasks)"
@@ -83,18 +83,21 @@ NO_JOB = "obstacles, tools and clearances are in the cell file: no task file was
 def check_clearance(
     schedule: Schedule, job: Job | None, spans: Sequence[LineSpan] | None = None
 ) -> tuple[Check, tuple[StageClearance, ...]]:
-    """Checks the clearance of all pairs of bodies, and returns the least of every stage.
+    """Check the clearance of all pairs of bodies, stage by stage.
 
-    A carried part belongs to its arm from the pick's event to the place's; one that is handed over to the giver until
-    it lets go, and to the taker once that has gripped. On the lines where it is picked and placed it need not be
-    clear of obstacles (it lies on one), only not reach into them. From the taker's approach to the end of the giver's
-    retract both tools may touch it. A changed tool belongs to its arm while it is on, and has the same right as a part
-    on the lines at its stand. What stands there without an arm is no obstacle.
+    A carried part belongs to its arm from the pick's event to the place's. In a hand-over it belongs to the giver until
+    the giver lets go, and to the taker from its grip on; both tools may touch it from the taker's approach to the end
+    of the giver's retract. On the lines of its pick and place a part may touch obstacles, because it lies on one, but
+    not penetrate them. The same holds for a changed tool on the lines at its stand; it belongs to its arm while it is
+    mounted. A tool in its stand is no obstacle.
 
     Args:
         schedule: with finite numbers and rising times.
-        job: cell and tasks, each with the arm that did it; without them nothing is checked.
-        spans: of the job's stops (`line_spans`), with the job's robot; measured where they are not given.
+        job: cell and tasks, each with the arm that did it; None checks nothing.
+        spans: of the job's stops (`line_spans`), with the job's robot; None measures them.
+
+    Returns:
+        The check, and the least clearance of each stage.
     """
     if job is None:
         return not_checked(COLLISIONS, NO_JOB), ()
@@ -105,18 +108,20 @@ def check_clearance(
     parts = stages_of(schedule, edges)
     try:
         plain = watched.certified(edges, contact=False, lying=False)
-        # Of many parts that wait or lie few come near: only what may be nearer than all else is looked at.
-        known = np.array([found.met for found in plain])
-        resting = watched.certified(edges, contact=False, lying=True, known=known)
+        # Of many parts that wait or lie few come near: only those that may be the nearest are measured.
+        margins = np.array([interval.met for interval in plain])
+        resting = watched.certified(edges, contact=False, lying=True, other_margins=margins)
         touching = [
             watched.certified(edges, contact=True, lying=False),
-            watched.certified(edges, contact=True, lying=True, known=np.zeros(len(known))),
+            watched.certified(
+                edges, contact=True, lying=True, other_margins=np.zeros(len(margins))
+            ),
         ]
     except UnprovenError:
         where = "cannot be proven: the motion goes too far between its knots, beyond the limits of its joints"
         return judge(COLLISIONS, np.nan, TOL.clearance_slack, where), ()
     stages = watched.by_stage(parts, [plain, resting])
-    # Parts that may lie on something have no clearance to speak of: they count where they reach into it.
+    # Parts that may lie on something have no clearance: they count only if they penetrate it.
     deep = watched.by_stage(parts, touching)
     stages += [stage for stage in deep if stage.margin < -TOL.clearance_slack]
     stages.sort(key=lambda stage: stage.stage)
@@ -133,31 +138,36 @@ def check_clearance(
 
 @dataclass(frozen=True)
 class WatchedPairs:
-    """The pairs of solids that must keep apart along a motion."""
+    """Pairs of solids that must keep apart along a motion."""
 
     model: pin.Model
-    """The robot's, with a joint for every belt that carries parts."""
+    """Model of the robot, with a joint for every belt that carries parts."""
     solids: list[Solid]
     """Solids of the cell, and of parts that wait or lie."""
     pairs: list[Pair]
     """Pairs that must keep apart, one for each required distance."""
     windows: list[Windows]
-    """Windows in which each of them counts."""
+    """Windows in which each pair counts."""
     trajectory: Trajectory
     """Motion of the model's joints."""
 
     def certified(
-        self, edges: FloatArray, *, contact: bool, lying: bool, known: FloatArray | None = None
+        self,
+        edges: FloatArray,
+        *,
+        contact: bool,
+        lying: bool,
+        other_margins: FloatArray | None = None,
     ) -> list[Certified]:
-        """Prove the least margin of some pairs between neighbouring edges.
+        """Prove the least margin of the selected pairs between neighbouring edges.
 
         Args:
             edges: instants [s], see `ClearanceProof.certify`.
-            known: margins that other pairs have there [m], see there.
-            contact: whether the pairs that may touch are asked for, or all others.
-            lying: whether the pairs of parts that wait or lie are asked for, or all others.
+            other_margins: margins of other pairs between the edges [m], see there.
+            contact: selects the pairs that may touch, or all others.
+            lying: selects the pairs of parts that wait or lie, or all others.
         """
-        some = [
+        selected = [
             k
             for k, pair in enumerate(self.pairs)
             if (pair.required < 0.0) is contact and bool(self.solids[pair.second].lying) is lying
@@ -165,14 +175,17 @@ class WatchedPairs:
         proof = ClearanceProof(
             self.model,
             self.solids,
-            [self.pairs[k] for k in some],
-            [self.windows[k] for k in some],
+            [self.pairs[k] for k in selected],
+            [self.windows[k] for k in selected],
             self.trajectory,
         )
-        # What may lie on something is allowed so little that the proof must not use it up.
+        # Parts that may lie on something have little allowance, which the proof must not use up.
         precision = 0.1 * TOL.contact_slack if contact else PROOF.precision
-        found = proof.certify(edges, precision, known)
-        return [replace(one, pair=some[one.pair]) if one.pair >= 0 else one for one in found]
+        certified = proof.certify(edges, precision, other_margins)
+        return [
+            replace(interval, pair=selected[interval.pair]) if interval.pair >= 0 else interval
+            for interval in certified
+        ]
 
     def by_stage(
         self, stages: Sequence[Sequence[int]], certified: Sequence[Sequence[Certified]]
@@ -180,25 +193,25 @@ class WatchedPairs:
         """List the least margin of every stage in which a pair counts.
 
         Args:
-            stages: numbers of the stages of every stretch (`stages_of`).
-            certified: what was proven of several groups of pairs, stretch by stretch.
+            stages: numbers of the stages of every interval (`stages_of`).
+            certified: proven margins of several groups of pairs, interval by interval.
         """
         least: dict[int, StageClearance] = {}
         for group in certified:
-            for found, numbers in zip(group, stages, strict=True):
-                if found.pair < 0:
+            for interval, numbers in zip(group, stages, strict=True):
+                if interval.pair < 0:
                     continue
-                pair = self.pairs[found.pair]
+                pair = self.pairs[interval.pair]
                 for number in numbers:
-                    if number in least and least[number].margin <= found.margin:
+                    if number in least and least[number].margin <= interval.margin:
                         continue
                     least[number] = StageClearance(
                         stage=number,
-                        clearance=found.margin + pair.required,
-                        margin=found.margin,
+                        clearance=interval.margin + pair.required,
+                        margin=interval.margin,
                         required=pair.required,
                         bodies=(self.solids[pair.first].label, self.solids[pair.second].label),
-                        time=found.time,
+                        time=interval.time,
                     )
         return [least[number] for number in sorted(least)]
 
@@ -221,7 +234,7 @@ def watched_pairs(
     if spans is None:
         spans = line_spans(schedule, job, tools)
     pairs, windows = _pairs_and_windows(model, solids, schedule, job, spans)
-    resting = LyingBodies.of(Played(schedule, job, spans, tools), model, solids)
+    resting = LyingBodies.of(ExecutedJob(schedule, job, spans, tools), model, solids)
     pairs += [pair for pair, _ in resting.pairs]
     windows += [during for _, during in resting.pairs]
     return WatchedPairs(
@@ -230,13 +243,13 @@ def watched_pairs(
 
 
 def check_shapes(job: Job) -> list[Check]:
-    """Checks that each arm and each tool has a shape: without one its clearance is not proven.
+    """Check that each arm and each tool has a shape, which clearance needs.
 
     Args:
         job: cell and tasks.
 
     Returns:
-        One check that is `not checked` and names what has no shape, or none.
+        One check that is `not checked` and names the bodies without shape, or none.
     """
     missing = bodies_without_shape(job.cell)
     return [not_checked(SHAPES, f"no shapes of {', '.join(missing)}")] if missing else []
@@ -255,20 +268,23 @@ def _pairs_and_windows(
     job: Job,
     spans: Sequence[LineSpan],
 ) -> tuple[list[Pair], list[Windows]]:
-    """Returns the pairs, and when each counts; a part's pairs with obstacles twice, in transfers and on lines."""
+    """List pairs of solids with the windows in which they count.
+
+    Pairs of a part and an obstacle appear twice: in transfers and on lines.
+    """
     pairs: list[Pair] = []
     windows: list[Windows] = []
     touches = [touch for kind in of_kinds("checks") for touch in kind.touches(job, spans)]
     for pair in pairs_that_must_keep_apart(model, solids, job.cell):
-        one, other = solids[pair.first], solids[pair.second]
-        carriers = [solid for solid in (one, other) if solid.carrier]
+        solid_a, solid_b = solids[pair.first], solids[pair.second]
+        carriers = [solid for solid in (solid_a, solid_b) if solid.carrier]
         if not carriers:
-            _add_plain(pairs, windows, pair, touching_spans(touches, one, other), schedule)
+            _add_plain(pairs, windows, pair, touching_spans(touches, solid_a, solid_b), schedule)
             continue
-        held = [carrying_spans(schedule, job, solid) for solid in carriers]
-        during = held[0] if len(held) == 1 else overlaps(held[0], held[1])
-        during = without(during, touching_spans(touches, one, other, gripped=True))
-        if len(carriers) == 1 and WORLD in (one.joint, other.joint):
+        carried = [carrying_spans(schedule, job, solid) for solid in carriers]
+        during = carried[0] if len(carried) == 1 else overlaps(carried[0], carried[1])
+        during = without(during, touching_spans(touches, solid_a, solid_b, gripped=True))
+        if len(carriers) == 1 and WORLD in (solid_a.joint, solid_b.joint):
             lines = spans_on_lines(job, carriers[0], spans)
             pairs += [pair, Pair(pair.first, pair.second, -TOL.contact_slack)]
             windows += [without(during, lines), overlaps(during, lines)]
@@ -285,7 +301,7 @@ def _add_plain(
     works: Sequence[Span],
     schedule: Schedule,
 ) -> None:
-    """Appends a pair that carries no part: always, but while one works on the other it need only not reach into it."""
+    """Append a pair without parts; while one works on the other, contact is allowed."""
     if not works:
         pairs.append(pair)
         windows.append(None)
@@ -296,16 +312,16 @@ def _add_plain(
 
 
 def touching_spans(
-    touches: Sequence[Touch], one: Solid, other: Solid, *, gripped: bool = False
+    touches: Sequence[Touch], solid_a: Solid, solid_b: Solid, *, gripped: bool = False
 ) -> list[Span]:
     """List the spans in which two solids may touch [s], sorted.
 
     Args:
         touches: of a job.
-        one: a solid.
-        other: another one.
-        gripped: whether spans are asked for in which one grips the other, or those in which it does not.
+        solid_a: one of the solids.
+        solid_b: the other one.
+        gripped: selects spans in which one grips the other, or those in which it does not.
     """
-    bodies = {(solid.carrier, solid.body) for solid in (one, other)}
-    mine = [touch for touch in touches if touch.gripped is gripped and touch.bodies == bodies]
-    return sorted({(touch.start, touch.end) for touch in mine})
+    bodies = {(solid.carrier, solid.body) for solid in (solid_a, solid_b)}
+    matching = [touch for touch in touches if touch.gripped is gripped and touch.bodies == bodies]
+    return sorted({(touch.start, touch.end) for touch in matching})

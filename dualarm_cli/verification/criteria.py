@@ -1,4 +1,4 @@
-"""Meaning of every check of the verifier: its measure, unit, and when it is not checked."""
+"""Criteria of the verifier: the measure and unit of each check."""
 
 from __future__ import annotations
 
@@ -168,8 +168,8 @@ def criterion(name: str) -> Criterion:
         KeyError: no table has the check.
     """
     tables = CRITERIA.values()
-    own = next((table[name] for table in tables if name in table), None)
-    return own or {k: c for kind in of_kinds("checks") for k, c in kind.criteria.items()}[name]
+    built_in = next((table[name] for table in tables if name in table), None)
+    return built_in or {k: c for kind in of_kinds("checks") for k, c in kind.criteria.items()}[name]
 
 
 def judge(name: str, measured: float, allowed: float, where: str, *, slides: bool = False) -> Check:
@@ -181,8 +181,8 @@ def judge(name: str, measured: float, allowed: float, where: str, *, slides: boo
         name: of the check.
         measured: in the unit of its criterion.
         allowed: in the same unit.
-        where: the worst value is.
-        slides: whether it is a sliding joint's, in m in place of rad.
+        where: place of the worst value.
+        slides: whether the value is of a sliding joint, in m in place of rad.
     """
     passed = bool(measured <= allowed)
     value = float(measured) if np.isfinite(measured) else None

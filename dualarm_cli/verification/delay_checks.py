@@ -2,9 +2,9 @@
 
 Proof of the least delay of one arm at which clearance is lost.
 
-Where both stand on the same base or platform, the solids of each arm depend on its own clock alone. Squares of the
-plane of both clocks are halved in both directions until the boxes about all that two solids pass, or the distance at
-the centre less how far both can move, prove them clear, or until a centre lacks clearance; small delays come first.
+If both arms stand on the same base or platform, the solids of each arm depend on its own clock alone. Squares of the
+plane of both clocks are halved in both directions, small delays first, until they are proven clear or a centre lacks
+clearance. The proof compares the boxes swept by two solids, or their distance at the centre less their motion.
 Our own; the bound is that of `clearance_proof`.
 """
 
@@ -45,16 +45,16 @@ from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_model import tool_chain
 
 SKEW = "skew"
-"""Name of the check; it is there only where the job asks for it."""
+"""Name of the check, which is made only if the job requires a skew."""
 
 
 def arm_delays(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> tuple[ArmDelay, ...]:
     """Prove the tolerated delay of each of two arms with shapes.
 
-    Late are the arm's joints, its tool and what it carries. The other arm and a platform keep to the plan's time, and
-    both arms stay where the plan ends. Not counted are what may touch in a hand-over or on a seam, parts on the lines
-    where they are picked and placed, and parts that are fed to their picks. Other parts that wait or lie are first met
-    where the arm that takes or brings them carries them, as long as the platform stands.
+    The arm's joints, its tool and its part are late. The other arm and a platform keep to the plan's time, and both
+    arms stay at the end of the plan. Not counted are bodies that may touch in a hand-over or on a seam, parts on the
+    lines of their pick and place, and parts that are fed to their picks. Other parts that wait or lie collide first
+    while an arm carries them, as long as the platform stands.
 
     Args:
         schedule: with finite numbers and rising times.
@@ -62,7 +62,7 @@ def arm_delays(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> tuple
         spans: of the job's stops.
     """
     robot = job.cell.robot
-    if len(robot.arms) != 2 or any("links" in one for one in bodies_without_shape(job.cell)):
+    if len(robot.arms) != 2 or any("links" in body for body in bodies_without_shape(job.cell)):
         return ()
     schedule = replace(schedule, robot=ScheduleRobot.of_job(job))
     model = pin.buildModelFromXML(robot.urdf)
@@ -71,40 +71,40 @@ def arm_delays(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> tuple
     joints = [{model.getJointId(name) for name in arm.joints} for arm in robot.arms]
     pairs = []
     for pair in pairs_that_must_keep_apart(model, solids, job.cell):
-        one, other = solids[pair.first], solids[pair.second]
-        if one.joint in joints[1] and other.joint in joints[0]:
-            pair, one, other = Pair(pair.second, pair.first, pair.required), other, one
-        if one.joint not in joints[0] or other.joint not in joints[1]:
+        solid_a, solid_b = solids[pair.first], solids[pair.second]
+        if solid_a.joint in joints[1] and solid_b.joint in joints[0]:
+            pair, solid_a, solid_b = Pair(pair.second, pair.first, pair.required), solid_b, solid_a
+        if solid_a.joint not in joints[0] or solid_b.joint not in joints[1]:
             continue
-        there = [
+        existing = [
             _to_the_ends(schedule, carrying_spans(schedule, job, solid))
             if solid.carrier
             else ALWAYS
-            for solid in (one, other)
+            for solid in (solid_a, solid_b)
         ]
         excused = _to_the_ends(
             schedule,
             [
                 span
                 for gripped in (False, True)
-                for span in touching_spans(touches, one, other, gripped=gripped)
+                for span in touching_spans(touches, solid_a, solid_b, gripped=gripped)
             ],
         )
-        pairs.append(ArmPair(pair, (there[0], there[1]), excused))
+        pairs.append(ArmPair(pair, (existing[0], existing[1]), excused))
     if not pairs:
         return ()
-    asked = [figure for figure in (job.skew, job.budget and job.budget.skew) if figure]
-    proof = DelayProof(model, schedule.trajectory, solids, pairs, max([LONGEST_DELAY, *asked]))
-    found = []
+    required = [figure for figure in (job.skew, job.budget and job.budget.skew) if figure]
+    proof = DelayProof(model, schedule.trajectory, solids, pairs, max([LONGEST_DELAY, *required]))
+    delays = []
     for late, arm in enumerate(robot.arms):
-        least, bodies = proof.bracket(late, asked), None
+        least, bodies = proof.bracket(late, required), None
         if least.pair >= 0:
             pair = pairs[least.pair].pair
             bodies = solids[pair.first].label, solids[pair.second].label
         lacking = None if bodies is None else least.broken
         time = None if bodies is None else least.time
-        found.append(ArmDelay(arm.name, least.proven, lacking, bodies, time))
-    return tuple(found)
+        delays.append(ArmDelay(arm.name, least.proven, lacking, bodies, time))
+    return tuple(delays)
 
 
 def check_skew(job: Job, delays: Sequence[ArmDelay]) -> list[Check]:
@@ -112,13 +112,13 @@ def check_skew(job: Job, delays: Sequence[ArmDelay]) -> list[Check]:
 
     Args:
         job: as it was done.
-        delays: that the motion tolerates; empty where none was proven.
+        delays: delays that the motion tolerates; empty if none was proven.
     """
     if not job.skew:
         return []
     if not delays:
         return [not_checked(SKEW)]
-    worst = min(delays, key=lambda one: one.clear)
+    worst = min(delays, key=lambda delay: delay.clear)
     verdict: Verdict = "passed" if worst.clear >= job.skew else "failed"
     return [Check(SKEW, verdict, worst.clear, job.skew, "s", str(worst))]
 
@@ -133,9 +133,9 @@ def _to_the_ends(schedule: Schedule, spans: Spans) -> Spans:
 
 
 Spans = Sequence[tuple[float, float]]
-"""From when to when [s]."""
+"""Starts and ends of spans [s]."""
 ALWAYS = ((-np.inf, np.inf),)
-"""Spans of what is there all the time."""
+"""Spans of a solid that always exists."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class DelaySearch:
     grid: float = 0.02
     """Shortest stretch of a bounding box [s], longer beyond `most` stretches."""
     most: int = 8_000
-    """Greatest number of such stretches."""
+    """Maximum number of stretches."""
     levels: int = 5
     """Number of halvings from the first squares to those of one stretch."""
     boxes: int = 3
@@ -252,36 +252,39 @@ class DelayProof:
         longest: float,
         search: DelaySearch | None = None,
     ) -> None:
-        """Bounds all that solids pass in stretches of time by boxes.
+        """Bound the solids in stretches of time by boxes.
 
         Args:
             model: of the robot's URDF; both arms hang on the same joint.
             trajectory: finite, with rising times; its joints are the model's, in any order.
             solids: of the cell.
-            pairs: which of them must keep apart, at least one.
-            longest: the longest delay that counts [s].
-            search: how finely to look.
+            pairs: pairs that must keep apart, at least one.
+            longest: longest delay of interest [s].
+            search: resolution of the search.
         """
         self._trajectory, self._longest = trajectory, longest
         self._search, self._measured = search or DelaySearch(), 0
         self._speeds = interval_speeds(trajectory)
-        both = np.array([(one.pair.first, one.pair.second) for one in pairs])
-        numbers = distinct(both.ravel())
-        self._solids, bodies = [solids[k] for k in numbers.tolist()], np.searchsorted(numbers, both)
+        numbers_of_pairs = np.array([(pair.pair.first, pair.pair.second) for pair in pairs])
+        numbers = distinct(numbers_of_pairs.ravel())
+        self._solids, bodies = (
+            [solids[k] for k in numbers.tolist()],
+            np.searchsorted(numbers, numbers_of_pairs),
+        )
         self._chains = [
             tool_chain(model, solid.joint, pin.SE3.Identity(), [solid.pose], trajectory.joints)
             for solid in self._solids
         ]
-        one, other = (self._chains[body].columns for body in bodies[0].tolist())
-        self._carrying = sorted(set(one) & set(other))
+        columns_a, columns_b = (self._chains[body].columns for body in bodies[0].tolist())
+        self._carrying = sorted(set(columns_a) & set(columns_b))
         self._levers = np.array([self._levers_of(model, solid) for solid in self._solids])
-        # Where only one of the arms moves a delay changes nothing, but for what is there for a while.
+        # If only one arm moves, a delay matters only to solids that exist for a while.
         moves = np.asarray(self._levers.any(axis=1))
-        always = np.array([one.counts_always for one in pairs])
+        always = np.array([pair.counts_always for pair in pairs])
         self._rows = np.flatnonzero(moves[bodies].all(axis=1) | ~always)
         self._pairs = [pairs[k] for k in self._rows.tolist()]
         self._bodies = bodies[self._rows].T
-        self._required = np.array([one.pair.required for one in self._pairs])
+        self._required = np.array([pair.pair.required for pair in self._pairs])
         levels, whole = self._search.levels, trajectory.duration + longest
         grid = max(self._search.grid, (whole + longest) / self._search.most)
         self._side = grid * 2**levels
@@ -293,14 +296,14 @@ class DelayProof:
             low = np.minimum(low[:, ::2], low[:, 1::2])
             self._boxes.insert(0, (low, np.maximum(high[:, ::2], high[:, 1::2])))
 
-    def bracket(self, late: int, asked: Sequence[float] = ()) -> DelayBracket:
+    def bracket(self, late: int, required: Sequence[float] = ()) -> DelayBracket:
         """Find the least delay that lacks clearance.
 
         Args:
-            late: the arm that is late, 0 or 1 as in the pairs.
-            asked: delays that are not to stay between the ends of the bracket [s].
+            late: number of the late arm, 0 or 1 as in the pairs.
+            required: delays that the bracket must not leave undecided [s].
         """
-        search, level, found = self._search, 0, DelayBracket(self._longest)
+        search, level, bracket = self._search, 0, DelayBracket(self._longest)
         offsets = np.arange(int(np.ceil(self._longest / self._side)) + 1)
         axes = np.arange(self._after), offsets, np.arange(len(self._pairs))
         number, offset, pair = (grid.ravel() for grid in np.meshgrid(*axes, indexing="ij"))
@@ -308,39 +311,39 @@ class DelayProof:
             number - (1 - late) * offset, number - late * offset, pair, self._side, late
         )
         while True:
-            squares = squares.select(squares.low < min(found.proven, found.broken))
+            squares = squares.select(squares.low < min(bracket.proven, bracket.broken))
             squares = squares.select((squares.delay >= 0) & self._counts(squares))
             if level < len(self._boxes):
                 squares = squares.select(self._near(squares, level))
             room = level < search.boxes or self._measured + len(squares.pair) <= search.distances
             if level >= search.boxes and room:
                 margin, moved = self._margins(squares)
-                found = self._lowered(found, squares, margin)
-                # A distance that is no number proves nothing.
+                bracket = self._lowered(bracket, squares, margin)
+                # A NaN proves nothing.
                 clear = margin - moved >= PROOF.numerical - TOL.clearance_slack
-                squares = squares.select(~clear & (squares.low < found.broken))
+                squares = squares.select(~clear & (squares.low < bracket.broken))
             if not len(squares.pair):
-                return replace(found, proven=min(found.proven, found.broken))
+                return replace(bracket, proven=min(bracket.proven, bracket.broken))
             low = float(squares.low.min())
-            near = low > found.broken - max(search.precision, search.share * found.broken)
-            near &= not any(low < one <= found.broken for one in asked)
-            if near or not room or squares.side < 2.0 * search.shortest:
-                return replace(found, proven=min(found.proven, low))
+            is_precise = low > bracket.broken - max(search.precision, search.share * bracket.broken)
+            is_precise &= not any(low < delay <= bracket.broken for delay in required)
+            if is_precise or not room or squares.side < 2.0 * search.shortest:
+                return replace(bracket, proven=min(bracket.proven, low))
             squares, level = squares.halved(), level + 1
 
     def _counts(self, squares: _Squares) -> BoolArray:
         """Return whether a pair may count somewhere in each square."""
         counts = np.ones(len(squares.pair), dtype=np.bool_)
-        for number, one in enumerate(self._pairs):
-            if one.counts_always:
+        for number, pair in enumerate(self._pairs):
+            if pair.counts_always:
                 continue
             rows = np.flatnonzero(squares.pair == number)
-            for clock, there in zip((squares.first, squares.second), one.there, strict=True):
+            for clock, spans in zip((squares.first, squares.second), pair.there, strict=True):
                 begin, end = clock[rows] * squares.side, (clock[rows] + 1) * squares.side
                 exists = np.zeros(len(rows), dtype=np.bool_)
-                for start, stop in there:
+                for start, stop in spans:
                     exists |= (begin <= stop) & (end >= start)
-                for start, stop in one.excused:
+                for start, stop in pair.excused:
                     exists &= (begin < start) | (end > stop)
                 counts[rows] &= exists
         return counts
@@ -348,12 +351,14 @@ class DelayProof:
     def _near(self, squares: _Squares, level: int) -> BoolArray:
         """Return whether boxes of pairs are nearer than required, by square."""
         (low, high), shift = self._boxes[level], self._before << level
-        one, i = self._bodies[0, squares.pair], squares.first + shift
-        other, j = self._bodies[1, squares.pair], squares.second + shift
-        gap = np.maximum(low[one, i] - high[other, j], low[other, j] - high[one, i])
-        apart = np.sqrt(np.square(np.maximum(gap, 0.0)).sum(axis=1))
-        found: BoolArray = apart < np.maximum(self._required[squares.pair], 0.0) + PROOF.numerical
-        return found
+        body_a, i = self._bodies[0, squares.pair], squares.first + shift
+        body_b, j = self._bodies[1, squares.pair], squares.second + shift
+        gap = np.maximum(low[body_a, i] - high[body_b, j], low[body_b, j] - high[body_a, i])
+        distances = np.sqrt(np.square(np.maximum(gap, 0.0)).sum(axis=1))
+        is_near: BoolArray = (
+            distances < np.maximum(self._required[squares.pair], 0.0) + PROOF.numerical
+        )
+        return is_near
 
     def _margins(self, squares: _Squares) -> tuple[FloatArray, FloatArray]:
         """Measure margins at squares' centres by coal, and bound their change [m]."""
@@ -367,14 +372,14 @@ class DelayProof:
             )
             R, p = np.empty((len(pair), 3, 3)), np.empty((len(pair), 3))
             for k in distinct(body).tolist():
-                own = np.flatnonzero(body == k)
-                R[own], p[own] = self._poses(k, clock[own], side)
+                rows_of_body = np.flatnonzero(body == k)
+                R[rows_of_body], p[rows_of_body] = self._poses(k, clock[rows_of_body], side)
             places += [R, p]
         self._measured += len(pair)
         forms = [solid.geometry for solid in self._solids]
         request, result = coal.DistanceRequest(), coal.DistanceResult()
         T1, T2, distance = coal.Transform3s(), coal.Transform3s(), np.empty(len(pair))
-        for row, (one, other, R1, p1, R2, p2) in enumerate(
+        for row, (body_a, body_b, R1, p1, R2, p2) in enumerate(
             zip(*self._bodies[:, pair].tolist(), *places, strict=True)
         ):
             T1.setRotation(R1)
@@ -382,14 +387,16 @@ class DelayProof:
             T2.setRotation(R2)
             T2.setTranslation(p2)
             result.clear()
-            distance[row] = coal.distance(forms[one], T1, forms[other], T2, request, result)
+            distance[row] = coal.distance(forms[body_a], T1, forms[body_b], T2, request, result)
         return distance - self._required[pair], moved
 
-    def _lowered(self, found: DelayBracket, squares: _Squares, margin: FloatArray) -> DelayBracket:
+    def _lowered(
+        self, bracket: DelayBracket, squares: _Squares, margin: FloatArray
+    ) -> DelayBracket:
         """Lower the refuted delay to the least one at squares' centres."""
         delay = squares.delay * squares.side
         # Coal's iteration fails now and then where faces touch: bodies never overlap by metres.
-        lacks = (margin < -TOL.clearance_slack) & (margin > -10.0) & (delay < found.broken)
+        lacks = (margin < -TOL.clearance_slack) & (margin > -10.0) & (delay < bracket.broken)
         rows = np.flatnonzero(lacks)
         for row in rows[np.argsort(delay[rows], kind="stable")].tolist():
             clocks = [
@@ -398,12 +405,12 @@ class DelayProof:
             number = int(squares.pair[row])
             if self._pairs[number].counts_at(clocks):
                 return replace(
-                    found,
+                    bracket,
                     broken=float(delay[row]),
                     pair=int(self._rows[number]),
                     time=float(max(clocks)),
                 )
-        return found
+        return bracket
 
     def _finest_boxes(self, grid: float) -> tuple[FloatArray, FloatArray]:
         """Compute corners of boxes swept in short stretches [m], (solids, stretches, 3)."""
@@ -423,11 +430,11 @@ class DelayProof:
 
     def _levers_of(self, model: pin.Model, solid: Solid) -> FloatArray:
         """Compute the lever of each joint on a solid [m/rad], shape (joints,)."""
-        found = np.zeros(len(self._trajectory.joints))
+        levers = np.zeros(len(self._trajectory.joints))
         for joint, reach in reaches(model, solid).items():
-            found[self._trajectory.joints.index(model.names[joint])] = reach
-        found[self._carrying] = 0.0
-        return np.where(self._speeds.max(axis=0) > 0.0, found, 0.0)
+            levers[self._trajectory.joints.index(model.names[joint])] = reach
+        levers[self._carrying] = 0.0
+        return np.where(self._speeds.max(axis=0) > 0.0, levers, 0.0)
 
     def _poses(self, body: int, numbers: IntArray, side: float) -> tuple[FloatArray, FloatArray]:
         """Compute a solid's rotations and positions [m] at the middle of stretches.

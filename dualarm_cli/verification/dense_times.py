@@ -1,4 +1,4 @@
-"""Instants at which a motion is looked at, of many spans at once: knots, and instants between all of them."""
+"""Instants at which motions are sampled: knots, and instants between them."""
 
 from __future__ import annotations
 
@@ -14,28 +14,31 @@ from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_model import ToolModel
 
 PER_INTERVAL = 4
-"""Instants looked at between two knots."""
+"""Number of instants from one knot to the next."""
 AT_ONCE = 256
-"""Spans measured at once, so that long motions need no more memory than short ones."""
+"""Maximum number of spans measured at once, to limit memory."""
 
 ToolSpan = tuple[str, float, float]
-"""An arm, and from when to when its tool is looked at [s]."""
+"""Arm, and start and end of the span in which its tool is sampled [s]."""
 
 
 def dense_times(knots: FloatArray, start: float, end: float) -> FloatArray:
-    """Returns the knots between two instants, the ends, and instants between all of them."""
+    """List the ends of a span, the knots inside and instants between them [s]."""
     return dense_spans(knots, [start], [end])[0]
 
 
 def dense_spans(
     knots: FloatArray, starts: ArrayLike, ends: ArrayLike
 ) -> tuple[FloatArray, IntArray]:
-    """Returns the `dense_times` of spans one after the other, and where each span's begin in them, shape (s + 1,).
+    """List the `dense_times` of spans, with the first row of each span.
 
     Args:
         knots: of the motion [s], rising.
         starts: of the spans [s], shape (s,).
         ends: of the spans [s], shape (s,).
+
+    Returns:
+        Instants [s] of one span after the other, and the rows at which spans begin, shape (s + 1,).
     """
     start, end = np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)
     first = np.searchsorted(knots, start + TOL.same_time)
@@ -46,34 +49,37 @@ def dense_spans(
     place = np.arange(len(span)) - (last - inside - 1)[span]
     edges = knots[np.clip(first[span] + place - 1, 0, len(knots) - 1)]
     edges[last - inside - 1], edges[last] = np.minimum(start, end), np.maximum(start, end)
-    kept = np.diff(edges, append=np.inf) != 0.0
-    kept[last] = True
-    edges, span = edges[kept], span[kept]
+    is_new = np.diff(edges, append=np.inf) != 0.0
+    is_new[last] = True
+    edges, span = edges[is_new], span[is_new]
     final = np.cumsum(np.bincount(span, minlength=len(start))) - 1
-    share = np.arange(PER_INTERVAL) / PER_INTERVAL
-    times = edges[:, None] + np.diff(edges, append=0.0)[:, None] * share
+    fraction = np.arange(PER_INTERVAL) / PER_INTERVAL
+    times = edges[:, None] + np.diff(edges, append=0.0)[:, None] * fraction
     times[final, 0] = end
-    wanted = np.ones(times.shape, dtype=np.bool_)
-    wanted[final, 1:] = False
+    selected = np.ones(times.shape, dtype=np.bool_)
+    selected[final, 1:] = False
     count = np.bincount(span, minlength=len(start)) * PER_INTERVAL - PER_INTERVAL + 1
-    return times[wanted], np.concatenate([[0], np.cumsum(count)])
+    return times[selected], np.concatenate([[0], np.cumsum(count)])
 
 
 def tool_spans(
     trajectory: Trajectory, model: ToolModel, spans: Sequence[ToolSpan]
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yields rotations (m, 3, 3) and positions (m, 3) [m] of the tool at the `dense_times` of each span.
+    """Yield the tool's poses at the `dense_times` of each span.
 
     Args:
         trajectory: the motion.
-        model: where the tools are.
-        spans: in any order; those next to each other are measured together.
+        model: forward kinematics of the tools.
+        spans: in any order; neighbouring ones are measured together.
+
+    Yields:
+        Rotations (m, 3, 3) and positions (m, 3) [m].
     """
     for k in range(0, len(spans), AT_ONCE):
-        some = spans[k : k + AT_ONCE]
-        times, first = dense_spans(trajectory.time, *np.array([span[1:] for span in some]).T)
+        batch = spans[k : k + AT_ONCE]
+        times, first = dense_spans(trajectory.time, *np.array([span[1:] for span in batch]).T)
         positions = trajectory.at(times)[0]
-        poses = {arm: model.poses(arm, positions) for arm in {span[0] for span in some}}
-        for (arm, _, _), (begin, end) in zip(some, pairwise(first), strict=True):
+        poses = {arm: model.poses(arm, positions) for arm in {span[0] for span in batch}}
+        for (arm, _, _), (begin, end) in zip(batch, pairwise(first), strict=True):
             R, p = poses[arm]
             yield R[begin:end], p[begin:end]

@@ -1,11 +1,11 @@
-"""A motion as it was driven, compared with its plan: tracking errors, delays, tools at events, clearance.
+"""Comparison of a driven motion with its plan: tracking errors, delays, tools, clearance.
 
-A joint is late by a delay d and off by the rest: q_driven(t) = q_plan(t - d) + rest(t). Least squares for d would take
-a slow rest, such as a swing of the arm, for a delay. So the rest is described by an autoregression, and d is where that
-leaves least; steps of generalised least squares then make it exact (Cochrane and Orcutt, 1949). A controller moves
-a group of joints: its delay is the median of theirs. Tracking errors are what is left without the delay of the group.
-Tools and clearance are judged without the delay that all groups have in common, so that arms that are late by
-different times are judged where they really were to each other.
+A joint has a delay d and a residual: q_driven(t) = q_plan(t - d) + residual(t). Least squares for d would take a slow
+residual, such as an oscillation of the arm, for a delay. So the residual is modelled by an autoregression, and d
+minimises the squares that it leaves; steps of generalised least squares then make it exact (Cochrane and Orcutt, 1949).
+A controller moves a group of joints: its delay is the median of theirs. Tracking errors are measured without the delay
+of the group. Tools and clearance are judged without the delay that all groups have in common, so that the relative
+delay of the arms counts.
 """
 
 from __future__ import annotations
@@ -35,40 +35,40 @@ from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 class DrivenSettings:
     """Resolution of the comparison with a driven motion."""
 
-    longest_delay: float = 1.0
-    """Longest delay that is looked for, in either direction [s]."""
+    max_delay: float = 1.0
+    """Longest delay in either direction [s]."""
     delay_step: float = 0.01
     """Step of the grid of delays [s]."""
     grid_samples: int = 2_000
-    """Samples of a long log that the grid looks at."""
-    nearby: float = 0.05
+    """Maximum number of samples on the grid of delays."""
+    fit_half_width: float = 0.05
     """Half-width of the fit's search about the best delay of the grid [s]."""
     fine_step: float = 0.002
     """Step of the fit's first search for a delay [s]."""
-    steps: int = 20
+    max_steps: int = 20
     """Maximum number of steps of generalised least squares."""
-    enough: float = 1e-7
+    convergence: float = 1e-7
     """Change of the delay below which generalised least squares has converged [s]."""
     order: int = 8
-    """Order of the autoregression: the number of previous samples that predict the next one."""
-    most_samples: int = 20_000
-    """Samples of a long log that the fit looks at."""
-    least_motion: float = 0.02
+    """Order of the autoregression, in samples."""
+    max_samples: int = 20_000
+    """Maximum number of samples in the fit."""
+    min_motion: float = 0.02
     """Range of a joint's planned positions below which its delay is not measured [rad or m]."""
-    between: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75)
-    """Places between two samples where errors are measured, as shares of the step."""
-    per_quintic: int = 8
-    """Cubics that stand for one quintic piece where the clearance is proven."""
-    farthest: float = 10.0
-    """Mean speed, as a share of its limit, beyond which clearance is unproven."""
-    shortest: float = 1e-7
-    """Length of the shortest piece of which the clearance is proven [s]."""
+    error_fractions: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75)
+    """Fractions of a step at which errors are measured."""
+    cubics_per_quintic: int = 8
+    """Number of cubics that replace a quintic piece in the proof of clearance."""
+    max_mean_speed: float = 10.0
+    """Mean speed beyond which clearance is unproven, as a fraction of the limit."""
+    min_piece: float = 1e-7
+    """Minimum length of a piece in the proof of clearance [s]."""
 
 
 DRIVEN = DrivenSettings()
 
 NOT_LOGGED = "joints that it depends on are not in the file"
-"""Why tools or clearance are not checked."""
+"""Reason of checks that need joints which were not logged."""
 
 
 @dataclass(frozen=True)
@@ -76,29 +76,29 @@ class TrackingLimits:
     """Requirements on a driven motion."""
 
     error: float
-    """Largest error of joints that turn, without their delay [rad]."""
+    """Largest error of revolute joints without their delay [rad]."""
     distance: float
-    """Largest error of joints that slide, and of tools at events [m]."""
+    """Largest error of sliding joints, and of tools at events [m]."""
     delay: float
     """Largest delay of joints [s]."""
     clearance: bool = True
-    """Flag of a clearance of all bodies that has to be proven."""
+    """Flag that clearance has to be proven."""
 
 
 @dataclass(frozen=True)
 class JointTracking:
-    """How one joint followed its plan."""
+    """Tracking of one joint."""
 
     joint: str
-    """Its name."""
+    """Name of the joint."""
     slides: bool
-    """Whether it slides: its errors are lengths."""
+    """Flag of a sliding joint, whose errors are lengths."""
     delay: float | None
-    """How late it is [s]; None where it moves too little to tell."""
+    """Delay behind the plan [s], or None if the joint moves too little."""
     error: float
     """Largest distance from the plan without the delay of its group [rad or m]."""
     time: float
-    """When that is, by the clock of the log [s]."""
+    """Time of the largest error, by the clock of the log [s]."""
     offset: float
     """Mean of the error, with its sign [rad or m]."""
     as_logged: float
@@ -107,30 +107,30 @@ class JointTracking:
 
 @dataclass(frozen=True)
 class EventTracking:
-    """Where a tool was at an event."""
+    """Tracking of a tool at an event."""
 
     event: Event
-    """Of the plan."""
+    """Event of the plan."""
     as_logged: float
-    """How far the tool was from its pose at the planned instant [m]."""
+    """Distance of the tool from its pose at the planned instant [m]."""
     distance: float
-    """The same without the common delay [m]."""
+    """Distance of the tool from its pose without the common delay [m]."""
     angle: float
-    """How far it was turned away then [rad]."""
+    """Angle of the tool from its pose without the common delay [rad]."""
 
 
 @dataclass(frozen=True)
 class DrivenJudgement:
-    """The judgement of a driven motion."""
+    """Verification of a driven motion."""
 
     verification: Verification
-    """Every check, and the least clearance of every stage as driven."""
+    """Checks, and the least clearance of every stage as driven."""
     delay: float
-    """The delay that all groups have in common [s]."""
+    """Delay common to all groups [s]."""
     joints: tuple[JointTracking, ...]
-    """In the order of the file."""
+    """Tracking of joints, in the order of the log."""
     events: tuple[EventTracking, ...]
-    """In the order of the plan."""
+    """Tracking of tools at events, in the order of the plan."""
 
 
 def judge_driven(
@@ -142,14 +142,14 @@ def judge_driven(
     *,
     as_planned: bool = False,
 ) -> DrivenJudgement:
-    """Returns the judgement of what was driven.
+    """Verify a driven motion against its plan.
 
     Args:
         schedule: the plan, with finite numbers and rising times.
         job: cell and tasks of the plan.
-        logged: what was driven.
-        kind: how the robot moved between the samples.
-        allowed: what it may be off, and whether clearance is proven.
+        logged: the driven motion.
+        kind: interpolation between the samples.
+        allowed: largest errors, and whether clearance is proven.
         as_planned: whether joints that were not logged count as driven as planned; otherwise tools and clearance that
             depend on them are not checked, and the motion fails.
 
@@ -160,14 +160,16 @@ def judge_driven(
     motion = interpolated(kind, logged.time, logged.position, logged.velocity, logged.acceleration)
     plan = schedule.trajectory.select(logged.joints)
     groups = _groups(schedule.robot, logged.joints)
-    delays = _delays(plan, motion)
-    late = {group: _median([delays[k] for k in columns]) for group, columns in groups.items()}
-    joints = _joints(plan, motion, groups, late, delays, schedule.robot.sliding)
-    common = _common([delay for delay in late.values() if delay is not None])
-    driven = _driven(schedule, logged.joints, motion, common)
+    delays = _estimate_delays(plan, motion)
+    group_delays = {
+        group: _median([delays[k] for k in columns]) for group, columns in groups.items()
+    }
+    joints = _track_joints(plan, motion, groups, group_delays, delays, schedule.robot.sliding)
+    common = _common_delay([delay for delay in group_delays.values() if delay is not None])
+    driven = _driven_trajectory(schedule, logged.joints, motion, common)
     missing = [joint for joint in schedule.trajectory.joints if joint not in logged.joints]
     unknown = [] if as_planned else missing
-    events = _events(schedule, driven, common, unknown)
+    events = _track_events(schedule, driven, common, unknown)
     checks = [
         _check_joints(missing, as_planned),
         _check_span(schedule, logged),
@@ -178,114 +180,123 @@ def judge_driven(
     stages: tuple[StageClearance, ...] = ()
     if unknown or not allowed.clearance:
         why = NOT_LOGGED if unknown else "not requested; leave out --no-clearance"
-        found = not_checked(COLLISIONS, why)
-    elif (share := _share_of_speed(driven, schedule)) > DRIVEN.farthest:
-        why = f"cannot be proven: on average a joint moves at {share:.3g} times its speed limit"
-        found = judge(COLLISIONS, np.nan, TOL.clearance_slack, why)
+        collisions = not_checked(COLLISIONS, why)
+    elif (speed_fraction := _mean_speed_fraction(driven, schedule)) > DRIVEN.max_mean_speed:
+        why = f"cannot be proven: on average a joint moves at {speed_fraction:.3g} times its speed limit"
+        collisions = judge(COLLISIONS, np.nan, TOL.clearance_slack, why)
     else:
         moved = replace(schedule, motion=JointMotion.of(driven))
-        found, stages = check_clearance(moved, job_as_done(schedule, job))
+        collisions, stages = check_clearance(moved, job_as_done(schedule, job))
     if stages:
-        # The required clearance is there for errors such as these: what it leaves is shown, a contact fails.
+        # Required clearance is an allowance for such errors: what remains is shown, and only contact fails.
         worst = min(stages, key=lambda s: s.clearance - min(s.required, 0.0))
-        into = min(worst.required, 0.0) - worst.clearance
-        found = judge(COLLISIONS, max(into, 0.0), TOL.clearance_slack, found.detail)
-    return DrivenJudgement(Verification((*checks, found), stages), common, joints, events)
+        penetration = min(worst.required, 0.0) - worst.clearance
+        collisions = judge(
+            COLLISIONS, max(penetration, 0.0), TOL.clearance_slack, collisions.detail
+        )
+    return DrivenJudgement(Verification((*checks, collisions), stages), common, joints, events)
 
 
 def _groups(robot: ScheduleRobot, joints: Sequence[str]) -> dict[str, list[int]]:
-    """Returns the columns of joints that one controller moves, by the group's name."""
+    """Group the columns of joints by the controller that moves them."""
     named = {name: arm.joints for name, arm in robot.arms.items()} | {"platform": robot.platform}
-    found = {
-        group: [k for k, joint in enumerate(joints) if joint in own] for group, own in named.items()
+    columns_of_group = {
+        group: [k for k, joint in enumerate(joints) if joint in members]
+        for group, members in named.items()
     }
-    return {group: columns for group, columns in found.items() if columns}
+    return {group: columns for group, columns in columns_of_group.items() if columns}
 
 
-def _delays(plan: Trajectory, motion: PiecewisePolynomial) -> list[float | None]:
-    """Returns by how much each joint is late [s]; None of one that moves too little.
+def _estimate_delays(plan: Trajectory, motion: PiecewisePolynomial) -> list[float | None]:
+    """Estimate the delay of each joint [s], or None if it moves too little.
 
     Args:
-        plan: of the joints that were logged.
-        motion: how they were driven.
+        plan: planned motion of the logged joints.
+        motion: their driven motion.
     """
-    count = int(np.clip(len(motion.time), 4 * DRIVEN.order, DRIVEN.most_samples))
+    count = int(np.clip(len(motion.time), 4 * DRIVEN.order, DRIVEN.max_samples))
     times = np.linspace(motion.time[0], motion.time[-1], count)
     driven = motion.derivatives(times)[:, 0]
-    some = distinct(np.linspace(0, count - 1, DRIVEN.grid_samples).astype(int))
-    steps = round(DRIVEN.longest_delay / DRIVEN.delay_step)
+    subset = distinct(np.linspace(0, count - 1, DRIVEN.grid_samples).astype(int))
+    steps = round(DRIVEN.max_delay / DRIVEN.delay_step)
     grid = np.arange(-steps, steps + 1) * DRIVEN.delay_step
-    rests = np.array([np.var(driven[some] - plan.at(times[some] - d)[0], axis=0) for d in grid])
-    moves = np.ptp(plan.at(times)[0], axis=0) >= DRIVEN.least_motion
-    best = grid[np.argmin(rests, axis=0)]
+    variances = np.array(
+        [np.var(driven[subset] - plan.at(times[subset] - d)[0], axis=0) for d in grid]
+    )
+    moves = np.ptp(plan.at(times)[0], axis=0) >= DRIVEN.min_motion
+    best = grid[np.argmin(variances, axis=0)]
     return [
-        _fitted(plan.select([joint]), times, driven[:, k], float(best[k])) if moves[k] else None
+        _fit_delay(plan.select([joint]), times, driven[:, k], float(best[k])) if moves[k] else None
         for k, joint in enumerate(plan.joints)
     ]
 
 
-def _fitted(plan: Trajectory, times: FloatArray, driven: FloatArray, first: float) -> float:
-    """Returns the delay of one joint [s].
+def _fit_delay(plan: Trajectory, times: FloatArray, driven: FloatArray, first: float) -> float:
+    """Estimate the delay of one joint [s].
 
     Args:
-        plan: of the joint.
-        times: instants at equal distances, shape (m,).
-        driven: positions then, shape (m,).
-        first: a delay nearby.
+        plan: planned motion of the joint.
+        times: instants at equal distances [s], shape (m,).
+        driven: driven positions, shape (m,).
+        first: initial guess of the delay [s].
     """
     from scipy.optimize import minimize_scalar
 
-    if np.abs(_rest(plan, times, driven, first)).max() < TOL.same_joints:
+    if np.abs(_residual(plan, times, driven, first)).max() < TOL.same_joints:
         return first
-    nearby = first + np.arange(-DRIVEN.nearby, DRIVEN.nearby + DRIVEN.fine_step, DRIVEN.fine_step)
-    least = [_untold(plan, times, driven, d) for d in nearby]
-    middle = float(nearby[int(np.argmin(least))])
-    near = (middle - DRIVEN.fine_step, middle + DRIVEN.fine_step)
-    best = minimize_scalar(lambda d: _untold(plan, times, driven, d), bounds=near)
-    found = delay = float(best.x)
-    for _ in range(DRIVEN.steps):
-        rest = _rest(plan, times, driven, delay)
-        if np.abs(rest).max() < TOL.same_joints:
+    grid = first + np.arange(
+        -DRIVEN.fit_half_width, DRIVEN.fit_half_width + DRIVEN.fine_step, DRIVEN.fine_step
+    )
+    squares = [_unexplained_squares(plan, times, driven, d) for d in grid]
+    middle = float(grid[int(np.argmin(squares))])
+    bounds = (middle - DRIVEN.fine_step, middle + DRIVEN.fine_step)
+    best = minimize_scalar(lambda d: _unexplained_squares(plan, times, driven, d), bounds=bounds)
+    initial = delay = float(best.x)
+    for _ in range(DRIVEN.max_steps):
+        residual = _residual(plan, times, driven, delay)
+        if np.abs(residual).max() < TOL.same_joints:
             break
-        weights, windows = _autoregression(rest)
+        weights, windows = _autoregression(residual)
         velocity = plan.at(times - delay)[1][:, 0]
         slope = velocity - velocity.mean()
         slope = slope[DRIVEN.order :] - product(_windows(slope), weights)
-        # What is late by d is off by -d v.
-        change = -float(product(slope, rest[DRIVEN.order :] - product(windows, weights))) / float(
-            product(slope, slope)
-        )
+        # A delay d is an error of -d v.
+        change = -float(
+            product(slope, residual[DRIVEN.order :] - product(windows, weights))
+        ) / float(product(slope, slope))
         delay += change
-        if abs(delay - found) > DRIVEN.fine_step:
-            return found
-        if abs(change) < DRIVEN.enough:
+        if abs(delay - initial) > DRIVEN.fine_step:
+            return initial
+        if abs(change) < DRIVEN.convergence:
             break
     return delay
 
 
-def _rest(plan: Trajectory, times: FloatArray, driven: FloatArray, delay: float) -> FloatArray:
-    """Returns by what a joint is off besides a delay, about its mean, shape (m,)."""
+def _residual(plan: Trajectory, times: FloatArray, driven: FloatArray, delay: float) -> FloatArray:
+    """Compute the residual of a joint without a delay and its mean, shape (m,)."""
     error = driven - plan.at(times - delay)[0][:, 0]
     return np.asarray(error - error.mean())
 
 
-def _untold(plan: Trajectory, times: FloatArray, driven: FloatArray, delay: float) -> float:
-    """Returns the sum of squares that an autoregression leaves of the rest."""
-    rest = _rest(plan, times, driven, delay)
-    weights, windows = _autoregression(rest)
-    left = rest[DRIVEN.order :] - product(windows, weights)
-    return float(product(left, left))
+def _unexplained_squares(
+    plan: Trajectory, times: FloatArray, driven: FloatArray, delay: float
+) -> float:
+    """Compute the squared residual that an autoregression leaves."""
+    residual = _residual(plan, times, driven, delay)
+    weights, windows = _autoregression(residual)
+    innovations = residual[DRIVEN.order :] - product(windows, weights)
+    return float(product(innovations, innovations))
 
 
-def _autoregression(rest: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _autoregression(residual: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Fit an autoregression to the residual of a joint.
 
     The result is the weights (`order`,) and the previous values that they apply to, shape (m - `order`, `order`).
     """
-    windows = _windows(rest)
+    windows = _windows(residual)
     gram = product(windows.T, windows)
     weights = np.asarray(
-        np.linalg.lstsq(gram, product(windows.T, rest[DRIVEN.order :]), rcond=1e-10)[0], float
+        np.linalg.lstsq(gram, product(windows.T, residual[DRIVEN.order :]), rcond=1e-10)[0], float
     )
     return weights, windows
 
@@ -295,18 +306,18 @@ def _windows(values: FloatArray) -> FloatArray:
 
 
 def _median(delays: Sequence[float | None]) -> float | None:
-    known = [delay for delay in delays if delay is not None]
-    return float(np.median(known)) if known else None
+    measured = [delay for delay in delays if delay is not None]
+    return float(np.median(measured)) if measured else None
 
 
-def _common(delays: Sequence[float]) -> float:
-    """Returns the delay nearest to none that all groups have; none where some are early and others late."""
+def _common_delay(delays: Sequence[float]) -> float:
+    """Return the common part of the groups' delays [s], 0 if their signs differ."""
     if not delays or min(delays) <= 0.0 <= max(delays):
         return 0.0
     return min(delays, key=abs)
 
 
-def _joints(
+def _track_joints(
     plan: Trajectory,
     motion: PiecewisePolynomial,
     groups: dict[str, list[int]],
@@ -314,18 +325,20 @@ def _joints(
     delays: Sequence[float | None],
     sliding: frozenset[str],
 ) -> tuple[JointTracking, ...]:
-    """Returns how each joint followed its plan, at the samples and between them."""
-    inner = motion.time[:-1, None] + np.diff(motion.time)[:, None] * np.array(DRIVEN.between)
+    """Measure the tracking of each joint, at the samples and between them."""
+    inner = motion.time[:-1, None] + np.diff(motion.time)[:, None] * np.array(
+        DRIVEN.error_fractions
+    )
     times = np.append(inner.ravel(), motion.time[-1])
     driven = motion.derivatives(times)[:, 0]
     as_logged = np.abs(driven - plan.at(times)[0]).max(axis=0)
-    found: dict[int, JointTracking] = {}
+    tracking: dict[int, JointTracking] = {}
     for group, columns in groups.items():
         names = [plan.joints[k] for k in columns]
         error = driven[:, columns] - plan.select(names).at(times - (late[group] or 0.0))[0]
         for n, k in enumerate(columns):
             worst = int(np.argmax(np.abs(error[:, n])))
-            found[k] = JointTracking(
+            tracking[k] = JointTracking(
                 names[n],
                 names[n] in sliding,
                 delays[k],
@@ -334,30 +347,30 @@ def _joints(
                 float(error[:, n].mean()),
                 float(as_logged[k]),
             )
-    return tuple(found[k] for k in sorted(found))
+    return tuple(tracking[k] for k in sorted(tracking))
 
 
-def _driven(
+def _driven_trajectory(
     schedule: Schedule, joints: Sequence[str], motion: PiecewisePolynomial, delay: float
 ) -> Trajectory:
-    """Returns the driven motion of all joints on the clock of the plan, as cubics between knots.
+    """Convert the driven motion to cubics between knots, by the clock of the plan.
 
-    Before the first sample and after the last one joints stand. A quintic is taken apart into cubics with its
-    positions and velocities.
+    Joints stand before the first sample and after the last one. A quintic is split into cubics with its positions and
+    velocities.
 
     Args:
         schedule: the plan, for joints that were not logged.
-        joints: that were.
-        motion: of them, by the clock of the log.
-        delay: by which that is late [s].
+        joints: names of the logged joints.
+        motion: driven motion of these joints, by the clock of the log.
+        delay: delay of the log [s].
     """
     plan, duration = schedule.trajectory, schedule.duration
-    pieces = DRIVEN.per_quintic if motion.coefficients.shape[1] > 4 else 1
+    pieces = DRIVEN.cubics_per_quintic if motion.coefficients.shape[1] > 4 else 1
     inner = motion.time[:-1, None] + np.diff(motion.time)[:, None] * (np.arange(pieces) / pieces)
     logged = np.append(inner.ravel(), motion.time[-1]) - delay
     edges = np.union1d(np.union1d(logged, plan.time), [0.0, duration])
     edges = edges[(edges >= 0.0) & (edges <= duration)]
-    edges = edges[np.append(np.diff(edges) > DRIVEN.shortest, True)]
+    edges = edges[np.append(np.diff(edges) > DRIVEN.min_piece, True)]
     middle, length = 0.5 * (edges[:-1] + edges[1:]), np.diff(edges)[:, None]
     q, v, _ = (row.copy() for row in plan.at(edges))
     begin, end = (row.copy() for row in (v[:-1], v[1:]))
@@ -370,7 +383,7 @@ def _driven(
         moves = (middle + delay > motion.time[0]) & (middle + delay < motion.time[-1])
         begin[:, columns] = rows[:-1, 1] * moves[:, None]
         end[:, columns] = rows[1:, 1] * moves[:, None]
-    # Hermite's cubic: velocities may jump where pieces meet, so that each has knots of its own.
+    # Hermite's cubic: each piece has its own two knots, because velocities may jump where pieces meet.
     chord = np.diff(q, axis=0) / length
     at_begin = (6.0 * chord - 4.0 * begin - 2.0 * end) / length
     at_end = (2.0 * begin + 4.0 * end - 6.0 * chord) / length
@@ -380,29 +393,31 @@ def _driven(
     return Trajectory(plan.joints, time, *rates)
 
 
-def _events(
+def _track_events(
     schedule: Schedule, driven: Trajectory, delay: float, unknown: Sequence[str]
 ) -> tuple[EventTracking, ...]:
-    """Locate tools at events of arms whose joints are all known."""
+    """Measure tools at events of arms whose joints are all known."""
     model = ToolModel(schedule)
-    known = [arm for arm in schedule.robot.arms if not set(unknown).intersection(model.joints(arm))]
-    found = []
+    known_arms = [
+        arm for arm in schedule.robot.arms if not set(unknown).intersection(model.joints(arm))
+    ]
+    tracking = []
     for event in schedule.events:
-        if event.arm not in known:
+        if event.arm not in known_arms:
             continue
-        late, at = (
+        without_delay, as_logged = (
             model.pose(event.arm, driven.at(np.array([event.time - shift]))[0][0])
             for shift in (delay, 0.0)
         )
-        found.append(
+        tracking.append(
             EventTracking(
                 event,
-                float(norm(late.translation - event.pose.translation)),
-                float(norm(at.translation - event.pose.translation)),
-                float(rotation_angle(product(event.pose.rotation.T, at.rotation))),
+                float(norm(without_delay.translation - event.pose.translation)),
+                float(norm(as_logged.translation - event.pose.translation)),
+                float(rotation_angle(product(event.pose.rotation.T, as_logged.rotation))),
             )
         )
-    return tuple(found)
+    return tuple(tracking)
 
 
 def _check_joints(missing: Sequence[str], as_planned: bool) -> Check:
@@ -426,32 +441,34 @@ def _check_span(schedule: Schedule, logged: LoggedMotion) -> Check:
 
 
 def _check_tracking(joints: Sequence[JointTracking], allowed: TrackingLimits) -> list[Check]:
-    """Checks delays and tracking errors, each at its worst joint; all that are too large are named."""
+    """Check delays and tracking errors of the worst joint, and name all excessive ones."""
     timed = [(joint.joint, joint.delay) for joint in joints if joint.delay is not None]
     if not timed:
         checks = [not_checked("delay")]
     else:
-        late = [f"{name} {d * 1e3:.1f} ms" for name, d in timed if abs(d) > allowed.delay]
-        where = ", ".join(late) or "every joint"
+        excessive = [f"{name} {d * 1e3:.1f} ms" for name, d in timed if abs(d) > allowed.delay]
+        where = ", ".join(excessive) or "every joint"
         worst = max(abs(delay) for _, delay in timed)
         checks = [judge("delay", worst, allowed.delay, where)]
     for slides, limit, name in (
         (False, allowed.error, "tracking_error"),
         (True, allowed.distance, "tracking_distance"),
     ):
-        own = [joint for joint in joints if joint.slides is slides]
-        if own:
-            scale, shown = (1e3, "mm") if slides else (180.0 / np.pi, "deg")
-            off = [f"{j.joint} {j.error * scale:.3g} {shown}" for j in own if j.error > limit]
-            where = ", ".join(off) or "every joint"
-            checks.append(judge(name, max(joint.error for joint in own), limit, where))
+        selected = [joint for joint in joints if joint.slides is slides]
+        if selected:
+            scale, unit = (1e3, "mm") if slides else (180.0 / np.pi, "deg")
+            excessive = [
+                f"{j.joint} {j.error * scale:.3g} {unit}" for j in selected if j.error > limit
+            ]
+            where = ", ".join(excessive) or "every joint"
+            checks.append(judge(name, max(joint.error for joint in selected), limit, where))
     return checks
 
 
 def _check_limits(
     schedule: Schedule, motion: PiecewisePolynomial, joints: Sequence[str], allowed: TrackingLimits
 ) -> list[Check]:
-    """Checks positions, velocities and accelerations of the interpolated motion."""
+    """Check positions, velocities and accelerations of the interpolated motion."""
     limits, sliding = schedule.robot.limits.select(joints), schedule.robot.sliding
     low, high = motion.extrema()
     beyond = np.maximum(np.maximum(limits.lower - low, high - limits.upper), 0.0)
@@ -464,20 +481,20 @@ def _check_limits(
         if peak is None:
             checks.append(not_checked(name, f"linear interpolation has no {name}"))
             continue
-        share = np.where(np.isfinite(limit), peak / limit, 0.0)
-        k = int(np.argmax(share))
-        most = 1.0 + TOL.driven_rate_slack
+        fraction = np.where(np.isfinite(limit), peak / limit, 0.0)
+        k = int(np.argmax(fraction))
+        allowed_fraction = 1.0 + TOL.driven_rate_slack
         where = f"{joints[k]}, limit {limit[k]:g}"
-        checks.append(judge(name, float(share[k]), most, where))
+        checks.append(judge(name, float(fraction[k]), allowed_fraction, where))
     return checks
 
 
-def _share_of_speed(driven: Trajectory, schedule: Schedule) -> float:
-    """Return the largest mean speed of a joint, as a share of its limit."""
+def _mean_speed_fraction(driven: Trajectory, schedule: Schedule) -> float:
+    """Compute the largest mean joint speed, as a fraction of its limit."""
     time = np.union1d(driven.time, 0.5 * (driven.time[1:] + driven.time[:-1]))
-    ways = np.abs(np.diff(driven.at(time)[0], axis=0)).sum(axis=0)
+    travel = np.abs(np.diff(driven.at(time)[0], axis=0)).sum(axis=0)
     limits = schedule.robot.limits.select(driven.joints).velocity
-    return float((ways / (limits * (time[-1] - time[0]))).max())
+    return float((travel / (limits * (time[-1] - time[0]))).max())
 
 
 def _check_events(
@@ -485,7 +502,7 @@ def _check_events(
 ) -> Check:
     if not events:
         return not_checked("tool_at_events", NOT_LOGGED if unknown else "")
-    worst = max(events, key=lambda one: one.distance)
+    worst = max(events, key=lambda tracking: tracking.distance)
     event = worst.event
     where = f"{event.task} ({event.action}) of the {event.arm} arm at {event.time:.3f} s"
     if unknown:

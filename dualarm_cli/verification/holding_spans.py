@@ -10,7 +10,7 @@ from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.verification.line_spans import LineSpan
 
 Span = tuple[float, float]
-"""From when to when [s]."""
+"""Start and end of a span [s]."""
 
 
 def carrying_spans(
@@ -18,26 +18,26 @@ def carrying_spans(
 ) -> list[Span]:
     """List the spans in which an arm carries a part or a tool [s].
 
-    A part from where it takes it to where it gives it, or to the end; a tool from the start where it is on then, and
-    from each time that it is taken, until it is left or to the end.
+    A part is carried from its pick or hand-over to its release, or to the end of the motion. A tool is carried from the
+    start, if it is mounted, and from each time that it is taken, until it is left or to the end.
 
     Args:
-        schedule: who does what when.
+        schedule: with the events of all arms.
         job: each task with the arm that did it.
         solid: of the part or the tool.
-        task: the only one that counts; None for all.
+        task: selects the spans of one task; None selects all.
     """
     arm, end = solid.carrier, float(schedule.trajectory.time[-1])
     tasks = tasks_moving(solid, job) if task is None else {task}
     spans = []
     if solid.bolted:
-        own = [e for e in schedule.events if e.arm == arm and e.task in tasks]
-        begins = [e.time for e in own if e.action in TAKES]
+        events = [e for e in schedule.events if e.arm == arm and e.task in tasks]
+        begins = [e.time for e in events if e.action in TAKES]
         if job.cell.start_tool(arm) == solid.tool:
             begins.append(float(schedule.trajectory.time[0]))
-        left = [(e.time, e.changes_held) for e in own if e.action in GIVES]
+        releases = [(e.time, e.changes_held) for e in events if e.action in GIVES]
         for begin in begins:
-            spans.append((begin, min((over for at, over in left if at >= begin), default=end)))
+            spans.append((begin, min((over for at, over in releases if at >= begin), default=end)))
         return spans
     for event in schedule.events:
         if event.arm != arm or event.task not in tasks or event.action not in TAKES:
@@ -64,7 +64,7 @@ def tasks_moving(solid: Solid, job: Job) -> set[str]:
 def spans_on_lines(job: Job, solid: Solid, spans: Sequence[LineSpan]) -> list[Span]:
     """List the spans in which a part's carrier follows lines or dwells [s].
 
-    Sorted and apart.
+    The spans are sorted and disjoint.
     """
     tasks, actions = tasks_moving(solid, job), AT_STANDS if solid.bolted else LYING
     joined: list[Span] = []
@@ -82,22 +82,22 @@ def spans_on_lines(job: Job, solid: Solid, spans: Sequence[LineSpan]) -> list[Sp
     return joined
 
 
-def overlaps(one: Sequence[Span], other: Sequence[Span]) -> list[Span]:
+def overlaps(spans_a: Sequence[Span], spans_b: Sequence[Span]) -> list[Span]:
     """Intersect two lists of spans."""
-    both = [(max(a, c), min(b, d)) for a, b in one for c, d in other]
+    both = [(max(a, c), min(b, d)) for a, b in spans_a for c, d in spans_b]
     return [(start, end) for start, end in both if start < end]
 
 
 def without(spans: Sequence[Span], holes: Sequence[Span]) -> list[Span]:
     """Subtract sorted, separate spans from others."""
-    left = []
+    remaining = []
     for start, end in spans:
-        here = start
+        begin = start
         for a, b in holes:
-            if a < end and b > here:
-                if a > here:
-                    left.append((here, a))
-                here = max(here, b)
-        if here < end:
-            left.append((here, end))
-    return left
+            if a < end and b > begin:
+                if a > begin:
+                    remaining.append((begin, a))
+                begin = max(begin, b)
+        if begin < end:
+            remaining.append((begin, end))
+    return remaining

@@ -14,53 +14,55 @@ from dualarm_cli.verification.line_spans import LineSpan
 from dualarm_cli.verification.tool_model import ToolModel
 
 Subject = Literal["lines", "work", "joints", "order", "parts"]
-"""What is judged, in the order in which checks are listed: tools at targets and on their lines, tools at work between
-them, joints, who does what in which order, where parts are."""
+"""Subject of a check, in the order of the list of checks.
+
+Tools at targets and on lines, tools at work between them, joints, assignment and order of tasks, places of parts.
+"""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """A schedule that is judged, with finite numbers and rising times."""
+    """Schedule to verify, with finite numbers and rising times."""
 
     schedule: Schedule
-    """As it is."""
-    known: Schedule
-    """Without the work of arms that the robot does not have; its events move as the job's targets do."""
+    """Schedule as in its file."""
+    known_arms_only: Schedule
+    """Schedule without the work of unknown arms, events with the velocities of the job's targets."""
     stated: tuple[Event, ...]
-    """The events of `known` as they are written."""
+    """Events of `known_arms_only` as in the schedule's file."""
     job: Job | None
-    """As its file leaves it; None where there is no task file."""
+    """Job as in its file; None without a task file."""
     done: Job | None
-    """As it was done: each task with the arm that did it."""
+    """Job as it was done: each task with the arm that did it."""
     model: ToolModel
-    """Where the tools are."""
+    """Forward kinematics of the tools."""
     spans: tuple[LineSpan, ...]
-    """Of the job's stops."""
+    """Spans of the job's stops on their lines."""
 
 
 @dataclass(frozen=True)
 class Touch:
-    """Two bodies that may touch for some time."""
+    """Two bodies that may touch during a span of time."""
 
     bodies: frozenset[tuple[str, str]]
-    """The arm that carries each, empty for none, and its name."""
+    """Carrying arm, empty for none, and name of each body."""
     start: float
-    """From when on [s]."""
+    """Start of the span [s]."""
     end: float
-    """Until when [s]."""
+    """End of the span [s]."""
     gripped: bool
-    """Whether one grips the other, so that nothing is asked of them; else they must not reach into one another."""
+    """Flag of a grip, in which penetration is allowed as well."""
 
 
 @dataclass(frozen=True)
 class KindChecks:
-    """What one kind of work adds to the verifier."""
+    """Checks of one kind of work."""
 
     judge: Mapping[Subject, Callable[[Evidence], Sequence[Check]]]
-    """Its checks by what they judge; where the job has none of its work they say so, or are left out."""
+    """Checks by subject; without work of the kind they are `not checked` or left out."""
     criteria: Mapping[str, Criterion]
-    """Criteria of all its checks by name."""
+    """Criteria of the checks by name."""
     touches: Callable[[Job, Sequence[LineSpan]], Sequence[Touch]] = lambda job, spans: ()
-    """Which bodies may touch when, by the job as it was done and the spans of its stops."""
+    """Bodies that may touch, from the job as done and the spans of its stops."""
     added: Callable[[Schedule, Job], Sequence[tuple[float, Task]]] = lambda schedule, job: ()
-    """What a schedule does besides the job's tasks, as tasks with the times at which they begin [s]."""
+    """Tasks that a schedule adds to the job's, with their start times [s]."""

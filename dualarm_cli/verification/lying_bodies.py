@@ -1,9 +1,9 @@
-"""Parts that wait before their pick or lie after their place, as bodies that nothing may touch.
+"""Waiting and lying parts as bodies for the proof of clearance.
 
 A part is where the tool is at the event that picks or places it, measured on the motion. The tool that picks or places
-it may touch it on its lines; from there to its neighbouring stops it must not reach into it deeper than where the line
-there begins or ends, or without a line at the grip. Parts of which one's task names the other's in `touches` must not
-reach into one another.
+it may touch it on its lines; from there to its neighbouring stops it must not penetrate it deeper than at the outer end
+of the line, or at the grip without a line. Parts may touch if one's task names the other's in `touches`, but must not
+penetrate each other.
 """
 
 from __future__ import annotations
@@ -44,55 +44,56 @@ class LyingBodies:
     """Solids of parts that wait or lie, and their pairs."""
 
     solids: list[Solid] = field(default_factory=list)
-    """In the frames of the root link, or of belts' joints."""
+    """Solids in the frames of the root link or of belts' joints."""
     pairs: list[tuple[Pair, Windows]] = field(default_factory=list)
     """Pairs that must keep apart, the moving solid first, and the windows in which they count."""
     belts: dict[tuple[float, ...], int] = field(default_factory=dict)
     """Joints of belts by their velocities in the world [m/s]."""
 
     @classmethod
-    def of(cls, motion: Played, model: pin.Model, solids: Sequence[Solid]) -> LyingBodies:
+    def of(cls, motion: ExecutedJob, model: pin.Model, solids: Sequence[Solid]) -> LyingBodies:
         """Find the parts that wait and lie in a schedule.
 
         Args:
             motion: the schedule and the job as it was done.
             model: of the robot; belts that carry parts become joints of it.
-            solids: of the cell, before those that are found here.
+            solids: of the cell, numbered before those of lying parts.
         """
-        found, job = cls(), motion.job
+        bodies, job = cls(), motion.job
         for lying in lying_parts(job, motion.visits):
-            there = motion.lies(lying)
-            if not there[0] < there[1]:
+            span = motion.lies(lying)
+            if not span[0] < span[1]:
                 continue
-            own = found._placed(lying, motion, model)
+            solids_of_part = bodies._solids_at(lying, motion, model)
             numbers = range(
-                len(solids) + len(found.solids), len(solids) + len(found.solids) + len(own)
+                len(solids) + len(bodies.solids),
+                len(solids) + len(bodies.solids) + len(solids_of_part),
             )
-            found.solids.extend(own)
-            for pair in pairs_with_lying([*solids, *found.solids], numbers, job.cell):
+            bodies.solids.extend(solids_of_part)
+            for pair in pairs_with_lying([*solids, *bodies.solids], numbers, job.cell):
                 shape = motion.shapes(lying)[pair.second - numbers.start]
-                for depth, during in motion.asked(lying, shape, solids[pair.first], model):
+                for depth, during in motion.allowed_depths(lying, shape, solids[pair.first], model):
                     required = pair.required if depth is None else -TOL.contact_slack - depth
-                    if inside := overlaps([there], during):
-                        found.pairs.append((replace(pair, required=required), inside))
-        return found
+                    if inside := overlaps([span], during):
+                        bodies.pairs.append((replace(pair, required=required), inside))
+        return bodies
 
-    def _placed(self, lying: LyingPart, motion: Played, model: pin.Model) -> list[Solid]:
-        """Return a part's solids where its tool is at the event."""
+    def _solids_at(self, lying: LyingPart, motion: ExecutedJob, model: pin.Model) -> list[Solid]:
+        """Build a part's solids at the pose of its tool at the event."""
         event, base = motion.events[lying.key], motion.job.cell.base
         pose, joint = motion.tool_pose(event), WORLD
         if event.moves:
             joint = self._belt(event.velocity, base, model)
-            gone = (event.changes_held - motion.whole[0]) * np.array(event.velocity)
-            pose = pin.SE3(pose.rotation, pose.translation - gone)
-        found = [
+            travelled = (event.changes_held - motion.whole[0]) * np.array(event.velocity)
+            pose = pin.SE3(pose.rotation, pose.translation - travelled)
+        placed = [
             shape_solid(lying.task.part, joint, base.actInv(pose), shape)
             for shape in motion.shapes(lying)
         ]
-        return [replace(solid, lying=lying.label) for solid in found]
+        return [replace(solid, lying=lying.label) for solid in placed]
 
     def _belt(self, velocity: tuple[float, ...], base: pin.SE3, model: pin.Model) -> int:
-        """Return the joint of a belt, which is added to the model when it is met first."""
+        """Return the joint of a belt, added to the model at its first use."""
         if velocity not in self.belts:
             along = product(base.rotation.T, np.array(velocity))
             joint = pin.JointModelPrismaticUnaligned(along / norm(along))
@@ -101,28 +102,31 @@ class LyingBodies:
         return self.belts[velocity]
 
     def with_belts(self, motion: Trajectory) -> Trajectory:
-        """Return a motion with the joints of the belts, which are at zero when it starts."""
+        """Append the joints of belts to a motion, at zero when it starts."""
         if not self.belts:
             return motion
         speed = norm(np.array(list(self.belts)), axis=1)
-        gone, rows = (motion.time - motion.time[0])[:, None] * speed, np.ones((len(motion.time), 1))
+        travelled, rows = (
+            (motion.time - motion.time[0])[:, None] * speed,
+            np.ones((len(motion.time), 1)),
+        )
         return Trajectory(
             (*motion.joints, *(f"belt {k}" for k in range(len(speed)))),
             motion.time,
-            np.hstack([motion.position, gone]),
+            np.hstack([motion.position, travelled]),
             np.hstack([motion.velocity, rows * speed]),
-            np.hstack([motion.acceleration, np.zeros_like(gone)]),
+            np.hstack([motion.acceleration, np.zeros_like(travelled)]),
         )
 
 
 @dataclass(frozen=True)
-class Played:
-    """A schedule and the job as it was done, in the terms of parts that lie."""
+class ExecutedJob:
+    """A schedule and the job as it was done, by stops and lying parts."""
 
     schedule: Schedule
-    """With the job's robot."""
+    """Schedule with the job's robot."""
     job: Job
-    """Each task with the arm that did it."""
+    """Job with the arm that did each task."""
     spans: Sequence[LineSpan]
     """Spans of the job's stops."""
     tools: ToolModel
@@ -135,28 +139,28 @@ class Played:
 
     @cached_property
     def events(self) -> Mapping[StopKey, Event]:
-        """The first event of each stop, in time order."""
-        found: dict[StopKey, Event] = {}
-        for event in sorted(self.schedule.events, key=lambda one: one.changes_held):
+        """First event of each stop, in time order."""
+        first_events: dict[StopKey, Event] = {}
+        for event in sorted(self.schedule.events, key=lambda event: event.changes_held):
             key = event.arm, event.task, event.action
             if key in self.stops:
-                # How its target moves is the job's to say.
-                found.setdefault(key, replace(event, velocity=self.stops[key][1].velocity))
-        return found
+                # The velocity of the target is the job's.
+                first_events.setdefault(key, replace(event, velocity=self.stops[key][1].velocity))
+        return first_events
 
     @property
     def visits(self) -> list[Visit]:
-        """The stops in the order in which they were made."""
+        """Stops in the order of their events."""
         return [self.stops[key] for key in self.events]
 
     @property
     def whole(self) -> Span:
-        """From the start to the end of the motion [s]."""
+        """Start and end of the motion [s]."""
         time = self.schedule.trajectory.time
         return float(time[0]), float(time[-1])
 
     def lies(self, lying: LyingPart) -> Span:
-        """Return from when to when a part lies [s]."""
+        """Compute the span in which a part waits or lies [s]."""
         start, end = self.whole
         if lying.until is not None:
             end = self.events[lying.until].changes_held
@@ -169,23 +173,23 @@ class Played:
         return start, end
 
     def tool_pose(self, event: Event) -> pin.SE3:
-        """Return an arm's own tool centre point in the world as it picks or lets go."""
+        """Compute the arm's tool centre point in the world as it grips or releases."""
         time = np.array([event.changes_held])
         return self.tools.pose(event.arm, self.schedule.trajectory.at(time)[0][0])
 
     def shapes(self, lying: LyingPart) -> tuple[Shape, ...]:
-        """Return a part's solids in the frame of the own tool centre point."""
+        """Return a part's solids in the frame of its tool centre point."""
         task = lying.task
         return self.job.cell.held_shapes(task.arm, Held(task.tool, task.part))[1]
 
-    def asked(
+    def allowed_depths(
         self, lying: LyingPart, shape: Shape, solid: Solid, model: pin.Model
     ) -> list[tuple[float | None, list[Span]]]:
-        """List the depths to which a solid may reach into a lying part, with spans.
+        """List the depths to which a solid may penetrate a lying part, with spans.
 
         Args:
             lying: the part.
-            shape: one of the part's.
+            shape: one of the part's shapes.
             solid: of the robot, a tool, or a part that is carried.
             model: of the robot.
 
@@ -216,7 +220,7 @@ class Played:
             (self._depth(lying, shape, key, solid, model), between)
             for key, (_, between) in stops.items()
         ]
-        # Between two of its stops it may reach as deep as at either line's end.
+        # Between two of its stops it may penetrate as deep as at either line's end.
         for depth, between in sorted(depths, reverse=True):
             touching.append((depth, overlaps(without([between], lines), during)))
             during = without(during, [between])
@@ -228,11 +232,14 @@ class Played:
         ]
 
     def _at_stop(self, key: StopKey) -> tuple[Span, Span]:
-        """Return when a tool is on the lines of a stop, and from the work before it to that after it [s]."""
+        """Return the spans of a stop's lines, and between the neighbouring work [s]."""
         start, end = self.whole
-        event, own = self.events[key], [e for e in self.schedule.events if e.arm == key[0]]
-        before = [e.changes_held for e in own if e.changes_held < event.time]
-        after = [e.time for e in own if e.time > event.changes_held]
+        event, events_of_arm = (
+            self.events[key],
+            [e for e in self.schedule.events if e.arm == key[0]],
+        )
+        before = [e.changes_held for e in events_of_arm if e.changes_held < event.time]
+        after = [e.time for e in events_of_arm if e.time > event.changes_held]
         # A path or seam has its event at its end.
         works = [s for s in self.schedule.segments if s.arm == key[0] and s.kind in WORK_ENDS]
         after += [s.start for s in works if s.start > event.time]
@@ -243,14 +250,14 @@ class Played:
     def _depth(
         self, lying: LyingPart, shape: Shape, key: StopKey, solid: Solid, model: pin.Model
     ) -> float:
-        """Measure how deep a tool reaches into the part of its stop where the line there begins or ends [m]."""
+        """Measure a tool's penetration of a part at the outer end of its line [m]."""
         stop = self.stops[key][1]
         flange, arm = self._flange(key[0], model), key[0]
-        own = self.tool_pose(self.events[key])
-        there = self.tool_pose(self.events[lying.key])
+        pose_at_stop = self.tool_pose(self.events[key])
+        pose_of_part = self.tool_pose(self.events[lying.key])
         line = stop.approach if stop.action == "pick" else stop.retract
         back = pin.SE3(np.eye(3), np.array([0.0, 0.0, line]))
         tool = (flange.placement * self.job.cell.tools[arm].tcp).actInv(solid.pose)
-        part = shape_solid("", WORLD, back * own.actInv(there), shape)
+        part = shape_solid("", WORLD, back * pose_at_stop.actInv(pose_of_part), shape)
         places = [coal.Transform3s(p.rotation, p.translation) for p in (tool, part.pose)]
         return max(0.0, -solid_distance(solid, places[0], part, places[1]))

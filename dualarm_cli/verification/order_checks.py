@@ -1,4 +1,4 @@
-"""Checks of who does what, when and in which order: targets, arms, sequences, precedence, windows, dwells."""
+"""Checks of assignment, order and times: arms, sequences, precedence, windows, dwells."""
 
 from __future__ import annotations
 
@@ -21,39 +21,40 @@ from dualarm_cli.verification.tool_checks import Worst
 
 
 def check_arms(schedule: Schedule) -> Check:
-    """Checks that everything is done by an arm that the robot has, and that events are about that arm's own tool."""
-    known = schedule.robot.arms
+    """Check that all work belongs to arms of the robot, and events to the arm's tool."""
+    arms = schedule.robot.arms
     works = [("event", e) for e in schedule.events] + [("segment", s) for s in schedule.segments]
-    found = [(f"{kind} of {work.task}", work.arm) for kind, work in works if work.arm not in known]
-    found += [
+    unknown = [(f"{kind} of {item.task}", item.arm) for kind, item in works if item.arm not in arms]
+    unknown += [
         (f"stage {number}", stage.arm)
         for number, stage in enumerate(schedule.stages, start=1)
-        if stage.arm and stage.arm not in known
+        if stage.arm and stage.arm not in arms
     ]
-    other = [e for e in schedule.events if e.arm in known and e.frame != f"{e.arm}_tcp"]
-    where = f"all of {', '.join(known)}"
-    if found:
-        what, arm = found[0]
-        where = f"{what} names arm '{arm}'; the robot has {', '.join(known)}"
-    elif other:
-        where = f"event of {other[0].task} names frame '{other[0].frame}'; it is {other[0].arm}_tcp"
-    return judge("arms", len(found) + len(other), 0, where)
+    wrong_frames = [e for e in schedule.events if e.arm in arms and e.frame != f"{e.arm}_tcp"]
+    where = f"all of {', '.join(arms)}"
+    if unknown:
+        work, arm = unknown[0]
+        where = f"{work} names arm '{arm}'; the robot has {', '.join(arms)}"
+    elif wrong_frames:
+        event = wrong_frames[0]
+        where = f"event of {event.task} names frame '{event.frame}'; it is {event.arm}_tcp"
+    return judge("arms", len(unknown) + len(wrong_frames), 0, where)
 
 
 def check_segments(schedule: Schedule) -> Check:
-    """Checks that what each arm does follows on without gap or overlap, from start to end."""
+    """Check that each arm's segments follow without gap or overlap from start to end."""
     if not schedule.segments and not schedule.events:
         return not_checked("segments")
     worst = Worst(where="one after the other")
     for arm in schedule.robot.arms:
         clock = 0.0
-        own = sorted((s for s in schedule.segments if s.arm == arm), key=lambda s: s.start)
-        for segment in own:
+        segments = sorted((s for s in schedule.segments if s.arm == arm), key=lambda s: s.start)
+        for segment in segments:
             off = max(abs(clock - segment.start), segment.start - segment.end)
             worst.add(off, f"{arm} {segment.kind} of {segment.task} at {segment.start:.3f} s")
             clock = max(clock, segment.end)
         worst.add(clock - schedule.duration, f"{arm} arm works beyond the end")
-        if own:
+        if segments:
             where = f"the {arm} arm has no segment from {clock:.3f} s to the end"
             worst.add(schedule.duration - clock, where)
     for event in schedule.events:
@@ -63,30 +64,30 @@ def check_segments(schedule: Schedule) -> Check:
 
 
 def check_dwells(schedule: Schedule, job: Job) -> Check:
-    """Checks that every tool stands still for as long as the job asks, and for what it asks."""
+    """Check that every dwell is as long as the job requires, in each share."""
     worst = Worst()
-    asked = {key: stop.dwell for key, stop in job.stops_by_key().items()}
+    required = {key: stop.dwell for key, stop in job.stops_by_key().items()}
     events = {(e.arm, e.task, e.action): e for e in schedule.events}
     for key, event in events.items():
-        short = asked.get(key, Dwell()).total - event.dwell
+        short = required.get(key, Dwell()).total - event.dwell
         worst.add(short, f"{event.task} ({event.action}) dwells {event.dwell:g} s")
     stands = [s for s in schedule.segments if s.kind == "dwell"]
     for segment in stands:
         key = (segment.arm, segment.task, segment.action)
-        off, what = _dwell_error(segment, events.get(key), asked.get(key, Dwell()))
+        off, what = _dwell_error(segment, events.get(key), required.get(key, Dwell()))
         worst.add(off, f"{segment.task} ({segment.action}) {what}")
     if schedule.segments:
         listed = {(s.arm, s.task, s.action) for s in stands}
         for key, event in events.items():
             if key not in listed:
                 worst.add(event.dwell, f"{event.task} ({event.action}) has no dwell listed")
-    # Rounding has a largest value too, and nothing to say of it.
+    # Rounding errors have a largest value too, which is no fault.
     fault = worst.where if worst.value > TOL.same_time else "as long as the job requires"
     return judge("dwells", worst.value, TOL.same_time, fault)
 
 
-def _dwell_error(segment: Segment, event: Event | None, asked: Dwell) -> tuple[float, str]:
-    """Returns how far a listed dwell is from its event, from its shares and from the job [s]."""
+def _dwell_error(segment: Segment, event: Event | None, required: Dwell) -> tuple[float, str]:
+    """Compare a listed dwell with its event, its shares and the job [s]."""
     if event is None:
         return np.inf, "stands still without an event"
     length = segment.end - segment.start
@@ -102,14 +103,17 @@ def _dwell_error(segment: Segment, event: Event | None, asked: Dwell) -> tuple[f
             (abs(segment.dwell.total - length), "has shares that do not add up to its length")
         )
         errors += [
-            (getattr(asked, name) - getattr(segment.dwell, name), f"has too short a share: {name}")
+            (
+                getattr(required, name) - getattr(segment.dwell, name),
+                f"has too short a share: {name}",
+            )
             for name in ("gripper", "settle", "handshake")
         ]
     return max(errors, key=lambda error: error[0])
 
 
 def check_bound(schedule: Schedule) -> Check:
-    """Checks that the stated lower bound is not above the schedule's own duration."""
+    """Check that the stated lower bound does not exceed the duration."""
     bound = schedule.lower_bound
     if bound is None:
         return not_checked("lower_bound")
@@ -118,7 +122,7 @@ def check_bound(schedule: Schedule) -> Check:
 
 
 def check_ends(schedule: Schedule, job: Job) -> list[Check]:
-    """Checks the start posture and, for a closed cycle, that the motion returns to it."""
+    """Check the start posture and, for a closed cycle, the return to it."""
     trajectory, sliding = schedule.trajectory, job.cell.robot.sliding
     checks = []
     if job.start == "free":
@@ -136,22 +140,22 @@ def check_ends(schedule: Schedule, job: Job) -> list[Check]:
         return [*checks, not_checked("return")]
     off = np.abs(trajectory.position[-1] - trajectory.position[0])
     joint = trajectory.joints[int(np.argmax(off))]
-    found = judge("return", float(off.max()), TOL.same_joints, joint, slides=joint in sliding)
-    return [*checks, found]
+    check = judge("return", float(off.max()), TOL.same_joints, joint, slides=joint in sliding)
+    return [*checks, check]
 
 
 def check_order(schedule: Schedule, job: Job) -> Check:
-    """Checks that all of the job's targets are done, by whom and in which order the file allows.
+    """Check that all targets are done, by arms and in an order that the file allows.
 
-    Where the file says all, each arm's events are its targets in the file's order. Where it leaves arms or order open,
-    every target is done once, those of a task by one arm that may, one right after the other; the tasks of a sequence
-    by one arm right after one another; with order: given each arm's tasks in the file's order.
+    If the file decides arms and order, each arm's events are its targets in the file's order. If it leaves them open,
+    every target is done once, and a task's targets are done by one allowed arm in direct succession. The tasks of a
+    sequence are done by one arm in direct succession; with order: given each arm keeps the file's order.
 
     Args:
-        schedule: what is judged.
-        job: as its file leaves it.
+        schedule: the schedule to check.
+        job: as in its file.
     """
-    # What no task of the file asks for has a check of its own.
+    # Tool changes are no tasks of the file, and have their own checks.
     events = tuple(event for event in schedule.events if not is_change(event, job))
     schedule = replace(schedule, events=events)
     if job.is_decided:
@@ -163,8 +167,8 @@ def check_order(schedule: Schedule, job: Job) -> Check:
     faults = [
         *_wrong_counts(rows, job),
         *_wrong_arms(rows, job),
-        *(fault for arm, events in rows.items() for fault in _torn(arm, events, job)),
-        *(_against_the_file(rows, job) if job.order == "given" else ()),
+        *(fault for arm, events in rows.items() for fault in _interrupted_tasks(arm, events, job)),
+        *(_wrong_task_order(rows, job) if job.order == "given" else ()),
         *_broken_sequences(rows, job),
     ]
     where = faults[0] if faults else "every target once, by an allowed arm and in an allowed order"
@@ -175,12 +179,12 @@ def _check_given(schedule: Schedule, job: Job) -> Check:
     wrong = 0
     where = "every target, in the order of the file"
     for arm in job.cell.robot.arms:
-        asked = [(task.id, stop.action) for task, stop in job.stops_of(arm.name)]
+        required = [(task.id, stop.action) for task, stop in job.stops_of(arm.name)]
         events = in_time([e for e in schedule.events if e.arm == arm.name])
         done = [(event.task, event.action) for event in events]
-        if done != asked:
+        if done != required:
             pairs = zip(
-                asked + [("nothing", "")] * len(done), [*done, ("nothing", "")], strict=False
+                required + [("nothing", "")] * len(done), [*done, ("nothing", "")], strict=False
             )
             first = next(((a, d) for a, d in pairs if a != d), (("nothing", ""), ("nothing", "")))
             wrong += 1
@@ -190,25 +194,28 @@ def _check_given(schedule: Schedule, job: Job) -> Check:
 
 
 def _wrong_counts(rows: dict[str, list[Event]], job: Job) -> list[str]:
-    """Returns what is not done exactly once, by both arms where both follow, and what nobody asked for."""
-    asked = Counter((task.id, stop.action) for task in job.tasks for stop in task.stops)
+    """List targets that are missing, repeated or in no task.
+
+    A target that both arms follow is to be done by each.
+    """
+    required = Counter((task.id, stop.action) for task in job.tasks for stop in task.stops)
     done = Counter((event.task, event.action) for events in rows.values() for event in events)
     faults = [
         f"{task} {action} is not done"
         if not done[task, action]
         else f"{task} {action} is done {done[task, action]} times"
-        for (task, action), times in asked.items()
+        for (task, action), times in required.items()
         if done[task, action] != times
     ]
     return faults + [
-        f"{task} {action} is done, which no task asks for"
+        f"{task} {action} is done, which no task requires"
         for task, action in done
-        if (task, action) not in asked
+        if (task, action) not in required
     ]
 
 
 def _wrong_arms(rows: dict[str, list[Event]], job: Job) -> list[str]:
-    """Returns which tasks are done by several arms, or by one that may not."""
+    """List tasks that several arms do, or an arm that is not allowed."""
     faults = []
     for task in job.tasks:
         arms = [arm for arm, events in rows.items() if any(e.task == task.id for e in events)]
@@ -225,7 +232,7 @@ def _wrong_arms(rows: dict[str, list[Event]], job: Job) -> list[str]:
 
 
 def _wrong_share(rows: dict[str, list[Event]], task: Task) -> list[str]:
-    """Returns that an arm's share of a task is done by several arms, or by one that may not."""
+    """List the fault of a share of a task with several arms or a wrong one."""
     actions = {stop.action for stop in task.stops}
     arms = [
         arm
@@ -240,28 +247,30 @@ def _wrong_share(rows: dict[str, list[Event]], task: Task) -> list[str]:
     return []
 
 
-def _torn(arm: str, events: list[Event], job: Job) -> list[str]:
-    """Returns which of an arm's tasks are not done from their first target to their last, one right after the other."""
+def _interrupted_tasks(arm: str, events: list[Event], job: Job) -> list[str]:
+    """List an arm's tasks whose targets are out of order or interrupted."""
     numbers: dict[str, list[int]] = {}
     for number, event in enumerate(events):
         numbers.setdefault(event.task, []).append(number)
     faults = []
     for task in job.tasks:
-        own = numbers.get(task.id, [])
+        places = numbers.get(task.id, [])
         actions = [stop.action for stop in task.stops]
-        ranks = [actions.index(a) for k in own if (a := events[k].action) in actions]
+        ranks = [actions.index(a) for k in places if (a := events[k].action) in actions]
         if ranks != sorted(ranks):
             late, early = (actions[rank] for rank in next(_descents(ranks)))
             faults.append(f"{arm} arm: {task.id} {late} is done before {task.id} {early}")
-        between = [k for k in range(own[0], own[-1]) if k not in own] if own else []
+        between = [k for k in range(places[0], places[-1]) if k not in places] if places else []
         if between:
-            other = events[between[0]]
-            faults.append(f"{arm} arm: {other.task} {other.action} is done within {task.id}")
+            event_between = events[between[0]]
+            faults.append(
+                f"{arm} arm: {event_between.task} {event_between.action} is done within {task.id}"
+            )
     return faults
 
 
-def _against_the_file(rows: dict[str, list[Event]], job: Job) -> list[str]:
-    """Returns which arms do tasks in another order than the file's."""
+def _wrong_task_order(rows: dict[str, list[Event]], job: Job) -> list[str]:
+    """List the arms that do not keep the file's order of tasks."""
     place = {task.id: number for number, task in enumerate(job.tasks)}
     names = list(place)
     faults = []
@@ -275,73 +284,77 @@ def _against_the_file(rows: dict[str, list[Event]], job: Job) -> list[str]:
 
 
 def _broken_sequences(rows: dict[str, list[Event]], job: Job) -> list[str]:
-    """Returns which sequences several arms do, or one arm not one right after the other."""
+    """List sequences that several arms do, or that are interrupted."""
     orders = {arm: _task_order(events) for arm, events in rows.items()}
     faults = []
     for names in job.sequences:
         doers = [next((arm for arm in orders if name in orders[arm]), "") for name in names]
         if "" in doers:
-            continue  # a task that nobody does is named as such
-        for one, other, by, then in zip(names, names[1:], doers, doers[1:], strict=False):
-            if by != then:
+            continue  # a missing task is a fault of its own
+        for task, next_task, arm, next_arm in zip(names, names[1:], doers, doers[1:], strict=False):
+            if arm != next_arm:
                 faults.append(
-                    f"{one} and {other} belong to one sequence, but are done by {by} and {then}"
+                    f"{task} and {next_task} belong to one sequence, but are done by {arm} and {next_arm}"
                 )
                 break
-            following = orders[by][orders[by].index(one) + 1 :][:1]
-            if following != [other]:
+            following = orders[arm][orders[arm].index(task) + 1 :][:1]
+            if following != [next_task]:
                 did = following[0] if following else "nothing"
-                faults.append(f"{by} arm: {other} must follow {one} directly, but {did} is done")
+                faults.append(
+                    f"{arm} arm: {next_task} must follow {task} directly, but {did} is done"
+                )
                 break
     return faults
 
 
 def _task_order(events: list[Event]) -> list[str]:
-    """Returns the tasks of events in the order in which they are begun."""
+    """List the tasks of events in the order in which they begin."""
     return list(dict.fromkeys(event.task for event in events))
 
 
 def _descents(numbers: list[int]) -> Iterator[tuple[int, int]]:
-    """Returns the neighbours of which the later one is smaller."""
+    """List neighbours in which the later number is smaller."""
     return ((a, b) for a, b in pairwise(numbers) if b < a)
 
 
 def check_precedence(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Check:
-    """Checks that no task begins before those are over that are to be done before.
+    """Check that no task begins before the end of those in its `after`.
 
-    A task begins with its first approach, where it has one, and is over once its last tool has dwelt and retracted.
+    A task begins with its first approach, or at its first target, and ends when its last tool has dwelt and retracted.
 
     Args:
-        schedule: what is judged.
-        job: as its file leaves it.
+        schedule: the schedule to check.
+        job: as in its file.
         spans: of the job's stops.
     """
     if not any(task.after for task in job.tasks):
         return not_checked("precedence")
-    begin: dict[str, float] = {}
-    over: dict[str, float] = {}
+    started: dict[str, float] = {}
+    finished: dict[str, float] = {}
     for span in spans:
         name = span.event.task
-        begin[name] = min(span.start, begin.get(name, span.start))
-        over[name] = max(span.end, over.get(name, span.end))
-    # Work on the way may begin before the first event; that it is this work is for the checks of its kind.
+        started[name] = min(span.start, started.get(name, span.start))
+        finished[name] = max(span.end, finished.get(name, span.end))
+    # Paths and seams begin before their event; whether they are followed is for the checks of their kind.
     for s in schedule.segments:
         if s.kind in WORK_ENDS:
-            begin[s.task] = min(s.start, begin.get(s.task, s.start))
+            started[s.task] = min(s.start, started.get(s.task, s.start))
     worst = Worst(where="every task begins after those in its `after`")
-    for task, name in ((one.id, name) for one in job.tasks for name in one.after):
-        # What nobody does is the order's to find.
-        if task in begin and name in over:
-            where = f"{task} begins at {begin[task]:.3f} s, {name} is over at {over[name]:.3f} s"
-            worst.add(over[name] - begin[task], where)
+    for task, name in ((later.id, name) for later in job.tasks for name in later.after):
+        # Missing tasks are for the check of the order.
+        if task in started and name in finished:
+            where = (
+                f"{task} begins at {started[task]:.3f} s, {name} is over at {finished[name]:.3f} s"
+            )
+            worst.add(finished[name] - started[task], where)
     return worst.judge("precedence", TOL.same_time, "none of the tasks concerned is done")
 
 
 def check_windows(schedule: Schedule, job: Job) -> Check:
-    """Checks that tools are at first targets no earlier, and at last ones no later, than tasks allow.
+    """Check that tasks are done within their windows.
 
     Args:
-        schedule: what is judged.
+        schedule: the schedule to check.
         job: its tasks.
     """
     tasks = [task for task in job.tasks if _has_window(task)]
@@ -353,7 +366,7 @@ def check_windows(schedule: Schedule, job: Job) -> Check:
     worst = Worst(where="every task within its window")
     for task in tasks:
         if task.id not in times:
-            continue  # what nobody does is the order's to find
+            continue  # missing tasks are for the check of the order
         first, last = min(times[task.id]), max(times[task.id])
         early = f"{task.id} is begun at {first:.3f} s, not_before is {task.not_before:g} s"
         late = f"{task.id} ends at {last:.3f} s, not_after is {task.not_after:g} s"
@@ -363,20 +376,20 @@ def check_windows(schedule: Schedule, job: Job) -> Check:
 
 
 def check_signals(schedule: Schedule, job: Job) -> list[Check]:
-    """Checks that every event sets the signal of its task; nothing where there are none.
+    """Check that every event sets the signal of its task.
 
     Args:
-        schedule: what is judged.
+        schedule: the schedule to check.
         job: its tasks, each with the arm that did it.
     """
     stops = job.stops_by_key()
     wrong, named = [], False
     for event in schedule.events:
         stop = stops.get((event.arm, event.task, event.action))
-        asked = "" if stop is None else stop.signal
-        named |= bool(asked or event.signal)
-        if event.signal != asked:
-            what = f"{event.signal or 'none'} instead of {asked or 'none'}"
+        required = "" if stop is None else stop.signal
+        named |= bool(required or event.signal)
+        if event.signal != required:
+            what = f"{event.signal or 'none'} instead of {required or 'none'}"
             wrong.append(f"{event.task} ({event.action}) sets {what}")
     where = "; ".join(wrong[:3]) or "at every event"
     return [judge("signals", float(len(wrong)), 0.0, where)] if named else []

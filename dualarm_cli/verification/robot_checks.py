@@ -16,9 +16,9 @@ from dualarm_cli.verification.tolerances import TOL
 from dualarm_cli.verification.tool_model import ToolModel
 
 USABLE = ("finite", "time")
-"""Checks that a schedule has to pass to be of any use."""
-SHOWN = 2
-"""Differences that a message names."""
+"""Checks that a usable schedule has to pass."""
+MAX_NAMED = 2
+"""Maximum number of differences in a message."""
 
 
 def check_robot(schedule: Schedule, job: Job | None = None) -> Check:
@@ -27,22 +27,25 @@ def check_robot(schedule: Schedule, job: Job | None = None) -> Check:
     The verifier judges the motion by the job's robot; exports and pages use what the file states.
 
     Args:
-        schedule: as read from its file; what it leaves out is not compared.
-        job: of the schedule, if it is known.
+        schedule: as read from its file; omitted values are not compared.
+        job: of the schedule, or None.
 
     Raises:
         InputError: the robot cannot be built.
     """
     if job is None:
-        found, whose = [*_beside_chains(schedule)], "of the URDF"
+        differences, reference = [*_differences_from_urdf(schedule)], "of the URDF"
     else:
-        found, whose = [*_beside_job(schedule.robot, ScheduleRobot.of_job(job))], "of the job"
-    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
-    where = "; ".join(found[:SHOWN]) + more if found else f"that {whose}"
-    return judge("robot", len(found), 0, where)
+        differences, reference = (
+            [*_differences_from_job(schedule.robot, ScheduleRobot.of_job(job))],
+            "of the job",
+        )
+    details = f" and {len(differences) - MAX_NAMED} more" if len(differences) > MAX_NAMED else ""
+    where = "; ".join(differences[:MAX_NAMED]) + details if differences else f"that {reference}"
+    return judge("robot", len(differences), 0, where)
 
 
-def _beside_chains(schedule: Schedule) -> Iterator[str]:
+def _differences_from_urdf(schedule: Schedule) -> Iterator[str]:
     """Yield the arms whose joints are not those between the platform and their flange."""
     robot, model = schedule.robot, ToolModel(schedule)
     for name, arm in robot.arms.items():
@@ -54,53 +57,53 @@ def _beside_chains(schedule: Schedule) -> Iterator[str]:
             yield from _joints(f"{name} arm", arm.joints, chain, "of those up to its flange")
 
 
-def _beside_job(stated: ScheduleRobot, known: ScheduleRobot) -> Iterator[str]:
-    """Yield what a file states otherwise than the job has it."""
-    if set(stated.arms) != set(known.arms):
-        yield f"arms: {', '.join(stated.arms)}; the job has {', '.join(known.arms)}"
-    for name, own in known.arms.items():
-        arm = stated.arms.get(name, own)
-        if arm.flange != own.flange:
-            yield f"{name} arm: its flange is {arm.flange}; the job's is {own.flange}"
+def _differences_from_job(stated: ScheduleRobot, actual: ScheduleRobot) -> Iterator[str]:
+    """Yield the differences of a file's robot from the job's."""
+    if set(stated.arms) != set(actual.arms):
+        yield f"arms: {', '.join(stated.arms)}; the job has {', '.join(actual.arms)}"
+    for name, job_arm in actual.arms.items():
+        arm = stated.arms.get(name, job_arm)
+        if arm.flange != job_arm.flange:
+            yield f"{name} arm: its flange is {arm.flange}; the job's is {job_arm.flange}"
         if arm.joints:
-            yield from _joints(f"{name} arm", arm.joints, own.joints, "of the job's")
-        if not _same_pose(arm.tcp, own.tcp):
+            yield from _joints(f"{name} arm", arm.joints, job_arm.joints, "of the job's")
+        if not _same_pose(arm.tcp, job_arm.tcp):
             yield f"{name} arm: its tool centre point is not the job's"
     if any(arm.joints for arm in stated.arms.values()):
-        yield from _joints("platform", stated.platform, known.platform, "of the job's")
-    if not _same_pose(stated.base, known.base):
+        yield from _joints("platform", stated.platform, actual.platform, "of the job's")
+    if not _same_pose(stated.base, actual.base):
         yield "base: its pose is not the job's"
-    if stated.tool_speed is not None and stated.tool_speed != known.tool_speed:
-        own_speed = "none" if known.tool_speed is None else f"{known.tool_speed:g}"
+    if stated.tool_speed is not None and stated.tool_speed != actual.tool_speed:
+        own_speed = "none" if actual.tool_speed is None else f"{actual.tool_speed:g}"
         yield f"tool_speed: {stated.tool_speed:g}; the job's is {own_speed}"
-    yield from _limits(stated.limits, known.limits.select(stated.limits.joints))
+    yield from _limits(stated.limits, actual.limits.select(stated.limits.joints))
 
 
 def _joints(
-    what: str, stated: tuple[str, ...], known: tuple[str, ...], whose: str
+    subject: str, stated: tuple[str, ...], actual: tuple[str, ...], reference: str
 ) -> Iterator[str]:
     """Yield the first superfluous, missing or misplaced joint."""
-    extra = [joint for joint in stated if joint not in known]
-    missing = [joint for joint in known if joint not in stated]
+    extra = [joint for joint in stated if joint not in actual]
+    missing = [joint for joint in actual if joint not in stated]
     if extra:
-        yield f"{what}: its joint {extra[0]} is none {whose}"
+        yield f"{subject}: its joint {extra[0]} is none {reference}"
     elif missing:
-        yield f"{what}: it lacks joint {missing[0]} {whose}"
-    elif stated != known:
-        yield f"{what}: its joints have another order than {whose.removeprefix('of ')}"
+        yield f"{subject}: it lacks joint {missing[0]} {reference}"
+    elif stated != actual:
+        yield f"{subject}: its joints have another order than {reference.removeprefix('of ')}"
 
 
-def _limits(stated: JointLimits, known: JointLimits) -> Iterator[str]:
-    says = np.array([source != "unstated" for source in stated.source])
-    for what in ("lower", "upper", "velocity", "acceleration", "jerk"):
-        values, own = getattr(stated, what), getattr(known, what)
-        same = np.isclose(values, own, rtol=TOL.same_stated, atol=0.0)
-        for k in np.flatnonzero(~same & (says | np.isfinite(values))):
-            yield f"{what} limit of {stated.joints[k]}: {values[k]:g}; the job's is {own[k]:g}"
+def _limits(stated: JointLimits, actual: JointLimits) -> Iterator[str]:
+    is_stated = np.array([source != "unstated" for source in stated.source])
+    for quantity in ("lower", "upper", "velocity", "acceleration", "jerk"):
+        values, actual_values = getattr(stated, quantity), getattr(actual, quantity)
+        same = np.isclose(values, actual_values, rtol=TOL.same_stated, atol=0.0)
+        for k in np.flatnonzero(~same & (is_stated | np.isfinite(values))):
+            yield f"{quantity} limit of {stated.joints[k]}: {values[k]:g}; the job's is {actual_values[k]:g}"
 
 
-def _same_pose(one: pin.SE3, other: pin.SE3) -> bool:
-    return bool(np.abs(one.homogeneous - other.homogeneous).max() <= TOL.same_stated)
+def _same_pose(pose_a: pin.SE3, pose_b: pin.SE3) -> bool:
+    return bool(np.abs(pose_a.homogeneous - pose_b.homogeneous).max() <= TOL.same_stated)
 
 
 def unusable(
@@ -112,9 +115,9 @@ def unusable(
         schedule: with the robot that its file states.
         job: of its task file.
         failures: of the verifier.
-        names: checks that have to pass, beside that of the robot.
+        names: checks that have to pass, in addition to that of the robot.
     """
-    found = [check for check in failures if check.name in names]
-    if not found and (robot := check_robot(schedule, job)).verdict == "failed":
+    failed = [check for check in failures if check.name in names]
+    if not failed and (robot := check_robot(schedule, job)).verdict == "failed":
         return robot
-    return found[0] if found else None
+    return failed[0] if failed else None

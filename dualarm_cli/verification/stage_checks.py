@@ -1,4 +1,4 @@
-"""Checks of stages and of what a schedule calls the stretches of its arms' work."""
+"""Checks of stages, and of the kinds of segments."""
 
 from __future__ import annotations
 
@@ -23,14 +23,13 @@ NAME = "segment_kinds"
 
 
 def check_segment_kinds(schedule: Schedule) -> Check:
-    """Checks that every segment is what the motion and the events show.
+    """Check that every segment's kind agrees with the motion and the events.
 
-    An arm stands still while it waits; its transfers lead to its next event, its returns come after the last one; work
-    on the way belongs to events of its own. Only waits have reasons, and one for the end of the work has no work
-    behind it.
+    An arm stands still while it waits; its transfers lead to its next event, and its returns come after the last one.
+    Paths and seams have events of their own. Only waits have reasons, and no work follows a wait with reason `end`.
 
     Args:
-        schedule: what is judged, with finite numbers and rising times.
+        schedule: the schedule to check, with finite numbers and rising times.
     """
     if not schedule.segments:
         return not_checked(NAME)
@@ -50,16 +49,16 @@ def check_segment_kinds(schedule: Schedule) -> Check:
 
 @dataclass(frozen=True)
 class _Events:
-    """One arm's events, to be looked up: there may be as many as segments."""
+    """Index of one arm's events, which may be as many as its segments."""
 
     ordered: Sequence[Event]
-    """In time order."""
+    """Events in time order."""
     times: FloatArray
-    """When each one is [s]."""
+    """Times of the events [s]."""
     keys: frozenset[tuple[str, str]]
-    """Their tasks and actions."""
+    """Tasks and actions of the events."""
     last: float
-    """When the last event of any arm is [s]; -inf for none."""
+    """Time of the last event of any arm [s], -inf without events."""
 
     @classmethod
     def of(cls, events: Sequence[Event], last: float) -> _Events:
@@ -68,7 +67,7 @@ class _Events:
         return cls(ordered, times, frozenset((e.task, e.action) for e in ordered), last)
 
     def ahead(self, segment: Segment) -> Event | None:
-        """Returns the first event at the end of a segment or later that is not over when it starts."""
+        """Find the first event from a segment's end on whose dwell it does not follow."""
         first = int(np.searchsorted(self.times, segment.end - TOL.same_time))
         later = (self.ordered[k] for k in range(first, len(self.ordered)))
         return next((e for e in later if e.time + e.dwell > segment.start + TOL.same_time), None)
@@ -94,9 +93,9 @@ def _fault(schedule: Schedule, segment: Segment, events: _Events) -> str:
     elif segment.kind == "transfer":
         if any(key) and key != due:
             return f"the arm's next event is {' '.join(due).strip() or 'none'}, not {' '.join(key)}"
-        # An arm that only makes room may be on its way beyond the last event, but it leaves before.
+        # An arm that only makes room may move beyond the last event, but it starts before.
         if not any(key) and events.last < segment.start + TOL.same_time:
-            return "nothing follows; a way back is a return"
+            return "nothing follows; a motion back to the start is a return"
     elif segment.kind in WORK_ENDS:
         due = (segment.task, WORK_ENDS[segment.kind])
         if key != due or due not in events.keys:
@@ -105,13 +104,13 @@ def _fault(schedule: Schedule, segment: Segment, events: _Events) -> str:
 
 
 def first_move(schedule: Schedule, arm: str, start: float, end: float) -> float:
-    """Returns when an arm's own joints are first seen away from where they are at the start [s]; 0 for never.
+    """Find the time at which an arm leaves its first posture [s], or 0.
 
     Args:
-        schedule: the motion; of an arm of which it does not know the joints nothing is seen.
-        arm: which one.
-        start: from when on [s].
-        end: until when [s].
+        schedule: the motion; an arm without listed joints counts as standing.
+        arm: name of the arm.
+        start: start of the span [s].
+        end: end of the span [s].
     """
     joints = schedule.robot.arms[arm].joints
     if not joints or not end > start:
@@ -124,22 +123,22 @@ def first_move(schedule: Schedule, arm: str, start: float, end: float) -> float:
 
 
 def check_stages(schedule: Schedule, job: Job | None = None) -> Check:
-    """Checks that stages follow one another from the start of the motion to its end.
+    """Check that stages follow one another from the start of the motion to its end.
 
-    Where the arms run asynchronously, those of one arm, and both arms', follow one another with waits between them;
-    each has the event of its task.
+    In asynchronous mode the stages of one arm and the common ones follow one another with waits between them, and each
+    has the event of its task.
 
     Args:
-        schedule: what is judged.
-        job: says whether arms are paired; without it the stages do.
+        schedule: the schedule to check.
+        job: decides whether arms are paired; without it the stages do.
     """
     if not schedule.stages:
         return not_checked("stages")
     free = any(stage.arm for stage in schedule.stages) if job is None else job.mode == "free"
-    return _by_own_clocks(schedule) if free else _one_after_the_other(schedule)
+    return _check_asynchronous(schedule) if free else _check_synchronous(schedule)
 
 
-def _one_after_the_other(schedule: Schedule) -> Check:
+def _check_synchronous(schedule: Schedule) -> Check:
     worst, clock = Worst(where="one after the other"), 0.0
     for number, stage in enumerate(schedule.stages, start=1):
         late = abs(stage.start - clock)
@@ -150,7 +149,7 @@ def _one_after_the_other(schedule: Schedule) -> Check:
     return worst.judge("stages", TOL.same_time)
 
 
-def _by_own_clocks(schedule: Schedule) -> Check:
+def _check_asynchronous(schedule: Schedule) -> Check:
     worst = Worst(where="each arm's one after the other")
     for number, stage in enumerate(schedule.stages, start=1):
         worst.add(stage.start - stage.end, f"stage {number} ends before it starts")
@@ -160,26 +159,28 @@ def _by_own_clocks(schedule: Schedule) -> Check:
         clock, before = 0.0, 0
         for k in stages_of_arm(schedule, arm):
             start, end = schedule.stages[k].start, schedule.stages[k].end
-            where = f"stage {k + 1} starts before the {arm} arm is done with stage {before}"
+            where = f"stage {k + 1} starts before the {arm} arm has finished stage {before}"
             worst.add(clock - start, where)
             if end >= clock:
                 clock, before = end, k + 1
-    misplaced = _misplaced(schedule)
+    misplaced = _misplaced_work(schedule)
     if misplaced and worst.value <= TOL.same_time:
         worst.add(np.inf, misplaced)
     return worst.judge("stages", TOL.same_time)
 
 
-def _misplaced(schedule: Schedule) -> str:
-    """Returns which event is in no stage, or which stage has no event of its tasks, or an empty string."""
+def _misplaced_work(schedule: Schedule) -> str:
+    """Describe an event without stage or a stage without event, or return ''."""
     if not schedule.events:
         return ""
-    found = events_by_stage(schedule)
-    placed = {id(event) for events in found for event in events}
+    events_of_stage = events_by_stage(schedule)
+    placed = {id(event) for events in events_of_stage for event in events}
     for event in schedule.events:
         if id(event) not in placed:
             return _unplaced(schedule, event)
-    for number, (stage, events) in enumerate(zip(schedule.stages, found, strict=True), start=1):
+    for number, (stage, events) in enumerate(
+        zip(schedule.stages, events_of_stage, strict=True), start=1
+    ):
         idle = [name for name in stage.tasks if all(event.task != name for event in events)]
         if idle:
             return f"stage {number} names {idle[0]}, which has no stop in it"
@@ -187,22 +188,22 @@ def _misplaced(schedule: Schedule) -> str:
 
 
 def _unplaced(schedule: Schedule, event: Event) -> str:
-    """Returns why an event belongs to no stage."""
+    """Describe why an event belongs to no stage."""
     for number, stage in enumerate(schedule.stages, start=1):
         if stage.arm in ("", event.arm) and contains(stage, event):
             return f"{event.task} ({event.action}) is more than one stop of the {event.arm} arm in stage {number}"
-    whose = f"the {event.arm} arm's stages"
-    return f"{event.task} ({event.action}) at {event.time:.3f} s is within none of {whose} that name it"
+    stages = f"the {event.arm} arm's stages"
+    return f"{event.task} ({event.action}) at {event.time:.3f} s is within none of {stages} that name it"
 
 
 def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Check:
-    """Checks that paired targets fall into one stage, which both arms start together.
+    """Check that paired targets fall into one stage, which both arms start together.
 
-    Who is done first in a stage stands until the other one is; what the segments say of it has to agree.
+    The arm that finishes a stage first stands until the other one has; the segments have to agree.
 
     Args:
-        schedule: what is judged.
-        job: as it was done, where its file leaves arms or order open.
+        schedule: the schedule to check.
+        job: as it was done.
         spans: of the job's stops.
     """
     if job.mode == "free":
@@ -214,8 +215,8 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
     parts: dict[StopKey, list[Segment]] = {}
     for segment in schedule.segments:
         parts.setdefault((segment.arm, segment.task, segment.action), []).append(segment)
-    asked = job.stages()
-    for number, work in enumerate(asked, start=1):
+    required = job.stages()
+    for number, work in enumerate(required, start=1):
         if number > len(schedule.stages):
             return judge("pairing", np.inf, TOL.same_time, f"stage {number} is missing")
         stage = schedule.stages[number - 1]
@@ -226,14 +227,14 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
             worst.add(outside, f"{key[1]} ({key[2]}) is outside stage {number}")
         # An arm may have waited for other tasks until the stage begins.
         due = stage.start + TOL.same_time
-        own = [
+        starts = [
             [p.start for p in parts.get(key, ()) if p.kind != "wait" or p.end > due] for key in keys
         ]
-        begun = [min(times) for times in own if times]
-        apart = max(begun, default=0.0) - min(begun, default=0.0)
-        worst.add(apart, f"the arms do not start stage {number} together")
-    _add_early(worst, schedule, asked, spans)
-    wrong = _wrong_tasks(schedule, [[task.id for task, _ in work.values()] for work in asked])
+        first_starts = [min(times) for times in starts if times]
+        offset = max(first_starts, default=0.0) - min(first_starts, default=0.0)
+        worst.add(offset, f"the arms do not start stage {number} together")
+    _add_early(worst, schedule, required, spans)
+    wrong = _wrong_tasks(schedule, [[task.id for task, _ in work.values()] for work in required])
     if wrong and worst.value <= TOL.same_time:
         return judge("pairing", np.inf, TOL.same_time, wrong)
     return judge("pairing", worst.value, TOL.same_time, worst.where)
@@ -242,30 +243,33 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
 def _add_early(
     worst: Worst,
     schedule: Schedule,
-    asked: Sequence[Mapping[str, tuple[Task, Stop]]],
+    required: Sequence[Mapping[str, tuple[Task, Stop]]],
     spans: Sequence[LineSpan],
 ) -> None:
-    """Add how long before a stage is over an arm leaves it [s], measured on the motion."""
+    """Add the times by which arms leave stages early [s], measured on the motion."""
     by_key = {(s.event.arm, s.event.task, s.event.action): s for s in spans}
-    before, number = -np.inf, 0
-    for work in asked:
+    previous_end, number = -np.inf, 0
+    for work in required:
         keys = [(arm, task.id, stop.action) for arm, (task, stop) in work.items()]
-        done = {key[0]: by_key[key] for key in keys if key in by_key}
-        for arm, span in done.items():
+        span_of_arm = {key[0]: by_key[key] for key in keys if key in by_key}
+        for arm, span in span_of_arm.items():
             where = (
-                f"the {arm} arm is at {span.event.task} before both are done with stage {number}"
+                f"the {arm} arm is at {span.event.task} before both have finished stage {number}"
             )
-            worst.add(before - span.start, where)
-        ends = {arm: _at_rest(schedule, span) for arm, span in done.items()}
-        before, number = max(ends.values(), default=before), number + 1
+            worst.add(previous_end - span.start, where)
+        ends = {arm: _time_at_rest(schedule, span) for arm, span in span_of_arm.items()}
+        previous_end, number = max(ends.values(), default=previous_end), number + 1
         for arm, end in ends.items():
-            if moved := first_move(schedule, arm, end, before):
+            if moved := first_move(schedule, arm, end, previous_end):
                 where = f"the {arm} arm leaves stage {number} before the other one is done"
-                worst.add(before - moved, where)
+                worst.add(previous_end - moved, where)
 
 
-def _at_rest(schedule: Schedule, span: LineSpan) -> float:
-    """Returns when an arm has come to rest after a stop [s]: beyond the line where its target moves."""
+def _time_at_rest(schedule: Schedule, span: LineSpan) -> float:
+    """Find the time at which an arm is at rest after a stop [s].
+
+    After a moving target that is beyond the line.
+    """
     if not span.stop.moves:
         return span.end
     trajectory = schedule.trajectory
@@ -278,7 +282,7 @@ def _at_rest(schedule: Schedule, span: LineSpan) -> float:
 
 
 def _unpaired(schedule: Schedule, job: Job) -> str:
-    """Returns which stage is one arm's alone, or which target that is asked for is in no stage, or an empty string."""
+    """Describe a stage of one arm or a target without stage, or return ''."""
     for number, stage in enumerate(schedule.stages, start=1):
         if stage.arm:
             return (
@@ -287,22 +291,22 @@ def _unpaired(schedule: Schedule, job: Job) -> str:
             )
     if job.pairing is None:
         return ""
-    asked = {(task.arm, task.id, stop.action) for task in job.tasks for stop in task.stops}
+    required = {(task.arm, task.id, stop.action) for task in job.tasks for stop in task.stops}
     paired = {key for stage in job.pairing for key in stage}
     for event in schedule.events:
         key = (event.arm, event.task, event.action)
-        if key in asked and key not in paired:
+        if key in required and key not in paired:
             return _unplaced(schedule, event)
     return ""
 
 
-def _wrong_tasks(schedule: Schedule, asked: list[list[str]]) -> str:
-    """Returns which stage names other tasks than the job has there, or an empty string.
+def _wrong_tasks(schedule: Schedule, required: list[list[str]]) -> str:
+    """Describe a stage with other tasks than the job's, or return ''.
 
-    A stage beyond the job's, the return to the start, works on none.
+    A further stage, the return to the start, has no tasks.
     """
     for number, stage in enumerate(schedule.stages, start=1):
-        due = asked[number - 1] if number <= len(asked) else []
+        due = required[number - 1] if number <= len(required) else []
         # Both arms may do one task together.
         if sorted(stage.tasks) != sorted(due) and set(stage.tasks) != set(due):
             said, wanted = (", ".join(names) or "no task" for names in (stage.tasks, due))

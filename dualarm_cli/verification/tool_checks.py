@@ -27,24 +27,24 @@ class SpeedSampling:
     """Instants at which tool speeds are measured."""
 
     step: float = 1e-3
-    """Spacing of the instants at which tool speeds are measured [s]."""
+    """Spacing of the instants [s]."""
     half: float = 1e-5
-    """Half-width of the central difference that measures them [s]."""
+    """Half-width of the central difference [s]."""
     block: int = 10_000
-    """Instants measured at once, so that long motions need no more memory than short ones."""
+    """Maximum number of instants measured at once, to limit memory."""
     longest: float = 7_200.0
-    """Longest motion that is measured [s]."""
+    """Longest motion that is checked [s]."""
 
 
 SPEED = SpeedSampling()
 
 
 def check_tool_speed(schedule: Schedule, cap: float | None, model: ToolModel) -> Check:
-    """Checks the cap on the speed of every tool centre point in the world, at 1 kHz and all knots.
+    """Check the speed cap of the tool centre points, at 1 kHz and all knots.
 
     Args:
-        schedule: what is judged.
-        cap: largest speed [m/s], or None where there is none.
+        schedule: the schedule to check.
+        cap: largest speed in the world [m/s], or None.
         model: forward kinematics of the schedule's robot.
     """
     if cap is None:
@@ -66,7 +66,7 @@ def check_tool_speed(schedule: Schedule, cap: float | None, model: ToolModel) ->
 
 
 def _speeds(schedule: Schedule, model: ToolModel, times: FloatArray) -> dict[str, FloatArray]:
-    """Returns the speed of every tool at some times [m/s], by central differences."""
+    """Measure the speed of each tool at instants [m/s], by central differences."""
     trajectory = schedule.trajectory
     # At the ends of the motion the window is cut short.
     before, after = (
@@ -77,43 +77,46 @@ def _speeds(schedule: Schedule, model: ToolModel, times: FloatArray) -> dict[str
     earlier, later = trajectory.at(before)[0], trajectory.at(after)[0]
     speeds = {}
     for arm in schedule.robot.arms:
-        way = norm(model.poses(arm, later)[1] - model.poses(arm, earlier)[1], axis=1)
-        speeds[arm] = np.divide(way, width, out=np.zeros_like(width), where=width > 0)
+        distance = norm(model.poses(arm, later)[1] - model.poses(arm, earlier)[1], axis=1)
+        speeds[arm] = np.divide(distance, width, out=np.zeros_like(width), where=width > 0)
     return speeds
 
 
 @dataclass
 class Worst:
-    """The worst of many measurements and where it was."""
+    """Worst of many measurements, with its place."""
 
     value: float = 0.0
     where: str = "everywhere"
     count: int = 0
 
     def add(self, value: float, where: str) -> None:
-        """Adds a measurement and where it was made."""
+        """Add a measurement and its place."""
         self.count += 1
         # A NaN is worse than any number, and stays.
         if not value <= self.value and not np.isnan(self.value):
             self.value, self.where = value, where
 
     def judge(self, name: str, allowed: float, nothing: str = "", *, slides: bool = False) -> Check:
-        """Judge the worst value; a check without measurements is not made, with the reason given or the usual one."""
+        """Judge the worst value.
+
+        Without measurements the check is not made, for the given reason or the usual one.
+        """
         if self.count == 0:
             return not_checked(name, nothing)
         return judge(name, self.value, allowed, self.where, slides=slides)
 
 
 def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
-    """Checks that every tool is where its events say, for as long as they say.
+    """Check that tools are at their events' poses, and stay there during dwells.
 
     Args:
-        schedule: what is judged.
-        model: where the tools are.
+        schedule: the schedule to check.
+        model: forward kinematics of the tools.
     """
     distance, angle, knot = Worst(), Worst(), Worst()
     still_distance, still_angle = Worst(), Worst()
-    # What moves has checks of its own.
+    # Moving targets have checks of their own.
     dwelling = [event for event in schedule.events if event.dwell > 0 and not event.moves]
     dwells = tool_spans(
         schedule.trajectory, model, [(e.arm, e.time, e.time + e.dwell) for e in dwelling]
@@ -123,7 +126,7 @@ def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
         where = f"{event.task} ({event.action}) at {event.time:.6f} s"
         after = int(np.searchsorted(knots, event.time))
         knot.add(float(np.abs(knots[max(0, after - 1) : after + 1] - event.time).min()), where)
-        # The instant by pinocchio, the dwell by arrays: two ways that must agree.
+        # The instant by pinocchio, the dwell by arrays: two methods that must agree.
         pose = model.pose(event.arm, schedule.trajectory.at(np.array([event.time]))[0][0])
         distance.add(float(norm(pose.translation - event.pose.translation)), where)
         angle.add(float(rotation_angle(product(event.pose.rotation.T, pose.rotation))), where)
@@ -141,13 +144,16 @@ def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
 
 
 def check_targets(schedule: Schedule, job: Job) -> Check:
-    """Checks that every event's pose is one that the job's target allows, beside it where it is passed in motion."""
+    """Check that every event's pose is allowed by the job's target.
+
+    A target that is passed in motion allows the distance of its blend.
+    """
     worst = Worst()
     stops = job.stops_by_key()
     for event in schedule.events:
         stop = stops.get((event.arm, event.task, event.action))
         if stop is None or stop.moves or not isinstance(stop.target, PoseTarget | JointTarget):
-            continue  # check_order names it; other targets and what moves have checks of their own
+            continue  # check_order names it; other and moving targets have checks of their own
         where = f"{event.task} ({event.action})"
         within = stop.blend if schedule.blending.passes(stop) else 0.0
         worst.add(_target_error(schedule, job, event, stop.target, within), where)
@@ -155,7 +161,7 @@ def check_targets(schedule: Schedule, job: Job) -> Check:
 
 
 def check_stands(schedule: Schedule, job: Job) -> Check:
-    """Checks that arm and platform stand as an event happens, where its target may not be passed in motion."""
+    """Check that arm and platform stand at targets that may not be passed in motion."""
     worst, stops, trajectory = Worst(), job.stops_by_key(), schedule.trajectory
     for event in schedule.events:
         stop = stops.get((event.arm, event.task, event.action))
@@ -174,7 +180,7 @@ def check_stands(schedule: Schedule, job: Job) -> Check:
 def _target_error(
     schedule: Schedule, job: Job, event: Event, target: PoseTarget | JointTarget, within: float
 ) -> float:
-    """Returns how far an event is from its target, or a pose from `within` [m] of it, within its freedoms [m, rad]."""
+    """Measure an event's error, beyond its target's freedoms and `within` [m, rad]."""
     if isinstance(target, JointTarget):
         names = job.cell.robot.arm(event.arm).joints
         columns = [schedule.trajectory.joints.index(name) for name in names]
@@ -184,13 +190,13 @@ def _target_error(
 
 
 def pose_error(nominal: pin.SE3, target: PoseTarget, pose: pin.SE3, within: float = 0.0) -> float:
-    """Returns how far a pose is from where a target is, within the target's freedoms [m, rad].
+    """Measure a pose's error beyond the freedoms of a target [m, rad].
 
     Args:
-        nominal: where the target is.
-        target: whose freedoms count.
-        pose: what is judged.
-        within: how far from there it may be [m].
+        nominal: pose of the target.
+        target: its freedoms.
+        pose: the pose to check.
+        within: allowed distance [m].
     """
     error = nominal.actInv(pose)
     off = max(0.0, float(norm(error.translation)) - within)
@@ -206,8 +212,8 @@ def pose_error(nominal: pin.SE3, target: PoseTarget, pose: pin.SE3, within: floa
 
 
 def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[Check]:
-    """Checks that tools approach and retract straight along their z axis, as far as asked."""
-    beside, turned, length, apart = Worst(), Worst(), Worst(), Worst()
+    """Check that tools approach and retract straight along their z axis, by the job's lengths."""
+    beside, turned, length, gap = Worst(), Worst(), Worst(), Worst()
     events = {(e.arm, e.task, e.action): e for e in schedule.events}
     stops = job.stops_by_key() if job else {}
     lines = [s for s in schedule.segments if s.kind in ("approach", "retract")]
@@ -215,7 +221,7 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
     for segment in schedule.segments:
         if segment.kind == "wait":
             waits.setdefault((segment.arm, segment.task, segment.action), []).append(segment)
-    # A line is straight in the frame of its target: where that moves, it has checks of its own.
+    # Lines of moving targets are straight in the target's frame, and have checks of their own.
     still = [s for s in lines if (s.arm, s.task, s.action) in events]
     still = [s for s in still if not events[s.arm, s.task, s.action].moves]
     tools = tool_spans(schedule.trajectory, model, [(s.arm, s.start, s.end) for s in still])
@@ -229,7 +235,7 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         if event.moves:
             continue
         _measure_line(next(tools), segment, event, stops.get(key), (beside, turned, length), where)
-        apart.add(_apart(segment, event, waits.get(key, [])), where)
+        gap.add(_time_from_stand(segment, event, waits.get(key, [])), where)
     missing = _missing_lines(lines, stops)
     if missing:
         length.add(np.inf, missing)
@@ -237,22 +243,22 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         beside.judge("lines_straight", TOL.line_distance),
         turned.judge("lines_steady", TOL.line_angle),
         length.judge("line_lengths", TOL.line_distance),
-        apart.judge("lines_at_events", TOL.same_time),
+        gap.judge("lines_at_events", TOL.same_time),
     ]
 
 
-def _apart(line: Segment, event: Event, waits: Sequence[Segment]) -> float:
-    """Returns the time between a line and the stand-still that it leads to or from [s], given the waits at its target.
+def _time_from_stand(line: Segment, event: Event, waits: Sequence[Segment]) -> float:
+    """Compute the time between a line and the stand-still at its target [s].
 
-    After its dwell an arm may go on waiting at the target; that it stands then is checked of every wait.
+    After its dwell an arm may wait at the target; waits have a check that the arm stands.
     """
     if line.kind == "approach":
         return abs(line.end - event.time)
-    over = event.time + event.dwell
+    stand_end = event.time + event.dwell
     for wait in waits:
-        if abs(wait.start - over) <= TOL.same_time:
-            over = wait.end
-    return abs(line.start - over)
+        if abs(wait.start - stand_end) <= TOL.same_time:
+            stand_end = wait.end
+    return abs(line.start - stand_end)
 
 
 def _measure_line(
@@ -269,24 +275,24 @@ def _measure_line(
     worst[0].add(float(np.hypot(local[:, 0], local[:, 1]).max()), where)
     worst[1].add(float(rotation_angle(product(event.pose.rotation.T, R)).max()), where)
     depth = -local[:, 2] if segment.kind == "retract" else -local[::-1, 2]
-    asked = float(depth[-1])
+    length = float(depth[-1])
     if stop is not None:
-        asked = stop.retract if segment.kind == "retract" else stop.approach
-    # All the way back from the farthest point so far, not sample by sample: a slow return is one too.
+        length = stop.retract if segment.kind == "retract" else stop.approach
+    # Backward motion from the farthest point so far, not between samples: a slow one counts too.
     backwards = float((np.maximum.accumulate(depth) - depth).max())
-    beyond = max(-float(depth.min()), float(depth.max()) - asked)
-    ends = max(abs(float(depth[0])), abs(float(depth[-1]) - asked))
+    beyond = max(-float(depth.min()), float(depth.max()) - length)
+    ends = max(abs(float(depth[0])), abs(float(depth[-1]) - length))
     worst[2].add(max(ends, backwards, beyond), where)
 
 
 def _missing_lines(lines: list[Segment], stops: dict[tuple[str, str, str], Stop]) -> str:
-    """Returns which line that the job asks for is not in the schedule, or an empty string."""
-    there = {(s.arm, s.task, s.action, s.kind) for s in lines}
+    """Describe a line of the job that the schedule lacks, or return ''."""
+    listed = {(s.arm, s.task, s.action, s.kind) for s in lines}
     for (arm, task, action), stop in stops.items():
         if stop.moves:
             continue
         for kind, length in (("approach", stop.approach), ("retract", stop.retract)):
-            if length > 0 and (arm, task, action, kind) not in there:
+            if length > 0 and (arm, task, action, kind) not in listed:
                 return f"{kind} of {task} ({action}) is missing"
     return ""
 
@@ -295,8 +301,8 @@ def check_platform_still(schedule: Schedule, lines: Sequence[LineSpan]) -> Check
     """Check that the platform stands during every line and dwell.
 
     Args:
-        schedule: what is judged: also what it lists as lines and dwells.
-        lines: of the job's stops as measured.
+        schedule: the schedule to check, with its listed lines and dwells.
+        lines: measured spans of the job's stops.
     """
     robot, trajectory = schedule.robot, schedule.trajectory
     if not robot.platform:
@@ -307,18 +313,18 @@ def check_platform_still(schedule: Schedule, lines: Sequence[LineSpan]) -> Check
         if s.kind in ("approach", "retract", "dwell")
     ]
     spans += [(s.start, s.end, f"lines of {s.event.task}") for s in lines]
-    # Without a job events say when tools stand.
+    # Without a job, events have the dwells.
     spans += [(e.time, e.time + e.dwell, f"dwell of {e.task}") for e in schedule.events if e.dwell]
     worst, platform = Worst(), trajectory.select(robot.platform)
     for k in range(0, len(spans), AT_ONCE):
-        some = spans[k : k + AT_ONCE]
-        starts, ends, names = zip(*some, strict=True)
+        batch = spans[k : k + AT_ONCE]
+        starts, ends, names = zip(*batch, strict=True)
         times, first = dense_spans(trajectory.time, starts, ends)
         position, velocity, _ = platform.at(times)
-        for start, what, (i, j) in zip(starts, names, pairwise(first), strict=True):
+        for start, work, (i, j) in zip(starts, names, pairwise(first), strict=True):
             q, v = position[i:j], velocity[i:j]
             moved = max(float(np.abs(v[1:-1]).max(initial=0.0)), float(np.abs(q - q[0]).max()))
-            worst.add(moved, f"{what} at {start:.3f} s")
+            worst.add(moved, f"{work} at {start:.3f} s")
     nothing = "the schedule lists no lines and no dwells in which it has to stand"
     slides = robot.platform_slides
     return worst.judge("platform_still", TOL.same_joints, nothing, slides=slides)

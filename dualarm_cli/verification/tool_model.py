@@ -15,22 +15,25 @@ from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.records import dataclass
 
 UNIT_AXIS = 1e-6
-"""How far a joint's axis may be from unit length."""
+"""Tolerance of the length of a joint's axis."""
 
 
 @dataclass(frozen=True)
 class ToolChain:
-    """One arm's tool as constants C and joints about or along z: T = C0 Z(q0) C1 Z(q1) ... Cn."""
+    """Kinematic chain of one tool: T = C0 Z(q0) C1 Z(q1) ... Cn.
+
+    C are constants, Z are joints about or along z.
+    """
 
     constants: FloatArray
     """Homogeneous transforms between the joints, shape (n + 1, 4, 4)."""
     columns: tuple[int, ...]
     """Columns of the chain's joints within a joint vector, base first."""
     slides: tuple[bool, ...]
-    """Whether a joint slides along its z axis instead of turning about it."""
+    """Flags of joints that slide along their z axis instead of turning about it."""
 
     def poses(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns rotations (m, 3, 3) and positions (m, 3) [m] for joint vectors (m, n).
+        """Compute rotations (m, 3, 3) and positions (m, 3) [m] for joint vectors (m, n).
 
         Agrees with pinocchio's forward kinematics to rounding (tested on random trees of joints).
         """
@@ -57,17 +60,17 @@ def tool_chain(
     after: Sequence[pin.SE3],
     joints: Sequence[str],
 ) -> ToolChain:
-    """Return the chain from the world to a tool, or another body.
+    """Build the chain from the world to a tool or another body.
 
     Args:
         model: the robot; every joint has one degree of freedom.
-        joint: the joint that carries it.
+        joint: the joint that carries the body.
         base: pose of the robot's root in the world.
-        after: poses from the joint to the tool, each as the one before sees it.
-        joints: names of the joints, in the columns' order of the joint vectors to come.
+        after: poses from the joint to the tool, each in the frame of the previous one.
+        joints: names of the joints, in the order of columns of joint vectors.
 
     Raises:
-        InputError: a joint has no axis, which pinocchio takes without a word.
+        InputError: a joint has no axis, which pinocchio accepts.
     """
     path = []
     while joint > 0:
@@ -95,7 +98,7 @@ def tool_chain(
 
 
 def _axis(model: pin.Model, joint: int) -> tuple[FloatArray, bool]:
-    """Returns a joint's axis in its own frame and whether it slides along it."""
+    """Return a joint's axis in its own frame and whether it slides along it."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     # pinocchio returns a matrix of one column as a vector.
@@ -116,7 +119,7 @@ class ToolModel:
     """Forward kinematics of a schedule's robot."""
 
     def __init__(self, schedule: Schedule) -> None:
-        """Builds the model and looks every name up.
+        """Build the model and look up all names.
 
         Raises:
             InputError: the URDF cannot be read, or a joint or flange is not in it.
@@ -156,7 +159,7 @@ class ToolModel:
             self._chains[arm] = tool_chain(model, flange.parentJoint, robot.base, after, joints)
 
     def pose(self, arm: str, position: FloatArray) -> pin.SE3:
-        """Returns the tool centre point in the world by pinocchio, for joints (n,) as in the trajectory."""
+        """Compute the tool centre point in the world by pinocchio, for joints (n,)."""
         q = np.ascontiguousarray(position[self._order])
         pin.forwardKinematics(self._model, self._data, q)
         flange = pin.updateFramePlacement(self._model, self._data, self._frames[arm])
@@ -167,12 +170,12 @@ class ToolModel:
         return tuple(self._joints[column] for column in self._chains[arm].columns)
 
     def poses(self, arm: str, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns rotations (m, 3, 3) and positions (m, 3) [m] for many joint vectors (m, n)."""
+        """Compute rotations (m, 3, 3) and positions (m, 3) [m] for joint vectors (m, n)."""
         return self._chains[arm].poses(positions)
 
 
 def rotation_angle(R: FloatArray) -> FloatArray:
-    """Returns the angles [rad] of rotations (..., 3, 3), exact for small ones."""
+    """Compute the angles of rotations (..., 3, 3) [rad], exact for small ones."""
     skew = np.stack(
         [
             R[..., 2, 1] - R[..., 1, 2],

@@ -107,7 +107,7 @@ def test_what_cannot_be_the_nearest_is_left_out_without_changing_the_least(besid
     watched, edges = watched_pairs(schedule, job), edges_of(schedule)
     known = np.full(len(edges) - 1, 0.03)
     every = watched.certified(edges, contact=False, lying=True)
-    near = watched.certified(edges, contact=False, lying=True, known=known)
+    near = watched.certified(edges, contact=False, lying=True, other_margins=known)
     for one, other in zip(every, near, strict=True):
         if one.met < 0.03:
             assert (other.pair, other.margin, other.time) == (one.pair, one.margin, one.time)

@@ -91,7 +91,7 @@ def test_a_task_that_is_left_out_is_found(planned, failing):
     job = dataclasses.replace(planned.job, tasks=less, sequences=())
     assert set(failing(schedule, job)) == {"segment_kinds"}
     # The other way round: a schedule that does more than it was asked for.
-    assert failing(planned.schedule, job)["order"] == "left-02 pick is done, which no task asks for"
+    assert failing(planned.schedule, job)["order"] == "left-02 pick is done, which no task requires"
 
 
 def test_a_target_that_is_done_twice_is_found(planned, failing):

@@ -59,8 +59,8 @@ ANY = dict.fromkeys("abcd", "any")
         ([A1, A2, B, D], [C2], "c pick is not done"),
         ([A1, A2, D], [C1, C2], "b move is not done"),
         ([A1, A2, B, D], [C1, C2, C2], "c place is done 2 times"),
-        ([A1, A2, B, D, ("e", "move")], [C1, C2], "e move is done, which no task asks for"),
-        ([A1, A2, B, D, ("b", "pick")], [C1, C2], "b pick is done, which no task asks for"),
+        ([A1, A2, B, D, ("e", "move")], [C1, C2], "e move is done, which no task requires"),
+        ([A1, A2, B, D, ("b", "pick")], [C1, C2], "b pick is done, which no task requires"),
         (
             [A1, C2, B, D],
             [C1, A2],

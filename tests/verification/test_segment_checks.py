@@ -54,7 +54,11 @@ NOTHING = {"task": "", "action": ""}
         (FIRST, {"task": ""}, "next event is left-part pick, not"),
         (FIRST, NOTHING, ""),
         (SECOND, NOTHING, ""),
-        (BACK, {"kind": "transfer", **NOTHING}, "nothing follows; a way back is a return"),
+        (
+            BACK,
+            {"kind": "transfer", **NOTHING},
+            "nothing follows; a motion back to the start is a return",
+        ),
         (BACK, {"kind": "transfer", "task": "left-part", "action": "place"}, "event is none, not"),
         # Without lines a transfer ends at its event, up to rounding.
         (FIRST, {"end": 1.2 + 5e-10}, ""),

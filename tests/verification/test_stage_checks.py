@@ -44,8 +44,8 @@ def test_a_schedule_by_clocks_passes_with_and_without_its_job(by_clocks):
 @pytest.mark.parametrize(
     ("changes", "measured", "detail"),
     [
-        ({"s3": {"start": 1.9}}, 0.1, "stage 3 starts before the left arm is done with stage 1"),
-        ({"s1": {"end": 2.1}}, 0.1, "stage 3 starts before the left arm is done with stage 1"),
+        ({"s3": {"start": 1.9}}, 0.1, "stage 3 starts before the left arm has finished stage 1"),
+        ({"s1": {"end": 2.1}}, 0.1, "stage 3 starts before the left arm has finished stage 1"),
         ({"s2": {"start": 0.9}}, 0.1, "stage 2 ends before it starts"),
         ({"s1": {"start": -0.1}}, 0.1, "stage 1 starts before the motion"),
         ({"s8": {"end": 8.1}}, 0.1, "stage 8 ends after the motion"),
@@ -53,12 +53,12 @@ def test_a_schedule_by_clocks_passes_with_and_without_its_job(by_clocks):
         (
             {"s6": {"arm": "", "start": 5.3}},
             0.4,
-            "stage 7 starts before the right arm is done with stage 6",
+            "stage 7 starts before the right arm has finished stage 6",
         ),
-        ({"s4": {"arm": ""}}, 1.2, "stage 5 starts before the left arm is done with stage 4"),
+        ({"s4": {"arm": ""}}, 1.2, "stage 5 starts before the left arm has finished stage 4"),
         ({"s4": {"start": 3.3}}, None, None),
         ({"s4": {"end": 5.1}}, None, None),
-        ({"s1": {"arm": "right"}}, 0.8, "stage 1 starts before the right arm is done with stage 2"),
+        ({"s1": {"arm": "right"}}, 0.8, "stage 1 starts before the right arm has finished stage 2"),
         # The longest overlap, with the stage that lasts longest.
         (
             {
@@ -67,7 +67,7 @@ def test_a_schedule_by_clocks_passes_with_and_without_its_job(by_clocks):
                 "s5": {"start": 1.0, "end": 8.0},
             },
             3.6,
-            "stage 5 starts before the left arm is done with stage 1",
+            "stage 5 starts before the left arm has finished stage 1",
         ),
         # No length, a picosecond after the next one's start or before the end of the one before.
         ({"s3": {"start": 4.0 + 1e-12, "end": 4.0 + 1e-12, "tasks": ()}}, None, None),

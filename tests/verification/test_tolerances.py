@@ -15,7 +15,7 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import StageClearance, Verification
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.budget_checks import judge_budget
-from dualarm_cli.verification.motion_checks import jerk_share
+from dualarm_cli.verification.motion_checks import jerk_fraction
 from dualarm_cli.verification.order_checks import check_precedence
 from dualarm_cli.verification.stage_checks import first_move
 
@@ -284,7 +284,7 @@ def jumping(jumps, interval, acceleration, jerk):
     zero, inf = np.zeros((n, 1)), np.full(1, np.inf)
     motion = Trajectory(("a",), interval * np.arange(n), zero, zero, a)
     limits = JointLimits(("a",), -inf, inf, inf, np.array([acceleration]), np.array([jerk]), ("x",))
-    return float(jerk_share(motion, limits)[0])
+    return float(jerk_fraction(motion, limits)[0])
 
 
 @pytest.mark.parametrize(("acceleration", "slack"), [(8.0, 8e-6), (np.inf, 1e-6)])
@@ -312,5 +312,5 @@ def test_many_small_excesses_of_jerk_may_use_the_slack_up_ten_times():
     zero, inf = np.zeros((len(time), 1)), np.full(1, np.inf)
     a = np.concatenate([[0.0], np.cumsum(motion)])[:, None]
     limits = JointLimits(("a",), -inf, inf, inf, np.array([8.0]), np.array([50.0]), ("x",))
-    share = jerk_share(Trajectory(("a",), time, zero, zero, a), limits)
+    share = jerk_fraction(Trajectory(("a",), time, zero, zero, a), limits)
     assert share[0] == pytest.approx(0.9, rel=1e-9)

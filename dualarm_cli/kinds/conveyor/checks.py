@@ -199,6 +199,10 @@ def _measure_lines(
 
 
 CHECKS = KindChecks(
-    {"lines": lambda case: check_conveyors(case.known, case.stated, case.done, case.model)},
+    {
+        "lines": lambda case: check_conveyors(
+            case.known_arms_only, case.stated, case.done, case.model
+        )
+    },
     CRITERIA,
 )

@@ -202,7 +202,7 @@ def handover_touches(job: Job, spans: Sequence[LineSpan]) -> list[Touch]:
 
 
 CHECKS = KindChecks(
-    {"work": lambda case: check_handovers(case.known, case.done, case.model, case.spans)},
+    {"work": lambda case: check_handovers(case.known_arms_only, case.done, case.model, case.spans)},
     CRITERIA,
     handover_touches,
 )

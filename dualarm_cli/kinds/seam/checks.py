@@ -329,11 +329,11 @@ class SeamJudge:
         motion = self.motion
         for end, action in ((0, "seam_start"), (-1, "seam_end")):
             [stop] = spans_of(self.lines, motion.work.slave, self.segment.task, action)
-            for start, over in ((stop.start, stop.event.time), (stop.over, stop.end)):
+            for start, over in ((stop.start, stop.event.time), (stop.dwell_end, stop.end)):
                 if over > start:
                     self._add_still_part(seam, end, start, over)
             if stop.event.dwell > 0.0:
-                time = self._add_still_part(seam, end, stop.event.time, stop.over)
+                time = self._add_still_part(seam, end, stop.event.time, stop.dwell_end)
                 there = motion.tool_in_part(np.array([seam.time[end]]))
                 self._add("seam_distance", norm(motion.tool_in_part(time) - there, axis=1), time)
 
@@ -445,7 +445,7 @@ def seam_touches(job: Job, spans: Sequence[LineSpan]) -> list[Touch]:
             spans_of(spans, task.arm, task.id, action) for action in ("seam_start", "seam_end")
         )
         # One that is not there once is found with the order; from the one to the other the tool is on the seam.
-        if len(begins) != 1 or len(ends) != 1 or begins[0].over > ends[0].event.time:
+        if len(begins) != 1 or len(ends) != 1 or begins[0].dwell_end > ends[0].event.time:
             continue
         tool = ("", f"{work.slave}_tool")
         for body in work.touches:
