@@ -36,8 +36,8 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.stop_motion import PATH_SAMPLES
 from dualarm_cli.postures import NoPosture
 from dualarm_cli.postures.arm_angle import choose_posture
-from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.postures.stage_problems import stop_problems
+from dualarm_cli.postures.stop_lines import line_path
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.timing.composition import concatenate
 from dualarm_cli.timing.launch import reversed_in_time, solve_launch

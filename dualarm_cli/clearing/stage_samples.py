@@ -112,14 +112,14 @@ def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> 
         if event is None:
             continue
         held[time >= event.changes_held - SAME_TIME, a] = holding.after[stage, a]
-        if holding.handing[stage]:
+        if holding.is_handover[stage]:
             continue
         start, end = _on_lines(motion, [arm], this.start, this.end)
         # Without an approach (or retract) the part still lies at its place at the instant of the pick (or place).
         first = start - SAME_TIME if start == event.time else start + SAME_TIME
         inside = (time >= first) & (time <= end - SAME_TIME)
         held[inside, a] = holding.cell.loads.on_lines(held[inside, a])
-    if stage <= last and holding.handing[stage]:
+    if stage <= last and holding.is_handover[stage]:
         # Both tools hold the part from the taking approach until the end of the giving retract.
         start, end = _on_lines(motion, holding.cell.arms, this.start, this.end)
         inside = (time >= start - SAME_TIME) & (time <= end + SAME_TIME)

@@ -26,8 +26,8 @@ from dualarm_cli.motion.transfers import (
     transfers_within_tool_speed,
 )
 from dualarm_cli.postures import StopProblem
-from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
+from dualarm_cli.postures.stop_lines import line_path
 from dualarm_cli.postures.tracked import Tracked
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal

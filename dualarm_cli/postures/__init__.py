@@ -1,4 +1,4 @@
-"""Solvers of redundancy: the posture that an arm takes at a stop."""
+"""Redundancy solvers: the posture of an arm at a stop."""
 
 from __future__ import annotations
 
@@ -46,18 +46,18 @@ REDUNDANCY_SOLVERS: Registry[Solver[StopProblem, StopPosture | NoPosture]] = Reg
 BATCH_FORMS: Mapping[str, Callable[[Sequence[StopProblem]], list[StopPosture | NoPosture]]] = {
     "arm_angle": choose_postures,
 }
-"""Members of the family that solve many problems faster together than one by one."""
+"""Batch solvers by name of the redundancy solver."""
 
 
 def solve_stops(name: str, problems: Sequence[StopProblem]) -> list[StopPosture | NoPosture]:
-    """Returns the answers of one member of the family to many problems, together where it can.
+    """Solve many stops by one redundancy solver, in batches if it has a batch form.
 
     Args:
-        name: of the member.
+        name: of the solver.
         problems: of any arms.
 
     Raises:
-        UnknownSolverError: the family has no such member.
+        UnknownSolverError: no redundancy solver has this name.
     """
     solver = REDUNDANCY_SOLVERS[name]
     if name in BATCH_FORMS:

@@ -1,4 +1,7 @@
-"""Posture of least time: all branches over the arm angle, lines included, then refined; many stops at once."""
+"""Closed-form redundancy solver for SRS arms, many stops at once.
+
+The posture of least time is searched over all branches and arm angles with lines, then refined.
+"""
 
 from __future__ import annotations
 
@@ -13,143 +16,158 @@ from dualarm_cli.kinematics.srs.srs_limits import wrap
 from dualarm_cli.postures.line_following import FollowedLines, Lines
 from dualarm_cli.postures.problem import POSTURES, NoPosture, Place, StopPosture, StopProblem
 from dualarm_cli.postures.stop_batch import StopBatch, batches
+from dualarm_cli.postures.stop_candidates import StopCandidates, transfer_cost
 from dualarm_cli.postures.target_grid import target_postures
-from dualarm_cli.postures.ways import StopWays, transfer_cost
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 
-def coarse_ways(
+def coarse_candidates(
     batch: StopBatch,
-    grid: Sequence[StopWays | NoPosture],
+    grid: Sequence[StopCandidates | NoPosture],
     rows: Sequence[int],
     complete: bool,
-) -> StopWays:
-    """Returns postures at targets with their best swings, problem by problem and best first.
+) -> StopCandidates:
+    """Select the best swings of postures at targets, problem by problem and best first.
 
-    Timing lines costs most: those that cannot come near the best are left out, unless all ways are asked for.
+    Timing lines costs most: lines that cannot come near the best are left out, unless all are requested.
 
     Args:
         batch: the problems.
         grid: the postures at their targets.
-        rows: the problems whose ways are asked for.
-        complete: whether all ways are timed.
+        rows: numbers of the problems.
+        complete: whether all candidates are timed.
     """
-    ways = StopWays.together([one for row in rows if isinstance(one := grid[row], StopWays)])
+    candidates = StopCandidates.together(
+        [answer for row in rows if isinstance(answer := grid[row], StopCandidates)]
+    )
     swings = np.array(POSTURES.swings if batch.length.any() else (0.0,))
-    sides = _sides(batch, ways, swings)
-    transfer, travel = transfer_cost(batch, ways.row, sides[0][1].at(-1))
+    sides = _follow_sides(batch, candidates, swings)
+    transfer, travel = transfer_cost(batch, candidates.row, sides[0][1].at(-1))
     least = np.empty((2, *transfer.shape))
     for side in (0, 1):
         lines, followed = sides[side % len(sides)]
-        least[side] = POSTURES.sure * lines.least_times(followed)
+        least[side] = POSTURES.bound_factor * lines.least_times(followed)
     least[0] += transfer + travel
-    wanted = np.isfinite(least)
+    is_feasible = np.isfinite(least)
     if complete:
-        line = _line_times(sides, wanted)
+        line = _line_times(sides, is_feasible)
     else:
-        first = _first(ways.row, least.min(axis=2).sum(axis=0))[:, None]
-        line = _line_times(sides, wanted & first)
+        first = _mark_first(candidates.row, least.min(axis=2).sum(axis=0))[:, None]
+        line = _line_times(sides, is_feasible & first)
         best = _best_of_row(
-            ways.row, (transfer + travel + line[0]).min(axis=1) + line[1].min(axis=1)
+            candidates.row, (transfer + travel + line[0]).min(axis=1) + line[1].min(axis=1)
         )
-        # The two lines share what the best takes: one has what the other, at its least, leaves.
-        other = least.min(axis=2)[::-1, :, None]
-        worth = wanted & np.isfinite(other)
-        worth[worth] = (least + np.where(worth, other, 0.0) <= POSTURES.near * best[:, None])[worth]
-        line = np.minimum(line, _line_times(sides, worth & ~first))
-    cost_in, own = transfer + travel + line[0], np.arange(len(ways.row))
+        # A line can only matter if it and the least of the other line are near the best total.
+        other_least = least.min(axis=2)[::-1, :, None]
+        is_near_best = is_feasible & np.isfinite(other_least)
+        is_near_best[is_near_best] = (
+            least + np.where(is_near_best, other_least, 0.0)
+            <= POSTURES.timing_factor * best[:, None]
+        )[is_near_best]
+        line = np.minimum(line, _line_times(sides, is_near_best & ~first))
+    cost_in, indices = transfer + travel + line[0], np.arange(len(candidates.row))
     k_in, k_out = cost_in.argmin(axis=1), line[1].argmin(axis=1)
-    cost = cost_in[own, k_in] + line[1, own, k_out]
-    ways = replace(
-        ways,
+    cost = cost_in[indices, k_in] + line[1, indices, k_out]
+    candidates = replace(
+        candidates,
         swing_in=swings[k_in],
         swing_out=swings[k_out],
-        time=transfer[own, k_in] + line[0, own, k_in] + line[1, own, k_out],
+        time=transfer[indices, k_in] + line[0, indices, k_in] + line[1, indices, k_out],
         cost=cost,
     )
-    order = np.lexsort((cost, ways.row))
-    return _spread(ways.take(order[np.isfinite(cost[order])]))
+    order = np.lexsort((cost, candidates.row))
+    return _diversify(candidates.take(order[np.isfinite(cost[order])]))
 
 
-def _spread(ways: StopWays) -> StopWays:
-    """Returns sorted ways with the best one of each problem that is far from its very best in second place."""
-    first = np.flatnonzero(np.diff(ways.row, prepend=-1))
-    best = np.repeat(first, np.diff(np.append(first, len(ways.row))))
-    turned = np.stack([ways.psi - ways.psi[best], ways.yaw - ways.yaw[best]])
-    far = (np.abs(wrap(turned)) > POSTURES.far).any(axis=0) | (ways.branch != ways.branch[best])
-    place = np.arange(len(ways.row), dtype=np.float64)
-    far_ones = np.flatnonzero(far)
-    second = far_ones[np.diff(ways.row[far_ones], prepend=-1) > 0]
+def _diversify(candidates: StopCandidates) -> StopCandidates:
+    """Move each problem's best distant candidate to second place.
+
+    Distant is far from the best one in arm angle, yaw or branch.
+    """
+    first = np.flatnonzero(np.diff(candidates.row, prepend=-1))
+    best = np.repeat(first, np.diff(np.append(first, len(candidates.row))))
+    turned = np.stack(
+        [candidates.psi - candidates.psi[best], candidates.yaw - candidates.yaw[best]]
+    )
+    is_distant = (np.abs(wrap(turned)) > POSTURES.far_angle).any(axis=0) | (
+        candidates.branch != candidates.branch[best]
+    )
+    place = np.arange(len(candidates.row), dtype=np.float64)
+    distant = np.flatnonzero(is_distant)
+    second = distant[np.diff(candidates.row[distant], prepend=-1) > 0]
     place[second] = best[second] + 0.5
-    return ways.take(np.argsort(place, kind="stable"))
+    return candidates.take(np.argsort(place, kind="stable"))
 
 
-def _sides(
-    batch: StopBatch, ways: StopWays, swings: FloatArray
+def _follow_sides(
+    batch: StopBatch, candidates: StopCandidates, swings: FloatArray
 ) -> list[tuple[Lines, FollowedLines]]:
-    """Returns approach and retract of every way with every swing; one for both where they are equal."""
+    """Follow each candidate's approach and retract with every swing; equal ones once."""
     alike = np.array_equal(batch.length[:, 0], batch.length[:, 1])
-    psi = np.broadcast_to(ways.psi[:, None], (len(ways.row), len(swings)))
-    poses, reference = ways.poses(batch), ways.reference(batch)
+    psi = np.broadcast_to(candidates.psi[:, None], (len(candidates.row), len(swings)))
+    poses, reference = candidates.poses(batch), candidates.reference(batch)
     sides = []
     for side in (0,) if alike else (0, 1):
-        lines = Lines.of(batch, poses, batch.length[ways.row, side], POSTURES.line_samples)
-        sides.append((lines, lines.follow(psi, psi + swings, ways.branch, reference)))
+        lines = Lines.of(batch, poses, batch.length[candidates.row, side], POSTURES.line_samples)
+        sides.append((lines, lines.follow(psi, psi + swings, candidates.branch, reference)))
     return sides
 
 
 def _line_times(sides: Sequence[tuple[Lines, FollowedLines]], wanted: BoolArray) -> FloatArray:
-    """Returns times of wanted lines [s], infinite for others, shape (2, n, s)."""
+    """Time the selected lines [s], infinite for others, shape (2, n, s)."""
     if len(sides) == 1:
         ((lines, followed),) = sides
-        both = lines.times(followed, wanted[0] | wanted[1])
-        return np.stack([both, both])
+        times = lines.times(followed, wanted[0] | wanted[1])
+        return np.stack([times, times])
     return np.stack(
-        [lines.times(followed, one) for (lines, followed), one in zip(sides, wanted, strict=True)]
+        [
+            lines.times(followed, selection)
+            for (lines, followed), selection in zip(sides, wanted, strict=True)
+        ]
     )
 
 
-def _first(row: IntArray, least: FloatArray) -> BoolArray:
-    """Mark the `looked_at_first` least entries of each problem, shape (n,)."""
+def _mark_first(row: IntArray, least: FloatArray) -> BoolArray:
+    """Mark the `first_timed` least entries of each problem, shape (n,)."""
     order = np.lexsort((least, row))
     place = np.arange(len(row)) - np.searchsorted(row[order], row[order], side="left")
     first = np.zeros(len(row), dtype=np.bool_)
-    first[order[place < POSTURES.looked_at_first]] = True
+    first[order[place < POSTURES.first_timed]] = True
     return first
 
 
 def _best_of_row(row: IntArray, total: FloatArray) -> FloatArray:
-    """Returns the least total of each entry's problem, shape (n,); row ascends."""
+    """Compute the least total of each entry's problem, shape (n,); row ascends."""
     first = np.flatnonzero(np.diff(row, prepend=-1))
     counts = np.diff(np.append(first, len(row)))
     return np.repeat(np.minimum.reduceat(total, first), counts)
 
 
 def _steps(count: int) -> FloatArray:
-    """Returns an odd number of equal steps from -1 to 1, no step being the first of them and the only one of one."""
+    """Create an odd number of equal steps from -1 to 1, with 0 first."""
     half = count // 2
     return np.roll(np.arange(-half, half + 1) / max(half, 1), -half)
 
 
 @dataclass(frozen=True)
 class _Pattern:
-    """How rounds of refinement vary a way: every combination of yaws, arm angles and swings is looked at."""
+    """Pattern of a refinement: all combinations of yaws, arm angles and swings."""
 
     yaw: FloatArray
-    """Variations of the yaw, as shares of the half-width; none is the first."""
+    """Variations of the yaw as fractions of the half-width, 0 first."""
     psi: FloatArray
-    """Of the arm angle at the target."""
+    """Variations of the arm angle at the target."""
     swing: FloatArray
-    """Of each line's swing."""
+    """Variations of each line's swing."""
     shrink: float
-    """Half-width of a round as a share of that of the one before."""
+    """Ratio of a round's half-width to the previous one."""
     rounds: int
-    """How many rounds there are."""
+    """Number of rounds."""
 
     @classmethod
     def of(cls, batch: StopBatch) -> _Pattern:
-        """Returns what is free to vary in the problems of a batch, as finely as it is cheap."""
+        """Choose the variations of a batch by its free quantities."""
         if batch.length.any():
             yaw, psi = 3 if batch.free_yaw else 1, 1 if batch.given else 5
             return cls(_steps(yaw), _steps(psi), _steps(5), 0.6, 6)
@@ -157,124 +175,125 @@ class _Pattern:
         return cls(_steps(yaw), _steps(1 if batch.given else psi), _steps(1), shrink, 3)
 
     def thinned(self) -> _Pattern:
-        """Returns the same with three variations at most of each."""
+        """Reduce the pattern to at most three variations of each quantity."""
         yaw, psi, swing = (_steps(min(3, len(v))) for v in (self.yaw, self.psi, self.swing))
         return replace(self, yaw=yaw, psi=psi, swing=swing)
 
 
-def refinements(batch: StopBatch, ways: StopWays) -> list[StopWays]:
-    """Returns one ever better way of each problem, the first one given; all in lockstep.
+def refine(batch: StopBatch, candidates: StopCandidates) -> list[StopCandidates]:
+    """Refine candidates in rounds, all problems in lockstep.
 
-    Of several ways of one problem the best after `all_ways` rounds goes on alone.
-
-    In a round every combination of a few yaws, arm angles at the target and swings of approach and retract is looked
-    at; given the target the two lines do not depend on each other, so that each is followed for its own swings only
-    and the best of both belong together.
+    Of several candidates of one problem only the best goes on after `joint_rounds` rounds. A round compares all
+    combinations of a few yaws, arm angles at the target and swings of approach and retract. Given the target the two
+    lines are independent: each is followed for its own swings only, and the best of both are combined.
 
     Args:
         batch: the problems.
-        ways: ways that can be gone, problem by problem.
+        candidates: feasible candidates, problem by problem.
+
+    Returns:
+        Candidates after each round, the given ones first.
     """
     pattern = _Pattern.of(batch)
-    found = [ways]
+    rounds = [candidates]
     lines: Lines | None = None
     for k in range(pattern.rounds):
         width = POSTURES.first_width * power(pattern.shrink, k)
-        if k == POSTURES.all_ways:
-            best = leading(found[-1])
-            if len(best) < len(ways.row):
-                found, lines = [stage.take(best) for stage in found], None
-        last = found[-1]
+        if k == POSTURES.joint_rounds:
+            best = best_candidates(rounds[-1])
+            if len(best) < len(candidates.row):
+                rounds, lines = [stage.take(best) for stage in rounds], None
+        last = rounds[-1]
         yaw = last.yaw[:, None] + width * pattern.yaw
         if lines is None or batch.free_yaw:
-            lines = _lines(batch, last, yaw)
-        found.append(_better(batch, last, lines, pattern, width))
-    return found
+            lines = _sample_lines(batch, last, yaw)
+        rounds.append(_select_improvements(batch, last, lines, pattern, width))
+    return rounds
 
 
-def variation(batch: StopBatch, ways: StopWays, width: float) -> StopWays:
-    """Returns the best of one round of variation of each way, by up to a half-width [rad]; or the way itself."""
+def vary(batch: StopBatch, candidates: StopCandidates, width: float) -> StopCandidates:
+    """Vary each candidate once by up to a half-width [rad], and keep the best."""
     pattern = _Pattern.of(batch).thinned()
-    lines = _lines(batch, ways, ways.yaw[:, None] + width * pattern.yaw)
-    return _better(batch, ways, lines, pattern, width)
+    lines = _sample_lines(batch, candidates, candidates.yaw[:, None] + width * pattern.yaw)
+    return _select_improvements(batch, candidates, lines, pattern, width)
 
 
-def leading(ways: StopWays) -> IntArray:
-    """Returns the index of the best way of each problem."""
-    order = np.lexsort((ways.cost, ways.row))
-    best: IntArray = order[np.diff(ways.row[order], prepend=-1) > 0]
+def best_candidates(candidates: StopCandidates) -> IntArray:
+    """Find the index of each problem's best candidate."""
+    order = np.lexsort((candidates.cost, candidates.row))
+    best: IntArray = order[np.diff(candidates.row[order], prepend=-1) > 0]
     return best
 
 
-def _lines(batch: StopBatch, ways: StopWays, yaw: FloatArray) -> Lines:
-    """Returns both lines of n ways from y yaws (n, y) each, in the order (n, y, approach and retract)."""
+def _sample_lines(batch: StopBatch, candidates: StopCandidates, yaw: FloatArray) -> Lines:
+    """Sample both lines of n candidates at y yaws each, in the order (n, y, 2)."""
     y = yaw.shape[1]
-    row, target = np.repeat(ways.row, y), np.repeat(ways.target, y)
+    row, target = np.repeat(candidates.row, y), np.repeat(candidates.target, y)
     poses = batch.poses(row, target, yaw.ravel())
     twice = np.repeat(np.arange(len(row)), 2)
     return Lines.of(batch, poses.take(twice), batch.length[row].ravel(), POSTURES.line_samples)
 
 
-def _better(
-    batch: StopBatch, ways: StopWays, lines: Lines, pattern: _Pattern, width: float
-) -> StopWays:
-    """Returns the best variation of each way, or the way itself where none is better."""
-    n, y, t, s = len(ways.row), len(pattern.yaw), len(pattern.psi), len(pattern.swing)
-    psi = ways.psi[:, None] + width * pattern.psi
-    swings = np.stack([ways.swing_in, ways.swing_out], axis=1)[:, :, None] + width * pattern.swing
+def _select_improvements(
+    batch: StopBatch, candidates: StopCandidates, lines: Lines, pattern: _Pattern, width: float
+) -> StopCandidates:
+    """Select the best vary of each candidate, or itself if none is better."""
+    n, y, t, s = len(candidates.row), len(pattern.yaw), len(pattern.psi), len(pattern.swing)
+    psi = candidates.psi[:, None] + width * pattern.psi
+    swings = (
+        np.stack([candidates.swing_in, candidates.swing_out], axis=1)[:, :, None]
+        + width * pattern.swing
+    )
     shape = (n, y, 2, t, s)
     psi_target = np.broadcast_to(psi[:, None, None, :, None], shape)
     psi_end = psi_target + swings[:, None, :, None, :]
-    each = np.repeat(np.arange(n), 2 * y)
+    candidate_of_line = np.repeat(np.arange(n), 2 * y)
     followed = lines.follow(
         psi_target.reshape(-1, t * s),
         psi_end.reshape(-1, t * s),
-        ways.branch[each],
-        ways.reference(batch)[each],
+        candidates.branch[candidate_of_line],
+        candidates.reference(batch)[candidate_of_line],
     )
     end = followed.at(-1).reshape(*shape, 7)[:, :, 0]
-    transfer, travel = transfer_cost(batch, ways.row, end)
-    least = lines.least_times(followed).reshape(shape) * POSTURES.sure
+    transfer, travel = transfer_cost(batch, candidates.row, end)
+    least = lines.least_times(followed).reshape(shape) * POSTURES.bound_factor
     least[:, :, 0] += transfer + travel
-    # Of the two lines one cannot be worth more than what the other leaves.
-    room = (ways.cost[:, None, None, None] - least.min(axis=4))[:, :, ::-1]
-    wanted = least < room[..., None]
-    line = lines.times(followed, wanted.reshape(len(each), -1)).reshape(shape)
+    # A line must not take longer than the cost less the least time of the other line.
+    limit = (candidates.cost[:, None, None, None] - least.min(axis=4))[:, :, ::-1]
+    wanted = least < limit[..., None]
+    line = lines.times(followed, wanted.reshape(len(candidate_of_line), -1)).reshape(shape)
     time_in = transfer + line[:, :, 0]
     cost_in = time_in + travel
     best_in, best_out = cost_in.argmin(axis=3), line[:, :, 1].argmin(axis=3)
     total = (cost_in.min(axis=3) + line[:, :, 1].min(axis=3)).reshape(n, -1)
-    index, own = total.argmin(axis=1), np.arange(n)
+    index, indices = total.argmin(axis=1), np.arange(n)
     at_yaw, at_psi = np.divmod(index, t)
-    k_in, k_out = best_in[own, at_yaw, at_psi], best_out[own, at_yaw, at_psi]
-    better = total[own, index] < ways.cost
-    time = time_in[own, at_yaw, at_psi, k_in] + line[own, at_yaw, 1, at_psi, k_out]
+    k_in, k_out = best_in[indices, at_yaw, at_psi], best_out[indices, at_yaw, at_psi]
+    better = total[indices, index] < candidates.cost
+    time = time_in[indices, at_yaw, at_psi, k_in] + line[indices, at_yaw, 1, at_psi, k_out]
     return replace(
-        ways,
-        yaw=np.where(better, ways.yaw + width * pattern.yaw[at_yaw], ways.yaw),
-        psi=np.where(better, psi[own, at_psi], ways.psi),
-        swing_in=np.where(better, swings[own, 0, k_in], ways.swing_in),
-        swing_out=np.where(better, swings[own, 1, k_out], ways.swing_out),
-        time=np.where(better, time, ways.time),
-        cost=np.where(better, total[own, index], ways.cost),
+        candidates,
+        yaw=np.where(better, candidates.yaw + width * pattern.yaw[at_yaw], candidates.yaw),
+        psi=np.where(better, psi[indices, at_psi], candidates.psi),
+        swing_in=np.where(better, swings[indices, 0, k_in], candidates.swing_in),
+        swing_out=np.where(better, swings[indices, 1, k_out], candidates.swing_out),
+        time=np.where(better, time, candidates.time),
+        cost=np.where(better, total[indices, index], candidates.cost),
     )
 
 
 def choose_posture(problem: StopProblem) -> StopPosture | NoPosture:
-    """Returns the posture of least time for transfer, approach and retract, or why there is none.
-
-    As `choose_postures` does for many.
-    """
+    """Choose the posture of least time for one stop (`choose_postures`)."""
     return choose_postures([problem])[0]
 
 
 def choose_postures(problems: Sequence[StopProblem]) -> list[StopPosture | NoPosture]:
-    """Returns for each stop the posture of least time for transfer, approach and retract, or why there is none.
+    """Choose each stop's posture of least time for transfer, approach and retract.
 
-    The time of the transfer is the closed form of its slowest joint (or of the platform, where that is slower). The
+    The time of the transfer is the closed form of its slowest joint, or of a slower platform. The
     eight branches are taken over a grid of arm angles and yaws at the target; the quickest are followed along their
-    lines with several changes of the arm angle; the best is refined locally where the problem asks for it. No
-    optimality over the continuum is claimed. A stop's answer does not depend on which others are asked for with it.
+    lines with several changes of the arm angle; the best is refined locally if the problem requires it.
+    No optimality over the continuum is claimed. A stop's answer does not depend on the other stops.
 
     Args:
         problems: of any arms; those of one arm with equal limits are computed together.
@@ -292,136 +311,146 @@ def choose_near(
     limits: Sequence[float],
     width: float,
 ) -> list[StopPosture | None]:
-    """Returns for each stop the quickest posture of a round of variation about another stop's, None for too slow.
+    """Vary the posture of a similar stop for each stop, and choose the quickest.
 
-    What a search over platform positions needs: the same posture a little further on, repaired where it can be.
+    A search over platform positions adapts the same posture to a nearby position in this manner.
 
     Args:
         problems: of any arms.
         likes: for each problem a posture of nearly the same stop.
-        limits: for each problem the time from which on a posture is of no use [s].
-        width: half-width of the variation [rad].
+        limits: for each problem the time from which a posture is too slow [s].
+        width: half-width of the vary [rad].
     """
     answers: list[StopPosture | None] = [None] * len(problems)
     for numbers, batch in batches(problems):
-        own = [likes[k] for k in numbers]
-        psi = np.array([like.psi_target for like in own])
-        ways = StopWays(
-            row=np.arange(len(own)),
-            target=np.array([like.target for like in own]),
-            yaw=np.array([like.yaw for like in own]),
-            branch=np.array([like.branch for like in own]),
+        likes_of_batch = [likes[k] for k in numbers]
+        psi = np.array([like.psi_target for like in likes_of_batch])
+        candidates = StopCandidates(
+            row=np.arange(len(likes_of_batch)),
+            target=np.array([like.target for like in likes_of_batch]),
+            yaw=np.array([like.yaw for like in likes_of_batch]),
+            branch=np.array([like.branch for like in likes_of_batch]),
             psi=psi,
-            swing_in=np.array([like.psi_approach for like in own]) - psi,
-            swing_out=np.array([like.psi_retract for like in own]) - psi,
-            time=np.full(len(own), np.inf),
+            swing_in=np.array([like.psi_approach for like in likes_of_batch]) - psi,
+            swing_out=np.array([like.psi_retract for like in likes_of_batch]) - psi,
+            time=np.full(len(likes_of_batch), np.inf),
             cost=np.array([limits[k] for k in numbers]),
         )
-        varied = variation(batch, ways, width)
+        varied = vary(batch, candidates, width)
         possible = varied.take(np.flatnonzero(np.isfinite(varied.time)))
-        for row, answer in _held(batch, possible).items():
+        for row, answer in _feasible_postures(batch, possible).items():
             answers[numbers[row]] = answer
     return answers
 
 
 def _choose(batch: StopBatch) -> list[StopPosture | NoPosture]:
-    """Returns the answers to one batch."""
+    """Solve one batch."""
     grid = target_postures(batch)
     answers: list[StopPosture | NoPosture] = [
-        found if isinstance(found, NoPosture) else _no_lines(batch) for found in grid
+        answer if isinstance(answer, NoPosture) else _no_lines(batch) for answer in grid
     ]
-    open_rows = [row for row, one in enumerate(grid) if isinstance(one, StopWays)]
-    # Nearly always the first ways of the quick look settle it.
+    open_rows = [row for row, answer in enumerate(grid) if isinstance(answer, StopCandidates)]
+    # Nearly always the first candidates of the partial timing suffice.
     for complete in (False, True):
         if not open_rows:
             break
-        coarse = coarse_ways(batch, grid, open_rows, complete)
-        settled = _first_that_hold(batch, _with_clear_ends(batch, coarse))
+        coarse = coarse_candidates(batch, grid, open_rows, complete)
+        settled = _first_feasible(batch, _with_clear_ends(batch, coarse))
         for row, answer in settled.items():
             answers[row] = answer
-        # Where the quick look found no way at all it has left none out.
+        # If the partial timing found no candidate of a problem, it has left none out.
         open_rows = [row for row in distinct(coarse.row).tolist() if row not in settled]
     return answers
 
 
-def _first_that_hold(batch: StopBatch, coarse: StopWays) -> dict[int, StopPosture]:
-    """Returns by problem the posture that the best ways lead to and that holds between the samples.
+def _first_feasible(batch: StopBatch, coarse: StopCandidates) -> dict[int, StopPosture]:
+    """Refine the best candidates of each problem until one is feasible at dense samples.
 
     Args:
         batch: the problems.
-        coarse: ways, problem by problem and best first.
+        coarse: candidates, problem by problem and best first.
     """
     rows, first = np.unique(coarse.row, return_index=True)
     last = [*first[1:], len(coarse.row)][: len(rows)]
-    left = {int(row): (int(a), int(b)) for row, a, b in zip(rows, first, last, strict=True)}
-    found: dict[int, StopPosture] = {}
-    while left:
-        index = [np.arange(low, min(low + POSTURES.starts, high)) for low, high in left.values()]
-        found |= _settled(batch, coarse.take(np.concatenate(index)))
-        left = {
+    remaining = {int(row): (int(a), int(b)) for row, a, b in zip(rows, first, last, strict=True)}
+    answers: dict[int, StopPosture] = {}
+    while remaining:
+        index = [
+            np.arange(low, min(low + POSTURES.starts, high)) for low, high in remaining.values()
+        ]
+        answers |= _refine_to_postures(batch, coarse.take(np.concatenate(index)))
+        remaining = {
             row: (low + POSTURES.starts, high)
-            for row, (low, high) in left.items()
-            if row not in found and low + POSTURES.starts < high
+            for row, (low, high) in remaining.items()
+            if row not in answers and low + POSTURES.starts < high
         }
-    return found
+    return answers
 
 
-def _with_clear_ends(batch: StopBatch, ways: StopWays) -> StopWays:
-    """Returns the ways that are collision-free where their lines begin and end."""
-    if not len(ways.row) or all(problem.clear is None for problem in batch.problems):
-        return ways
-    ends = ways.follow(batch, POSTURES.end_samples).q[-1, ..., 0].T
+def _with_clear_ends(batch: StopBatch, candidates: StopCandidates) -> StopCandidates:
+    """Select candidates that are collision-free at the outer ends of their lines."""
+    if not len(candidates.row) or all(problem.clear is None for problem in batch.problems):
+        return candidates
+    ends = candidates.follow(batch, POSTURES.end_samples).q[-1, ..., 0].T
     sides: dict[Place, FloatArray] = {
-        "approach": ends[: len(ways.row)],
-        "retract": ends[len(ways.row) :],
+        "approach": ends[: len(candidates.row)],
+        "retract": ends[len(candidates.row) :],
     }
-    kept = np.ones(len(ways.row), dtype=np.bool_)
-    for row in distinct(ways.row).tolist():
+    is_clear = np.ones(len(candidates.row), dtype=np.bool_)
+    for row in distinct(candidates.row).tolist():
         test = batch.problems[row].clear
-        rows = np.flatnonzero(ways.row == row)
+        rows = np.flatnonzero(candidates.row == row)
         for place, q in sides.items() if test is not None else ():
-            kept[rows] &= test(q[rows], place)
-    return ways.take(np.flatnonzero(kept))
+            is_clear[rows] &= test(q[rows], place)
+    return candidates.take(np.flatnonzero(is_clear))
 
 
 def _no_lines(batch: StopBatch) -> NoPosture:
-    """Returns the reason where targets can be reached but no line can be followed."""
+    """Give the reason if targets are reached but no line can be followed."""
     if batch.given:
         return NoPosture(Refusal("given_lines_not_followed"))
     clear = any(problem.clear is not None for problem in batch.problems)
     return NoPosture(Refusal("lines_not_clear" if clear else "lines_not_followed"))
 
 
-def _settled(batch: StopBatch, ways: StopWays) -> dict[int, StopPosture]:
-    """Returns the best posture of each problem that ways lead to and that holds at many more samples."""
-    history = refinements(batch, ways) if batch.refine else [ways.take(leading(ways))]
+def _refine_to_postures(batch: StopBatch, candidates: StopCandidates) -> dict[int, StopPosture]:
+    """Refine candidates to each problem's best posture that is feasible at dense samples."""
+    history = (
+        refine(batch, candidates)
+        if batch.refine
+        else [candidates.take(best_candidates(candidates))]
+    )
     samples = POSTURES.dense_samples if batch.refine else POSTURES.line_samples
     answers: dict[int, StopPosture] = {}
-    left = np.arange(len(history[0].row))
+    remaining = np.arange(len(history[0].row))
     for stage in reversed(history):
-        # Nearly always the most refined ways hold.
-        some = stage.take(left)
-        answers |= _held(batch, some, samples)
-        left = left[[row not in answers for row in some.row.tolist()]]
-        if not len(left):
+        # Nearly always the most refined candidates are feasible.
+        open_candidates = stage.take(remaining)
+        answers |= _feasible_postures(batch, open_candidates, samples)
+        remaining = remaining[[row not in answers for row in open_candidates.row.tolist()]]
+        if not len(remaining):
             break
     return answers
 
 
-def _held(
-    batch: StopBatch, ways: StopWays, samples: int = POSTURES.dense_samples
+def _feasible_postures(
+    batch: StopBatch, candidates: StopCandidates, samples: int = POSTURES.dense_samples
 ) -> dict[int, StopPosture]:
-    """Returns by problem the postures of those ways (one of each) that keep all limits at so many samples."""
-    if not len(ways.row):
+    """Convert candidates, one a problem, that are feasible at every sample to postures."""
+    if not len(candidates.row):
         return {}
-    followed = ways.follow(batch, samples)
-    held = np.flatnonzero(followed.ok.reshape(2, -1).all(axis=0))
-    found = {int(ways.row[k]): _posture(ways, followed, k) for k in held.tolist()}
-    return {row: one for row, one in found.items() if _is_clear(batch.problems[row], one)}
+    followed = candidates.follow(batch, samples)
+    feasible = np.flatnonzero(followed.ok.reshape(2, -1).all(axis=0))
+    postures = {
+        int(candidates.row[k]): _posture(candidates, followed, k) for k in feasible.tolist()
+    }
+    return {
+        row: posture for row, posture in postures.items() if _is_clear(batch.problems[row], posture)
+    }
 
 
 def _is_clear(problem: StopProblem, posture: StopPosture) -> bool:
-    """Returns whether a posture is collision-free at its target and at the ends of its lines."""
+    """Return whether a posture is collision-free at target and ends of lines."""
     if problem.clear is None:
         return True
     places: dict[Place, FloatArray] = {
@@ -432,19 +461,19 @@ def _is_clear(problem: StopProblem, posture: StopPosture) -> bool:
     return all(bool(problem.clear(q[None], place)[0]) for place, q in places.items())
 
 
-def _posture(ways: StopWays, followed: FollowedLines, k: int) -> StopPosture:
-    """Returns one way as the solution."""
-    q, n = followed.q[..., 0], len(ways.row)
-    psi = float(ways.psi[k])
+def _posture(candidates: StopCandidates, followed: FollowedLines, k: int) -> StopPosture:
+    """Convert one candidate to the solution."""
+    q, n = followed.q[..., 0], len(candidates.row)
+    psi = float(candidates.psi[k])
     return StopPosture(
-        target=int(ways.target[k]),
-        yaw=float(ways.yaw[k]),
-        branch=int(ways.branch[k]),
+        target=int(candidates.target[k]),
+        yaw=float(candidates.yaw[k]),
+        branch=int(candidates.branch[k]),
         psi_target=psi,
-        psi_approach=psi + float(ways.swing_in[k]),
-        psi_retract=psi + float(ways.swing_out[k]),
+        psi_approach=psi + float(candidates.swing_in[k]),
+        psi_retract=psi + float(candidates.swing_out[k]),
         q_approach=q[-1, :, k],
         q_target=q[0, :, k],
         q_retract=q[-1, :, n + k],
-        cost=float(ways.time[k]),
+        cost=float(candidates.time[k]),
     )

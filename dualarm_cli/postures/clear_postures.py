@@ -1,4 +1,4 @@
-"""Collision test of one stage's postures, for solvers that choose them one by one."""
+"""Collision test of one stage's postures, for solvers that plan stage by stage."""
 
 from __future__ import annotations
 
@@ -17,23 +17,24 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 PLACES: tuple[Place, ...] = ("approach", "target", "retract")
+"""Places of a stop in the order of motion."""
 
 
 @dataclass(frozen=True)
-class KeepClear:
-    """One stage of a job's holding."""
+class StageCollisionTest:
+    """Collision test of one stage."""
 
     model: CellModel
     """The job's cell."""
     holding: Holding
-    """What has to be collision-free."""
+    """Loads of the arms and clearance of the cell."""
     stage: int
     """Number of the stage."""
 
     @property
-    def at_once(self) -> tuple[Place, ...]:
-        """Places of their stops at which both arms are at the same time, whoever has waited."""
-        return PLACES if self.holding.handing[self.stage] else ("retract",)
+    def common_places(self) -> tuple[Place, ...]:
+        """Places of the stops at which both arms are at the same time."""
+        return PLACES if self.holding.is_handover[self.stage] else ("retract",)
 
     def test(
         self,
@@ -43,84 +44,87 @@ class KeepClear:
         active: Mapping[str, object],
         others: Mapping[str, StopPosture] | None = None,
     ) -> Callable[[FloatArray, Place], BoolArray]:
-        """Returns a test of one arm's postures with the platform at a position.
+        """Create a collision test of one arm's postures at a platform position.
 
-        Against itself and what stands still; against the other arm only where that one does nothing in this stage, or
+        The arm is tested against itself and the fixed cell, and against the other arm if that is idle in this stage or
         its posture is given.
 
         Args:
-            arm: its name.
+            arm: name of the arm.
             position: all joints before the stage [rad], shape (n,).
-            angles: where the platform is, shape (k,).
-            active: the arms that have something to do.
+            angles: platform position, shape (k,).
+            active: arms with a stop in the stage.
             others: the other arm's posture, if it is decided.
         """
         cell, decided = self.holding.cell, others or {}
         a = cell.arms.index(arm)
         columns = self.model.arms[arm].columns
-        met = [
+        tested_arms = [
             name for name in cell.arms if name != arm and (name not in active or name in decided)
         ]
 
-        def clear(q: FloatArray, place: Place) -> BoolArray:
+        def is_collision_free(q: FloatArray, place: Place) -> BoolArray:
             rows = np.tile(position, (len(q), 1))
             rows[:, self.model.platform_columns] = angles
             for name, posture in decided.items():
                 rows[:, self.model.arms[name].columns] = _joints(posture, place)
             rows[:, columns] = q
-            held = np.tile(self._held(place), (len(q), 1))
-            own = cell.own_margins(a, rows, held[:, a], ground=place == "target")
-            free = np.asarray(own >= SLACK)
-            if met:
-                left = np.flatnonzero(free)
-                free[left] = cell.cross_margins(rows[left], held[left]) >= SLACK
-            return free
+            loads = np.tile(self._loads(place), (len(q), 1))
+            margins = cell.own_margins(a, rows, loads[:, a], ground=place == "target")
+            is_free = np.asarray(margins >= SLACK)
+            if tested_arms:
+                remaining = np.flatnonzero(is_free)
+                is_free[remaining] = cell.cross_margins(rows[remaining], loads[remaining]) >= SLACK
+            return is_free
 
-        return clear
+        return is_collision_free
 
     def yaws(self, arm: str) -> FloatArray:
-        """Returns the turns about an arm's tool that are tried [rad], shape (y,): at which its part fits."""
+        """Return the yaws of an arm's tool at which its part fits [rad], shape (y,)."""
         return self.holding.yaws[self.stage, arm]
 
     def margins(
         self, arm: str, position: FloatArray, angles: FloatArray, q: FloatArray, place: Place
     ) -> tuple[FloatArray, FloatArray]:
-        """Returns all joints (n, columns) [rad] with one arm at q (n, 7), and its own least margins there [m], (n,)."""
+        """Compute one arm's least margins [m], (n,), at joints q (n, 7).
+
+        The first result is all joints [rad], (n, columns).
+        """
         rows = np.tile(position, (len(q), 1))
         rows[:, self.model.platform_columns] = angles
         rows[:, self.model.arms[arm].columns] = q
         a = self.holding.cell.arms.index(arm)
-        held = np.full(len(q), self._held(place)[a])
-        return rows, self.holding.cell.own_margins(a, rows, held)
+        loads = np.full(len(q), self._loads(place)[a])
+        return rows, self.holding.cell.own_margins(a, rows, loads)
 
     def nearest(self, arm: str, position: FloatArray, place: Place) -> tuple[str, str, float]:
-        """Returns what one arm is nearest to at all joints (columns,), with the margin [m]; not the other arm."""
+        """Find the nearest pair of one arm's bodies, without the other arm, and its margin [m]."""
         cell = self.holding.cell
-        number = int(self._held(place)[cell.arms.index(arm)])
+        number = int(self._loads(place)[cell.arms.index(arm)])
         return cell.test.nearest(position, cell.own_pairs(cell.arms.index(arm), number))
 
-    def apart(
+    def arms_clear(
         self,
         position: FloatArray,
         angles: FloatArray,
         postures: Mapping[str, StopPosture],
         places: Sequence[Place] = PLACES,
     ) -> bool:
-        """Returns whether the arms are clear of each other at some places of their stops."""
+        """Return whether the arms are clear of each other at places of their stops."""
         if len(postures) < 2:
             return True
         rows = np.tile(position, (len(places), 1))
         rows[:, self.model.platform_columns] = angles
         for name, posture in postures.items():
             rows[:, self.model.arms[name].columns] = [_joints(posture, p) for p in places]
-        held = np.array([self._held(place) for place in places])
-        return bool((self.holding.cell.cross_margins(rows, held) >= SLACK).all())
+        loads = np.array([self._loads(place) for place in places])
+        return bool((self.holding.cell.cross_margins(rows, loads) >= SLACK).all())
 
-    def _held(self, place: Place) -> IntArray:
-        """Returns what each arm holds at a place of its stop, shape (arms,)."""
+    def _loads(self, place: Place) -> IntArray:
+        """Return the load of each arm at a place of its stop, shape (arms,)."""
         if place == "target":
-            held: IntArray = self.holding.at_targets[self.stage]
-            return held
+            loads: IntArray = self.holding.at_targets[self.stage]
+            return loads
         holding = self.holding.before if place == "approach" else self.holding.after
         row: IntArray = holding[self.stage]
         return row
@@ -131,7 +135,7 @@ def _joints(posture: StopPosture, place: Place) -> FloatArray:
     return joints
 
 
-NAMES = {
+PLACE_NAMES = {
     "approach": "where its approach starts",
     "target": "at the target",
     "retract": "where its retract ends",
@@ -140,37 +144,39 @@ NAMES = {
 
 @dataclass(frozen=True)
 class _Best:
-    """The posture at one place that keeps farthest from everything."""
+    """Posture with the greatest margin at one place."""
 
     margin: float
     position: FloatArray
     angle: float
 
 
-def angles_looked_at(model: CellModel, position: FloatArray) -> FloatArray:
-    """Returns platform positions to look at, the present one first, shape (m, k)."""
-    here = position[model.platform_columns]
+def scanned_angles(model: CellModel, position: FloatArray) -> FloatArray:
+    """List platform positions to scan, the present one first, shape (m, k)."""
+    present = position[model.platform_columns]
     if not model.platform.is_chosen:
-        return here[None]
+        return present[None]
     _, low, high = model.platform_around(position)
     step = model.platform.spacing(POSTURES.clear_scan_step, low, high)
-    return np.concatenate([here, np.arange(low, high + 1e-9, step)])[:, None]
+    return np.concatenate([present, np.arange(low, high + 1e-9, step)])[:, None]
 
 
-def explain_touching(
-    keep: KeepClear,
+def explain_collision(
+    keep: StageCollisionTest,
     arm: str,
     position: FloatArray,
     angles: FloatArray,
     problems: list[StopProblem],
 ) -> Refusal | None:
-    """Returns what one arm, whatever the other does, is too near to at a place of its stop; None for nothing.
+    """Explain a place of one arm's stop at which every posture collides, or return None.
+
+    The other arm is left out.
 
     Args:
-        keep: what has to be collision-free in the stage.
-        arm: its name.
+        keep: collision test of the stage.
+        arm: name of the arm.
         position: all joints before the stage [rad], shape (n,).
-        angles: platform positions that are looked at, shape (m, k).
+        angles: scanned platform positions, shape (m, k).
         problems: the arm's stop at each of them.
     """
     for place in PLACES:
@@ -185,28 +191,28 @@ def explain_touching(
                 best = _Best(float(margin[k]), rows[k], float(angle[0]) if len(angle) else 0.0)
         if best is None or best.margin >= SLACK:
             continue
-        one, other, margin_there = keep.nearest(arm, best.position, place)
+        body_a, body_b, margin_there = keep.nearest(arm, best.position, place)
         stands = [_with_platform(keep.model, best.angle)] if keep.model.platform.is_chosen else []
-        more = {
-            "where": NAMES[place],
-            "one": one,
-            "other": other,
+        details = {
+            "where": PLACE_NAMES[place],
+            "one": body_a,
+            "other": body_b,
             "platform": stands,
         }
         missing = max(0.0, -margin_there)
-        return Refusal("every_posture_touches", arm=arm, measured=missing, more=more)
+        return Refusal("every_posture_touches", arm=arm, measured=missing, more=details)
     return None
 
 
 def _with_platform(model: CellModel, position: float) -> Refusal:
-    """Returns where a platform of one joint stands, as a part of a message [rad or m]."""
+    """Describe the position of a platform of one joint [rad or m] in a message."""
     if model.platform.is_rail:
         return Refusal("with_platform_place", more={"millimetres": 1e3 * position + 0.0})
     return Refusal("with_platform", more={"degrees": np.degrees(position) + 0.0})
 
 
 def _postures(problem: StopProblem, place: Place) -> FloatArray:
-    """Returns joints within limits at a place, over branches, arm angles and yaws, shape (k, n)."""
+    """Sample joints within limits at a place [rad], shape (k, n)."""
     batch = StopBatch((problem,))
     if problem.configurations is not None:
         return problem.configurations if place == "target" else np.empty((0, len(problem.start)))

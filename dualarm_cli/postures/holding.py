@@ -27,29 +27,31 @@ class Holding:
     """
 
     cell: CellClearance
-    """Hulls and pairs."""
+    """Hulls and pairs of the cell's bodies."""
     before: IntArray
-    """What each arm holds before each stage's targets, shape (n, arms)."""
+    """Loads of the arms before each stage's targets, shape (n, arms)."""
     after: IntArray
-    """What each arm holds after them, shape (n, arms)."""
-    handing: BoolArray
-    """Which stages are hand-overs, shape (n,)."""
+    """Loads of the arms after each stage's targets, shape (n, arms)."""
+    is_handover: BoolArray
+    """Flags of stages that are hand-overs, shape (n,)."""
     yaws: Mapping[tuple[int, str], FloatArray]
-    """By stage and arm the turns about the tool's z axis at which a part fits where it is picked or placed [rad]; where
-    there is no part, or it fits nowhere, all of them."""
+    """Yaws at which a part fits at its pick or place [rad], by stage and arm.
+
+    All yaws if there is no part, or it fits at none.
+    """
     pace: float = 1.0
-    """How much slower than at full speed everything moves; times chosen for full speed are multiplied by it."""
+    """Factor on times for full speed, due to the job's speed."""
 
     @classmethod
     def of(
         cls, job: Job, *, alone: str | None = None, cell: CellClearance | None = None
     ) -> Holding:
-        """Prepares a job.
+        """Compute the loads of a job by stage.
 
         Args:
-            job: what is to be done.
-            cell: its cell with all that it carries, where that is at hand.
-            alone: the only arm that is tested, and not against the other one; None for all arms.
+            job: the job.
+            cell: clearance of its cell with all carried parts; None computes it.
+            alone: the only tested arm, without the other one; None tests all arms.
         """
         cell = cell or CellClearance.of_job(job)
         cell = replace(
@@ -60,15 +62,17 @@ class Holding:
         holds = {arm: job.held_at_start(arm) for arm in cell.arms}
         rows = []
         for work in job.stages():
-            now = dict(holds)
+            current = dict(holds)
             for arm, (task, stop) in work.items():
-                # A tool that comes to its stand may touch it there: what is held has another name then.
+                # A tool may touch its stand, so that it is another load there.
                 holds[arm] = task.held_before(stop.action)
-                now[arm] = task.held_after(stop.action)
-            rows.append([[cell.loads.number(s[arm]) for arm in cell.arms] for s in (holds, now)])
-            holds = now
+                current[arm] = task.held_after(stop.action)
+            rows.append(
+                [[cell.loads.number(s[arm]) for arm in cell.arms] for s in (holds, current)]
+            )
+            holds = current
         fitting = {
-            (k, arm): _fitting(job, arm, task, stop)
+            (k, arm): _fitting_yaws(job, arm, task, stop)
             for k, work in enumerate(job.stages())
             for arm, (task, stop) in work.items()
         }
@@ -77,30 +81,30 @@ class Holding:
             rows.append([[cell.loads.number(holds[arm]) for arm in cell.arms]] * 2)
         numbers = np.array(rows, dtype=np.int64).reshape(-1, 2, len(cell.arms))
         if cell.rooms:
-            # Of a transfer alone nothing lies but what lies all the time.
+            # During a transfer alone only parts lie that always do.
             scenes = np.arange(1, len(numbers) + 1) * bool(job.tasks)
             numbers = cell.loads.in_scenes(numbers, scenes[:, None, None])
-        handing = np.zeros(len(numbers), dtype=np.bool_)
+        is_handover = np.zeros(len(numbers), dtype=np.bool_)
         for k, work in enumerate(job.stages()):
-            handing[k] = any(stop.action == "give" for _, stop in work.values())
+            is_handover[k] = any(stop.action == "give" for _, stop in work.values())
         before, after = numbers[:, 0], numbers[:, 1]
-        return cls(cell, before, after, handing, fitting, 1.0 / job.speed)
+        return cls(cell, before, after, is_handover, fitting, 1.0 / job.speed)
 
     @property
     def at_targets(self) -> IntArray:
-        """What each arm holds at each stage's targets, shape (n, arms)."""
+        """Loads of the arms at each stage's targets, shape (n, arms)."""
         loads = self.cell.loads
-        return loads.at_stops(loads.fuller(self.before, self.after), self.handing)
+        return loads.at_stops(loads.fuller(self.before, self.after), self.is_handover)
 
 
-def _fitting(job: Job, arm: str, task: Task, stop: Stop) -> FloatArray:
-    """Returns the yaws of a stop at which its part reaches into no obstacle, at the target and along its lines.
+def _fitting_yaws(job: Job, arm: str, task: Task, stop: Stop) -> FloatArray:
+    """Select the yaws of a stop at which its part penetrates no obstacle.
 
-    All yaws where it fits nowhere.
+    Target and lines are tested. All yaws are returned if it fits at none.
     """
-    yaws, found = stop_yaws(stop), held_bodies(job.cell, arm, task, stop)
-    # At its stand a tool is to what stands there as a part is to what it lies on.
-    resting = [one for one in found if one.rests]
+    yaws, bodies = stop_yaws(stop), held_bodies(job.cell, arm, task, stop)
+    # A tool may touch its stand as a part may touch its support.
+    resting = [body for body in bodies if body.rests]
     if not resting or not isinstance(stop.target, PoseTarget) or not job.cell.obstacles:
         return yaws
     fits = [not into for _, into in reaches(job.cell, resting[0], stop)]
@@ -116,25 +120,25 @@ def too_near_obstacle(
 
     Args:
         cell: with obstacles.
-        arm: that makes the stop.
-        task: of the stop.
-        stop: where.
+        arm: name of the arm.
+        task: task of the stop.
+        stop: the stop.
 
     Returns:
-        Its name, what it lacks of clearance or is inside by at best [m], and the obstacle; None where it is not proven.
+        Name of the tool or part, its least lack of clearance or penetration [m], and the obstacle; None if unproven.
     """
     if not isinstance(stop.target, PoseTarget) or not cell.obstacles:
         return None
-    for one in held_bodies(cell, arm, task, stop):
-        # Half way to the next turn that is tried, each point is moved by no more than this.
-        between = np.pi / YAW_STEPS * _radius(one.solids) if stop.target.free_yaw else 0.0
+    for body in held_bodies(cell, arm, task, stop):
+        # Between two tested yaws, each point has moved by no more than this.
+        between = np.pi / YAW_STEPS * _radius(body.solids) if stop.target.free_yaw else 0.0
         lacking = []
-        for lacks, into in reaches(cell, one, stop):
+        for lacks, into in reaches(cell, body, stop):
             if not into or lacks <= between:
                 break
             lacking.append((lacks, into))
         else:
-            return one.name, *min(lacking)
+            return body.name, *min(lacking)
     return None
 
 

@@ -1,4 +1,4 @@
-"""Lines of many stops at once: joints along them, whether they can be followed, how long they take."""
+"""Lines of many stops: joints along them, feasibility and times."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ from dualarm_cli.postures.stop_batch import StopBatch, ToolPoses
 from dualarm_cli.records import dataclass
 
 LARGEST_STEP = np.pi / 2
-"""A joint that turns more than this between two samples of a line has jumped [rad]."""
+"""Largest joint step between two samples of a line; a larger one is a jump [rad]."""
 SAME_POSTURE = 1e-6
-"""Difference of a given configuration from the solution for its pose up to which they are one [rad]."""
+"""Tolerance of a given configuration against the solution for its pose [rad]."""
 FLIPPED = np.column_stack([flips(joint, np.arange(8)) for joint in range(7)])
-"""Whether each joint takes the second of its two values in each branch, shape (8, 7)."""
+"""Flags of joints at the second of their two values, by branch, shape (8, 7)."""
 
 
 @dataclass(frozen=True)
 class Lines:
-    """k lines from a target outward, sampled at equidistant shares of their length."""
+    """Lines from targets outward, sampled at equidistant fractions of their length."""
 
     batch: StopBatch
-    """The problems they belong to."""
+    """Problems of the lines."""
     row: IntArray
-    """Which problem each belongs to, shape (k,)."""
+    """Numbers of the problems, shape (k,)."""
     length: FloatArray
-    """Length of each [m], 0 for none, shape (k,)."""
+    """Lengths of the lines [m], 0 for none, shape (k,)."""
     curves: ArmAngleCurves
     """Joints over the arm angle at every sample: targets of shape (s, k, 1)."""
     share: FloatArray
-    """Shares of the length at the samples, from 0 to 1, shape (s,); only 0 where no line has a length."""
+    """Fractions of the length at the samples, shape (s,); only 0 without any length."""
 
     @classmethod
     def of(cls, batch: StopBatch, poses: ToolPoses, length: FloatArray, samples: int) -> Lines:
-        """Returns the lines from k tool poses.
+        """Sample the lines from k tool poses.
 
         Args:
             batch: the problems.
-            poses: where the lines begin.
-            length: their lengths [m], shape (k,).
-            samples: how many samples.
+            poses: poses at the targets.
+            length: lengths of the lines [m], shape (k,).
+            samples: number of samples.
         """
         share = np.linspace(0.0, 1.0, samples) if length.any() else np.zeros(1)
         depth = share[:, None] * length
@@ -52,16 +52,16 @@ class Lines:
     def follow(
         self, psi_target: FloatArray, psi_end: FloatArray, branch: IntArray, reference: FloatArray
     ) -> FollowedLines:
-        """Returns joints along the lines for c courses of the arm angle each.
+        """Compute the joints along the lines for c courses of the arm angle each.
 
         The branch is fixed and angles are unwrapped from the target, so that the joints are continuous.
 
         Args:
             psi_target: arm angles at the target [rad], shape (k, c).
-            psi_end: arm angles at the outer end [rad], shape (k, c); without a line there is nothing to vary along.
+            psi_end: arm angles at the outer end [rad], shape (k, c); ignored without a line.
             branch: of each line, shape (k,).
-            reference: joints to whose whole turns those at the target are nearest [rad], shape (k, 7); given
-                configurations are taken as they are.
+            reference: joints next to which whole turns are chosen at the target [rad], shape (k, 7); given
+                configurations are not changed.
         """
         swing = np.where(self.length[:, None] > 0.0, psi_end - psi_target, 0.0)
         psi = psi_target + self.share[:, None, None] * swing
@@ -76,12 +76,12 @@ class Lines:
         if turns.any():
             q += turns
         if self.batch.given:
-            ok = _as_given(q, ok, reference.T[:, :, None], self.length == 0.0)
+            ok = _insert_given(q, ok, reference.T[:, :, None], self.length == 0.0)
         highest, lowest = np.moveaxis(q.max(axis=0), 0, -1), np.moveaxis(q.min(axis=0), 0, -1)
         return FollowedLines(q, ok & arm.within_limits(highest) & arm.within_limits(lowest))
 
     def least_times(self, followed: FollowedLines) -> FloatArray:
-        """Returns what no motion along the lines can beat [s], shape (k, c): infinite where they cannot be followed.
+        """Bound the times along the lines from below [s], shape (k, c), infinite if infeasible.
 
         The closed form of the slowest joint from one end to the other.
         """
@@ -90,38 +90,42 @@ class Lines:
         least = self.batch.problems[0].transfer_time(followed.at(-1) - followed.at(0))
         return np.where(followed.ok, least, np.inf)
 
-    def times(self, followed: FollowedLines, wanted: BoolArray | None = None) -> FloatArray:
-        """Returns estimated times [s], shape (k, c): 0 without a line, infinite where it cannot be followed.
+    def times(self, followed: FollowedLines, selected: BoolArray | None = None) -> FloatArray:
+        """Estimate the times along the lines [s], shape (k, c), infinite if infeasible.
+
+        Lines without length take 0.
 
         Args:
             followed: the joints.
-            wanted: which lines are worth the trouble, shape (k, c); the others get infinity; all of them by default.
+            selected: lines to time, shape (k, c); the others get infinity. None times all.
         """
-        asked = followed.ok if wanted is None else followed.ok & wanted
-        time = np.where(asked, 0.0, np.inf)
-        timed = asked & (self.length > 0.0)[:, None]
-        if timed.any():
-            position = followed.q[:, :, timed]
-            time[timed] = self.batch.problems[0].line_time(position.transpose(2, 0, 1), self.share)
+        is_timed = followed.ok if selected is None else followed.ok & selected
+        time = np.where(is_timed, 0.0, np.inf)
+        has_length = is_timed & (self.length > 0.0)[:, None]
+        if has_length.any():
+            position = followed.q[:, :, has_length]
+            time[has_length] = self.batch.problems[0].line_time(
+                position.transpose(2, 0, 1), self.share
+            )
         return time
 
 
 @dataclass(frozen=True)
 class FollowedLines:
-    """Joints along lines."""
+    """Joints along lines, with feasibility."""
 
     q: FloatArray
-    """From the target outward [rad], shape (s, 7, k, c)."""
+    """Joints from the target outward [rad], shape (s, 7, k, c)."""
     ok: BoolArray
-    """Whether a line can be followed at all samples, shape (k, c)."""
+    """Flags of lines that are feasible at every sample, shape (k, c)."""
 
     def at(self, sample: int) -> FloatArray:
-        """Returns the joints at one sample [rad], shape (k, c, 7): 0 is the target, -1 the outer end."""
+        """Return the joints at one sample [rad], shape (k, c, 7): 0 target, -1 outer end."""
         return np.moveaxis(self.q[sample], 0, -1)
 
 
 def _unwrap(q: FloatArray) -> BoolArray:
-    """Takes whole turns off in place along the first axis; returns where no joint jumps, (k, c)."""
+    """Unwrap joints in place along the first axis, and flag lines without jumps, (k, c)."""
     if len(q) == 1:
         return np.ones(q.shape[2:], dtype=np.bool_)
     steps = q[1:] - q[:-1]
@@ -133,10 +137,10 @@ def _unwrap(q: FloatArray) -> BoolArray:
     return np.asarray(np.abs(steps).max(axis=(0, 1)) <= LARGEST_STEP)
 
 
-def _as_given(q: FloatArray, ok: BoolArray, given: FloatArray, still: BoolArray) -> BoolArray:
-    """Puts given configurations (7, k, 1) where they belong, in place; returns what can be followed.
+def _insert_given(q: FloatArray, ok: BoolArray, given: FloatArray, still: BoolArray) -> BoolArray:
+    """Insert given configurations (7, k, 1) at targets in place, and flag feasible lines.
 
-    The configuration itself counts, also where a singular wrist has others for the same pose; a line must start in it.
+    The configuration itself counts, even if a singular wrist has others for the same pose; a line must start in it.
     """
     same = np.abs(q[0] - given).max(axis=0) < SAME_POSTURE
     q[:, :, still] = given[:, still]

@@ -1,4 +1,7 @@
-"""Posture of least time of arms without closed forms: sampled inverse kinematics, lines followed, then refined."""
+"""Numeric redundancy solver for arms without closed forms.
+
+Postures are sampled by inverse kinematics, follow_lines along their lines, then refine.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +12,11 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.elementary import power
 from dualarm_cli.kinematics.continuation import moved_along
-from dualarm_cli.postures.numeric_ways import (
-    NumericWays,
-    clear_ones,
-    followed,
-    target_ways,
+from dualarm_cli.postures.numeric_candidates import (
+    NumericCandidates,
+    follow_lines,
+    select_clear,
+    target_candidates,
 )
 from dualarm_cli.postures.problem import POSTURES, NoPosture, StopPosture, StopProblem
 from dualarm_cli.postures.stop_batch import StopBatch
@@ -21,156 +24,170 @@ from dualarm_cli.refusals import Refusal
 
 
 def choose_numeric(problem: StopProblem) -> StopPosture | NoPosture:
-    """Returns the posture of least time for transfer, approach and retract, or why there is none.
+    """Choose the posture of least time for transfer, approach and retract.
 
-    Postures at the target are solved for from many starts and, where a joint is spare, sampled along their self-motion
-    (`target_ways`); the quickest are followed along their lines by continuation (`LineFollowing`); the best are refined
-    along self-motion, free yaw and drift by rounds of ever narrower variation. No optimality is claimed.
+    Postures at the target are solved from many starts and, if a joint is redundant, sampled along their self-motion
+    (`target_candidates`); the quickest are follow_lines along their lines by continuation (`FlangeLines`); the best are
+    refine along self-motion, free yaw and drift in rounds of decreasing width. No optimality is claimed.
 
     Raises:
         UnsupportedError: the arm was measured in closed form.
     """
     batch = StopBatch((problem,))
-    ways, miss = target_ways(batch)
-    if not len(ways):
-        return NoPosture(_nowhere(miss[0]))
-    moved = ways.q - problem.start
-    ways = ways.take(np.argsort(problem.transfer_time(moved), kind="stable"))
+    candidates, miss = target_candidates(batch)
+    if not len(candidates):
+        return NoPosture(_miss_refusal(miss[0]))
+    travel = candidates.q - problem.start
+    candidates = candidates.take(np.argsort(problem.transfer_time(travel), kind="stable"))
     clear = False
     size = POSTURES.general_batch
-    for first in range(0, len(ways), size):
-        some = clear_ones(batch, ways.take(np.arange(first, min(first + size, len(ways)))))
-        clear |= len(some) > 0
-        some = _sorted(batch, clear_ones(batch, _drifted(batch, some)))
-        for k in _leading(some):
-            found = _settled(batch, some.take(np.array([k])))
-            if found is not None:
-                return _best_of(batch, some, k, found)
+    for first in range(0, len(candidates), size):
+        block = select_clear(
+            batch, candidates.take(np.arange(first, min(first + size, len(candidates))))
+        )
+        clear |= len(block) > 0
+        block = _sort_by_cost(batch, select_clear(batch, _with_initial_drifts(batch, block)))
+        for k in _refinement_order(block):
+            posture = _refine_to_posture(batch, block.take(np.array([k])))
+            if posture is not None:
+                return _quickest_refined(batch, block, k, posture)
     if not clear:
         return NoPosture(Refusal("target_touches"))
     return NoPosture(Refusal("lines_not_followed" if problem.clear is None else "lines_not_clear"))
 
 
-def _nowhere(miss: FloatArray) -> Refusal:
+def _miss_refusal(miss: FloatArray) -> Refusal:
     distance, angle = miss
     if not np.isfinite(distance):
         return Refusal("target_out_of_reach")
     return Refusal("target_missed", more={"mm": distance * 1e3, "degrees": np.degrees(angle)})
 
 
-def _drifted(batch: StopBatch, ways: NumericWays) -> NumericWays:
-    """Returns ways that can be gone, each with the drift of either line that makes it quickest."""
+def _with_initial_drifts(batch: StopBatch, candidates: NumericCandidates) -> NumericCandidates:
+    """Select feasible candidates with the quickest drift of each line."""
     varies = batch.numeric_arm.spare and batch.length.any()
     drifts = POSTURES.general_drifts if varies else (0.0,)
-    return _best_drifts(batch, ways, np.broadcast_to(drifts, (len(ways), 2, len(drifts))))
+    return _best_drifts(
+        batch, candidates, np.broadcast_to(drifts, (len(candidates), 2, len(drifts)))
+    )
 
 
-def _best_drifts(batch: StopBatch, ways: NumericWays, drifts: FloatArray) -> NumericWays:
-    """Returns ways that can be gone with the best of d drifts of either line; lines do not depend on each other.
+def _best_drifts(
+    batch: StopBatch, candidates: NumericCandidates, drifts: FloatArray
+) -> NumericCandidates:
+    """Select feasible candidates with the best of d drifts of each line.
+
+    The two lines are independent of each other.
 
     Args:
         batch: the problems.
-        ways: k postures at targets.
-        drifts: to be tried [rad], shape (k, 2, d).
+        candidates: k postures at targets.
+        drifts: drifts to compare [rad], shape (k, 2, d).
     """
-    k, d = len(ways), drifts.shape[2]
-    each = ways.take(np.repeat(np.arange(k), d))
-    each = replace(each, drift=np.swapaxes(drifts, 1, 2).reshape(-1, 2))
-    each = followed(batch, each, POSTURES.line_samples)
-    transfer = replace(each, line=np.zeros_like(each.line)).cost(batch)[1]
-    line = each.line.reshape(k, d, 2)
+    k, d = len(candidates), drifts.shape[2]
+    repeated = candidates.take(np.repeat(np.arange(k), d))
+    repeated = replace(repeated, drift=np.swapaxes(drifts, 1, 2).reshape(-1, 2))
+    repeated = follow_lines(batch, repeated, POSTURES.line_samples)
+    transfer = replace(repeated, line=np.zeros_like(repeated.line)).cost(batch)[1]
+    line = repeated.line.reshape(k, d, 2)
     best_in = (transfer.reshape(k, d) + line[:, :, 0]).argmin(axis=1)
     best_out = line[:, :, 1].argmin(axis=1)
-    own = np.arange(k)
-    pick_in, pick_out = each.take(own * d + best_in), each.take(own * d + best_out)
-    found = replace(
+    rows = np.arange(k)
+    pick_in, pick_out = repeated.take(rows * d + best_in), repeated.take(rows * d + best_out)
+    best = replace(
         pick_in,
         drift=np.stack([pick_in.drift[:, 0], pick_out.drift[:, 1]], axis=1),
         ends=np.stack([pick_in.ends[:, 0], pick_out.ends[:, 1]], axis=1),
         line=np.stack([pick_in.line[:, 0], pick_out.line[:, 1]], axis=1),
     )
-    return found.take(np.flatnonzero(np.isfinite(found.line).all(axis=1)))
+    return best.take(np.flatnonzero(np.isfinite(best.line).all(axis=1)))
 
 
-def _sorted(batch: StopBatch, ways: NumericWays) -> NumericWays:
-    return ways.take(np.argsort(ways.cost(batch)[1], kind="stable"))
+def _sort_by_cost(batch: StopBatch, candidates: NumericCandidates) -> NumericCandidates:
+    return candidates.take(np.argsort(candidates.cost(batch)[1], kind="stable"))
 
 
-def _leading(ways: NumericWays) -> list[int]:
-    """Returns the order in which sorted ways are settled: the best of each yaw and branch first."""
-    key = np.stack([ways.target, ways.branch]).T
+def _refinement_order(candidates: NumericCandidates) -> list[int]:
+    """Order sorted candidates: the best of each yaw and branch first."""
+    key = np.stack([candidates.target, candidates.branch]).T
     _, first = np.unique(key, axis=0, return_index=True)
     ahead = np.sort(first)
-    rest = np.setdiff1d(np.arange(len(ways)), ahead)
-    return [*ahead.tolist(), *rest.tolist()]
+    others = np.setdiff1d(np.arange(len(candidates)), ahead)
+    return [*ahead.tolist(), *others.tolist()]
 
 
-def _best_of(batch: StopBatch, ways: NumericWays, first: int, found: StopPosture) -> StopPosture:
-    """Returns the quickest that the leading ways come to, one of which is known already."""
+def _quickest_refined(
+    batch: StopBatch, candidates: NumericCandidates, first: int, first_posture: StopPosture
+) -> StopPosture:
+    """Return the quickest refine posture of the leading candidates."""
     if not batch.refine:
-        return found
-    best = found
-    order = _leading(ways)
+        return first_posture
+    best = first_posture
+    order = _refinement_order(candidates)
     place = order.index(first)
     for k in order[place + 1 : place + POSTURES.general_starts]:
-        other = _settled(batch, ways.take(np.array([k])))
-        if other is not None and other.cost < best.cost:
-            best = other
+        posture = _refine_to_posture(batch, candidates.take(np.array([k])))
+        if posture is not None and posture.cost < best.cost:
+            best = posture
     return best
 
 
-def _settled(batch: StopBatch, way: NumericWays) -> StopPosture | None:
-    """Returns the posture that one way leads to when it is refined and that holds at many more samples, or None."""
-    tries = [way]
+def _refine_to_posture(batch: StopBatch, candidate: NumericCandidates) -> StopPosture | None:
+    """Refine one candidate to a posture that is feasible at dense samples, or None."""
+    variations = [candidate]
     if batch.refine and (batch.numeric_arm.spare or batch.free_yaw):
-        tries += refined(batch, way)
-    for one in reversed(tries):
-        if holds(batch, one):
-            time, _ = one.cost(batch)
-            return one.posture(0, float(time[0]))
+        variations += refine(batch, candidate)
+    for variation in reversed(variations):
+        if holds(batch, variation):
+            time, _ = variation.cost(batch)
+            return variation.posture(0, float(time[0]))
     return None
 
 
-def holds(batch: StopBatch, way: NumericWays) -> bool:
-    """Returns whether one way's lines can be followed at many samples and its postures are collision-free."""
-    dense = followed(batch, way, POSTURES.general_dense_samples)
-    return bool(np.isfinite(dense.line).all()) and len(clear_ones(batch, dense)) == 1
+def holds(batch: StopBatch, candidate: NumericCandidates) -> bool:
+    """Return whether a candidate is feasible at dense samples and collision-free."""
+    dense = follow_lines(batch, candidate, POSTURES.general_dense_samples)
+    return bool(np.isfinite(dense.line).all()) and len(select_clear(batch, dense)) == 1
 
 
-def refined(batch: StopBatch, way: NumericWays) -> list[NumericWays]:
-    """Returns ever better variations of one way, in their order."""
-    found: list[NumericWays] = []
-    best = way
+def refine(batch: StopBatch, candidate: NumericCandidates) -> list[NumericCandidates]:
+    """Refine one candidate, and list its improvements in order."""
+    improvements: list[NumericCandidates] = []
+    best = candidate
     for k in range(POSTURES.general_rounds):
         width = POSTURES.general_width * power(POSTURES.general_shrink, k)
-        tried = _drifts_around(batch, varied(batch, best, width), width)
-        if not len(tried):
+        variations = _vary_drifts(batch, vary(batch, best, width), width)
+        if not len(variations):
             continue
-        cost = tried.cost(batch)[1]
+        cost = variations.cost(batch)[1]
         least = int(cost.argmin())
         if cost[least] < best.cost(batch)[1][0]:
-            best = tried.take(np.array([least]))
-            found.append(best)
-    return found
+            best = variations.take(np.array([least]))
+            improvements.append(best)
+    return improvements
 
 
-def varied(batch: StopBatch, way: NumericWays, width: float) -> NumericWays:
-    """Returns one way and its neighbours along self-motion and free yaw, up to a half-width [rad]."""
+def vary(batch: StopBatch, candidate: NumericCandidates, width: float) -> NumericCandidates:
+    """Vary one candidate along self-motion and free yaw, by up to a half-width [rad]."""
     spare = batch.numeric_arm.spare and not batch.given
     along = width * np.array(POSTURES.along_self_motion if spare else (0.0,))
     turn = width * np.array(POSTURES.to_sides if batch.free_yaw else (0.0,))
     count = len(along) * len(turn)
-    near = way.take(np.zeros(count, dtype=np.int64))
-    near = replace(near, yaw=near.yaw + np.repeat(turn, len(along)))
+    neighbours = candidate.take(np.zeros(count, dtype=np.int64))
+    neighbours = replace(neighbours, yaw=neighbours.yaw + np.repeat(turn, len(along)))
     if count == 1:
-        return near
-    poses = near.poses(batch)
-    q, met = moved_along(batch.numeric_arm, near.q, poses.R, poses.p, np.tile(along, len(turn)))
-    return replace(near, q=q).take(met)
+        return neighbours
+    poses = neighbours.poses(batch)
+    q, reached = moved_along(
+        batch.numeric_arm, neighbours.q, poses.R, poses.p, np.tile(along, len(turn))
+    )
+    return replace(neighbours, q=q).take(reached)
 
 
-def _drifts_around(batch: StopBatch, ways: NumericWays, width: float) -> NumericWays:
-    """Returns ways with the best of a few drifts about their own, up to a half-width [rad]."""
+def _vary_drifts(
+    batch: StopBatch, candidates: NumericCandidates, width: float
+) -> NumericCandidates:
+    """Vary the drifts of candidates by up to a half-width [rad], and select the best."""
     varies = batch.numeric_arm.spare and batch.length.any()
     steps = np.array(POSTURES.to_sides if varies else (0.0,))
-    return _best_drifts(batch, ways, ways.drift[:, :, None] + width * steps)
+    return _best_drifts(batch, candidates, candidates.drift[:, :, None] + width * steps)

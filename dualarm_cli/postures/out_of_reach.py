@@ -1,7 +1,7 @@
 """Proofs that no posture at any platform position reaches a stop.
 
-`explain_reach` looks at samples of what is free. Here a sample stands for all that is nearer to it than to others:
-it counts with the distance that the arm moves in between. What is not proven is left open.
+`explain_reach` tests samples of the free quantities. Here a sample covers its neighbourhood: the distance that the arm
+moves within it is added. Without a proof the question stays open.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ def out_of_reach(
     Args:
         model: the cell.
         position: all joints where the motion starts [rad or m], shape (n,); a platform of one joint may be anywhere.
-        stop: the arm's stop as seen with the platform there.
-        slack: how far the tool may stay away from its target [m].
-        turn: how far it may turn away from it [rad].
+        stop: the arm's stop with the platform at this position.
+        slack: allowed distance of the tool from its target [m].
+        turn: allowed angle of the tool from its target [rad].
     """
     if stop.configurations is not None:
         return None
@@ -47,23 +47,23 @@ def out_of_reach(
     names = point_names(stop)
     for moved, gap in _platform_moves(model, position):
         flanges = moved_flanges(stop, model.platform, moved)
-        verdicts = [_beyond(model, stop, flange, gap, slack, turn) for flange in flanges]
-        for name, beyond, number in zip(names, verdicts, range(len(names)), strict=True):
-            if beyond:
-                return _how_far(model, position, stop, name, number)
+        verdicts = [_all_beyond_reach(model, stop, flange, gap, slack, turn) for flange in flanges]
+        for name, is_beyond, number in zip(names, verdicts, range(len(names)), strict=True):
+            if is_beyond:
+                return _refuse_point(model, position, stop, name, number)
         if None not in verdicts:
             break
-    if model.platform.is_chosen or _turns(stop) or slack > PROVEN_MISS:
+    if model.platform.is_chosen or _has_further_yaws(stop) or slack > PROVEN_MISS:
         return None
     for name, (R, p) in zip(names, moved_flanges(stop, model.platform, np.zeros(1)), strict=True):
         if (miss := stop.arm.proven_miss(R[0], p[0])) is not None:
-            more = {
+            details = {
                 "point": name,
                 "degrees": np.degrees(miss[1]),
                 "where": best_place(model.platform),
             }
-            what = "posture_misses" if any(miss) else "beyond_limits"
-            return Refusal(what, measured=miss[0], more=more)
+            message = "posture_misses" if any(miss) else "beyond_limits"
+            return Refusal(message, measured=miss[0], more=details)
     return None
 
 
@@ -72,21 +72,21 @@ def _platform_moves(model: CellModel, position: FloatArray) -> list[tuple[FloatA
     if not model.platform.is_chosen:
         return [(np.zeros(1), 0.0)]
     limits = model.cell.robot.limits.select(model.platform.joints)
-    here = float(position[model.platform_columns][0])
+    present = float(position[model.platform_columns][0])
     low, high = float(limits.lower[0]), float(limits.upper[0])
     if not model.platform.is_rail and not high - low < TURN:
-        low, high = here - np.pi, here + np.pi
+        low, high = present - np.pi, present + np.pi
     steps = (model.platform.spacing(step, low, high) for step in POSTURES.proof_steps)
-    moves = [np.linspace(low, high, 2 + int((high - low) / step)) - here for step in steps]
+    moves = [np.linspace(low, high, 2 + int((high - low) / step)) - present for step in steps]
     return [(moved, 0.5 * float(moved[1] - moved[0])) for moved in moves]
 
 
-def _how_far(
+def _refuse_point(
     model: CellModel, position: FloatArray, stop: StopProblem, name: str, number: int
 ) -> Refusal:
-    """Measure how far a point of a stop is beyond reach at best."""
-    angles, here = scanned_positions(model, position)
-    R, p = moved_flanges(stop, model.platform, angles - here)[number]
+    """Measure the least distance of a stop's point beyond reach."""
+    angles, present = scanned_positions(model, position)
+    R, p = moved_flanges(stop, model.platform, angles - present)[number]
     signed = stop.arm.signed_miss(R, p)
     best = int(np.argmin(np.abs(signed)))
     miss = float(signed.flat[best])
@@ -96,12 +96,12 @@ def _how_far(
     )
 
 
-def _turns(stop: StopProblem) -> bool:
-    """Return whether a tool may also be turned otherwise than is looked at."""
+def _has_further_yaws(stop: StopProblem) -> bool:
+    """Return whether a tool has more yaws than the scanned ones."""
     return stop.free_yaw or len(stop.yaw) > POSTURES.scan_yaws
 
 
-def _beyond(
+def _all_beyond_reach(
     model: CellModel,
     stop: StopProblem,
     flange: tuple[FloatArray, FloatArray],
@@ -111,31 +111,31 @@ def _beyond(
 ) -> bool | None:
     """Return whether poses are all beyond reach; None if unknown.
 
-    False as soon as one is reached, as far as this proof can tell.
+    False as soon as one may be reached.
 
     Args:
         model: the cell.
         stop: the stop.
         flange: rotations (a, y, 3, 3) and positions (a, y, 3) [m] at a platform positions and y turns.
         gap: largest distance of a platform position from one of these [rad or m].
-        slack: how far the tool may stay away [m].
-        turn: how far it may turn away [rad].
+        slack: allowed distance of the tool [m].
+        turn: allowed angle of the tool [rad].
     """
     R, p = flange
     arm = stop.arm
     point, miss = arm.fixed_point(R, p), arm.reach_miss(R, p)
-    near = np.argwhere(miss <= slack)
-    if len(near):
-        a, y = near[:: 1 + len(near) // POSTURES.proof_poses].T
+    within_slack = np.argwhere(miss <= slack)
+    if len(within_slack):
+        a, y = within_slack[:: 1 + len(within_slack) // POSTURES.proof_poses].T
         if arm.may_bend(R[a, y], p[a, y], *np.zeros((2, len(a)))).any():
             return False
     moved = np.full(miss.shape, slack)
-    if _turns(stop):
+    if _has_further_yaws(stop):
         # Between two turns the point moves along a circle about the tool's axis.
-        away = point - p + product(R, product(stop.R_tool_flange.T, stop.p_tool_flange))
+        offset = point - p + product(R, product(stop.R_tool_flange.T, stop.p_tool_flange))
         axis = product(R, stop.R_tool_flange[2])
-        across = away - axis * (away * axis).sum(axis=-1, keepdims=True)
-        moved += (norm(across, axis=-1) + arm.lever) * (np.pi / miss.shape[1])
+        radial = offset - axis * (offset * axis).sum(axis=-1, keepdims=True)
+        moved += (norm(radial, axis=-1) + arm.lever) * (np.pi / miss.shape[1])
         turn += np.pi / miss.shape[1]
     if model.platform.is_rail:
         moved += gap

@@ -13,77 +13,77 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 Place = Literal["approach", "target", "retract"]
-"""Where on a stop an arm is: where its approach starts, at its target, or where its retract ends."""
+"""Place on a stop: start of the approach, target or end of the retract."""
 
 
 @dataclass(frozen=True)
 class PostureSettings:
-    """Numbers of the choice of postures at stops."""
+    """Settings of the choice of postures at stops."""
 
     line_samples: int = 7
     """Samples of a line while postures are compared."""
-    sure: float = 0.99
-    """Share of a line's least time that its estimate, taken at a few instants, does not fall below."""
+    bound_factor: float = 0.99
+    """Safety factor on the lower bound of a line's time, because times are estimated."""
     travel_weight: float = 1e-3
-    """Cost of a transfer's travel [s/rad]: of equals, the one that moves least."""
+    """Cost of a transfer's travel [s/rad], which breaks ties."""
     scan_yaws: int = 8
-    """Yaws that are scanned where any will do."""
+    """Number of yaws that are scanned if yaw is free."""
     first_scanned: int = 12
-    """Platform angles, nearest first, that are scanned together at first; then twice as many, and so on."""
-    tried_angles: int = 24
-    """Reachable angles, nearest first, at which the whole stage is tried."""
+    """Platform angles scanned in the first block, nearest first; blocks double."""
+    max_angles: int = 24
+    """Maximum number of reachable angles at which the stage is solved, nearest first."""
     clear_scan_step: float = float(np.radians(10.0))
-    """Spacing of the platform angles scanned for what a posture touches [rad]."""
+    """Spacing of platform angles in explanations of collisions [rad]."""
     proof_steps: tuple[float, float] = (float(np.radians(6.0)), float(np.radians(0.5)))
-    """Coarse and fine spacing of the platform positions examined in proofs of reach [rad]."""
+    """Coarse and fine spacing of platform positions in proofs of reach [rad]."""
     proof_poses: int = 64
-    """Poses whose bends such a proof examines first."""
+    """Poses whose bends a proof of reach examines first."""
     target_arm_angles: int = 48
-    """Arm angles tried at each target: 7.5 degrees apart."""
+    """Number of arm angles at each target: 7.5 degrees apart."""
     rough_arm_angles: int = 24
-    """Arm angles for a rough estimate of a time: 15 degrees apart."""
-    kept_targets: int = 48
-    """Target postures, quickest transfer first, whose lines are examined."""
+    """Number of arm angles for a rough estimate of a time: 15 degrees apart."""
+    max_targets: int = 48
+    """Maximum number of target postures whose lines are examined, quickest first."""
     tested_targets: int = 192
-    """Target postures whose clearance is tested together, quickest first, until `kept_targets` are clear."""
+    """Block of target postures whose clearance is tested, until `max_targets` are clear."""
 
     swings: tuple[float, ...] = (0.0, -0.2, 0.2, -0.5, 0.5)
-    """Changes of the arm angle along a line that are tried [rad]."""
-    far: float = 0.4
-    """Difference of arm angle or yaw from which refinement may lead elsewhere [rad]."""
-    looked_at_first: int = 4
-    """Postures of each problem, by what no motion can beat, whose lines are timed first."""
-    near: float = 1.02
-    """Factor on the best first time up to which other lines are timed."""
-    all_ways: int = 2
-    """Rounds in which all ways of a problem are refined."""
+    """Candidate changes of the arm angle along a line [rad]."""
+    far_angle: float = 0.4
+    """Difference of arm angle or yaw between distinct optima [rad]."""
+    first_timed: int = 4
+    """Postures of each problem whose lines are timed first, by lower bound."""
+    timing_factor: float = 1.02
+    """Factor on the best time up to which other lines are timed."""
+    joint_rounds: int = 2
+    """Rounds in which all candidates of a problem are refined."""
     first_width: float = 0.25
     """Half-width of the first round of refinement [rad]."""
     dense_samples: int = 33
-    """Samples of a line at which the posture that is taken must keep its limits."""
+    """Samples of a line at which the chosen posture must be feasible."""
     end_samples: int = 3
-    """Samples of a line where only its end matters."""
+    """Samples of a line if only its end matters."""
     starts: int = 2
-    """Ways of a stop that are refined; what becomes of the best of them is taken."""
+    """Number of candidates of a stop that are refined."""
 
     general_dense_samples: int = 65
-    """Samples of the lines of arms without closed forms at which the posture that is taken must keep its limits."""
+    """Samples of a general arm's line at which the chosen posture must be feasible."""
     general_batch: int = 32
-    """Postures of these arms, quickest transfer first, whose lines are followed together."""
+    """Block of a general arm's postures whose lines are followed, quickest first."""
     general_starts: int = 3
-    """Ways of these arms that are refined, best first, of as many branches as there are."""
+    """Number of a general arm's candidates that are refined, of distinct branches."""
     general_drifts: tuple[float, ...] = (0.0, -0.3, 0.3)
-    """Drifts along lines that are tried first for these arms [rad]."""
+    """Initial drifts along a general arm's lines [rad]."""
     general_width: float = 0.3
-    """Half-width of the first round of these arms' refinement [rad]."""
+    """Half-width of the first round of a general arm's refinement [rad]."""
     general_shrink: float = 0.55
-    """Ratio of a round's half-width to that of the round before."""
+    """Ratio of a round's half-width to the previous one."""
     general_rounds: int = 6
-    """Rounds of these arms' refinement."""
+    """Number of rounds of a general arm's refinement."""
     along_self_motion: tuple[float, ...] = (0.0, -1.0, -0.4, 0.4, 1.0)
-    """Variations along the self-motion in a round, as shares of the half-width."""
+    """Variations along the self-motion in a round, as fractions of the half-width."""
     to_sides: tuple[float, ...] = (0.0, -1.0, 1.0)
-    """Variations of yaw and drifts in a round, as shares of the half-width."""
+    """Variations of yaw and drifts in a round, as fractions of the half-width."""
 
 
 POSTURES = PostureSettings()
@@ -91,7 +91,7 @@ POSTURES = PostureSettings()
 
 @dataclass(frozen=True)
 class StopProblem:
-    """One arm's next stop while the platform stands: go there, approach, retract.
+    """Next stop of one arm while the platform stands: transfer, approach, retract.
 
     All poses are in the arm's base frame. The tool frame's z axis points out of the tool; a line of length L
     runs from the target shifted by -L z to the target.
@@ -108,31 +108,30 @@ class StopProblem:
     p_tool_flange: FloatArray
     """Position of the flange in the tool frame [m], shape (3,)."""
     configurations: FloatArray | None
-    """Joint configurations that are the targets themselves [rad], shape (m, n); None where any
-    posture that reaches the target will do."""
+    """Joint configurations of the targets [rad], shape (m, n); None for pose targets."""
     yaw: FloatArray
-    """Turns about the tool's z axis that may be tried [rad], shape (y,)."""
+    """Allowed yaws [rad], shape (y,)."""
     free_yaw: bool
-    """Whether any turn between the tried ones will do as well."""
+    """Flag of a free yaw; `yaw` has samples of it."""
     approach: float
     """Length of the straight approach [m]."""
     retract: float
     """Length of the straight retract [m]."""
     start: FloatArray
-    """Where the arm's joints are before [rad], shape (n,)."""
+    """Joints of the arm before the transfer [rad], shape (n,)."""
     waiting: float
-    """Time that the transfer takes in any case, because the platform turns [s]."""
+    """Minimum time of the transfer, because the platform moves [s]."""
     joint_times: Callable[[FloatArray], FloatArray]
     """Closed-form rest-to-rest time of each joint [s] for joint displacements [rad], both (..., n)."""
     line_time: Callable[[FloatArray, FloatArray], FloatArray]
-    """Estimated time [s], shape (k,), of k lines q (k, s, n) [rad] over their length (s,) [m]."""
+    """Estimated times [s], (k,), of lines q (k, s, n) [rad] over lengths (s,) [m]."""
     refine: bool = True
-    """Whether the best posture is refined between the grid's arm angles; without, it is found faster."""
+    """Flag of a posture that is refined between the grid's arm angles."""
     clear: Callable[[FloatArray, Place], BoolArray] | None = None
-    """Whether joints (k, n) [rad] at a place are clear of everything, shape (k,); None where nothing has to."""
+    """Collision test (k,) of joints (k, n) [rad] at a place; None for no test."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in (
             "R_base_tool",
             "p_base_tool",
@@ -144,42 +143,42 @@ class StopProblem:
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
     def transfer_time(self, displacement: FloatArray) -> FloatArray:
-        """Returns the time of the slowest joint [s], shape (...), for displacements (..., n) [rad]."""
+        """Compute the time of the slowest joint [s], (...), for displacements (..., n) [rad]."""
         slowest: FloatArray = self.joint_times(displacement).max(axis=-1)
         return slowest
 
 
 @dataclass(frozen=True)
 class StopPosture:
-    """How the arm makes the stop: one branch, an arm angle at each end of its lines.
+    """Posture of a stop: one branch, with arm angles at target and ends of lines.
 
-    An arm without closed forms has no arm angle. Its posture at the target is what its lines are followed from, and
-    the arm angles are ways along the self-motion from there (`LineFollowing`); without a spare joint all are 0.
+    A general arm has no arm angle. Its lines are followed from the posture at the target, and its arm angles are
+    distances along the self-motion from there (`FlangeLines`), 0 without a redundant joint.
     """
 
     target: int
-    """Which nominal target was taken."""
+    """Number of the chosen nominal target."""
     yaw: float
-    """Turn about the tool's z axis that was taken [rad]."""
+    """Chosen yaw [rad]."""
     branch: int
     """Branch of the inverse kinematics, the same on the whole stop."""
     psi_target: float
     """Arm angle at the target [rad]."""
     psi_approach: float
-    """Arm angle where the approach starts [rad]; it varies linearly along the line."""
+    """Arm angle at the start of the approach [rad], linear along the line."""
     psi_retract: float
-    """Arm angle where the retract ends [rad]; it varies linearly along the line."""
+    """Arm angle at the end of the retract [rad], linear along the line."""
     q_approach: FloatArray
-    """Joints where the approach starts [rad], shape (n,)."""
+    """Joints at the start of the approach [rad], shape (n,)."""
     q_target: FloatArray
     """Joints at the target [rad], shape (n,)."""
     q_retract: FloatArray
-    """Joints where the retract ends [rad], shape (n,)."""
+    """Joints at the end of the retract [rad], shape (n,)."""
     cost: float
-    """Time of transfer, approach and retract, and of nothing else [s]: closed forms, the lines as estimated."""
+    """Time of transfer, approach and retract [s], lines as estimated."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("q_approach", "q_target", "q_retract"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
@@ -191,7 +190,7 @@ class StopPosture:
 
 @dataclass(frozen=True)
 class NoPosture:
-    """Why an arm cannot make a stop at this platform position."""
+    """Infeasible stop at one platform position."""
 
     reason: Refusal
     """Fault of the stop, as part of a refusal."""

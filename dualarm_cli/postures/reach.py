@@ -15,68 +15,68 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 
 REACH_SLACK = 1e-9
-"""How far a wrist may be beyond the reach by rounding before the arm angles are looked at [m]."""
+"""Rounding tolerance of the reach before arm angles are tested [m]."""
 
 
 @dataclass(frozen=True)
 class _PointReach:
-    """One point of a stop over all platform angles (a) and yaws (y)."""
+    """Reach to a point of a stop over platform angles (a) and yaws (y)."""
 
     name: str
-    """How a person calls it."""
+    """Name of the point in messages."""
     feasible: BoolArray
-    """Whether some arm angle of some branch keeps all joints within limits, shape (a, y)."""
+    """Flags of poses with a posture within joint limits, shape (a, y)."""
     miss: FloatArray
-    """How far the wrist is beyond the reach [m]: positive too far, negative too near, shape (a, y)."""
+    """Distance of the wrist beyond reach [m], positive too far, negative too near, (a, y)."""
 
 
 def reachable_positions(
     model: CellModel, position: FloatArray, stops: Mapping[str, StopProblem]
 ) -> Iterator[FloatArray]:
-    """Yields platform positions, nearest first, at which every arm reaches target and line ends.
+    """Yield platform positions, nearest first, from which all arms reach their stops.
 
     Only a platform of one joint is moved.
 
     Args:
         model: the cell.
         position: all joints before the stage [rad], shape (n,).
-        stops: the arms' stops as seen with the platform where it is.
+        stops: the arms' stops with the platform at its present position.
     """
     if not model.platform.is_chosen:
         return
-    angles, here = scanned_positions(model, position)
-    turn = angles - here
-    near = np.ones(len(angles), dtype=np.bool_)
+    angles, present = scanned_positions(model, position)
+    turn = angles - present
+    is_near = np.ones(len(angles), dtype=np.bool_)
     for stop in stops.values():
         for R, p in moved_flanges(stop, model.platform, turn):
-            near &= (np.abs(stop.arm.signed_miss(R, p)) <= REACH_SLACK).any(axis=1)
+            is_near &= (np.abs(stop.arm.signed_miss(R, p)) <= REACH_SLACK).any(axis=1)
     order = np.argsort(np.abs(turn), kind="stable")
-    order = order[near[order]]
-    tried, first, size = 0, 0, POSTURES.first_scanned
+    order = order[is_near[order]]
+    solved, first, size = 0, 0, POSTURES.first_scanned
     while first < len(order):
         block = order[first : first + size]
         usable = np.logical_and.reduce(
-            [_together(_points(stop, model.platform, turn[block])) for stop in stops.values()]
+            [_common_angles(_points(stop, model.platform, turn[block])) for stop in stops.values()]
         )
-        for k in block[usable][: POSTURES.tried_angles - tried]:
+        for k in block[usable][: POSTURES.max_angles - solved]:
             yield angles[[k]]
-        tried += int(usable.sum())
-        if tried >= POSTURES.tried_angles:
+        solved += int(usable.sum())
+        if solved >= POSTURES.max_angles:
             return
         first, size = first + size, 2 * size
 
 
 def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> Refusal | None:
-    """Returns why one arm, whatever the other does, cannot make its stop; None if it can.
+    """Explain why one arm cannot reach its stop, or return None.
 
     Args:
         model: the cell.
         position: all joints before the stage [rad], shape (n,).
-        stop: the arm's stop as seen with the platform where it is.
+        stop: the arm's stop with the platform at its present position.
     """
-    angles, here = scanned_positions(model, position)
-    points = _points(stop, model.platform, angles - here)
-    if _together(points).any():
+    angles, present = scanned_positions(model, position)
+    points = _points(stop, model.platform, angles - present)
+    if _common_angles(points).any():
         return None
     for point in points:
         if point.feasible.any():
@@ -84,16 +84,16 @@ def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> 
         a, y = np.unravel_index(int(np.argmin(np.abs(point.miss))), point.miss.shape)
         miss = float(point.miss[a, y])
         where = best_place(model.platform, angles[a])
-        what, remedy = stop.arm.why_missed(miss), tuple[str, ...]()
-        if what in ("flange_not_there", "point_not_turned"):
+        message, remedy = stop.arm.why_missed(miss), tuple[str, ...]()
+        if message in ("flange_not_there", "point_not_turned"):
             remedy = ("move_target" if stop.free_yaw else "move_target_or_free_yaw",)
-        more = {"point": point.name, "where": where}
-        return Refusal(what, measured=abs(miss), remedy=remedy, more=more)
+        details = {"point": point.name, "where": where}
+        return Refusal(message, measured=abs(miss), remedy=remedy, more=details)
     return Refusal("not_from_one_place" if model.platform.is_rail else "not_from_one_angle")
 
 
 def best_place(platform: PlatformChain, position: float = 0.0) -> Refusal:
-    """Return where a platform stands at best, as a part of a message.
+    """Describe the best platform position in a message.
 
     Args:
         platform: the chain that carries the arm.
@@ -115,14 +115,14 @@ def scanned_positions(model: CellModel, position: FloatArray) -> tuple[FloatArra
     """
     if not model.platform.is_chosen:
         return np.zeros(1), 0.0
-    here, low, high = model.platform_around(position)
+    present, low, high = model.platform_around(position)
     step = max(arm.kinematics.reach_step for arm in model.arms.values())
     step = model.platform.spacing(step, low, high)
-    return np.append(np.arange(low, high, step), high), here
+    return np.append(np.arange(low, high, step), high), present
 
 
-def _together(points: list[_PointReach]) -> BoolArray:
-    """Returns the platform angles at which all points are feasible for one yaw, shape (a,)."""
+def _common_angles(points: list[_PointReach]) -> BoolArray:
+    """Flag platform angles at which all points are feasible for one yaw, shape (a,)."""
     feasible = np.logical_and.reduce([point.feasible for point in points])
     return np.asarray(feasible.any(axis=1))
 
@@ -146,15 +146,15 @@ def _points(stop: StopProblem, platform: PlatformChain, turn: FloatArray) -> lis
 def moved_flanges(
     stop: StopProblem, platform: PlatformChain, moved: FloatArray
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Returns flange poses at target, approach and retract, (a, y, 3, 3) and (a, y, 3).
+    """Compute flange poses at target, approach and retract, (a, y, 3, 3) and (a, y, 3).
 
     Args:
-        stop: the stop as seen with the platform where it is.
+        stop: the stop with the platform at its present position.
         platform: the chain that carries the arm.
-        moved: how far its joint moves further [rad or m], shape (a,).
+        moved: displacements of its joint [rad or m], shape (a,).
     """
     if stop.configurations is not None:
-        # Joint targets move with the platform: what holds at one position holds at all.
+        # Joint targets move with the platform, so that one position stands for every other.
         moved = np.zeros(len(moved))
     yaws = stop.yaw[:: max(1, len(stop.yaw) // POSTURES.scan_yaws)]
     R_moved, p_moved = platform.shifted(moved)

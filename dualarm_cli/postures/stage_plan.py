@@ -17,7 +17,7 @@ from dualarm_cli.timing.launch import Launch
 
 @dataclass(frozen=True)
 class ArmStop:
-    """What one arm does in a stage."""
+    """Stop of one arm in a stage."""
 
     arm: str
     """Name of the arm."""
@@ -26,24 +26,26 @@ class ArmStop:
     stop: Stop
     """The target."""
     problem: StopProblem
-    """The stop as the redundancy solver saw it, for the lines."""
+    """Problem of the redundancy solver, for the lines."""
     posture: StopPosture
-    """How the stop is made."""
+    """Posture of the stop."""
     tracked: Tracked | None = None
-    """Its whole motion where the target moves with a conveyor; None where it stands, or is not met yet."""
+    """Motion at a target on a conveyor; None for other targets, or if not planned yet."""
 
 
 @dataclass(frozen=True)
 class Detour:
-    """What bends an arm's transfer: a via point that it stops at, or control points of one curve."""
+    """Detour of an arm's transfer by a via point or a curve."""
 
     points: FloatArray
-    """The arm's joints there [rad], shape (1, 7) for a via point, (c, 7) for control points."""
+    """Via point, shape (1, 7), or control points of a curve, (c, 7) [rad]."""
     stops: bool
-    """Whether the arm stops at the via point; on a curve it does not."""
+    """Flag of a via point at which the arm stops; False for a curve."""
     rates: FloatArray | None = None
-    """Velocities and accelerations at the transfer's start, the via point and the goal, shape (3, 2, 7); None: the
-    transfer begins and ends at rest."""
+    """Velocities and accelerations at start, via point and goal, shape (3, 2, 7).
+
+    None: the transfer begins and ends at rest.
+    """
 
 
 @dataclass(frozen=True)
@@ -57,39 +59,43 @@ class StagePlan:
     end: FloatArray
     """All joints after the retracts [rad], shape (n,)."""
     stops: Mapping[str, ArmStop]
-    """By arm; an arm without a partner's work in this stage is missing. Empty for a return."""
+    """Stops by arm; idle arms are missing. Empty for a return."""
     solver: str
-    """The method that gave the platform angle."""
+    """Name of the method that chose the platform angle."""
     duration: float
     """Length of the stage [s]: transfers and dwells in closed form, lines as estimated."""
     waits: Mapping[str, float] = field(default_factory=dict)
-    """How long an arm waits before it leaves [s], for the other one to get out of its way; by arm."""
+    """Delays of transfers that avoid a collision with the other arm [s], by arm."""
     detours: Mapping[str, Detour] = field(default_factory=dict)
-    """What an arm passes by on its transfer, to be clear of the cell or the other arm; by arm."""
+    """Detours of transfers that avoid a collision, by arm."""
     passes: Mapping[tuple[str, str], Launch] = field(default_factory=dict)
-    """How an arm passes the outer end of a line in motion, by arm and line (`approach` or `retract`); at rest where
-    there is nothing."""
+    """Launches at outer ends of lines, by arm and line (`approach` or `retract`).
+
+    An arm stops at ends without a launch.
+    """
     through: Mapping[str, FloatArray] = field(default_factory=dict)
-    """Velocities and accelerations with which an arm passes its target, shape (2, n), by arm; it stops where there is
-    nothing."""
+    """Velocities and accelerations at passed targets, shape (2, n), by arm.
+
+    An arm that is missing stops at its target.
+    """
 
 
 def giver_and_taker(stops: Mapping[str, ArmStop]) -> tuple[ArmStop, ArmStop] | None:
-    """Returns the giving and the taking arm's stop of a hand-over, None where a stage's stops are none."""
-    by_action = {one.stop.action: one for one in stops.values()}
+    """Return the giving and the taking arm's stop of a hand-over, or None."""
+    by_action = {arm_stop.stop.action: arm_stop for arm_stop in stops.values()}
     if "give" not in by_action or "take" not in by_action:
         return None
     return by_action["give"], by_action["take"]
 
 
-def same_postures(one: Sequence[StagePlan], other: Sequence[StagePlan]) -> bool:
-    """Returns whether two plans take the same postures in all stages."""
-    return len(one) == len(other) and all(
+def same_postures(plan_a: Sequence[StagePlan], plan_b: Sequence[StagePlan]) -> bool:
+    """Return whether two plans have the same postures in every stage."""
+    return len(plan_a) == len(plan_b) and all(
         np.array_equal(a.arrival, b.arrival)
         and np.array_equal(a.end, b.end)
         and all(
             np.array_equal(stop.posture.q_target, b.stops[arm].posture.q_target)
             for arm, stop in a.stops.items()
         )
-        for a, b in zip(one, other, strict=True)
+        for a, b in zip(plan_a, plan_b, strict=True)
     )

@@ -1,4 +1,4 @@
-"""The arms' stops of a stage as the redundancy solvers see them, from platform positions of one's choice."""
+"""Problems of the redundancy solvers: the arms' stops of a stage at platform positions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, Task
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.postures import StopProblem
-from dualarm_cli.postures.clear_postures import KeepClear
+from dualarm_cli.postures.clear_postures import StageCollisionTest
 from dualarm_cli.records import dataclass
 from dualarm_cli.timing.line_profile import estimate_line_durations
 
@@ -38,26 +38,26 @@ class Clock:
     """Closed-form times under a job's limits at its speed."""
 
     platform: RestToRest | None
-    """Of the platform's joints; None without any."""
+    """Rest-to-rest times of the platform's joints; None without any."""
     arms: Mapping[str, ArmClock]
-    """By arm."""
+    """Closed-form times by arm."""
 
     @classmethod
     def of(cls, model: CellModel, job: Job) -> Clock:
-        """Returns the times of a job's robot."""
+        """Create the closed-form times of a job's robot."""
         robot = job.cell.robot
         limits = job.limits
         arms = {}
         for name, arm in model.arms.items():
-            own = limits.select(arm.arm.joints)
+            arm_limits = limits.select(arm.arm.joints)
             T = arm.T_flange_tcp.inverse()
-            line_time = partial(estimate_line_durations, limits=own)
-            arms[name] = ArmClock(own.law, line_time, T.rotation, T.translation)
+            line_time = partial(estimate_line_durations, limits=arm_limits)
+            arms[name] = ArmClock(arm_limits.law, line_time, T.rotation, T.translation)
         platform = limits.select(robot.platform).law if robot.platform else None
         return cls(platform, arms)
 
     def platform_times(self, moved: FloatArray) -> FloatArray:
-        """Returns the platform's times [s], shape (...), for displacements of its joints (..., k)."""
+        """Compute the platform's times [s], (...), for displacements of its joints (..., k)."""
         if self.platform is None:
             return np.zeros(moved.shape[:-1])
         return self.platform.duration(moved)
@@ -65,7 +65,7 @@ class Clock:
 
 @dataclass(frozen=True)
 class StageStops:
-    """Stops of both arms in one stage, from wherever they come."""
+    """Stops of both arms in one stage, from any start."""
 
     model: CellModel
     """The job's cell."""
@@ -74,9 +74,9 @@ class StageStops:
     work: Mapping[str, tuple[Task, Stop]]
     """The stage's targets by arm."""
     refine: bool
-    """Flag of postures that are to be refined."""
-    keep: KeepClear | None
-    """Bodies that must not collide; None where anything may."""
+    """Flag of postures that are refined."""
+    keep: StageCollisionTest | None
+    """Collision test of the stage, or None."""
 
     def from_position(
         self, position: FloatArray, angles: FloatArray
@@ -91,13 +91,13 @@ class StageStops:
         waiting = self.clock.platform_times(angles - position[model.platform_columns])
         R_world, p_world = model.platform.pose(angles)
         R_carried = np.swapaxes(R_world, -1, -2)
-        found: list[dict[str, StopProblem]] = [{} for _ in angles]
+        problems_of_angle: list[dict[str, StopProblem]] = [{} for _ in angles]
         for name, (_, stop) in self.work.items():
             arm, times = model.arms[name], self.clock.arms[name]
             R, p, configurations = _targets(arm, stop, R_carried, p_world)
             start = position[arm.columns]
             yaw = stop_yaws(stop) if keep is None else keep.yaws(name)
-            for k, problems in enumerate(found):
+            for k, problems in enumerate(problems_of_angle):
                 test = None if keep is None else keep.test(name, position, angles[k], self.work)
                 problems[name] = StopProblem(
                     arm=arm.kinematics,
@@ -117,7 +117,7 @@ class StageStops:
                     refine=self.refine,
                     clear=test,
                 )
-        return found
+        return problems_of_angle
 
     def at_start(self, position: FloatArray) -> dict[str, StopProblem]:
         """Set up the arms' stops with the platform where it is, from all joints (n,) [rad]."""
@@ -127,11 +127,11 @@ class StageStops:
 def stop_problems(
     model: CellModel, job: Job, position: FloatArray, work: Mapping[str, tuple[Task, Stop]]
 ) -> dict[str, StopProblem]:
-    """Returns each arm's stop as seen with the platform where it is.
+    """Set up each arm's stop with the platform at its present position.
 
     Args:
         model: the job's cell.
-        job: for its limits.
+        job: the job, for its limits.
         position: all joints before the stage [rad], shape (n,).
         work: the stage's targets by arm.
     """
@@ -142,16 +142,16 @@ def stop_problems(
 def _targets(
     arm: ArmModel, stop: Stop, R_carried: FloatArray, p_world: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    """Returns tool rotations and positions in the carried frame for m places of it, and configurations.
+    """Compute tool poses in the carried frame at m places of it, and configurations.
 
     Args:
-        arm: which arm.
+        arm: the arm.
         stop: its stop.
         R_carried: rotation of the world in the carried frame, shape (m, 3, 3).
-        p_world: where the carried frame is [m], shape (m, 3).
+        p_world: positions of the carried frame [m], shape (m, 3).
 
     Returns:
-        Rotations (m, t, 3, 3), positions (m, t, 3) [m] of t alternatives, and those (t, 7) where they are given.
+        Rotations (m, t, 3, 3), positions (m, t, 3) [m] of t alternatives, and their configurations (t, 7) or None.
     """
     if isinstance(stop.target, JointTarget):
         tcp, q, m = arm.T_flange_tcp, stop.target.configurations, len(p_world)

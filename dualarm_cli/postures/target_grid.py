@@ -1,4 +1,4 @@
-"""Postures at the targets of many stops: all branches over a grid of arm angles, the quickest kept."""
+"""Postures at the targets of many stops: all branches over a grid of arm angles."""
 
 from __future__ import annotations
 
@@ -14,85 +14,87 @@ from dualarm_cli.kinematics.srs_arm import closed_form
 from dualarm_cli.postures.line_following import FLIPPED
 from dualarm_cli.postures.problem import POSTURES, NoPosture, StopProblem
 from dualarm_cli.postures.stop_batch import StopBatch
-from dualarm_cli.postures.ways import StopWays
+from dualarm_cli.postures.stop_candidates import StopCandidates
 from dualarm_cli.refusals import Refusal
 
 
-def target_postures(batch: StopBatch) -> list[StopWays | NoPosture]:
-    """Returns for every problem the quickest postures at its target, best first, or why there is none.
+def target_postures(batch: StopBatch) -> list[StopCandidates | NoPosture]:
+    """Select each problem's target postures of quickest transfer, best first.
 
-    Quickest to get to, that is, by the closed form of the slowest joint.
+    Transfers have the closed-form time of the slowest joint.
     """
     if batch.given:
-        return [_given(batch, row) for row in range(len(batch.problems))]
+        return [_given_postures(batch, row) for row in range(len(batch.problems))]
     owner, target, yaw = batch.turned_targets()
     poses = batch.poses(owner, target, yaw)
     angles = np.linspace(-np.pi, np.pi, POSTURES.target_arm_angles, endpoint=False)
     slowest = _transfer_times(batch.problems[0], poses.R, poses.p, batch.start[owner], angles)
     edges = np.searchsorted(owner, np.arange(len(batch.problems) + 1))
-    found: list[StopWays | NoPosture] = []
+    answers: list[StopCandidates | NoPosture] = []
     for row, (low, high) in enumerate(pairwise(edges.tolist())):
         time = slowest[low:high].ravel()
 
-        def postures(index: IntArray, low: int = low, high: int = high) -> StopWays:
+        def postures(index: IntArray, low: int = low, high: int = high) -> StopCandidates:
             pose, angle, branch = np.unravel_index(index, (high - low, *slowest.shape[1:]))
             pose = pose + low
-            return StopWays.at_targets(owner[pose], target[pose], yaw[pose], branch, angles[angle])
+            return StopCandidates.at_targets(
+                owner[pose], target[pose], yaw[pose], branch, angles[angle]
+            )
 
-        best = _quickest(time, POSTURES.kept_targets)
+        best = _quickest(time, POSTURES.max_targets)
         if not len(best):
             these = slice(low, high)
-            found.append(_between_the_grid(batch, owner[these], target[these], yaw[these]))
+            answers.append(_interval_middles(batch, owner[these], target[these], yaw[these]))
         elif batch.problems[row].clear is None:
-            found.append(postures(best))
+            answers.append(postures(best))
         else:
-            found.append(_clear_ones(batch, row, time, postures))
-    return found
+            answers.append(_quickest_clear(batch, row, time, postures))
+    return answers
 
 
-def _clear_ones(
+def _quickest_clear(
     batch: StopBatch,
     row: int,
     time: FloatArray,
-    postures: Callable[[IntArray], StopWays],
-) -> StopWays | NoPosture:
-    """Returns the quickest postures of a problem that are collision-free, best first, or why there is none.
+    postures: Callable[[IntArray], StopCandidates],
+) -> StopCandidates | NoPosture:
+    """Select the quickest collision-free postures of a problem, best first.
 
     Args:
         batch: the problems.
-        row: which of them.
-        time: of all its postures [s], infinite where one is out of reach or limits.
-        postures: makes postures of numbers among those.
+        row: number of the problem.
+        time: transfer times of its postures [s], infinite out of reach or limits.
+        postures: creates candidates from numbers of postures.
     """
     order = _quickest(time, len(time))
-    kept: list[IntArray] = []
+    clear_blocks: list[IntArray] = []
     for first in range(0, len(order), POSTURES.tested_targets):
-        some = order[first : first + POSTURES.tested_targets]
-        found = postures(some)
-        poses = found.poses(batch)
-        q, _ = batch.arm.solve_branch(poses.R, poses.p, found.psi, found.branch)
+        block = order[first : first + POSTURES.tested_targets]
+        candidates = postures(block)
+        poses = candidates.poses(batch)
+        q, _ = batch.arm.solve_branch(poses.R, poses.p, candidates.psi, candidates.branch)
         q = batch.arm.nearest_turns(q, batch.start[row])
-        kept.append(some[_clear(batch, row, q)])
-        if sum(map(len, kept)) >= POSTURES.kept_targets:
+        clear_blocks.append(block[_is_clear(batch, row, q)])
+        if sum(map(len, clear_blocks)) >= POSTURES.max_targets:
             break
-    clear = np.concatenate(kept)[: POSTURES.kept_targets]
+    clear = np.concatenate(clear_blocks)[: POSTURES.max_targets]
     return postures(clear) if len(clear) else NoPosture(Refusal("target_touches"))
 
 
-def _clear(batch: StopBatch, row: int, q: FloatArray) -> BoolArray:
-    """Returns which joints at a problem's target (n, 7) are collision-free, shape (n,)."""
+def _is_clear(batch: StopBatch, row: int, q: FloatArray) -> BoolArray:
+    """Flag collision-free joints (n, 7) at a problem's target, shape (n,)."""
     test = batch.problems[row].clear
     return np.ones(len(q), dtype=np.bool_) if test is None else test(q, "target")
 
 
 def least_transfer_times(problem: StopProblem, R: FloatArray, p: FloatArray) -> FloatArray:
-    """Returns how long the quickest transfer to each of many flange poses takes, nearly [s], shape (m,).
+    """Estimate the least transfer times to flange poses [s], shape (m,).
 
-    Over few arm angles and all branches, the platform's own time left out; infinite where none of them is
-    within limits. Where configurations are given they are the only poses there are.
+    Over few arm angles and all branches, without the platform's time; infinite if no posture is within limits. Given
+    configurations replace the poses.
 
     Args:
-        problem: for the arm, where it starts, and its times.
+        problem: the arm, its start and its times.
         R: flange rotations in the base frame, alternatives second, shape (m, y, 3, 3).
         p: flange positions [m], shape (m, y, 3).
     """
@@ -111,16 +113,16 @@ def least_transfer_times(problem: StopProblem, R: FloatArray, p: FloatArray) -> 
 def _transfer_times(
     problem: StopProblem, R: FloatArray, p: FloatArray, start: FloatArray, angles: FloatArray
 ) -> FloatArray:
-    """Returns times of transfers [s] to k flange poses at a arm angles in 8 branches, shape (k, a, 8).
+    """Compute transfer times to flange poses, over arm angles and branches [s], (k, a, 8).
 
-    Each joint has only two values over the eight branches of one arm angle, so that times and limits are looked at
-    twice and not eight times. Infinite where a posture is out of reach or limits.
+    Each joint has only two values over the eight branches of one arm angle, so that times and limits are computed
+    twice, not eight times. Infinite out of reach or limits.
 
     Args:
-        problem: for the arm and its times.
+        problem: the arm and its times.
         R: flange rotations, shape (k, 3, 3).
         p: flange positions [m], shape (k, 3).
-        start: where the joints are before [rad], shape (k, 7).
+        start: joints before the transfers [rad], shape (k, 7).
         angles: arm angles [rad], shape (a,).
     """
     arm = closed_form(problem.arm)
@@ -138,7 +140,7 @@ def _transfer_times(
 
 
 def _quickest(time: FloatArray, count: int) -> IntArray:
-    """Returns the indices of the least finite times, so many at most, best first."""
+    """Find the indices of at most `count` least finite times, best first."""
     if len(time) > count:
         least = np.partition(time, count - 1)[count - 1]
         candidates = np.flatnonzero(time <= least)
@@ -149,35 +151,35 @@ def _quickest(time: FloatArray, count: int) -> IntArray:
     return best
 
 
-def _given(batch: StopBatch, row: int) -> StopWays | NoPosture:
-    """Returns a problem's configurations that are collision-free as postures at targets, or why there is none."""
+def _given_postures(batch: StopBatch, row: int) -> StopCandidates | NoPosture:
+    """Select a problem's collision-free given configurations."""
     q = batch.problems[row].configurations
     index = np.arange(0 if q is None else len(q))
     q = batch.configurations(np.full(len(index), row), index)
-    clear = _clear(batch, row, q)
+    clear = _is_clear(batch, row, q)
     if not clear.any():
         return NoPosture(Refusal("target_touches"))
     index, q = index[clear], q[clear]
     arm = batch.arm
-    return StopWays.at_targets(
+    return StopCandidates.at_targets(
         np.full(len(index), row), index, np.zeros(len(index)), arm.branch(q), arm.arm_angle(q)
     )
 
 
-def _between_the_grid(
+def _interval_middles(
     batch: StopBatch, owner: IntArray, target: IntArray, yaw: FloatArray
-) -> StopWays | NoPosture:
-    """Returns the middles of all feasible arm-angle intervals where the grid met none of them.
+) -> StopCandidates | NoPosture:
+    """Select the middles of feasible arm-angle intervals if the grid has missed them.
 
-    The intervals are exact, so that a target is refused only if no arm angle of any branch will do (at the yaws
-    that were tried).
+    The intervals are exact, so that a target is refused only if no arm angle of any branch is feasible at the sampled
+    yaws.
     """
     poses = batch.poses(owner, target, yaw)
     intervals = batch.arm.feasible_arm_angles(poses.R, poses.p)
     pose, branch, k = np.nonzero(np.isfinite(intervals.start))
     if pose.size:
         psi = 0.5 * (intervals.start + intervals.end)[pose, branch, k]
-        return StopWays.at_targets(owner[pose], target[pose], yaw[pose], branch, psi)
+        return StopCandidates.at_targets(owner[pose], target[pose], yaw[pose], branch, psi)
     if float(batch.arm.reach_miss(poses.R, poses.p).min()) > 0:
         return NoPosture(Refusal("target_out_of_reach"))
     return NoPosture(Refusal("target_beyond_limits"))

@@ -1,4 +1,4 @@
-"""The motion of an arm at a target that moves: what a stage plan holds of it."""
+"""Motion of an arm at a moving target, as part of a stage plan."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class TrackingPhases:
-    """How long each part of the stop takes [s]; a line of no length takes none."""
+    """Durations of a stop's phases [s], 0 for a line without length."""
 
     rise: float
-    """From rest to the belt's velocity."""
+    """Ramp from rest to the belt's velocity [s]."""
     approach: float
-    """Down to the part, in the belt's frame."""
+    """Approach in the belt's frame [s]."""
     dwell: float
-    """At the part."""
+    """Dwell at the part [s]."""
     retract: float
-    """Up again."""
+    """Retract in the belt's frame [s]."""
     fall: float
-    """From the belt's velocity to rest."""
+    """Ramp from the belt's velocity to rest [s]."""
     shape: int = 0
-    """Which of LINE_SHAPES the lines have."""
+    """Number of the lines' shape in LINE_SHAPES."""
 
     @property
     def edges(self) -> FloatArray:
-        """Where the phases begin and end, from 0 [s], shape (6,)."""
+        """Start and end times of the phases, from 0 [s], shape (6,)."""
         lengths = [self.rise, self.approach, self.dwell, self.retract, self.fall]
         return np.concatenate([[0.0], np.cumsum(lengths)])
 
     def longer(self, factor: FloatArray) -> TrackingPhases:
-        """Returns the phases with each made longer by its factor (5,); the dwell stays as it is."""
+        """Stretch the phases by factors (5,), but not the dwell."""
         rise, approach, _, retract, fall = factor
         return TrackingPhases(
             self.rise * rise,
@@ -47,24 +47,24 @@ class TrackingPhases:
 
 @dataclass(frozen=True)
 class Tracked:
-    """The motion of one arm at a target on a conveyor, from rest to rest."""
+    """Motion of one arm at a target on a conveyor, from rest to rest."""
 
     motion: Trajectory
-    """The arm's joints."""
+    """Motion of the arm's joints."""
     phases: TrackingPhases
-    """Its parts; the tool is at the part where the dwell begins."""
+    """Phases of the motion."""
 
     @property
     def reached(self) -> float:
-        """When the tool is at the part, from the motion's start [s]."""
+        """Time at which the dwell begins, from the motion's start [s]."""
         return self.phases.rise + self.phases.approach
 
     @property
     def left(self) -> float:
-        """When the dwell is over, from the motion's start [s]."""
+        """Time at which the dwell ends, from the motion's start [s]."""
         return self.reached + self.phases.dwell
 
     @property
     def q_target(self) -> FloatArray:
-        """Joints where the tool reaches the part [rad], shape (n,)."""
+        """Joints at the start of the dwell [rad], shape (n,)."""
         return self.motion.at(np.array([self.reached]))[0][0]

@@ -203,7 +203,7 @@ def _stages_near(
             postures[k][arm] = answer
     plans = []
     for k, found in enumerate(postures):
-        apart = stage.keep is None or stage.keep.apart(position, angles[k : k + 1], found)
+        apart = stage.keep is None or stage.keep.arms_clear(position, angles[k : k + 1], found)
         if len(found) == len(problems[k]) and apart:
             made = stage_plan(stage, position, MINIMUM_TIME, angles[k : k + 1], problems[k], found)
             if isinstance(made, StagePlan):

@@ -102,7 +102,7 @@ def _clearance(
         model.platform.is_chosen,
         holding.before,
         holding.after,
-        holding.handing,
+        holding.is_handover,
         no_goods,
         holding.pace,
     )

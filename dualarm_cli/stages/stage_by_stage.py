@@ -9,7 +9,7 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.postures.clear_postures import KeepClear
+from dualarm_cli.postures.clear_postures import StageCollisionTest
 from dualarm_cli.postures.stage_plan import StagePlan, giver_and_taker
 from dualarm_cli.postures.stage_problems import Clock
 from dualarm_cli.stages.method import MethodProblem
@@ -61,7 +61,7 @@ def choose_stages_with(
     plans: dict[str, list[StagePlan]] = {name: [] for name in platforms}
     failures: dict[str, InfeasibleError] = {}
     for k, work in enumerate(job.stages()[:count]):
-        keep = None if problem.holding is None else KeepClear(model, problem.holding, k)
+        keep = None if problem.holding is None else StageCollisionTest(model, problem.holding, k)
         stage = OpenStage(model, clock, work, refine, keep, problem.redundancy)
         positions = {
             name: np.array(found[-1].end) if found else home

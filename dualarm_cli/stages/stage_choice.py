@@ -15,7 +15,11 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.srs_arm import closed_form
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS, PlatformProblem
 from dualarm_cli.postures import NoPosture, StopPosture, StopProblem, solve_stops
-from dualarm_cli.postures.clear_postures import KeepClear, angles_looked_at, explain_touching
+from dualarm_cli.postures.clear_postures import (
+    StageCollisionTest,
+    explain_collision,
+    scanned_angles,
+)
 from dualarm_cli.postures.reach import explain_reach, reachable_positions
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.postures.stage_problems import StageStops
@@ -214,7 +218,7 @@ def try_places(
 
 def made_apart(
     stage: OpenStage,
-    keep: KeepClear,
+    keep: StageCollisionTest,
     position: FloatArray,
     angles: FloatArray,
     problems: Mapping[str, StopProblem],
@@ -235,7 +239,7 @@ def made_apart(
     found = {arm: one for arm, one in postures.items() if isinstance(one, StopPosture)}
     if len(found) < 2 or len(found) < len(postures):
         return postures
-    if keep.apart(position, angles, found):
+    if keep.arms_clear(position, angles, found):
         return postures
     tries: list[dict[str, StopPosture | NoPosture]] = []
     for kept, other in (tuple(found), tuple(found)[::-1]):
@@ -243,7 +247,7 @@ def made_apart(
         [answer] = solve_stops(stage.redundancy, [replace(problems[other], clear=test)])
         if isinstance(answer, StopPosture):
             tries.append({kept: found[kept], other: answer})
-    if not tries and keep.apart(position, angles, found, keep.at_once):
+    if not tries and keep.arms_clear(position, angles, found, keep.common_places):
         return postures
     if not tries:
         return dict.fromkeys(postures, NoPosture(Refusal("arms_touch")))
@@ -285,16 +289,16 @@ def stage_plan(
 
 
 def explain_clearance(
-    stage: OpenStage, keep: KeepClear, position: FloatArray
+    stage: OpenStage, keep: StageCollisionTest, position: FloatArray
 ) -> tuple[dict[str, Refusal], bool]:
     """Returns by arm what it is too near to whatever it does, or what both are where each alone could do it.
 
     And whether that is so at all platform angles.
     """
-    angles = angles_looked_at(stage.model, position)
+    angles = scanned_angles(stage.model, position)
     problems = stage.from_position(position, angles)
     faults = {
-        arm: explain_touching(keep, arm, position, angles, [stops[arm] for stops in problems])
+        arm: explain_collision(keep, arm, position, angles, [stops[arm] for stops in problems])
         for arm in stage.work
     }
     found = {arm: fault for arm, fault in faults.items() if fault is not None}

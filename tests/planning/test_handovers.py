@@ -211,7 +211,7 @@ def test_tools_may_touch_the_part_only_while_it_is_handed_over(flip, schedule):
 def test_while_it_is_handed_over_a_part_keeps_clear_of_obstacles(flip):
     """Where parts are picked they may lie on something; in the air they may not."""
     holding = Holding.of(flip)
-    assert holding.handing.tolist() == [False, True, False]
+    assert holding.is_handover.tolist() == [False, True, False]
     loads = holding.cell.loads
     left, right = ([loads.load(n) for n in row] for row in holding.at_targets.T.tolist())
     assert [load.is_handed for load in left] == [False, True, False]

@@ -8,8 +8,8 @@ import pytest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.postures import REDUNDANCY_SOLVERS, NoPosture
-from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.postures.stage_problems import stop_problems
+from dualarm_cli.postures.stop_lines import line_path
 
 SOLVE = REDUNDANCY_SOLVERS["arm_angle"].solve
 

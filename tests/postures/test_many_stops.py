@@ -15,15 +15,15 @@ from dualarm_cli.postures.arm_angle import (
     choose_near,
     choose_posture,
     choose_postures,
-    coarse_ways,
-    refinements,
+    coarse_candidates,
+    refine,
 )
-from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.postures.problem import POSTURES
 from dualarm_cli.postures.stage_problems import stop_problems
 from dualarm_cli.postures.stop_batch import StopBatch, batches
+from dualarm_cli.postures.stop_candidates import StopCandidates
+from dualarm_cli.postures.stop_lines import line_path
 from dualarm_cli.postures.target_grid import target_postures
-from dualarm_cli.postures.ways import StopWays
 
 
 @pytest.fixture(scope="module")
@@ -120,10 +120,10 @@ def test_lines_that_are_not_timed_could_not_have_been_the_best(problems):
     """The quick look and the complete one agree on the best way of every stop."""
     for _, batch in batches([with_targets(problem) for problem in problems]):
         grid = target_postures(batch)
-        rows = [row for row, one in enumerate(grid) if isinstance(one, StopWays)]
+        rows = [row for row, one in enumerate(grid) if isinstance(one, StopCandidates)]
         if not rows:
             continue
-        quick, complete = (coarse_ways(batch, grid, rows, full) for full in (False, True))
+        quick, complete = (coarse_candidates(batch, grid, rows, full) for full in (False, True))
         assert len(quick.row) <= len(complete.row)
         for row in rows:
             one, other = (ways.cost[ways.row == row] for ways in (quick, complete))
@@ -156,12 +156,12 @@ def test_every_round_of_refinement_is_at_least_as_good(problems):
     gained = []
     for _, batch in batches([with_targets(problem) for problem in problems]):
         grid = target_postures(batch)
-        rows = [row for row, one in enumerate(grid) if isinstance(one, StopWays)]
+        rows = [row for row, one in enumerate(grid) if isinstance(one, StopCandidates)]
         if not rows:
             continue
-        ways = coarse_ways(batch, grid, rows, False)
+        ways = coarse_candidates(batch, grid, rows, False)
         best = ways.take(np.array([int(np.argmax(ways.row == row)) for row in rows]))
-        rounds = refinements(batch, best)
+        rounds = refine(batch, best)
         assert (rounds[0].cost == best.cost).all()
         costs = np.array([stage.cost for stage in rounds])
         assert (np.diff(costs, axis=0) <= 0).all()
@@ -178,7 +178,7 @@ def test_the_next_best_way_is_taken_where_the_best_does_not_hold_between_samples
 ):
     """A posture that fails the dense check at every refinement gives way to the next one."""
     problem = problems[0]
-    settled, refused = member._settled, []
+    settled, refused = member._refine_to_postures, []
 
     def refuse_first(batch: StopBatch, ways):
         if not refused:
@@ -186,15 +186,15 @@ def test_the_next_best_way_is_taken_where_the_best_does_not_hold_between_samples
             return {}
         return settled(batch, ways)
 
-    monkeypatch.setattr(member, "_settled", refuse_first)
+    monkeypatch.setattr(member, "_refine_to_postures", refuse_first)
     second = choose_posture(problem)
     assert len(refused[0].row) == POSTURES.starts
     monkeypatch.undo()
     # The ways that come next, by a look at all of them.
     (batch,) = [batch for _, batch in batches([problem])]
-    ways = coarse_ways(batch, target_postures(batch), [0], False)
+    ways = coarse_candidates(batch, target_postures(batch), [0], False)
     following = ways.take(np.arange(POSTURES.starts, 2 * POSTURES.starts))
-    expected = refinements(batch, following)[-1]
+    expected = refine(batch, following)[-1]
     assert second.cost == pytest.approx(float(expected.time[0]), rel=1e-9)
     assert second.psi_target == pytest.approx(float(expected.psi[0]), abs=1e-9)
 
@@ -203,22 +203,23 @@ def test_of_several_ways_the_one_that_refines_best_is_taken(problems):
     """Ways refined together end no worse than each of them alone, as far as all are refined."""
     for problem in problems[:6]:
         (batch,) = [batch for _, batch in batches([problem])]
-        ways = coarse_ways(batch, target_postures(batch), [0], False)
+        ways = coarse_candidates(batch, target_postures(batch), [0], False)
         two = ways.take(np.arange(2))
-        together = refinements(batch, two)
+        together = refine(batch, two)
         assert {len(stage.row) for stage in together} == {1}
-        alone = [refinements(batch, two.take(np.array([k]))) for k in (0, 1)]
-        leader = min(alone, key=lambda rounds: rounds[POSTURES.all_ways].cost[0])
+        alone = [refine(batch, two.take(np.array([k]))) for k in (0, 1)]
+        leader = min(alone, key=lambda rounds: rounds[POSTURES.joint_rounds].cost[0])
         assert together[-1].cost[0] == pytest.approx(leader[-1].cost[0], rel=1e-9)
 
 
 def test_the_second_way_is_far_from_the_first(problems):
-    """Another branch, or arm angle or yaw at least POSTURES.far away, and the best of all such."""
+    """Another branch, or arm angle or yaw at least POSTURES.far_angle away, and the best of all such."""
     for problem in problems[:6]:
         (batch,) = [batch for _, batch in batches([problem])]
-        ways = coarse_ways(batch, target_postures(batch), [0], True)
+        ways = coarse_candidates(batch, target_postures(batch), [0], True)
         psi, yaw = (
-            np.abs(np.angle(np.exp(1j * (v - v[0])))) > POSTURES.far for v in (ways.psi, ways.yaw)
+            np.abs(np.angle(np.exp(1j * (v - v[0])))) > POSTURES.far_angle
+            for v in (ways.psi, ways.yaw)
         )
         far = psi | yaw | (ways.branch != ways.branch[0])
         assert ways.cost[0] == ways.cost.min()

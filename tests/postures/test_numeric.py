@@ -12,8 +12,8 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.serial_chain import pose_error
 from dualarm_cli.postures import REDUNDANCY_SOLVERS, NoPosture, StopPosture, solve_stops
-from dualarm_cli.postures.candidates import flange_poses, line_path
 from dualarm_cli.postures.stage_problems import stop_problems
+from dualarm_cli.postures.stop_lines import flange_poses, line_path
 
 AHEAD = np.array([1.0, 0.0, 0.0])
 

@@ -12,7 +12,7 @@ from dualarm_cli.background import allow_workers
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
-from dualarm_cli.postures.candidates import line_path
+from dualarm_cli.postures.stop_lines import line_path
 from dualarm_cli.stages.plans.launches import best_launches, default_launches
 from dualarm_cli.stages.plans.passing import outwards, passed, timed_slopes, transfer_times
 from dualarm_cli.stages.plans.source import postures

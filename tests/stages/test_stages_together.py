@@ -146,7 +146,7 @@ def test_the_scan_in_blocks_finds_what_the_whole_scan_finds(packing, model, plac
     for stop in stops.values():
         usable &= reach._together(reach._points(stop, model.platform, angles - here))
     nearest = angles[np.argsort(np.abs(angles - here), kind="stable")]
-    expected = [a for a in nearest if usable[angles == a][0]][: POSTURES.tried_angles]
+    expected = [a for a in nearest if usable[angles == a][0]][: POSTURES.max_angles]
     found = [float(one[0]) for one in reach.reachable_positions(model, home, stops)]
     assert found == expected
 

@@ -17,7 +17,7 @@ from dualarm_cli.model.schedule import Event, Provenance, Schedule, ScheduleRobo
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.line_spans import line_spans
-from dualarm_cli.verification.stage_checks import _at_rest
+from dualarm_cli.verification.stage_checks import _time_at_rest
 from dualarm_cli.verification.tool_model import ToolModel
 
 JOINTS = ("gx", "gy", "gz")
@@ -310,6 +310,6 @@ def test_an_arm_is_at_rest_once_it_has_left_the_belt(clean):
     end = clean.duration - RAMP
     assert span.end == pytest.approx(end, abs=1e-3)
     assert span.start == pytest.approx(MET - STRAIGHT, abs=1e-3)
-    assert _at_rest(clean, span) == pytest.approx(clean.duration, abs=1e-9)
+    assert _time_at_rest(clean, span) == pytest.approx(clean.duration, abs=1e-9)
     stands = dataclasses.replace(span, stop=dataclasses.replace(span.stop, belt=None))
-    assert _at_rest(clean, stands) == span.end
+    assert _time_at_rest(clean, stands) == span.end

@@ -13,7 +13,7 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion import stop_motion
 from dualarm_cli.motion.stop_motion import solve_line
 from dualarm_cli.planning.planner import plan
-from dualarm_cli.postures.candidates import flange_poses
+from dualarm_cli.postures.stop_lines import flange_poses
 from dualarm_cli.timing.problem import LineProblem
 from dualarm_cli.verification import verify
 

@@ -14,7 +14,7 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.postures import StopPosture, StopProblem
-from dualarm_cli.postures.candidates import flange_poses
+from dualarm_cli.postures.stop_lines import flange_poses
 from dualarm_cli.postures.tracked import Tracked, TrackingPhases
 from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal

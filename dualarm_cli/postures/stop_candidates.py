@@ -1,4 +1,4 @@
-"""Ways to make stops: many at once, each with its time; some of them, or one of each problem's."""
+"""Candidate postures of stops with their times, many in one array."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from dualarm_cli.records import dataclass
 
 
 @dataclass(frozen=True)
-class StopWays:
-    """n ways to make stops; every array has shape (n,)."""
+class StopCandidates:
+    """Candidate postures of stops; every array has shape (n,)."""
 
     row: IntArray
-    """Which problem of the batch."""
+    """Numbers of the problems in the batch."""
     target: IntArray
-    """Which nominal target."""
+    """Numbers of the nominal targets."""
     yaw: FloatArray
     """Turn about the tool's z axis [rad]."""
     branch: IntArray
@@ -33,53 +33,55 @@ class StopWays:
     swing_out: FloatArray
     """Change of the arm angle from the target to where the retract ends [rad]."""
     time: FloatArray
-    """Time of transfer, approach and retract [s], infinite where a way cannot be gone."""
+    """Time of transfer, approach and retract [s], infinite if infeasible."""
     cost: FloatArray
-    """The same and a little for the joints' travel [s]."""
+    """Time plus a small cost of the joints' travel [s]."""
 
     @classmethod
     def at_targets(
         cls, row: IntArray, target: IntArray, yaw: FloatArray, branch: IntArray, psi: FloatArray
-    ) -> StopWays:
-        """Returns ways without swings whose times are still open, written as 0."""
-        open_ = np.zeros(len(row))
-        return cls(row, target, yaw, branch, psi, open_, open_, open_, open_)
+    ) -> StopCandidates:
+        """Create candidates without swings, with times of 0 until they are computed."""
+        zero = np.zeros(len(row))
+        return cls(row, target, yaw, branch, psi, zero, zero, zero, zero)
 
     @classmethod
-    def together(cls, some: Sequence[StopWays]) -> StopWays:
-        """Returns all rows of several, one after the other."""
-        return cls(*(np.concatenate([getattr(w, f.name) for w in some]) for f in fields(cls)))
+    def together(cls, parts: Sequence[StopCandidates]) -> StopCandidates:
+        """Concatenate the rows of several sets of candidates."""
+        return cls(*(np.concatenate([getattr(w, f.name) for w in parts]) for f in fields(cls)))
 
-    def take(self, index: IntArray) -> StopWays:
-        """Returns some of the ways, in the order of the index."""
-        return StopWays(*(getattr(self, field.name)[index] for field in fields(self)))
+    def take(self, index: IntArray) -> StopCandidates:
+        """Select candidates, in the order of the index."""
+        return StopCandidates(*(getattr(self, field.name)[index] for field in fields(self)))
 
     def poses(self, batch: StopBatch) -> ToolPoses:
-        """Returns the tool poses at the targets."""
+        """Compute the tool poses at the targets."""
         return batch.poses(self.row, self.target, self.yaw)
 
     def reference(self, batch: StopBatch) -> FloatArray:
-        """Returns the joints whose whole turns those at the targets are nearest to [rad], shape (n, 7)."""
+        """Return the reference joints of whole turns at the targets [rad], shape (n, 7)."""
         if batch.given:
             return batch.configurations(self.row, self.target)
         return batch.start[self.row]
 
     def follow(self, batch: StopBatch, samples: int) -> FollowedLines:
-        """Returns the joints along both lines of every way: 2 n lines, all approaches before all retracts."""
+        """Compute the joints along 2 n lines, all approaches before all retracts."""
         twice = np.tile(np.arange(len(self.row)), 2)
-        both = self.take(twice)
-        lines = Lines.of(batch, both.poses(batch), batch.length[self.row].T.ravel(), samples)
-        end = both.psi + np.concatenate([self.swing_in, self.swing_out])
-        return lines.follow(both.psi[:, None], end[:, None], both.branch, both.reference(batch))
+        both_lines = self.take(twice)
+        lines = Lines.of(batch, both_lines.poses(batch), batch.length[self.row].T.ravel(), samples)
+        end = both_lines.psi + np.concatenate([self.swing_in, self.swing_out])
+        return lines.follow(
+            both_lines.psi[:, None], end[:, None], both_lines.branch, both_lines.reference(batch)
+        )
 
 
 def transfer_cost(batch: StopBatch, row: IntArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns the times of transfers [s], the platform's included, and what their travel costs, both (k, ...).
+    """Compute transfer times with the platform's, and travel costs [s], both (k, ...).
 
     Args:
         batch: the problems.
-        row: which problem each belongs to, shape (k,).
-        q: where the transfers end [rad], shape (k, ..., 7).
+        row: numbers of the problems, shape (k,).
+        q: joints at the end of the transfers [rad], shape (k, ..., 7).
     """
     between = (slice(None), *[None] * (q.ndim - 2))
     moved = q - batch.start[row][between]
