@@ -9,8 +9,8 @@ from dualarm_cli.clearing.cleared_plan import ClearedPlan
 from dualarm_cli.clearing.repairs import Clearing, TimedPlan
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.job import Job
-from dualarm_cli.motion.bent_passing import bent_ways, with_bent_ways
-from dualarm_cli.motion.blending import passing_ways, with_ways
+from dualarm_cli.motion.bent_passing import moving_detours, with_moving_detours
+from dualarm_cli.motion.blending import passing_launches, with_launches
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.passed_targets import passed_targets, with_passed_targets
@@ -94,10 +94,10 @@ def blended_plan(
     through = passed_targets(drive, plan.cleared.plans, stopping)
     passing = with_passed_targets(drive, plan.cleared.plans, through)
     widths = problem.settings.widths
-    launches = dict(passing_ways(drive, passing, stopping, widths))
+    launches = dict(passing_launches(drive, passing, stopping, widths))
     colliding_stages: list[int] = []
     while launches or through:
-        plans = with_ways(with_passed_targets(drive, plan.cleared.plans, through), launches)
+        plans = with_launches(with_passed_targets(drive, plan.cleared.plans, through), launches)
         try:
             motion = realise(model, job, plans, timing, cache)
         except InfeasibleError:
@@ -105,7 +105,7 @@ def blended_plan(
                 raise
             # A target passed in motion cannot wait for the end of the stage.
             through = {}
-            launches = dict(passing_ways(drive, plan.cleared.plans, stopping, widths))
+            launches = dict(passing_launches(drive, plan.cleared.plans, stopping, widths))
             continue
         colliding_stages = clearing.colliding_stages(plans, motion) if clearing is not None else []
         # A stage contains the transfers to its lines and ends when those of the next stage begin.
@@ -146,10 +146,10 @@ def _with_detours_in_motion(
     stopping: Collection[tuple[int, str]],
 ) -> tuple[list[StagePlan], Motion]:
     """Let detours begin and end in motion where that is shorter and collision-free."""
-    candidates = bent_ways(drive, plans, stopping)
+    candidates = moving_detours(drive, plans, stopping)
     while candidates:
         chosen = {key: detours[0] for key, detours in candidates.items()}
-        bent = with_bent_ways(drive, plans, chosen)
+        bent = with_moving_detours(drive, plans, chosen)
         try:
             realised = realise(drive.model, job, bent, drive.timing, drive.cache)
         except InfeasibleError:

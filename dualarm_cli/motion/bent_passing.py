@@ -1,8 +1,8 @@
-"""Detours that begin and end in motion: by a via point that need not be a stop, with the lines beside them.
+"""Detours that begin and end in motion, with a via point instead of a curve.
 
-The state in which an arm passes its via point is taken from the curve that is known to be collision-free, or is rest
-where the detour stops there. Given that state the transfers before and after it are problems of their own, so that the
-line on each side is chosen by itself. Whether the whole is collision-free is for the caller to find out. Our own.
+The arm passes its via point in the state of a collision-free curve. Given that state, the transfers before and after it
+are independent problems, so that the launch on each side is chosen separately. The caller checks for collisions. The
+method is ours.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.bent_transfers import detour_pieces
-from dualarm_cli.motion.blending import WORTH, passings_beside, with_ways
+from dualarm_cli.motion.blending import MIN_GAIN, adjacent_passings, with_launches
 from dualarm_cli.motion.stop_motion import rates_between
 from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers
 from dualarm_cli.postures.stage_plan import Detour, StagePlan
@@ -26,97 +26,101 @@ from dualarm_cli.timing.problem import TransferProblem
 from dualarm_cli.timing.ruckig_ import MovingTransfer
 
 SHARES = (0.5, 0.35, 0.65)
-"""Where on a curve an arm may have its via point, as shares of the curve's time."""
+"""Positions of via points on a curve, as fractions of its duration."""
 PACES = (1.0, 0.75)
-"""How fast it may be there, as shares of its velocity on the curve."""
+"""Speeds at via points, as fractions of the speed on the curve."""
 
 
 @dataclass(frozen=True)
-class BentWay:
-    """A detour in motion."""
+class MovingDetour:
+    """Detour in motion, with the launches of its lines."""
 
     detour: Detour
-    """Its via point, with rates there; those at its ends follow from the lines."""
+    """Via point with its rates; rates at the ends follow from the lines."""
     lines: tuple[Launch | None, Launch | None]
-    """How the ends of the retract before and of the approach after it are passed; None: at rest."""
+    """Launches of the retract before and the approach after it; None at rest."""
     saved: float
-    """How much quicker it is than the detour with lines at rest [s]."""
+    """Time gained over the detour with lines at rest [s]."""
 
 
-def bent_ways(
+def moving_detours(
     drive: Drive, plans: Sequence[StagePlan], stopping: Collection[tuple[int, str]] = ()
-) -> dict[tuple[int, str], list[BentWay]]:
-    """Returns the detours that are quicker in motion, quickest first, by stage and arm.
+) -> dict[tuple[int, str], list[MovingDetour]]:
+    """Find the detours that are faster in motion, fastest first, by stage and arm.
 
-    Where the tools' speed has a cap there are none.
+    There are none if tool speed is limited.
 
     Args:
         drive: of the job.
-        plans: its stages; lines beside detours are at rest.
-        stopping: transfers between stops all the same, by the stage that they lead to and arm.
+        plans: stages of the job; lines next to detours are at rest.
+        stopping: transfers that stay at rest, by the stage at their end and the arm.
     """
-    found = {}
+    detours = {}
     for k, plan in enumerate(plans):
         before = plans[k - 1] if k else None
         for name in plan.detours:
             if drive.cap is None and (k, name) not in stopping and name not in plan.waits:
-                ways = _ways(drive, before, plan, name)
-                if ways:
-                    found[k, name] = ways
-    return found
+                candidates = _arm_detours(drive, before, plan, name)
+                if candidates:
+                    detours[k, name] = candidates
+    return detours
 
 
-def with_bent_ways(
-    drive: Drive, plans: Sequence[StagePlan], ways: Mapping[tuple[int, str], BentWay]
+def with_moving_detours(
+    drive: Drive, plans: Sequence[StagePlan], chosen: Mapping[tuple[int, str], MovingDetour]
 ) -> list[StagePlan]:
-    """Returns stages with detours in motion, and the lines beside them."""
-    found = with_ways(plans, {key: way.lines for key, way in ways.items()})
-    for (k, name), way in ways.items():
-        plan, before = found[k], found[k - 1] if k else None
+    """Build stages with given detours in motion and the lines next to them."""
+    changed = with_launches(plans, {key: choice.lines for key, choice in chosen.items()})
+    for (k, name), choice in chosen.items():
+        plan, before = changed[k], changed[k - 1] if k else None
         ends = rates_between(drive, before, replace(plan, detours={})).get(name, (None, None))
-        assert way.detour.rates is not None
-        leaving, arriving = (np.zeros_like(way.detour.rates[1]) if r is None else r for r in ends)
-        rates = np.stack([leaving, way.detour.rates[1], arriving])
-        detour = replace(way.detour, rates=rates)
-        found[k] = replace(plan, detours={**plan.detours, name: detour})
-    return found
+        assert choice.detour.rates is not None
+        leaving, arriving = (
+            np.zeros_like(choice.detour.rates[1]) if r is None else r for r in ends
+        )
+        rates = np.stack([leaving, choice.detour.rates[1], arriving])
+        detour = replace(choice.detour, rates=rates)
+        changed[k] = replace(plan, detours={**plan.detours, name: detour})
+    return changed
 
 
-def _ways(drive: Drive, before: StagePlan | None, plan: StagePlan, name: str) -> list[BentWay]:
-    """Returns the detours in motion of one arm in one stage that are quicker, quickest first."""
-    retract, approach = passings_beside(drive, before, plan, name)
-    if len(retract.ways) == len(approach.ways) == 1:
+def _arm_detours(
+    drive: Drive, before: StagePlan | None, plan: StagePlan, name: str
+) -> list[MovingDetour]:
+    """Find the faster detours in motion of one arm in one stage, fastest first."""
+    retract, approach = adjacent_passings(drive, before, plan, name)
+    if len(retract.launches) == len(approach.launches) == 1:
         return []
     platform = time_transfers(drive, plan, rates_between(drive, before, plan)).motion.get(PLATFORM)
     pieces = detour_pieces(drive, plan, name, platform)
     least = platform.duration if platform is not None and plan.stops else 0.0
-    rest = max(sum(piece.duration for piece in pieces), least)
-    rest += float(retract.time[0] + approach.time[0])
-    found = []
+    at_rest = max(sum(piece.duration for piece in pieces), least)
+    at_rest += float(retract.time[0] + approach.time[0])
+    detours = []
     for via, rates in _vias(plan.detours[name], pieces[0]):
         i, j, time = _quickest(drive, plan, name, (retract, approach), (via, rates), least)
-        if time < rest - WORTH:
-            lines = retract.ways[i], approach.ways[j]
+        if time < at_rest - MIN_GAIN:
+            lines = retract.launches[i], approach.launches[j]
             ends = np.zeros_like(rates)
             detour = Detour(via[None], not rates.any(), np.stack([ends, rates, ends]))
-            found.append(BentWay(detour, lines, rest - time))
-    return sorted(found, key=lambda way: -way.saved)
+            detours.append(MovingDetour(detour, lines, at_rest - time))
+    return sorted(detours, key=lambda candidate: -candidate.saved)
 
 
 def _vias(detour: Detour, whole: Trajectory) -> list[tuple[FloatArray, FloatArray]]:
-    """Returns via points (n,) that a detour may have in motion, and rates (2, n) at them.
+    """List via points (n,) for a detour in motion, with their rates (2, n).
 
     Args:
-        detour: at rest at both ends.
+        detour: detour at rest at both ends.
         whole: its motion, if it is a curve.
     """
     if detour.stops:
         return [(detour.points[0], np.zeros((2, detour.points.shape[1])))]
-    found = []
-    for share in SHARES:
-        q, v, a = (row[0] for row in whole.at(np.array([share * whole.duration])))
-        found += [(q, np.stack([pace * v, np.square(pace) * a])) for pace in PACES]
-    return found
+    vias = []
+    for fraction in SHARES:
+        q, v, a = (row[0] for row in whole.at(np.array([fraction * whole.duration])))
+        vias += [(q, np.stack([pace * v, np.square(pace) * a])) for pace in PACES]
+    return vias
 
 
 def _quickest(
@@ -127,26 +131,26 @@ def _quickest(
     state: tuple[FloatArray, FloatArray],
     least: float,
 ) -> tuple[int, int, float]:
-    """Returns the ways of the lines that go best with a via point, and how long all takes [s].
+    """Select the launches of the lines around a via point, and the total time [s].
 
     Args:
         drive: of the job.
         plan: the stage.
         name: the arm.
-        lines: the retract before and the approach after the detour.
+        lines: passings of the retract before and of the approach after the detour.
         state: via point (n,) and rates (2, n) there.
-        least: how long the detour takes at least [s].
+        least: minimum duration of the detour [s].
     """
-    index, (via, rates), own = drive.columns[name], state, Passings.only(state[1])
+    index, (via, rates), at_via = drive.columns[name], state, Passings.only(state[1])
     limits = drive.limits.select(drive.joints(name))
     retract, approach = lines
-    out = TransferProblem(limits.joints, plan.start[index], via, limits)
-    rest = MovingTransfer(out).duration(retract.rates[0], rates)
-    i, _, first = quickest_pair(retract, own, out, rest)
-    left = max(0.0, least - (first - float(retract.time[i])))
-    if not np.isfinite(left):
+    to_via = TransferProblem(limits.joints, plan.start[index], via, limits)
+    at_rest = MovingTransfer(to_via).duration(retract.rates[0], rates)
+    i, _, first = quickest_pair(retract, at_via, to_via, at_rest)
+    remaining = max(0.0, least - (first - float(retract.time[i])))
+    if not np.isfinite(remaining):
         return 0, 0, np.inf
-    on = TransferProblem(limits.joints, via, plan.arrival[index], limits, left)
-    rest = MovingTransfer(on).duration(rates, approach.rates[0])
-    _, j, second = quickest_pair(own, approach, on, rest)
+    onward = TransferProblem(limits.joints, via, plan.arrival[index], limits, remaining)
+    at_rest = MovingTransfer(onward).duration(rates, approach.rates[0])
+    _, j, second = quickest_pair(at_via, approach, onward, at_rest)
     return i, j, first + second

@@ -1,4 +1,4 @@
-"""Transfers that are not straight: along a curve, by a posture, or all joints along one path; within a tool's cap."""
+"""Curved transfers and transfers by a via point, within the limit of tool speed."""
 
 from __future__ import annotations
 
@@ -33,49 +33,49 @@ from dualarm_cli.timing.ruckig_ import solve_moving_transfer
 
 @dataclass(frozen=True)
 class CurveSettings:
-    """Numbers that steer the search for curved detours."""
+    """Settings of the search for curved detours."""
 
     controls: int = 4
-    """Control points between start and goal: curves of degree five."""
+    """Number of control points between start and goal: curves of degree five."""
     timed_samples: int = 9
     """Points of a curve from which its time is estimated."""
     population: int = 40
-    """Curves of a round."""
+    """Number of curves per round."""
     elite: int = 8
-    """Best ones of a round, about which the next one is drawn."""
+    """Number of best curves from which the next round is drawn."""
     rounds: int = 20
-    """Rounds of a search."""
+    """Maximum number of rounds of a search."""
     spreads: tuple[float, ...] = (0.15, 0.3, 0.6, 1.0)
-    """Standard deviations of the first control points about the straight way [rad]."""
+    """Standard deviations of the first control points about the straight line [rad]."""
     first: int = 50
-    """First curves of each spread."""
+    """Number of first curves per standard deviation."""
     least_spread: float = 0.01
-    """Standard deviation below which nothing is to be gained [rad]."""
+    """Standard deviation at which the search ends [rad]."""
     missing_weight: float = 350.0
     """Penalty of missing clearance at full speed [s/m]."""
     curve_points: int = 65
-    """Points of a curve that is passed along."""
+    """Number of samples of the final curve."""
     curve_knots: int = 48
-    """Knots of its motion at least."""
+    """Minimum number of knots of its motion."""
 
 
 CURVES = CurveSettings()
 
 
 Missing = Callable[[FloatArray], FloatArray]
-"""How much clearance curves (c, points, 7) lack, at their points on the average [m], shape (c,); 0 for free ones."""
+"""Missing clearance of curves (c, points, 7), averaged over points [m], shape (c,)."""
 ToolTimes = Callable[[FloatArray], FloatArray]
-"""How long the tool needs along curves (c, points, 7) at least [s], shape (c,)."""
+"""Minimum time of the tool along curves (c, points, 7) [s], shape (c,)."""
 
 
 def curve(start: FloatArray, controls: FloatArray, goal: FloatArray, count: int) -> FloatArray:
-    """Returns points of Bezier curves, shape (..., count, 7) [rad].
+    """Evaluate Bezier curves at equally spaced parameters, shape (..., count, 7) [rad].
 
     Args:
-        start: where they begin [rad], shape (n,).
+        start: start of the curves [rad], shape (n,).
         controls: control points between [rad], shape (..., c, 7).
-        goal: where they end [rad], shape (n,).
-        count: how many points, equally spaced in the parameter.
+        goal: end of the curves [rad], shape (n,).
+        count: number of points.
     """
     basis = _bernstein(controls.shape[-2] + 1, count)
     ends = basis[:, :1] * start + basis[:, -1:] * goal
@@ -85,7 +85,7 @@ def curve(start: FloatArray, controls: FloatArray, goal: FloatArray, count: int)
 
 @lru_cache(maxsize=8)
 def _bernstein(degree: int, count: int) -> FloatArray:
-    """Returns Bernstein polynomials at equally spaced parameters, shape (count, degree + 1)."""
+    """Evaluate Bernstein polynomials at equally spaced parameters, shape (count, degree + 1)."""
     s = np.linspace(0.0, 1.0, count)[:, None]
     k = np.arange(degree + 1)
     number = np.array([comb(degree, int(i)) for i in k], dtype=np.float64)
@@ -94,35 +94,35 @@ def _bernstein(degree: int, count: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class CurveCost:
-    """What curves of an arm cost: their time, and what they lack of the clearance."""
+    """Cost of curves of an arm: time plus a penalty for missing clearance."""
 
     limits: JointLimits
-    """Of the joints."""
+    """Limits of the arm's joints."""
     least: float
-    """Time below which a curve gains nothing [s]."""
+    """Time below which a faster curve gains nothing [s]."""
     missing: Missing
-    """How much clearance curves lack."""
+    """Missing clearance of curves."""
     samples: int
-    """Points of a curve that are looked at."""
+    """Number of points that are checked."""
     pace: float
-    """How much slower than at full speed the joints are."""
+    """Duration relative to full speed."""
     tool: ToolTimes | None = None
-    """How long the tool needs along them; None where its speed has no cap."""
+    """Minimum time of the tool along curves; None without a speed limit."""
 
     def of(
         self, start: FloatArray, controls: FloatArray, goal: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Returns what curves cost [s], what they lack included, and what they lack [m], both (c,)."""
-        few = curve(start, controls, goal, CURVES.timed_samples)
-        share = np.linspace(0.0, 1.0, CURVES.timed_samples)
-        time = np.maximum(estimate_line_durations(few, share, self.limits), self.least)
+        """Compute the cost [s], penalty included, and the missing clearance [m] of curves, both (c,)."""
+        samples = curve(start, controls, goal, CURVES.timed_samples)
+        progress = np.linspace(0.0, 1.0, CURVES.timed_samples)
+        time = np.maximum(estimate_line_durations(samples, progress, self.limits), self.least)
         points = curve(start, controls, goal, self.samples)
         if self.tool is not None:
             time = np.maximum(time, self.tool(points))
-        beyond = np.maximum(points - self.limits.upper, 0.0)
-        beyond += np.maximum(self.limits.lower - points, 0.0)
-        lack = self.missing(points) + beyond.sum(axis=(1, 2))
-        # Of equally quick ones the one that moves least.
+        violation = np.maximum(points - self.limits.upper, 0.0)
+        violation += np.maximum(self.limits.lower - points, 0.0)
+        lack = self.missing(points) + violation.sum(axis=(1, 2))
+        # Of equally fast curves the shortest is preferred.
         travel = np.abs(np.diff(points, axis=1)).sum(axis=(1, 2))
         return time + self.pace * CURVES.missing_weight * lack + 1e-3 * travel, lack
 
@@ -136,17 +136,17 @@ def quick_curves(
     penalty: normal distributions about the best of every round.
 
     Args:
-        start: where they begin [rad], shape (n,).
-        goal: where they end [rad], shape (n,).
-        cost: what curves cost.
+        start: start of the curves [rad], shape (n,).
+        goal: end of the curves [rad], shape (n,).
+        cost: cost of curves.
         seed: of the random curves.
 
     Returns:
-        Control points (`controls`, n) [rad] of the curves found that lack no clearance, best first.
+        Control points (`controls`, n) [rad] of collision-free curves, best first.
     """
     random, n, limits = np.random.default_rng(seed), len(start), cost.limits
-    share = np.linspace(0.0, 1.0, CURVES.controls + 2)[1:-1, None]
-    straight = start + share * (goal - start)
+    progress = np.linspace(0.0, 1.0, CURVES.controls + 2)[1:-1, None]
+    straight = start + progress * (goal - start)
     # Most first curves bulge as a whole; the ends of their bulges differ.
     bulge = random.normal(size=(len(CURVES.spreads), CURVES.first, 1, n)) + 0.5 * random.normal(
         size=(len(CURVES.spreads), CURVES.first, CURVES.controls, n)
@@ -156,15 +156,16 @@ def quick_curves(
     )
     drawn = np.clip(drawn, limits.lower, limits.upper)
     best: FloatArray = np.empty((0, CURVES.controls, n))
-    worth: FloatArray = np.empty(0)
+    costs: FloatArray = np.empty(0)
     lacking: FloatArray = np.empty(0)
     for _ in range(CURVES.rounds):
-        found, lacks = cost.of(start, drawn, goal)
-        best, worth, lacking = (
-            np.concatenate(pair) for pair in ((best, drawn), (worth, found), (lacking, lacks))
+        new_costs, new_lacking = cost.of(start, drawn, goal)
+        best, costs, lacking = (
+            np.concatenate(pair)
+            for pair in ((best, drawn), (costs, new_costs), (lacking, new_lacking))
         )
-        order = np.argsort(worth, kind="stable")[: CURVES.elite]
-        best, worth, lacking = best[order], worth[order], lacking[order]
+        order = np.argsort(costs, kind="stable")[: CURVES.elite]
+        best, costs, lacking = best[order], costs[order], lacking[order]
         spread = best.std(axis=0) * 1.1 + CURVES.least_spread
         if spread.max() < 2.0 * CURVES.least_spread:
             break
@@ -178,27 +179,27 @@ def quick_curves(
 def detour_pieces(
     drive: Drive, plan: StagePlan, name: str, platform: Trajectory | None
 ) -> list[Trajectory]:
-    """Returns an arm's way by a via point, there and on, or in one curve that does not stop there.
+    """Time an arm's detour, by a via point with a stop or along a curve.
 
     Args:
         drive: of the job.
         plan: the stage, with a detour of the arm.
         name: the arm.
-        platform: what the platform does meanwhile; None where it stands.
+        platform: simultaneous motion of the platform; None if it stands still.
 
     Raises:
-        InfeasibleError: the tool exceeds its cap however slowly the arm goes, since the platform moves it.
+        InfeasibleError: the platform alone moves the tool faster than its limit.
     """
     detour, index = plan.detours[name], drive.columns[name]
     joints = drive.joints(name)
     if not detour.stops:
         points = curve(plan.start[index], detour.points, plan.arrival[index], CURVES.curve_points)
-        late = plan.waits.get(name, 0.0)
+        delay = plan.waits.get(name, 0.0)
 
         def position_at(piece: Trajectory, time: FloatArray) -> FloatArray:
             q = np.tile(plan.start, (len(time), 1))
             if platform is not None:
-                q[:, drive.columns[PLATFORM]] = platform.at(time + late)[0]
+                q[:, drive.columns[PLATFORM]] = platform.at(time + delay)[0]
             q[:, index] = piece.at(time)[0]
             return q
 
@@ -216,16 +217,16 @@ def detour_pieces(
 
 
 def moving_detour(drive: Drive, plan: StagePlan, name: str, least: float) -> list[Trajectory]:
-    """Returns an arm's way by a via point that begins or ends in motion.
+    """Time an arm's transfer by a via point that begins or ends in motion.
 
     Args:
         drive: of the job.
         plan: the stage, with a detour of the arm that has rates.
         name: the arm.
-        least: how long it takes at least [s].
+        least: minimum duration [s].
 
     Raises:
-        InfeasibleError: there is no such transfer.
+        InfeasibleError: no such transfer was found.
     """
     detour, index = plan.detours[name], drive.columns[name]
     assert detour.rates is not None
@@ -233,9 +234,9 @@ def moving_detour(drive: Drive, plan: StagePlan, name: str, least: float) -> lis
     ends = plan.start[index], detour.points[0], plan.arrival[index]
     legs: list[Trajectory] = []
     for k, (start, goal) in enumerate(pairwise(ends)):
-        left = max(0.0, least - legs[0].duration) if legs else 0.0
+        remaining = max(0.0, least - legs[0].duration) if legs else 0.0
         problem = TransferProblem(
-            limits.joints, start, goal, limits, left, detour.rates[k], detour.rates[k + 1]
+            limits.joints, start, goal, limits, remaining, detour.rates[k], detour.rates[k + 1]
         )
         leg = solve_moving_transfer(problem)
         if leg is None:
@@ -251,36 +252,36 @@ def _along(
     points: FloatArray,
     position_at: Callable[[Trajectory, FloatArray], FloatArray],
 ) -> Trajectory:
-    """Returns the quickest motion along points of a curve [rad], shape (m, n), in which no tool exceeds its cap.
+    """Time the fastest motion along points of a curve within the tool-speed limit.
 
     Args:
         drive: of the job.
-        arms: those whose tools count.
-        joints: that move along the curve.
-        points: of the curve.
+        arms: names of the arms whose tools are limited.
+        joints: names of the joints that move along the curve.
+        points: points of the curve [rad], shape (m, n).
         position_at: all joints (m, columns) [rad] with a motion along the curve at instants (m,) [s].
 
     Raises:
-        InfeasibleError: a tool exceeds its cap at any speed along the curve.
+        InfeasibleError: a tool exceeds its limit at any speed along the curve.
     """
-    share, own = np.linspace(0.0, 1.0, len(points)), drive.limits.select(joints)
+    progress, limits = np.linspace(0.0, 1.0, len(points)), drive.limits.select(joints)
     cap = drive.cap
 
-    def made(factor: float) -> Trajectory:
-        slower = replace(own, velocity=own.velocity * factor)
+    def timed(factor: float) -> Trajectory:
+        slower = replace(limits, velocity=limits.velocity * factor)
         return drive.timing.line(
-            LineProblem(joints, points, share, slower, None, CURVES.curve_knots)
+            LineProblem(joints, points, progress, slower, None, CURVES.curve_knots)
         )
 
     if cap is None:
-        return made(1.0)
+        return timed(1.0)
 
     def speed(piece: Trajectory) -> float:
         return largest_tool_speed(
             drive.model, arms, lambda time: position_at(piece, time), piece.duration
         )
 
-    found = slowed(made, speed, cap)
-    if found is None:
+    motion = slowed(timed, speed, cap)
+    if motion is None:
         raise InfeasibleError(Refusal("detour_too_fast", allowed=cap))
-    return found
+    return motion

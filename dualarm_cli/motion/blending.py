@@ -1,8 +1,8 @@
-"""Blending of lines with transfers: outer ends of lines are passed in motion.
+"""Blending: outer ends of lines are passed in motion.
 
 The launches at the ends of a retract and of the approach after it are chosen with the transfer between them
-(`timing/line_ends`). What comes before a retract and after an approach does not change: the arm rests at its targets.
-So every transfer of every arm is a problem of its own. Our own.
+(`timing/line_ends`). Motion before the retract and after the approach does not change, because the arm rests at its
+targets. Therefore every transfer of every arm is an independent problem. The method is ours.
 """
 
 from __future__ import annotations
@@ -31,61 +31,65 @@ from dualarm_cli.timing.line_ends import Passings, quickest_pair, refined_pair
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 from dualarm_cli.timing.ruckig_ import MovingTransfer
 
-WORTH = 1e-4
-"""What is gained by passing a line's end in motion that is worth it [s]."""
-ROOMS = 0.0, 0.01
-"""What transfers keep free of limits of position [rad], one after the other: rates at lines' ends are estimates, and
-what was just within the limits with them may not be with exact ones."""
+MIN_GAIN = 1e-4
+"""Smallest gain by passing a line's end in motion [s]."""
+POSITION_MARGINS = 0.0, 0.01
+"""Margins to position limits that are tried in order [rad].
+
+Rates at the ends of lines are estimates: a transfer that keeps the limits with them may exceed them with exact rates.
+"""
 
 
-Ways = Mapping[tuple[int, str], tuple[Launch | None, Launch | None]]
-"""How an arm passes the ends of the retract before and of the approach after a transfer, by the stage that the transfer
-leads to and arm; None: it stops there."""
+Launches = Mapping[tuple[int, str], tuple[Launch | None, Launch | None]]
+"""Launches at the retract before and the approach after a transfer; None at rest.
+
+Keys are the stage at the transfer's end and the arm.
+"""
 
 
-def passing_ways(
+def passing_launches(
     drive: Drive,
     plans: Sequence[StagePlan],
     stopping: Collection[tuple[int, str]] = (),
     widths: int = 0,
-) -> Ways:
-    """Returns the ways in which lines' outer ends are passed, each transfer by itself.
+) -> Launches:
+    """Choose the launches at the outer ends of lines, for each transfer separately.
 
-    At rest remain what waits there or is bent, the giving arm of a hand-over, and parts on conveyors.
+    The arm stops next to waits and detours, when it gives a part, and next to conveyor parts.
 
     Args:
         drive: of the job.
-        plans: its stages, with all stops.
-        stopping: transfers between stops all the same, by the stage that they lead to and arm.
-        widths: of steps with which ways are refined, see `refined_pair`.
+        plans: stages of the job, with all stops.
+        stopping: transfers that stay at rest, by the stage at their end and the arm.
+        widths: number of step widths of the refinement, see `refined_pair`.
     """
 
     def of(stages: Sequence[int]) -> list[dict[str, _Passed]]:
         return [_passed(drive, plans, k, stopping, widths) for k in stages]
 
-    found = {}
+    launches = {}
     for k, passed in enumerate(map_halves(of, range(len(plans)))):
-        for name, one in passed.items():
-            found[k, name] = one.ways
-            drive.cache.moving.update(one.transfers)
-            for at, line, trajectory in one.lines:
-                launch = one.ways[line == "approach"]
+        for name, blended in passed.items():
+            launches[k, name] = blended.launches
+            drive.cache.moving.update(blended.transfers)
+            for at, line, trajectory in blended.lines:
+                launch = blended.launches[line == "approach"]
                 assert launch is not None  # only lines that are passed in motion are listed
                 plan = _with_pass(plans[at], name, line, launch)
                 remember_line(drive, plan, plan.stops[name], line, trajectory)
-    return found
+    return launches
 
 
 @dataclass(frozen=True)
 class _Passed:
-    """How an arm passes the ends of the lines about one transfer."""
+    """Launches at the lines around one transfer of an arm, with timed motions."""
 
-    ways: tuple[Launch | None, Launch | None]
-    """Of the retract before it and of the approach after it; None: it stops there."""
+    launches: tuple[Launch | None, Launch | None]
+    """Launches of the retract before and the approach after it; None at rest."""
     lines: tuple[tuple[int, str, Trajectory], ...]
-    """Stage, name and motion of those that are passed in motion."""
+    """Stage, name and motion of the lines that are passed in motion."""
     transfers: Mapping[Key, Trajectory | None]
-    """What was timed in motion on the way to them, see `MotionCache`."""
+    """Transfers in motion that were timed for them, see `MotionCache`."""
 
 
 def _passed(
@@ -95,36 +99,38 @@ def _passed(
     stopping: Collection[tuple[int, str]],
     widths: int,
 ) -> dict[str, _Passed]:
-    """Returns how arms that need not stop pass the ends of lines about the transfers to a stage, by arm."""
-    before, plan, found = plans[k - 1] if k else None, plans[k], {}
+    """Choose the launches around the transfers to a stage, by arm."""
+    before, plan, blended = plans[k - 1] if k else None, plans[k], {}
     platform = platform_time(drive, before, plan)
     for name in drive.model.arms:
         if (k, name) in stopping or name in plan.waits or name in plan.detours:
             continue
         timed = len(drive.cache.moving)
-        tried = _ways(drive, before, plan, name, platform, widths)
-        ways = next((one for one in tried if _holds(drive, before, plan, name, one)), None)
-        if ways is None:
+        candidates = _blends(drive, before, plan, name, platform, widths)
+        launches = next(
+            (pair for pair in candidates if _is_feasible(drive, before, plan, name, pair)), None
+        )
+        if launches is None:
             continue
         lines = []
-        for at, line, launch in ((k - 1, "retract", ways[0]), (k, "approach", ways[1])):
+        for at, line, launch in ((k - 1, "retract", launches[0]), (k, "approach", launches[1])):
             if launch is not None:
                 passing = _with_pass(plans[at], name, line, launch)
                 lines.append((at, line, timed_line(drive, passing, passing.stops[name], line)))
         transfers = dict(islice(drive.cache.moving.items(), timed, None))
-        found[name] = _Passed(ways, tuple(lines), transfers)
-    return found
+        blended[name] = _Passed(launches, tuple(lines), transfers)
+    return blended
 
 
-def with_ways(plans: Sequence[StagePlan], ways: Ways) -> list[StagePlan]:
-    """Returns stages whose lines' outer ends are passed in given ways."""
-    found = list(plans)
-    for (k, name), (retract, approach) in ways.items():
+def with_launches(plans: Sequence[StagePlan], launches: Launches) -> list[StagePlan]:
+    """Build stages whose lines are passed with given launches."""
+    changed = list(plans)
+    for (k, name), (retract, approach) in launches.items():
         if retract is not None:
-            found[k - 1] = _with_pass(found[k - 1], name, "retract", retract)
+            changed[k - 1] = _with_pass(changed[k - 1], name, "retract", retract)
         if approach is not None:
-            found[k] = _with_pass(found[k], name, "approach", approach)
-    return found
+            changed[k] = _with_pass(changed[k], name, "approach", approach)
+    return changed
 
 
 def _with_pass(plan: StagePlan, name: str, line: str, launch: Launch) -> StagePlan:
@@ -132,15 +138,15 @@ def _with_pass(plan: StagePlan, name: str, line: str, launch: Launch) -> StagePl
 
 
 def platform_time(drive: Drive, before: StagePlan | None, plan: StagePlan) -> float:
-    """Returns how long the platform takes [s], as it leaves the stage before and arrives."""
+    """Compute the time of the platform's transfer to a stage [s]."""
     index = drive.columns.get(PLATFORM)
     if index is None:
         return 0.0
-    limits = drive.own_limits[PLATFORM]
+    limits = drive.group_limits[PLATFORM]
     start, goal = plan.start[index], plan.arrival[index]
-    rest = np.zeros((2, len(index)))
-    leaving = rest if before is None else before.through.get(PLATFORM, rest)
-    arriving = plan.through.get(PLATFORM, rest)
+    at_rest = np.zeros((2, len(index)))
+    leaving = at_rest if before is None else before.through.get(PLATFORM, at_rest)
+    arriving = plan.through.get(PLATFORM, at_rest)
     if leaving.any() or arriving.any():
         problem = TransferProblem(limits.joints, start, goal, limits)
         return MovingTransfer(problem).duration(leaving, arriving)
@@ -148,24 +154,28 @@ def platform_time(drive: Drive, before: StagePlan | None, plan: StagePlan) -> fl
 
 
 def _ends_stage(plan: StagePlan, name: str) -> bool:
-    """Returns whether a stage can end as an arm's retract does: in a hand-over the giving arm's is the last."""
+    """Check whether a stage can end with an arm's retract; in a hand-over, the giver's."""
     pair = giver_and_taker(plan.stops)
     return pair is None or pair[0].arm == name
 
 
 def _meets_in_motion(plan: StagePlan) -> bool:
-    """Returns whether an arm can come to a target in motion: to a hand-over where nothing holds either arm up."""
+    """Check whether arms can reach their targets in motion.
+
+    In a hand-over this requires that no arm is delayed.
+    """
     return giver_and_taker(plan.stops) is None or not (plan.waits or plan.detours)
 
 
 def waits_for_time(plan: StagePlan) -> bool:
-    """Returns whether all may have to wait before a stage begins."""
+    """Check whether all arms may have to wait before a stage begins."""
     return any(
-        one.stop.belt is not None or one.task.not_before > 0.0 for one in plan.stops.values()
+        arm_stop.stop.belt is not None or arm_stop.task.not_before > 0.0
+        for arm_stop in plan.stops.values()
     )
 
 
-def _ways(
+def _blends(
     drive: Drive,
     before: StagePlan | None,
     plan: StagePlan,
@@ -173,55 +183,55 @@ def _ways(
     platform: float,
     widths: int,
 ) -> Iterator[tuple[Launch | None, Launch | None]]:
-    """Yield the blends of a transfer with its lines, with increasing room.
+    """Yield blends of a transfer with its lines, with increasing margin.
 
-    Each is a pair: the launch at the end of the retract and that at the begin of the approach. The iteration ends as
+    Each is a pair of launches, at the end of the retract and at the begin of the approach. The iteration ends as
     soon as no pair is faster than stopping at both.
     """
     arm = drive.model.arms[name]
-    index, limits = arm.columns, drive.own_limits[name]
+    index, limits = arm.columns, drive.group_limits[name]
     start, goal = plan.start[index], plan.arrival[index]
-    retract, approach = passings_beside(drive, before, plan, name)
+    retract, approach = adjacent_passings(drive, before, plan, name)
     platform = max(platform, _giver_time(drive, plan, name))
-    if len(retract.ways) == len(approach.ways) == 1 or np.array_equal(start, goal):
+    if len(retract.launches) == len(approach.launches) == 1 or np.array_equal(start, goal):
         return
     problem = TransferProblem(limits.joints, start, goal, limits, platform)
     law = limits.law
-    rest = max(platform, float(law.duration(goal - start)))
+    at_rest = max(platform, float(law.duration(goal - start)))
     if retract.rates[0].any() or approach.rates[0].any():
-        rest = MovingTransfer(problem).duration(retract.rates[0], approach.rates[0])
-    for room in ROOMS:
-        i, j, time = quickest_pair(retract, approach, problem, rest, room)
-        if time > float(retract.time[0] + rest + approach.time[0]) - WORTH:
+        at_rest = MovingTransfer(problem).duration(retract.rates[0], approach.rates[0])
+    for margin in POSITION_MARGINS:
+        i, j, time = quickest_pair(retract, approach, problem, at_rest, margin)
+        if time > float(retract.time[0] + at_rest + approach.time[0]) - MIN_GAIN:
             return
-        yield refined_pair((retract, approach), (i, j, time), problem, widths, room)
+        yield refined_pair((retract, approach), (i, j, time), problem, widths, margin)
 
 
 def _giver_time(drive: Drive, plan: StagePlan, name: str) -> float:
-    """Returns how long the arm that gives a part to this one takes from rest to where it gives it [s], else 0."""
+    """Compute the time at which the giving arm has the part ready [s]; 0 without one."""
     pair = giver_and_taker(plan.stops)
     if pair is None or pair[1].arm != name:
         return 0.0
     index = drive.columns[pair[0].arm]
-    limits = drive.own_limits[pair[0].arm]
+    limits = drive.group_limits[pair[0].arm]
     law = limits.law
     return float(law.duration(plan.arrival[index] - plan.start[index]))
 
 
 def passings_of(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Passings:
-    """Returns the ways in which the outer end of a stop's `approach` or `retract` is passed."""
-    own = drive.own_limits[arm_stop.arm]
+    """Compute the launches at the outer end of a stop's `approach` or `retract`."""
+    limits = drive.group_limits[arm_stop.arm]
     q, length = joints_along(drive, plan, arm_stop, line)
     away = line == "retract"
-    problem = LineProblem(own.joints, q if away else q[::-1], length, own, drive.cap)
-    rest = timed_line(drive, replace(plan, passes={}), arm_stop, line).duration
-    return Passings.along(problem, rest, away=away)
+    problem = LineProblem(limits.joints, q if away else q[::-1], length, limits, drive.cap)
+    at_rest = timed_line(drive, replace(plan, passes={}), arm_stop, line).duration
+    return Passings.along(problem, at_rest, away=away)
 
 
-def passings_beside(
+def adjacent_passings(
     drive: Drive, before: StagePlan | None, plan: StagePlan, name: str
 ) -> tuple[Passings, Passings]:
-    """Returns how an arm can pass the ends of the lines, or targets, before and after its transfer."""
+    """Compute the passings of the lines or targets before and after a transfer."""
     joints = len(drive.columns[name])
     retract = approach = Passings.none(joints)
     leaving = None if before is None else before.through.get(name)
@@ -249,15 +259,15 @@ def passings_beside(
     return retract, approach
 
 
-def _holds(
+def _is_feasible(
     drive: Drive,
     before: StagePlan | None,
     plan: StagePlan,
     name: str,
-    ways: tuple[Launch | None, Launch | None],
+    launches: tuple[Launch | None, Launch | None],
 ) -> bool:
-    """Returns whether lines and transfer of an arm can be timed as estimated, within the tool's speed."""
-    retract, approach = ways
+    """Check whether lines and transfer can be timed as estimated, within the tool's speed."""
+    retract, approach = launches
     if before is not None and retract is not None:
         before = _with_pass(before, name, "retract", retract)
     if approach is not None:

@@ -1,4 +1,4 @@
-"""Motion as it is put together: pieces one after the other, with the stages, segments and events that name them."""
+"""Assembly of motions: pieces in sequence, with their stages, segments and events."""
 
 from __future__ import annotations
 
@@ -20,48 +20,51 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.timing.composition import concatenate
 
 LINES = ("approach", "dwell", "retract")
-"""Segments on which a part may touch what stands still."""
+"""Segments during which a part may touch bodies that stand still."""
 ROBOT = "robot"
-"""Name of the joint group of all joints together."""
+"""Name of the joint group of all joints."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A job's whole motion and what happens in it."""
+    """Motion of a job with its stages, segments and events."""
 
     trajectory: Trajectory
-    """All joints of the robot."""
+    """Motion of all joints."""
     stages: tuple[Stage, ...]
-    """In time order."""
+    """Stages in time order."""
     segments: tuple[Segment, ...]
-    """Arm by arm, in time order."""
+    """Segments by arm, in time order."""
     events: tuple[Event, ...]
-    """In time order."""
+    """Events in time order."""
     gain: float | None = None
-    """How much shorter it is than with stops at the outer ends of lines [s]; None where tools stop there."""
+    """Time gained by blending [s]; None if tools stop at the outer ends of lines."""
 
     @cached_property
     def event_of(self) -> Mapping[tuple[int, str], Event]:
-        """The event of an arm in a stage, by the stage's place and the arm; it may lie on the border of two stages."""
-        left: dict[str, list[Event]] = {}
+        """Event of an arm in a stage, by the stage's index and the arm.
+
+        It may be at the border of two stages.
+        """
+        remaining: dict[str, list[Event]] = {}
         for event in reversed(self.events):
-            left.setdefault(event.arm, []).append(event)
-        found = {}
+            remaining.setdefault(event.arm, []).append(event)
+        events_by_stage = {}
         for k, stage in enumerate(self.stages):
-            for arm, events in left.items():
-                # A task may be both arms', each with stages of its own.
+            for arm, events in remaining.items():
+                # Both arms may share a task, each in its own stages.
                 works = bool(events) and events[-1].task in stage.tasks
                 if works and events[-1].time + events[-1].dwell <= stage.end + SAME_TIME:
-                    found[k, arm] = events.pop()
-        return found
+                    events_by_stage[k, arm] = events.pop()
+        return events_by_stage
 
     @cached_property
     def lines(self) -> tuple[Segment, ...]:
-        """Segments on lines, in order of their starts."""
+        """Segments on lines, by start time."""
         return tuple(sorted((s for s in self.segments if s.kind in LINES), key=lambda s: s.start))
 
     def lines_within(self, arms: Collection[str], start: float, end: float) -> list[Segment]:
-        """Returns the segments of arms on lines between two instants [s], in order of their starts."""
+        """Select the arms' segments on lines between two times [s], by start time."""
         first = bisect_left(self.lines, start - SAME_TIME, key=lambda s: s.start)
         last = bisect_right(self.lines, end + SAME_TIME, key=lambda s: s.start)
         return [s for s in self.lines[first:last] if s.arm in arms and s.end <= end + SAME_TIME]
@@ -69,25 +72,25 @@ class Motion:
 
 @dataclass
 class MotionBuilder:
-    """What is planned so far, either by joint group or all joints together."""
+    """Plan under construction, by joint group or for all joints together."""
 
     pieces: dict[str, list[Trajectory]] = field(default_factory=dict)
-    """Motions of each joint group, or of ROBOT alone, one after the other."""
+    """Motions of each joint group, or of ROBOT alone, in order."""
     stages: list[Stage] = field(default_factory=list)
-    """In time order."""
+    """Stages in time order."""
     segments: list[Segment] = field(default_factory=list)
-    """In time order for each arm."""
+    """Segments in time order for each arm."""
     events: list[Event] = field(default_factory=list)
-    """What tools come to."""
+    """Events, in any order."""
     clock: float = 0.0
-    """When what is added next begins [s]."""
+    """Start time of the next addition [s]."""
     begins: dict[str, dict[int, float]] = field(default_factory=dict)
-    """When each group's first piece since the clock was set begins [s], by its place among the group's pieces."""
+    """Start of each group's first piece after the clock was set [s], by its index."""
     gain: float | None = None
-    """How much shorter the motions that were added are than with stops at the outer ends of lines [s]."""
+    """Time gained by blending in the added motions [s]."""
 
     def add(self, group: str, piece: Trajectory) -> None:
-        """Appends a motion of a joint group; the clock stays, as other groups move meanwhile."""
+        """Append a motion of a joint group, without advancing the clock."""
         pieces, begins = self.pieces.setdefault(group, []), self.begins.setdefault(group, {})
         if self.clock != next(reversed(begins.values()), None):
             begins[len(pieces)] = self.clock
@@ -102,15 +105,15 @@ class MotionBuilder:
         end: float,
         reason: WaitReason = "",
     ) -> None:
-        """Note what an arm does between two instants.
+        """Record an activity of an arm.
 
         Args:
             name: the arm.
-            kind: what it does.
-            arm_stop: the stop that it belongs to; None for none.
-            start: when it begins [s].
-            end: when it ends [s].
-            reason: why it waits, if it does.
+            kind: kind of activity.
+            arm_stop: its stop, or None.
+            start: start time [s].
+            end: end time [s].
+            reason: reason of a wait.
         """
         task = arm_stop.task.id if arm_stop else ""
         action = arm_stop.stop.action if arm_stop else ""
@@ -118,12 +121,12 @@ class MotionBuilder:
         self.segments.append(Segment(name, kind, task, action, start, end, dwell, reason))
 
     def add_whole(self, piece: Trajectory) -> None:
-        """Appends a motion of all joints."""
+        """Append a motion of all joints and advance the clock."""
         self.add(ROBOT, piece)
         self.clock += piece.duration
 
     def append(self, motion: Motion) -> None:
-        """Appends a motion of all joints with what happens in it."""
+        """Append a motion of all joints with its stages, segments and events."""
         t = self.clock
         if motion.gain is not None:
             self.gain = (self.gain or 0.0) + motion.gain
@@ -133,20 +136,20 @@ class MotionBuilder:
         self.add_whole(motion.trajectory)
 
     def take_transfer(self, begin: float) -> Stage | None:
-        """Takes the stage of a transfer since an instant [s] off the stages, None where nothing moved since."""
+        """Remove and return the transfer's stage since a time [s]; None without motion."""
         return self.stages.pop() if self.clock > begin else None
 
     def add_work(
         self, task: str, solver: str, begin: float, angle: float | None, transfer: Stage | None
     ) -> None:
-        """Closes the stage of one task that is planned by itself.
+        """Add the stage of a task that is planned by itself.
 
         Args:
-            task: the task's id.
+            task: id of the task.
             solver: name of the method that planned it.
-            begin: when it began, with the transfer where there is one [s].
-            angle: of the platform at its end [rad]; None without a one-joint platform.
-            transfer: what becomes part of it, from `take_transfer`.
+            begin: start time, transfer included [s].
+            angle: platform angle at its end [rad]; None without a one-joint platform.
+            transfer: stage of its transfer, from `take_transfer`.
         """
         self.stages.append(
             Stage(
@@ -164,23 +167,23 @@ class MotionBuilder:
 
     @property
     def begin(self) -> FloatArray:
-        """All joints before the first motion of all of them [rad], shape (n,)."""
+        """Joint values before the first motion of all joints [rad], shape (n,)."""
         return self.pieces[ROBOT][0].position[0]
 
     @property
     def end(self) -> FloatArray:
-        """All joints after the last motion of all of them [rad], shape (n,)."""
+        """Joint values after the last motion of all joints [rad], shape (n,)."""
         return self.pieces[ROBOT][-1].position[-1]
 
     def joined(self, group: str) -> Trajectory:
-        """Returns the motion of a joint group, whose pieces begin when the clock says so."""
+        """Join the pieces of a joint group at their recorded start times."""
         return concatenate(self.pieces[group], self.begins.get(group))
 
     def build(self, robot: Robot) -> Motion:
-        """Returns the motion of all joints, arm by arm and in time order.
+        """Build the motion of all joints.
 
         Raises:
-            ValueError: a piece does not begin where or when the one before it ends.
+            ValueError: a piece does not begin at the end of the one before it.
         """
         groups = {name: self.joined(name) for name in self.pieces}
         events = self.events
@@ -201,7 +204,7 @@ class MotionBuilder:
 
 
 def _at_knot(event: Event, time: FloatArray) -> Event:
-    """Returns the event at the nearest knot: knots nearer than a nanosecond have become one."""
+    """Move an event to the nearest knot, because knots within a nanosecond are merged."""
     after = int(np.clip(np.searchsorted(time, event.time), 1, len(time) - 1))
     nearest = min(time[after - 1], time[after], key=lambda knot: abs(knot - event.time))
     return replace(event, time=float(nearest))

@@ -1,4 +1,4 @@
-"""Motion of decided stages: every transfer, line, dwell and wait of every joint group."""
+"""Motion of decided stages: transfers, lines, dwells and waits of every joint group."""
 
 from __future__ import annotations
 
@@ -36,46 +36,51 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import hold
 
-ROUNDS = 3
-"""So often arms are held back for their parts: where one stands on the way anyway, that takes some of it up."""
-ALIKE, ROUNDING = 2e-3, 1e-12
-"""Waits that differ by less are for the same, as parts are met a little later than they could be, or one but for
-rounding [s]."""
+MAX_ROUNDS = 3
+"""Maximum number of corrections of the delays with which arms meet moving parts.
+
+An arm that waits for the platform absorbs a part of its delay.
+"""
+SAME_WAIT, ROUNDING = 2e-3, 1e-12
+"""Difference of waits that have the same cause, and rounding of equal waits [s].
+
+Parts on conveyors are met slightly later than they could be.
+"""
 
 
 @dataclass(frozen=True)
 class StageWaits:
-    """What is waited for."""
+    """Waits of a stage, with reasons."""
 
     common: float = 0.0
-    """How long all wait together before the stage begins [s]."""
+    """Wait of all groups before the stage begins [s]."""
     reasons: Mapping[str, WaitReason] = field(default_factory=dict)
-    """Why, by arm."""
-    held: Mapping[str, float] = field(default_factory=dict)
-    """How long one arm waits in the stage before it leaves, so that both meet their parts [s], by arm."""
+    """Reason of the wait, by arm."""
+    delays: Mapping[str, float] = field(default_factory=dict)
+    """Delay of single arms in the stage, so that both meet their parts [s], by arm."""
 
 
 def waiting_for_tasks(plans: Sequence[StagePlan]) -> list[dict[str, ArmStop]]:
-    """Returns by stage the arms without a stop in it whose next task comes after one not yet over, with its first stop.
+    """List the arms that wait for a task in each stage, with their next stop.
 
     Args:
         plans: all stages in order.
     """
-    last = {one.task.id: k for k, plan in enumerate(plans) for one in plan.stops.values()}
+    last = {arm_stop.task.id: k for k, plan in enumerate(plans) for arm_stop in plan.stops.values()}
     following: dict[str, ArmStop] = {}
-    found: list[dict[str, ArmStop]] = []
+    waiting: list[dict[str, ArmStop]] = []
     for k, plan in reversed(list(enumerate(plans))):
-        found.append(
+        waiting.append(
             {
-                name: one
-                for name, one in following.items()
+                name: arm_stop
+                for name, arm_stop in following.items()
                 if name not in plan.stops
-                and one.stop.action == one.task.stops[0].action
-                and any(last.get(other, -1) >= k for other in one.task.after)
+                and arm_stop.stop.action == arm_stop.task.stops[0].action
+                and any(last.get(name_after, -1) >= k for name_after in arm_stop.task.after)
             }
         )
         following |= plan.stops
-    return found[::-1]
+    return waiting[::-1]
 
 
 def stage_waits(
@@ -84,17 +89,17 @@ def stage_waits(
     arms: Sequence[str],
     clock: float | None,
 ) -> StageWaits:
-    """Returns what a stage waits for.
+    """Compute the waits of a stage.
 
-    All wait together, so that in the stage itself everything stays as it is. Only where both arms meet parts on
-    conveyors does one of them wait in the stage, and does so also where the stage is looked at by itself. What would
-    come too late for its part comes too late: the planner sees it from the event.
+    All groups wait before the stage, so that the stage itself does not change. Only if both arms meet parts on
+    conveyors, one of them is delayed within the stage, even if the stage is planned by itself. A part that is missed
+    stays missed: the planner detects it from the event.
 
     Args:
         plan: the stage.
-        arrivals: when tools are at their targets, from the stage's begin [s], where arms are held back by so much.
+        arrivals: times of tools at their targets, from the stage's begin [s], for given delays.
         arms: names of all arms.
-        clock: when the stage could begin [s]; None for a stage by itself, which has no time to wait for.
+        clock: earliest start of the stage [s]; None for a stage by itself, which has no absolute time.
     """
     meets = {
         name: stop.stop.belt.at
@@ -108,41 +113,45 @@ def stage_waits(
     }
     if not meets and (clock is None or not opens):
         return StageWaits()
-    held: dict[str, float] = {}
-    there = arrivals(held)
+    delays: dict[str, float] = {}
+    reached = arrivals(delays)
     if len(meets) > 1:
-        for _ in range(ROUNDS):
-            spare = {name: at - there[name] for name, at in meets.items()}
-            least = min(spare.values())
-            if max(spare.values()) - least <= ROUNDING:
+        for _ in range(MAX_ROUNDS):
+            margins = {name: at - reached[name] for name, at in meets.items()}
+            least = min(margins.values())
+            if max(margins.values()) - least <= ROUNDING:
                 break
-            held = {name: held.get(name, 0.0) + more - least for name, more in spare.items()}
-            there = arrivals(held)
+            delays = {
+                name: delays.get(name, 0.0) + slack - least for name, slack in margins.items()
+            }
+            reached = arrivals(delays)
     if clock is None:
-        return StageWaits(held=held)
-    due: dict[str, tuple[float, WaitReason]] = {
-        name: (opens[name] - clock - there[name], "window") for name in opens
+        return StageWaits(delays=delays)
+    lead_times: dict[str, tuple[float, WaitReason]] = {
+        name: (opens[name] - clock - reached[name], "window") for name in opens
     }
     for name, at in meets.items():
-        early = at - clock - there[name]
-        if name not in due or early >= due[name][0]:
-            due[name] = early, "conveyor"
-    wait = max(0.0, *(early for early, _ in due.values()))
+        early = at - clock - reached[name]
+        if name not in lead_times or early >= lead_times[name][0]:
+            lead_times[name] = early, "conveyor"
+    wait = max(0.0, *(early for early, _ in lead_times.values()))
     reasons: dict[str, WaitReason] = {
-        name: due[name][1] if name in due and wait - due[name][0] <= ALIKE else "partner"
+        name: lead_times[name][1]
+        if name in lead_times and wait - lead_times[name][0] <= SAME_WAIT
+        else "partner"
         for name in arms
     }
-    return StageWaits(wait, reasons, held)
+    return StageWaits(wait, reasons, delays)
 
 
 @dataclass(frozen=True)
 class Move:
-    """A stretch in which a group moves, or stands for one reason."""
+    """Motion of a group, or a wait with one reason."""
 
     motion: Trajectory
-    """What its joints do."""
+    """Motion of its joints."""
     reason: WaitReason = ""
-    """Why it stands; empty where it moves."""
+    """Reason of a wait; empty for a motion."""
 
 
 def moves_to_lines(
@@ -151,38 +160,38 @@ def moves_to_lines(
     name: str,
     transfers: Transfers,
     platform_end: float,
-    held: float = 0.0,
+    conveyor_wait: float = 0.0,
 ) -> list[Move]:
-    """Returns what a group does from a stage's start until its lines begin, or until it has returned.
+    """List the moves of a group until its line begins or the return ends.
 
     Args:
         drive: of the job.
         plan: the stage.
         name: the group.
         transfers: the stage's straight transfers.
-        platform_end: when the platform is there, counted from the stage's start [s].
-        held: how long it stands first, for what a conveyor brings [s].
+        platform_end: arrival of the platform, from the stage's start [s].
+        conveyor_wait: initial wait for a part on a conveyor [s].
     """
     index, joints = drive.columns[name], drive.joints(name)
-    late = plan.waits.get(name, 0.0)
-    moves = [Move(hold(joints, plan.start[index], late), "shared_zone")] if late > 0.0 else []
-    if held > 0.0:
-        moves.insert(0, Move(hold(joints, plan.start[index], held), "conveyor"))
-        late += held
+    delay = plan.waits.get(name, 0.0)
+    moves = [Move(hold(joints, plan.start[index], delay), "shared_zone")] if delay > 0.0 else []
+    if conveyor_wait > 0.0:
+        moves.insert(0, Move(hold(joints, plan.start[index], conveyor_wait), "conveyor"))
+        delay += conveyor_wait
     if name in plan.detours and plan.detours[name].rates is not None:
-        # Its line begins when the platform is there as well.
-        least = platform_end - late if name in plan.stops else 0.0
+        # The line may begin only after the platform has arrived.
+        least = platform_end - delay if name in plan.stops else 0.0
         moves += [Move(piece) for piece in moving_detour(drive, plan, name, least)]
     elif name in plan.detours:
         pieces = detour_pieces(drive, plan, name, transfers.motion.get(PLATFORM))
         moves += [Move(piece) for piece in pieces]
-        # Its line begins when the platform is there as well.
-        rest = platform_end - (late + sum(piece.duration for piece in pieces))
-        if name in plan.stops and rest > 0.0:
-            moves.append(Move(hold(joints, plan.arrival[index], rest), "platform"))
+        # The line may begin only after the platform has arrived.
+        remaining = platform_end - (delay + sum(piece.duration for piece in pieces))
+        if name in plan.stops and remaining > 0.0:
+            moves.append(Move(hold(joints, plan.arrival[index], remaining), "platform"))
     elif name in transfers.motion:
         motion = transfers.motion[name]
-        # An arm whose line begins where it is stands until the platform is there.
+        # An arm that need not move waits for the platform before its line.
         moves.append(Move(motion, "platform" if _stands(motion) else ""))
     return moves
 
@@ -200,15 +209,15 @@ def realise(
     *,
     clock: float | None = 0.0,
 ) -> Motion:
-    """Returns the motion of the decided stages under every limit of the job.
+    """Build the motion of decided stages under all limits of the job.
 
     Args:
         model: the job's cell.
-        job: what is to be done.
-        plans: its stages in order.
-        timing: how transfers and lines are timed.
+        job: job with its tasks and limits.
+        plans: stages in order.
+        timing: solver for transfers and lines.
         cache: motions timed so far, added to.
-        clock: when the first stage begins [s], for windows of tasks; the motion itself is from 0. None for a stage by
+        clock: start of the first stage [s], for windows of tasks; the motion itself is from 0. None for a stage by
             itself, which waits for no window.
     """
     drive = Drive.of(model, job, timing, cache)
@@ -221,32 +230,32 @@ def realise(
         begin = record.clock
 
         def arrivals(
-            held: Mapping[str, float], plan: StagePlan = plan, transfers: Transfers = transfers
+            delays: Mapping[str, float], plan: StagePlan = plan, transfers: Transfers = transfers
         ) -> dict[str, float]:
             alone = MotionBuilder()
-            _add_stage(alone, drive, plan, transfers, held, {})
+            _add_stage(alone, drive, plan, transfers, delays, {})
             return {event.arm: event.time for event in alone.events}
 
         now = None if clock is None else clock + begin
         waits = stage_waits(plan, arrivals, list(model.arms), now)
         _wait(record, drive, plan, waits)
-        _add_stage(record, drive, plan, transfers, waits.held, after)
+        _add_stage(record, drive, plan, transfers, waits.delays, after)
         record.stages[-1] = replace(record.stages[-1], start=begin)
     for name, index in drive.columns.items():
         if not record.pieces[name]:
-            # Nothing ever moves: a free start that is also the end.
+            # A group without motion, as with a free start that is also the end.
             record.add(name, hold(drive.joints(name), plans[-1].end[index], 0.0))
     return record.build(job.cell.robot)
 
 
 def _transfers(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Transfers:
-    """Returns the transfers of a stage, in motion where they come from and lead to lines that are passed in motion."""
+    """Time the transfers of a stage, in motion next to lines that are passed in motion."""
     rates = rates_between(drive, before, plan)
     if plan.through or giver_and_taker(plan.stops) is not None:
         return transfers_in_motion(drive, plan, rates)
     passed = (
-        (name, *(None if rate is None else rate.tobytes() for rate in own))
-        for name, own in rates.items()
+        (name, *(None if rate is None else rate.tobytes() for rate in pair))
+        for name, pair in rates.items()
     )
     key: Key = (*plan.stops, plan.start.tobytes(), plan.arrival.tobytes(), *passed)
     if key not in drive.cache.transfers:
@@ -255,7 +264,7 @@ def _transfers(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Trans
 
 
 def _wait(record: MotionBuilder, drive: Drive, plan: StagePlan, waits: StageWaits) -> None:
-    """Lets all joints stand before a stage begins, so that in the stage itself everything stays as it is."""
+    """Insert a wait of all joints before a stage."""
     if waits.common <= 0.0:
         return
     for name, index in drive.columns.items():
@@ -271,18 +280,18 @@ def _add_stage(
     drive: Drive,
     plan: StagePlan,
     transfers: Transfers,
-    held: Mapping[str, float],
+    delays: Mapping[str, float],
     after: Mapping[str, ArmStop],
 ) -> None:
-    """Appends one stage: transfers, then each arm's lines and dwell, then waiting for the others.
+    """Append a stage: transfers, then each arm's lines and dwell, then waits.
 
-    `after` has the next stops of arms that wait for a task to be over.
+    `after` has the next stops of arms that wait for a task to finish.
     """
     begin, ends = record.clock, dict.fromkeys(drive.columns, 0.0)
     kind: SegmentKind = "transfer" if plan.stops else "return"
     for name in drive.columns:
-        there = ends.get(PLATFORM, 0.0)
-        moves = moves_to_lines(drive, plan, name, transfers, there, held.get(name, 0.0))
+        platform_end = ends.get(PLATFORM, 0.0)
+        moves = moves_to_lines(drive, plan, name, transfers, platform_end, delays.get(name, 0.0))
         for reason, run in groupby(moves, key=lambda move: move.reason):
             pieces = [move.motion for move in run]
             for piece in pieces:
@@ -291,33 +300,33 @@ def _add_stage(
             ends[name] += sum(piece.duration for piece in pieces)
             if name != PLATFORM and ends[name] > start:
                 span = begin + start, begin + ends[name]
-                what = "wait" if reason else kind
-                record.add_segment(name, what, plan.stops.get(name), *span, reason)
+                segment_kind = "wait" if reason else kind
+                record.add_segment(name, segment_kind, plan.stops.get(name), *span, reason)
     arrived = dict(ends)
     pair = giver_and_taker(plan.stops)
     if pair is not None:
         ends |= add_handover(record, drive, plan, pair, ends)
     else:
-        over = {
+        stop_ends = {
             name: ends[name] + stop_duration(drive, plan, arm_stop)
             for name, arm_stop in plan.stops.items()
         }
-        latest = begin + max((ends | over).values())
+        latest = begin + max((ends | stop_ends).values())
         for name, arm_stop in plan.stops.items():
             clock = begin + ends[name]
             ends[name] = add_stop(record, drive, plan, arm_stop, clock, latest) - begin
-    length = max(ends.values())
+    duration = max(ends.values())
     for name, index in drive.columns.items():
-        # What leaves in motion is the last, up to rounding.
+        # A group that departs in motion ends last, except for rounding.
         passing = (name, "retract") in plan.passes or name in plan.through
-        if ends[name] < length and not passing:
-            record.add(name, hold(drive.joints(name), plan.end[index], length - ends[name]))
+        if ends[name] < duration and not passing:
+            record.add(name, hold(drive.joints(name), plan.end[index], duration - ends[name]))
             if name != PLATFORM:
-                span = begin + ends[name], begin + length
-                why: WaitReason = "after" if name in after else "partner"
-                record.add_segment(name, "wait", after.get(name), *span, why)
-    record.clock = begin + length
-    # In a hand-over the one that comes last decides, not the one that leaves last.
+                span = begin + ends[name], begin + duration
+                idle_reason: WaitReason = "after" if name in after else "partner"
+                record.add_segment(name, "wait", after.get(name), *span, idle_reason)
+    record.clock = begin + duration
+    # In a hand-over the last arrival decides, not the last departure.
     last = ends if pair is None else arrived
     critical = max(plan.stops, key=lambda name: last[name], default="")
     record.stages.append(stage_of(drive.model, plan, transfers, begin, record.clock, critical))

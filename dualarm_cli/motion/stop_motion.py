@@ -1,4 +1,4 @@
-"""Motion of arms at their stops: lines, dwells, hand-overs, with their segments and events."""
+"""Motion of arms at their stops: lines, dwells and hand-overs, with segments and events."""
 
 from __future__ import annotations
 
@@ -38,22 +38,25 @@ from dualarm_cli.timing.problem import LineProblem
 
 @dataclass(frozen=True)
 class LineSettings:
-    """Resolution of lines."""
+    """Resolution and tolerance of timed lines."""
 
     line_tolerance: float = 5e-5
-    """Largest distance from a line [m] and turn on it [rad], half of what is verified."""
+    """Largest deviation from a line [m, rad], half of the verified tolerance."""
     knots: tuple[int, ...] = (12, 24, 48, 96, 192, 384)
-    """Numbers of knots that are tried until the tool stays within the tolerance."""
+    """Numbers of knots, tried in order until the tool is within tolerance."""
     shared: int = 16
-    """Number of lines from which two processes time them. Copying a process takes as long as timing a few."""
+    """Number of lines from which two processes time them.
+
+    Starting a process takes as long as timing a few lines.
+    """
 
 
 LINE = LineSettings()
 
 PATH_SAMPLES = 65
-"""Samples of a line with exact inverse kinematics."""
+"""Number of samples of a line with exact inverse kinematics."""
 CHECKS_PER_KNOT = 4
-"""Instants per interval at which tools are measured."""
+"""Instants per interval at which the deviation is measured."""
 
 
 def stage_of(
@@ -64,15 +67,15 @@ def stage_of(
     end: float,
     critical: str,
 ) -> Stage:
-    """Returns a stage with the times of its transfers and the joint that decides them.
+    """Build a stage with the times of its transfers and its bottleneck.
 
     Args:
         model: the job's cell.
         plan: the stage.
-        transfers: its straight transfers.
-        start: when it begins [s].
-        end: when it is over [s].
-        critical: the arm that is done last; empty for a return.
+        transfers: straight transfers.
+        start: start time [s].
+        end: end time [s].
+        critical: the arm that ends last; empty for a return.
     """
     return Stage(
         start=start,
@@ -88,7 +91,10 @@ def stage_of(
 
 
 def event_of(model: CellModel, plan: StagePlan, arm_stop: ArmStop, time: float) -> Event:
-    """Returns the event of one stop: the pose that was asked for, turned by the chosen yaw; one beside it in motion."""
+    """Build the event of a stop, with the commanded pose.
+
+    The pose is the target turned by the chosen yaw, or the passed pose next to it.
+    """
     target, name = arm_stop.stop.target, arm_stop.arm
     if name in plan.through:
         pose = model.tool_pose(name, plan.arrival)
@@ -120,51 +126,51 @@ def solve_line(
     path: tuple[FloatArray, FloatArray],
     launch: Launch | None = None,
 ) -> Trajectory:
-    """Returns the timed motion of one arm along its approach or retract.
+    """Time the motion of an arm along its approach or retract.
 
     Args:
         drive: of the job.
         arm_stop: the arm's stop.
         line: `approach` or `retract`.
         path: joints along it (m, n) [rad], and lengths travelled (m,) [m].
-        launch: how it passes the line's outer end in motion; None: at rest.
+        launch: launch at the line's outer end; None at rest.
 
     Raises:
-        InfeasibleError: the tool cannot be kept within the tolerance.
+        InfeasibleError: the tool leaves the tolerance with any number of knots.
     """
     (q, length), away = path, line == "retract"
-    limits = drive.own_limits[arm_stop.arm]
+    limits = drive.group_limits[arm_stop.arm]
     # A launch is given from the target outwards.
     along = q if away or launch is None else q[::-1]
     for knots in LINE.knots:
-        asked = LineProblem(limits.joints, along, length, limits, drive.cap, knots)
+        problem = LineProblem(limits.joints, along, length, limits, drive.cap, knots)
         if launch is None:
-            trajectory = drive.timing.line(asked)
+            trajectory = drive.timing.line(problem)
         else:
-            outwards = solve_launch(asked, launch)
+            outwards = solve_launch(problem, launch)
             trajectory = outwards if away else reversed_in_time(outwards)
         distance, angle = line_deviation(arm_stop.problem, q, trajectory)
         if max(distance, angle) <= LINE.line_tolerance:
             return trajectory
-    more = {
+    details = {
         "line": line,
         "mm": distance * 1000,
         "angle": angle,
         "most": LINE.line_tolerance * 1000,
     }
-    whose = arm_stop.stop.place, arm_stop.task.id, arm_stop.arm, distance, LINE.line_tolerance
-    raise InfeasibleError(Refusal("line_left", *whose, more=more))
+    arguments = arm_stop.stop.place, arm_stop.task.id, arm_stop.arm, distance, LINE.line_tolerance
+    raise InfeasibleError(Refusal("line_left", *arguments, more=details))
 
 
 def line_deviation(
     problem: StopProblem, q: FloatArray, trajectory: Trajectory
 ) -> tuple[float, float]:
-    """Returns how far the tool leaves its line: distance [m] and angle [rad].
+    """Compute the largest distance [m] and angle [rad] of the tool from its line.
 
     Args:
-        problem: the stop the line belongs to.
-        q: exact joints along the line [rad], shape (m, 7); the ends are what matters.
-        trajectory: the motion to be judged.
+        problem: problem of the line's stop.
+        q: exact joints along the line [rad], shape (m, 7); only the ends are used.
+        trajectory: motion to check.
     """
     tip = product(-problem.R_tool_flange.T, problem.p_tool_flange)
     knots = trajectory.time, trajectory.position, trajectory.velocity, trajectory.acceleration
@@ -180,22 +186,22 @@ def add_handover(
     pair: tuple[ArmStop, ArmStop],
     ends: Mapping[str, float],
 ) -> dict[str, float]:
-    """Appends a hand-over from where both tools are there; returns when each arm is done with it [s].
+    """Append a hand-over; return the end of each arm's part [s].
 
-    The taking arm approaches and grips while the giving one stands still, which then lets go and retracts while the
-    taking one does.
+    The taking arm approaches and grips while the giving arm stands still. Then the giving arm releases and retracts
+    while the taking arm stands still.
 
     Args:
-        record: what is planned so far.
+        record: plan under construction.
         drive: of the job.
         plan: the stage.
         pair: the giving and the taking arm's stop.
-        ends: when each group is where its lines begin, from the stage's start [s].
+        ends: arrival of each group at its lines, from the stage's start [s].
     """
     begin, giver, taker = record.clock, *pair
-    # An arm that comes in motion is the last, up to rounding.
+    # An arm that arrives in motion is the last, except for rounding.
     moves = (taker.arm, "approach") in plan.passes
-    there = ends[taker.arm] if moves else max(ends.values())
+    arrival = ends[taker.arm] if moves else max(ends.values())
 
     def wait(arm_stop: ArmStop, start: float, end: float) -> None:
         if end <= start:
@@ -205,7 +211,7 @@ def add_handover(
         record.add(arm_stop.arm, stands)
         record.add_segment(arm_stop.arm, "wait", arm_stop, start, end, "partner")
 
-    clock = begin + there
+    clock = begin + arrival
     wait(taker, begin + ends[taker.arm], clock)
     gripped = add_stop(record, drive, plan, taker, clock)
     wait(giver, begin + ends[giver.arm], gripped)
@@ -214,7 +220,7 @@ def add_handover(
 
 
 def timed_line(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Trajectory:
-    """Returns the timed `approach` or `retract` of a stop in its stage, which has one; see `solve_line`."""
+    """Return the timed `approach` or `retract` of a stop, from the cache if known."""
     key = _timed_key(drive, plan, arm_stop, line)
     if key not in drive.cache.lines:
         launch = plan.passes.get((arm_stop.arm, line))
@@ -225,52 +231,52 @@ def timed_line(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> T
 
 
 def time_lines(drive: Drive, plans: Sequence[StagePlan]) -> None:
-    """Times the lines of stages that are not timed yet, half of them in a second process where that is allowed.
+    """Time the lines of stages that are not in the cache, in two processes if allowed.
 
-    Lines that cannot be timed are left for who needs them.
+    Lines that cannot be timed are skipped.
 
     Args:
         drive: of the job; its `cache` gets the lines.
         plans: stages.
     """
-    asked: dict[Key, tuple[StagePlan, ArmStop, str]] = {}
+    requests: dict[Key, tuple[StagePlan, ArmStop, str]] = {}
     for plan in plans:
         for arm_stop in plan.stops.values():
             if arm_stop.tracked is not None:
                 continue
-            for line, way in (
+            for line, distance in (
                 ("approach", arm_stop.stop.approach),
                 ("retract", arm_stop.stop.retract),
             ):
                 key = _timed_key(drive, plan, arm_stop, line)
-                if way > 0.0 and key not in drive.cache.lines:
-                    asked[key] = plan, arm_stop, line
+                if distance > 0.0 and key not in drive.cache.lines:
+                    requests[key] = plan, arm_stop, line
 
-    def timed(some: Sequence[tuple[StagePlan, ArmStop, str]]) -> list[Trajectory | None]:
-        found: list[Trajectory | None] = []
-        for one in some:
+    def timed(batch: Sequence[tuple[StagePlan, ArmStop, str]]) -> list[Trajectory | None]:
+        motions: list[Trajectory | None] = []
+        for request in batch:
             try:
-                found.append(timed_line(drive, *one))
+                motions.append(timed_line(drive, *request))
             except InfeasibleError:
-                found.append(None)
-        return found
+                motions.append(None)
+        return motions
 
-    lines = list(asked.values())
-    for one, trajectory in zip(lines, map_halves(timed, lines, LINE.shared), strict=True):
+    lines = list(requests.values())
+    for request, trajectory in zip(lines, map_halves(timed, lines, LINE.shared), strict=True):
         if trajectory is not None:
-            remember_line(drive, *one, trajectory)
+            remember_line(drive, *request, trajectory)
 
 
 def remember_line(
     drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str, timed: Trajectory
 ) -> None:
-    """Notes how a line of a stop in its stage is timed, as `timed_line` returned it."""
+    """Store the timed line of a stop in the cache."""
     key = _timed_key(drive, plan, arm_stop, line)
     drive.cache.lines.setdefault(key, (arm_stop.stop, timed))
 
 
 def _timed_key(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Key:
-    """Returns all that a timed line depends on."""
+    """Build the cache key of a timed line."""
     launch = plan.passes.get((arm_stop.arm, line))
     return (line, launch, *_line_key(drive.model, plan, arm_stop, line))
 
@@ -278,7 +284,7 @@ def _timed_key(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> K
 def joints_along(
     drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns the joints along a line of a stop in its stage, and the lengths travelled; see `line_path`."""
+    """Return the joints along a line, and the lengths travelled; see `line_path`."""
     key = (line, *_line_key(drive.model, plan, arm_stop, line))
     if key not in drive.cache.paths:
         q, length = line_path(arm_stop.problem, arm_stop.posture, line, PATH_SAMPLES)
@@ -288,11 +294,11 @@ def joints_along(
 
 
 def rates_between(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Rates:
-    """Returns the rates with which arms leave the stage before and arrive at lines or targets, if in motion.
+    """Return the rates of arms that depart or arrive in motion.
 
-    Arms with a detour are left out: it has its own rates.
+    Arms with a detour are left out, because it has its own rates.
     """
-    found = {}
+    rates = {}
     for name in drive.columns:
         if name in plan.detours:
             continue
@@ -305,39 +311,39 @@ def rates_between(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Ra
             line = timed_line(drive, plan, plan.stops[name], "approach")
             arriving = np.stack([line.velocity[0], line.acceleration[0]])
         if leaving is not None or arriving is not None:
-            found[name] = leaving, arriving
-    return found
+            rates[name] = leaving, arriving
+    return rates
 
 
 def transfers_in_motion(drive: Drive, plan: StagePlan, rates: Rates) -> Transfers:
-    """Returns the transfers of a stage that arms may leave and come to in motion.
+    """Time the transfers of a stage in which arms may depart and arrive in motion.
 
-    An arm that passes its target gets there as the stage ends, one that comes in motion to a part that it is given
-    gets there when the other one is there with it.
+    An arm that passes its target arrives at the stage's end. A taking arm that arrives in motion arrives when the
+    giving arm is ready.
     """
-    found = transfers_within_tool_speed(drive, plan, rates)
-    longer: dict[str, float] = {}
-    times = {name: motion.duration for name, motion in found.motion.items()}
+    transfers = transfers_within_tool_speed(drive, plan, rates)
+    minimum: dict[str, float] = {}
+    times = {name: motion.duration for name, motion in transfers.motion.items()}
     if plan.through:
         ends = [
             times.get(name, 0.0) + stop_duration(drive, plan, arm_stop)
             for name, arm_stop in plan.stops.items()
         ]
-        longer = dict.fromkeys(plan.through, max([*times.values(), *ends]))
+        minimum = dict.fromkeys(plan.through, max([*times.values(), *ends]))
     pair = giver_and_taker(plan.stops)
     if pair is not None and (pair[1].arm, "approach") in plan.passes:
-        longer[pair[1].arm] = max(times.values())
-    return transfers_within_tool_speed(drive, plan, rates, longer) if longer else found
+        minimum[pair[1].arm] = max(times.values())
+    return transfers_within_tool_speed(drive, plan, rates, minimum) if minimum else transfers
 
 
 def stop_duration(drive: Drive, plan: StagePlan, arm_stop: ArmStop) -> float:
-    """Returns how long an arm takes from where its approach begins to where its retract ends [s]."""
+    """Compute the time from the start of an approach to the end of the retract [s]."""
     if arm_stop.tracked is not None:
         return arm_stop.tracked.motion.duration
-    stop, length = arm_stop.stop, arm_stop.stop.dwell.total
-    for line, way in (("approach", stop.approach), ("retract", stop.retract)):
-        length += timed_line(drive, plan, arm_stop, line).duration if way > 0.0 else 0.0
-    return length
+    stop, duration = arm_stop.stop, arm_stop.stop.dwell.total
+    for line, distance in (("approach", stop.approach), ("retract", stop.retract)):
+        duration += timed_line(drive, plan, arm_stop, line).duration if distance > 0.0 else 0.0
+    return duration
 
 
 def add_stop(
@@ -346,17 +352,17 @@ def add_stop(
     plan: StagePlan,
     arm_stop: ArmStop,
     clock: float,
-    over: float = 0.0,
+    earliest_end: float = 0.0,
 ) -> float:
-    """Appends approach, dwell and retract of one arm; returns when they are over [s].
+    """Append approach, dwell and retract of an arm; return their end [s].
 
     Args:
-        record: what is planned so far.
+        record: plan under construction.
         drive: of the job.
         plan: the stage.
-        arm_stop: what the arm does in it.
-        clock: when it begins [s].
-        over: when it may be over at the earliest [s]: until then an arm that is in motion then waits at its target.
+        arm_stop: the arm's stop.
+        clock: start time [s].
+        earliest_end: earliest end [s]; an arm that departs in motion waits at its target for it.
     """
     name, stop = arm_stop.arm, arm_stop.stop
     joints = drive.model.arms[name].arm.joints
@@ -375,11 +381,11 @@ def add_stop(
     if stop.dwell.total > 0:
         add(hold(joints, arm_stop.posture.q_target, stop.dwell.total), "dwell")
     if stop.retract > 0:
-        away = timed_line(drive, plan, arm_stop, "retract")
-        early = over - (clock + away.duration)
+        retract = timed_line(drive, plan, arm_stop, "retract")
+        early = earliest_end - (clock + retract.duration)
         if (name, "retract") in plan.passes and early > 0.0:
             add(hold(joints, arm_stop.posture.q_target, early), "wait", "partner")
-        add(away, "retract")
+        add(retract, "retract")
     return clock
 
 
@@ -391,27 +397,34 @@ def _add_tracked(
     tracked: Tracked,
     clock: float,
 ) -> float:
-    """Appends a stop on a conveyor, ramps with the lines beside them; returns when it is over [s]."""
+    """Append a stop on a conveyor, its lines merged with the ramps; return its end [s]."""
     name = arm_stop.arm
     reached, left = clock + tracked.reached, clock + tracked.left
-    over = clock + tracked.motion.duration
+    end = clock + tracked.motion.duration
     record.add(name, tracked.motion)
     record.add_segment(name, "approach", arm_stop, clock, reached)
     record.events.append(event_of(model, plan, arm_stop, reached))
     if left > reached:
         record.add_segment(name, "dwell", arm_stop, reached, left)
-    record.add_segment(name, "retract", arm_stop, left, over)
-    return over
+    record.add_segment(name, "retract", arm_stop, left, end)
+    return end
 
 
 def _line_key(model: CellModel, plan: StagePlan, arm_stop: ArmStop, line: str) -> Key:
-    """Returns all that a line of a stop depends on: its target, where the platform is then, and how it is made."""
-    made, seen = arm_stop.posture, arm_stop.problem
+    """Build the cache key of a line: target, platform, posture and start."""
+    posture, problem = arm_stop.posture, arm_stop.problem
     outer = plan.arrival if line == "approach" else plan.end
     numbers = (
         outer[model.platform_columns],
-        seen.start,
-        made.q_target,
-        [made.target, made.yaw, made.branch, made.psi_target, made.psi_approach, made.psi_retract],
+        problem.start,
+        posture.q_target,
+        [
+            posture.target,
+            posture.yaw,
+            posture.branch,
+            posture.psi_target,
+            posture.psi_approach,
+            posture.psi_retract,
+        ],
     )
     return arm_stop.arm, id(arm_stop.stop), np.concatenate(numbers).tobytes()

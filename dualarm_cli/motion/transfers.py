@@ -1,4 +1,4 @@
-"""Transfers of one stage: platform and arms leave together and arrive when needed."""
+"""Transfers of one stage: platform and arms depart together and arrive when needed."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from dualarm_cli.timing.problem import TransferProblem
 from dualarm_cli.timing.ruckig_ import solve_moving_transfer
 
 PLATFORM = "platform"
-"""Name of the joint group of the platform; arms' groups bear the arms' names."""
+"""Name of the platform's joint group; arms' groups have the arms' names."""
 
 
 @dataclass(frozen=True)
 class SpeedSettings:
-    """Numbers that keep tools below a speed cap."""
+    """Settings of the limit of tool speed."""
 
     speed_sample: float = 1e-3
     """Spacing of the instants at which tool speeds are measured [s]."""
@@ -40,40 +40,43 @@ class SpeedSettings:
     coarse: int = 4
     """Stride of the instants at which tool speeds are measured first."""
     fast: float = 0.9
-    """Share of the largest speed above which the instants around are measured as well."""
+    """Fraction of the largest speed above which neighbouring instants are measured."""
     speed_tries: int = 36
-    """Maximum number of velocity factors tried for a tool-speed cap."""
+    """Maximum number of velocity factors that are tried."""
     sure: int = 5
-    """Number of tries after which every other factor halves the remaining range."""
+    """Number of attempts after which every other factor halves the remaining range."""
 
 
 SPEED = SpeedSettings()
 
 SPEED_MARGIN = 1e-3
-"""Share of the tool-speed cap kept free for what lies between the instants."""
-CLOSE = 5e-4
-"""A motion whose fastest tool is slower than the cap by no more than this share is as good as any."""
-SLOWEST = 4096
-"""No joint is slowed to less than this part of its speed."""
+"""Fraction of the speed limit that is kept free for motion between the instants."""
+SPEED_TOLERANCE = 5e-4
+"""Relative distance from the speed limit at which the search ends."""
+MAX_SLOWDOWN = 4096
+"""Largest factor by which joints are slowed."""
 
 
 @dataclass(frozen=True)
 class Transfers:
-    """One stage's transfers."""
+    """Transfers of one stage."""
 
     motion: Mapping[str, Trajectory]
-    """By joint group; groups with nothing to do are missing."""
+    """Motion by joint group; groups without motion are missing."""
     times: Mapping[str, float]
-    """Closed-form time of each group on its own [s]."""
+    """Minimum time of each group alone [s]."""
     joint_times: Mapping[str, float]
-    """Closed-form time of each joint on its own [s]."""
+    """Minimum time of each joint alone [s]."""
     slowest: Mapping[str, str]
-    """Each group's slowest joint; empty where nothing moves."""
+    """Slowest joint of each group; empty if nothing moves."""
     capped: bool = False
-    """Whether all were slowed for a cap on the tools' speed."""
+    """Whether all groups were slowed to keep the limit of tool speed."""
 
     def bottleneck(self, arm: str) -> str:
-        """Returns the joint for which an arm's line waits, TOOL_SPEED if capped; of all groups if `arm` is empty."""
+        """Name the joint that delays an arm's line, TOOL_SPEED if capped.
+
+        An empty `arm` stands for all groups.
+        """
         groups = [g for g in self.times if g in (arm, PLATFORM) or not arm]
         slowest = max(groups, key=lambda g: self.times[g])
         if not self.times[slowest] > 0:
@@ -82,45 +85,45 @@ class Transfers:
 
 
 Key = tuple[Hashable, ...]
-"""All that something depends on."""
+"""Key of a cached value: everything that it depends on."""
 
 
 @dataclass(frozen=True)
 class MotionCache:
-    """What has been timed already in one job, so that it is not timed again where other stages are repaired."""
+    """Motions of a job that were timed so far, reused when other stages are repaired."""
 
     lines: dict[Key, tuple[Stop, Trajectory]] = field(default_factory=dict)
-    """Lines, with their stop, lest another one takes its identity."""
+    """Timed lines, with their stop, which keeps its identity from being reused."""
     paths: dict[Key, tuple[Stop, FloatArray, FloatArray]] = field(default_factory=dict)
     """Joints along lines and lengths travelled, with their stop."""
     transfers: dict[Key, Transfers] = field(default_factory=dict)
     """Straight transfers of stages."""
     moving: dict[Key, Trajectory | None] = field(default_factory=dict)
-    """Transfers of one group that begin or end in motion; None where there is none."""
+    """Transfers of one group that begin or end in motion; None if infeasible."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """What the joints of a job may do and how their motion is timed."""
+    """Joint groups of a job, with limits and timing."""
 
     model: CellModel
-    """The job's cell."""
+    """Cell of the job."""
     columns: Mapping[str, list[int]]
     """Columns of each joint group within the limits' joints."""
     limits: JointLimits
-    """Of all joints, at the job's pace."""
+    """Limits of all joints, at the job's fraction of full speed."""
     timing: TimingSolver
-    """How transfers, lines and curves are timed."""
+    """Solver for transfers, lines and curves."""
     cap: float | None
-    """Largest speed of any tool centre point in the world [m/s], or None."""
+    """Limit of the speed of any tool centre point in the world [m/s], or None."""
     cache: MotionCache = field(default_factory=MotionCache)
-    """What is timed already."""
+    """Motions that were timed so far."""
 
     @staticmethod
     def of(
         model: CellModel, job: Job, timing: TimingSolver, cache: MotionCache | None = None
     ) -> Drive:
-        """Returns the drive of a job: the platform's group, if there is one, then the arms'."""
+        """Build the drive of a job: the platform's group, if any, then the arms'."""
         robot = job.cell.robot
         columns = {PLATFORM: model.platform_columns} if robot.platform else {}
         columns |= {name: arm.columns for name, arm in model.arms.items()}
@@ -128,78 +131,87 @@ class Drive:
         return Drive(model, columns, job.limits, timing, job.tool_speed, cache)
 
     @cached_property
-    def own_limits(self) -> Mapping[str, JointLimits]:
+    def group_limits(self) -> Mapping[str, JointLimits]:
         """Limits of each group's joints."""
         return {group: self.limits.select(self.joints(group)) for group in self.columns}
 
     def joints(self, group: str) -> tuple[str, ...]:
-        """Returns the names of a group's joints."""
+        """Return the names of a group's joints."""
         return tuple(self.limits.joints[i] for i in self.columns[group])
 
 
 Rates = Mapping[str, tuple[FloatArray | None, FloatArray | None]]
-"""Velocities and accelerations, shape (2, n), with which groups leave and arrive; None: at rest."""
+"""Velocities and accelerations of departure and arrival by group; None at rest.
+
+Each has shape (2, n).
+"""
 
 
 def time_transfers(
     drive: Drive,
     plan: StagePlan,
     rates: Rates | None = None,
-    longer: Mapping[str, float] | None = None,
+    minimum: Mapping[str, float] | None = None,
     *,
     resting: bool = True,
 ) -> Transfers:
-    """Returns the transfers of one stage.
+    """Time the transfers of one stage.
 
     An arm's transfer lasts as long as its slowest joint, or the platform's where that is slower, because its line
     starts when both are there. The platform arrives with the first arm that waits for it. In a return all arrive
-    together, but for arms that leave in motion.
+    together, except for arms that depart in motion.
 
     Args:
         drive: of the job.
         plan: the stage.
-        rates: of arms that leave or arrive in motion.
-        longer: how long transfers of such arms take at least [s].
-        resting: whether those of the others are wanted, which there are in any case.
+        rates: rates of arms that depart or arrive in motion.
+        minimum: minimum durations of their transfers [s].
+        resting: whether to include transfers from rest to rest, which always exist.
 
     Raises:
-        InfeasibleError: no transfer leaves and arrives in such motion.
+        InfeasibleError: no transfer has these rates.
     """
     columns, limits = drive.columns, drive.limits
     moved = np.abs(plan.arrival - plan.start)
-    alone = rest_to_rest_duration(moved, limits.velocity, limits.acceleration, limits.jerk)
-    times = {g: float(alone[index].max()) for g, index in columns.items()}
+    joint_times = rest_to_rest_duration(moved, limits.velocity, limits.acceleration, limits.jerk)
+    times = {g: float(joint_times[index].max()) for g, index in columns.items()}
     slowest = {
-        g: limits.joints[index[int(np.argmax(alone[index]))]] if times[g] > 0 else ""
+        g: limits.joints[index[int(np.argmax(joint_times[index]))]] if times[g] > 0 else ""
         for g, index in columns.items()
     }
     platform = times.get(PLATFORM, 0.0)
     motion = {}
 
     def problem(group: str, length: float) -> TransferProblem:
-        index, own = columns[group], drive.own_limits[group]
+        index, group_limits = columns[group], drive.group_limits[group]
         leaving, arriving = (rates or {}).get(group, (None, None))
         return TransferProblem(
-            own.joints, plan.start[index], plan.arrival[index], own, length, leaving, arriving
+            group_limits.joints,
+            plan.start[index],
+            plan.arrival[index],
+            group_limits,
+            length,
+            leaving,
+            arriving,
         )
 
     if rates and not plan.stops and PLATFORM in rates:
-        # Platform and arms are back together.
+        # Platform and arms return together.
         motion = _all_together(drive, plan, rates, times)
         return Transfers(
-            motion, times, dict(zip(limits.joints, alone.tolist(), strict=True)), slowest
+            motion, times, dict(zip(limits.joints, joint_times.tolist(), strict=True)), slowest
         )
     lengths = {g: max(platform, times[g]) for g in times if g != PLATFORM}
     # The platform first: arms may wait for it.
     for group in sorted(rates or {}, key=lambda group: group != PLATFORM):
         least = platform if plan.stops else max(times.values())
-        least = max(0.0 if group == PLATFORM else least, (longer or {}).get(group, 0.0))
-        found = _moving(drive, group, problem(group, least))
-        if found is None:
+        least = max(0.0 if group == PLATFORM else least, (minimum or {}).get(group, 0.0))
+        moving = _moving(drive, group, problem(group, least))
+        if moving is None:
             raise InfeasibleError(Refusal("no_plan_on_grid"))
-        motion[group], lengths[group] = found, found.duration
+        motion[group], lengths[group] = moving, moving.duration
         if group == PLATFORM:
-            platform = found.duration
+            platform = moving.duration
             lengths |= {g: max(platform, times[g]) for g in times if g != PLATFORM}
     if not plan.stops:
         lengths = dict.fromkeys(times, max(times.values()))
@@ -208,32 +220,32 @@ def time_transfers(
     for group in columns if resting else ():
         if group not in motion and (times[group] > 0 or group in plan.stops):
             motion[group] = drive.timing.transfer(problem(group, lengths[group]))
-    joint_times = dict(zip(limits.joints, alone.tolist(), strict=True))
-    return Transfers(motion, times, joint_times, slowest)
+    by_joint = dict(zip(limits.joints, joint_times.tolist(), strict=True))
+    return Transfers(motion, times, by_joint, slowest)
 
 
-def _moving(drive: Drive, group: str, asked: TransferProblem) -> Trajectory | None:
-    """Returns a group's transfer that begins or ends in motion, under the job's limits; None where there is none."""
-    ends = (asked.start, asked.goal, *asked.rates())
-    key: Key = (group, asked.minimum_duration, *(end.tobytes() for end in ends))
+def _moving(drive: Drive, group: str, problem: TransferProblem) -> Trajectory | None:
+    """Time a group's transfer that begins or ends in motion; None if infeasible."""
+    ends = (problem.start, problem.goal, *problem.rates())
+    key: Key = (group, problem.minimum_duration, *(end.tobytes() for end in ends))
     if key not in drive.cache.moving:
-        drive.cache.moving[key] = solve_moving_transfer(asked)
+        drive.cache.moving[key] = solve_moving_transfer(problem)
     return drive.cache.moving[key]
 
 
 def _all_together(
     drive: Drive, plan: StagePlan, rates: Rates, times: Mapping[str, float]
 ) -> dict[str, Trajectory]:
-    """Returns transfers of platform and arms that are back at the same instant, by group.
+    """Time transfers of platform and arms that arrive at the same time, by group.
 
     Args:
         drive: of the job.
         plan: the return.
-        rates: of groups that leave or arrive in motion.
-        times: closed-form times of the groups [s].
+        rates: rates of groups that depart or arrive in motion.
+        times: minimum times of the groups [s].
 
     Raises:
-        InfeasibleError: no transfer leaves and arrives in such motion.
+        InfeasibleError: no transfer has these rates.
     """
     groups = [g for g in drive.columns if times[g] > 0 or g in rates]
     names = tuple(joint for g in groups for joint in drive.joints(g))
@@ -245,34 +257,34 @@ def _all_together(
             rate, count = rates.get(g, (None, None))[end], len(drive.columns[g])
             rows[:, first : first + count] = 0.0 if rate is None else rate
             first += count
-    asked = TransferProblem(
+    problem = TransferProblem(
         names, plan.start[index], plan.arrival[index], drive.limits.select(names), 0.0, *ends
     )
-    found = solve_moving_transfer(asked)
-    if found is None:
+    motion = solve_moving_transfer(problem)
+    if motion is None:
         raise InfeasibleError(Refusal("no_plan_on_grid"))
-    return {g: found.select(drive.joints(g)) for g in groups}
+    return {g: motion.select(drive.joints(g)) for g in groups}
 
 
 def transfers_within_tool_speed(
     drive: Drive,
     plan: StagePlan,
     rates: Rates | None = None,
-    longer: Mapping[str, float] | None = None,
+    minimum: Mapping[str, float] | None = None,
 ) -> Transfers:
-    """Returns the transfers, slowed until no tool exceeds the cap on its speed.
+    """Time the transfers, slowed until no tool exceeds its speed limit.
 
-    All joint velocity limits are lowered by one factor; accelerations and jerks stay, so that the tools reach the cap
-    as fast as before. A transfer that leaves or arrives in motion cannot be slowed: who asks for it looks at its
-    speed (`tool_speed_of`).
+    All joint velocity limits are reduced by one factor. Acceleration and jerk limits stay, so that tools reach the
+    limit as fast as before. A transfer that begins or ends in motion cannot be slowed: its caller checks the speed
+    (`tool_speed_of`).
 
     Args:
         drive: of the job.
         plan: the stage.
-        rates: of arms that leave or arrive in motion.
-        longer: how long transfers of such arms take at least [s].
+        rates: rates of arms that depart or arrive in motion.
+        minimum: minimum durations of their transfers [s].
     """
-    transfers = time_transfers(drive, plan, rates, longer)
+    transfers = time_transfers(drive, plan, rates, minimum)
     cap, limits = drive.cap, drive.limits
     if cap is None or not transfers.motion or rates:
         return transfers
@@ -283,15 +295,15 @@ def transfers_within_tool_speed(
         slow = replace(limits, velocity=limits.velocity * factor)
         return time_transfers(replace(drive, limits=slow, cache=MotionCache()), plan)
 
-    best = slowed(slower, lambda tried: tool_speed_of(drive, plan, tried), cap)
+    best = slowed(slower, lambda candidate: tool_speed_of(drive, plan, candidate), cap)
     if best is None:
-        more = {"slowest": SLOWEST}
-        raise InfeasibleError(Refusal("tool_speed_too_low", allowed=cap, more=more))
+        details = {"slowest": MAX_SLOWDOWN}
+        raise InfeasibleError(Refusal("tool_speed_too_low", allowed=cap, more=details))
     return best if best is transfers else replace(best, capped=True)
 
 
 def tool_speed_of(drive: Drive, plan: StagePlan, transfers: Transfers) -> float:
-    """Returns the largest speed of a tool in a stage's transfers [m/s]."""
+    """Compute the largest speed of a tool in a stage's transfers [m/s]."""
     return largest_tool_speed(
         drive.model,
         list(drive.model.arms),
@@ -304,31 +316,31 @@ T = TypeVar("T")
 
 
 def slowed(make: Callable[[float], T], speed: Callable[[T], float], cap: float) -> T | None:
-    """Returns the fastest motion found in which no tool exceeds a cap on its speed; None for none.
+    """Find the fastest motion whose tools keep a speed limit, or None.
 
-    Where velocity limits decide, speed is proportional to them: so the next factor follows from the speed of the last
-    one. Where they do not decide, and that leads nowhere soon, every other one halves what is left.
+    Where velocity limits decide, speed is proportional to them, so that the next factor follows from the last speed.
+    Otherwise every other factor halves the remaining range.
 
     Args:
-        make: the motion with all velocity limits times a factor; that with 1 is tried first.
-        speed: the largest speed of a tool in a motion [m/s].
-        cap: what is allowed [m/s]; SPEED_MARGIN of it is kept free.
+        make: motion with all velocity limits times a factor; 1 is tried first.
+        speed: largest speed of a tool in a motion [m/s].
+        cap: speed limit [m/s]; SPEED_MARGIN of it is kept free.
     """
     allowed = cap * (1.0 - SPEED_MARGIN)
     best, low, high, factor = None, 0.0, 1.0, 1.0
     for k in range(SPEED.speed_tries):
-        tried = make(factor)
-        fastest = speed(tried)
+        motion = make(factor)
+        fastest = speed(motion)
         if fastest <= allowed:
-            best, low = tried, factor
-            if factor == 1.0 or fastest >= (1.0 - CLOSE) * allowed:
+            best, low = motion, factor
+            if factor == 1.0 or fastest >= (1.0 - SPEED_TOLERANCE) * allowed:
                 return best
         else:
             high = factor
-        factor *= (1.0 - 0.5 * CLOSE) * allowed / fastest if fastest > 0.0 else 1.0
+        factor *= (1.0 - 0.5 * SPEED_TOLERANCE) * allowed / fastest if fastest > 0.0 else 1.0
         if not low < factor < high or (k >= SPEED.sure and k % 2):
             factor = 0.5 * (low + high)
-        if factor < 1.0 / SLOWEST or high - low < 0.1 * CLOSE * high:
+        if factor < 1.0 / MAX_SLOWDOWN or high - low < 0.1 * SPEED_TOLERANCE * high:
             break
     return best
 
@@ -337,34 +349,34 @@ def largest_tool_speed(
     model: CellModel,
     arms: Sequence[str],
     position_at: Callable[[FloatArray], FloatArray],
-    length: float,
+    duration: float,
 ) -> float:
     """Measure the largest speed of the arms' tool centre points [m/s].
 
-    Instants are `speed_sample` apart: first every `coarse`-th one, then all those about fast ones.
+    Instants are `speed_sample` apart: first every `coarse`-th one, then those next to fast ones.
 
     Args:
         model: the cell.
-        arms: their names.
+        arms: names of the arms.
         position_at: all joints (m, n) [rad] at instants (m,) [s].
-        length: of the motion [s].
+        duration: duration of the motion [s].
     """
 
     def speeds(time: FloatArray) -> FloatArray:
         both = position_at(np.concatenate([time - SPEED.speed_step, time + SPEED.speed_step]))
         tip = model.tool_positions(arms, both)
-        way = tip[:, len(time) :] - tip[:, : len(time)]
-        largest: FloatArray = norm(way, axis=-1).max(axis=0)
+        displacement = tip[:, len(time) :] - tip[:, : len(time)]
+        largest: FloatArray = norm(displacement, axis=-1).max(axis=0)
         return largest / (2.0 * SPEED.speed_step)
 
-    coarse = np.arange(0.0, length + SPEED.speed_sample, SPEED.coarse * SPEED.speed_sample)
-    found = speeds(coarse)
-    near = coarse[found >= SPEED.fast * found.max()]
+    coarse = np.arange(0.0, duration + SPEED.speed_sample, SPEED.coarse * SPEED.speed_sample)
+    measured = speeds(coarse)
+    fast = coarse[measured >= SPEED.fast * measured.max()]
     steps = SPEED.speed_sample * np.delete(
         np.arange(-SPEED.coarse + 1, SPEED.coarse), SPEED.coarse - 1
     )
-    between = distinct((near[:, None] + steps).round(9))
-    return max(float(found.max()), float(speeds(between).max(initial=0.0)))
+    between = distinct((fast[:, None] + steps).round(9))
+    return max(float(measured.max()), float(speeds(between).max(initial=0.0)))
 
 
 def _positions(
@@ -373,7 +385,7 @@ def _positions(
     transfers: Transfers,
     time: FloatArray,
 ) -> FloatArray:
-    """Returns all joints at the given times of the stage, shape (m, n)."""
+    """Compute all joints at given times of the stage, shape (m, n)."""
     q = np.tile(plan.start, (len(time), 1))
     for group, trajectory in transfers.motion.items():
         q[:, columns[group]] = trajectory.at(time)[0]

@@ -1,4 +1,4 @@
-"""Waits among an arm's segments: which of them belong to a transfer, and which come after all its work."""
+"""Waits of an arm: those that belong to transfers, and those after its last task."""
 
 from __future__ import annotations
 
@@ -9,63 +9,63 @@ from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind
 
 MOVES = ("transfer", "return")
-"""Segments that lead to where a line begins."""
+"""Segments that lead to the start of a line."""
 FOR_THE_OTHER = ("partner", "end")
-"""Reasons of waits for the other arm: it finishes a stage, or all that is left."""
+"""Reasons of waits for the other arm: until it ends the stage, or the motion."""
 
 
 def with_ends(segments: Sequence[Segment], events: Sequence[Event]) -> tuple[Segment, ...]:
-    """Returns segments in which waiting for the other arm is called `end` after an arm's last task, `partner` before.
+    """Name waits for the other arm: `end` after an arm's last task, `partner` before.
 
     Args:
-        segments: all that the arms do.
-        events: their events: a target where the arm stands already has no segment.
+        segments: segments of the arms.
+        events: their events, because a target that is already reached has no segment.
     """
-    done: dict[str, float] = {}
+    last_work: dict[str, float] = {}
     for event in events:
-        done[event.arm] = max(event.time, done.get(event.arm, event.time))
+        last_work[event.arm] = max(event.time, last_work.get(event.arm, event.time))
     for part in segments:
         if part.kind != "wait" and part.task:
-            done[part.arm] = max(part.end, done.get(part.arm, part.end))
+            last_work[part.arm] = max(part.end, last_work.get(part.arm, part.end))
 
     def named(part: Segment) -> Segment:
         if part.kind != "wait" or part.reason not in FOR_THE_OTHER:
             return part
-        over = part.arm not in done or part.start >= done[part.arm] - SAME_TIME
-        return replace(part, reason="end" if over else "partner")
+        is_last = part.arm not in last_work or part.start >= last_work[part.arm] - SAME_TIME
+        return replace(part, reason="end" if is_last else "partner")
 
     return tuple(named(part) for part in segments)
 
 
 def whole_transfers(segments: Iterable[Segment]) -> list[Segment]:
-    """Returns segments in which each transfer is one, from where the arm leaves until its line may begin.
+    """Merge the segments of each transfer, from departure to the start of the line.
 
-    Pauses on the way and waiting for the platform at its end are parts of it; so is standing until the platform is
-    there where the arm itself has no way to go. Waiting before the arm leaves is not.
+    Pauses during it and the wait for the platform at its end belong to it; so does the wait for the platform of an arm
+    that need not move. Waits before departure do not.
 
     Args:
-        segments: all that the arms do, each arm's in time order.
+        segments: segments of the arms, in time order for each arm.
     """
-    found: list[Segment] = []
+    merged: list[Segment] = []
     runs: dict[str, list[Segment]] = {}
     for part in segments:
         run = runs.setdefault(part.arm, [])
         if run and not _follows(part, run[-1]):
-            found += _as_one(run)
+            merged += _merge(run)
             run.clear()
-        if part.kind in MOVES or (part.kind == "wait" and _on_the_way(part, run)):
+        if part.kind in MOVES or (part.kind == "wait" and _within_transfer(part, run)):
             run.append(part)
         else:
-            found += _as_one(run)
+            merged += _merge(run)
             run.clear()
-            found.append(part)
+            merged.append(part)
     for run in runs.values():
-        found += _as_one(run)
-    return found
+        merged += _merge(run)
+    return merged
 
 
 def transfer_ends(segments: Sequence[Segment], start: float, end: float) -> list[float]:
-    """Returns when those transfers are over [s] that end after a start and not after an end."""
+    """List the ends of transfers that end after `start` and not after `end` [s]."""
     near = [part for part in segments if part.end > start and part.start <= end]
     return [
         part.end for part in whole_transfers(near) if part.kind in MOVES and start < part.end <= end
@@ -77,17 +77,20 @@ def _follows(part: Segment, before: Segment) -> bool:
     return same and abs(part.start - before.end) <= SAME_TIME
 
 
-def _on_the_way(part: Segment, run: Sequence[Segment]) -> bool:
+def _within_transfer(part: Segment, run: Sequence[Segment]) -> bool:
     return part.reason == "platform" or (part.reason == "shared_zone" and len(run) > 0)
 
 
-def _as_one(run: Sequence[Segment]) -> list[Segment]:
-    """Returns a run of moves and waits as one move; waits at its end but for the platform stay by themselves."""
+def _merge(run: Sequence[Segment]) -> list[Segment]:
+    """Merge a run of moves and waits into one move.
+
+    Waits at its end are not merged unless they are for the platform.
+    """
     last = len(run)
     while last and run[last - 1].kind == "wait" and run[last - 1].reason != "platform":
         last -= 1
-    whole, rest = run[:last], list(run[last:])
+    whole, remaining = run[:last], list(run[last:])
     if not whole:
-        return rest
+        return remaining
     kind: SegmentKind = next((part.kind for part in whole if part.kind in MOVES), "transfer")
-    return [replace(whole[0], kind=kind, end=whole[-1].end, reason=""), *rest]
+    return [replace(whole[0], kind=kind, end=whole[-1].end, reason=""), *remaining]

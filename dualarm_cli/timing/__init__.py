@@ -1,4 +1,4 @@
-"""The timing family: how transfers and lines become motion in time."""
+"""Timing solvers: time laws of transfers and lines."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from dualarm_cli.timing.problem import (
 )
 
 
-def _serves_all(_: JointLimits) -> str | None:
+def _supports_all(_: JointLimits) -> str | None:
     return None
 
 
 @dataclass(frozen=True)
 class TimingSolver:
-    """One way of timing: a transfer solver and a line solver."""
+    """Timing method: a transfer solver and a line solver."""
 
     name: str
-    """Word on the command line and in files."""
+    """Name on the command line and in files."""
     transfer: Callable[[TransferProblem], Trajectory]
-    """From rest to rest."""
+    """Solver of transfers from rest to rest."""
     line: Callable[[LineProblem], Trajectory]
-    """Along a given path."""
+    """Solver of lines along a given path."""
     summary: str
-    """What it does, in one sentence."""
+    """Method in one sentence."""
     reference: str
-    """Paper and equation, or that it is our own."""
-    why_unsupported: Callable[[JointLimits], str | None] = _serves_all
-    """A reason why joints with such limits cannot be timed, or None."""
+    """Paper and equation, or `ours`."""
+    why_unsupported: Callable[[JointLimits], str | None] = _supports_all
+    """Check of limits: the reason why they are not supported, or None."""
 
 
 TIMING_SOLVERS: Registry[TimingSolver] = Registry(

@@ -1,4 +1,4 @@
-"""Putting trajectories together, one after the other."""
+"""Composition of trajectories in sequence."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from dualarm_cli.model.joint_motion import SAME_TIME
 from dualarm_cli.model.trajectory import Trajectory
 
 SAME_POSITION = 1e-9
-"""Positions nearer than this are one position [rad]."""
+"""Largest distance of equal positions [rad]."""
 ROUNDED = 64
-"""In longer motions instants are one that differ by so many of the steps between numbers of their size."""
+"""Tolerance of start times in long motions, in floating-point steps of the time."""
 
 
 def hold(joints: tuple[str, ...], position: FloatArray, duration: float) -> Trajectory:
-    """Returns joints standing still [rad], shape (n,), for a duration [s]."""
+    """Build a trajectory at rest at a position [rad], shape (n,), for a duration [s]."""
     rest = np.zeros((2, len(joints)))
     return Trajectory(joints, np.array([0.0, duration]), np.vstack([position] * 2), rest, rest)
 
 
 def drawn_out(trajectory: Trajectory, factor: float) -> Trajectory:
-    """Returns the same way in factor times the time."""
+    """Stretch a trajectory in time by a factor."""
     return Trajectory(
         trajectory.joints,
         trajectory.time * factor,
@@ -36,20 +36,20 @@ def drawn_out(trajectory: Trajectory, factor: float) -> Trajectory:
 def concatenate(
     trajectories: Sequence[Trajectory], begins: Mapping[int, float] | None = None
 ) -> Trajectory:
-    """Returns trajectories of the same joints one after the other, from time 0.
+    """Join trajectories of the same joints in sequence, from time 0.
 
-    Where one ends and the next starts with the same acceleration their common knot is one.
+    Adjacent knots with equal acceleration are merged.
 
     Args:
-        trajectories: at least one.
-        begins: when some of them begin [s], by their numbers, as others know it: in thousands of them rounding adds up.
+        trajectories: at least one trajectory.
+        begins: start times of some of them [s], by index, against accumulated rounding in long sequences.
 
     Raises:
-        ValueError: there is none, the joints differ, or one does not start where or when the one before ends.
+        ValueError: no trajectory, different joints, or a gap in time or position.
     """
     if not trajectories:
         raise ValueError("no trajectories to join")
-    joints, known = trajectories[0].joints, begins or {}
+    joints, given_begins = trajectories[0].joints, begins or {}
     if any(t.joints != joints for t in trajectories):
         raise ValueError("trajectories of different joints cannot be joined")
     time, q, v, a = (
@@ -63,23 +63,24 @@ def concatenate(
     for number, (zero, end) in enumerate(
         zip(time[first].tolist(), time[last].tolist(), strict=True)
     ):
-        begin = known.get(number, clock)
+        begin = given_begins.get(number, clock)
         if abs(begin - clock) > max(SAME_TIME, ROUNDED * np.spacing(clock)):
             raise ValueError(f"a trajectory starts {begin} s after the first, not {clock} s")
         clocks.append(clock)
         starts.append(begin)
-        # A known begin may be earlier by rounding; the next one takes up what a piece of no length leaves.
+        # A given begin may be earlier by rounding; then the next piece absorbs the difference.
         clock = max(clock, begin + (end - zero)) if end != zero else clock
-    apart = np.abs(q[first[1:]] - q[last[:-1]]).max(axis=1, initial=0.0) > SAME_POSITION
-    if apart.any():
-        k = int(np.argmax(apart))
+    has_gap = np.abs(q[first[1:]] - q[last[:-1]]).max(axis=1, initial=0.0) > SAME_POSITION
+    if has_gap.any():
+        k = int(np.argmax(has_gap))
         raise ValueError(
             f"a trajectory starts at {q[first[k + 1]].tolist()}, {clocks[k + 1]} s after the first, "
             f"where the one before ended at {q[last[k]].tolist()}"
         )
     since, clock_of = time - np.repeat(time[first], counts), np.repeat(clocks, counts)
     time = np.repeat(starts, counts) + since
-    # A jump of acceleration where one begins is two knots at one time. Defective times stay for the verifier to find.
+    # A jump of acceleration between two pieces is two knots at one time. Defective times are kept for the verifier to
+    # report.
     time = np.where(since == 0.0, clock_of, np.where(since > 0.0, np.maximum(time, clock_of), time))
     kept = np.ones(len(time), dtype=np.bool_)
     kept[first[1:]] = (a[first[1:]] != a[last[:-1]]).any(axis=1)

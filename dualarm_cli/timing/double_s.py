@@ -1,4 +1,4 @@
-"""Transfers in closed form: double S or trapezoid, all joints in the same time."""
+"""Transfers in closed form: double S or trapezoid, with all joints synchronised."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.problem import TransferProblem
 
 PHASES = 7
-"""Phases of a double S; those that a motion does not need have no length."""
+"""Number of phases of a double S; unused ones have no length."""
 
 
 @dataclass(frozen=True)
 class Phases:
-    """Stretches of constant jerk of n joints, one after the other."""
+    """Phases of constant jerk of n joints, in order."""
 
     duration: FloatArray
-    """Lengths [s], shape (n, 7); all zero for a joint that stands."""
+    """Durations [s], shape (n, 7); all zero for a joint at rest."""
     acceleration: FloatArray
-    """Accelerations at their starts [rad/s²], shape (n, 7)."""
+    """Accelerations at the starts of phases [rad/s²], shape (n, 7)."""
     jerk: FloatArray
-    """Jerks throughout [rad/s³], shape (n, 7)."""
+    """Jerks of the phases [rad/s³], shape (n, 7)."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("duration", "acceleration", "jerk"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
     def slowed(self, duration: float) -> Phases:
-        """Returns the same motions, each slowed to take the duration [s].
+        """Slow each motion to a given duration [s].
 
         Slowing by k divides velocity by k, acceleration by k² and jerk by k³.
         """
@@ -44,15 +44,15 @@ class Phases:
 
 
 def transfer_trajectory(problem: TransferProblem, phases: Phases, duration: float) -> Trajectory:
-    """Returns the transfer that its joints' phases make.
+    """Build the trajectory of a transfer from the phases of its joints.
 
-    The last knot is exactly the goal: what rounding left over is below 1e-12 of the way. Knots nearer than 1e-9 s
-    become one. Only accelerations of joints without a jerk limit jump, at two knots at one time.
+    The last knot is exactly the goal: rounding errors are below 1e-12 of the distance. Knots nearer than 1e-9 s
+    are merged. Only accelerations of joints without a jerk limit jump, at two knots at one time.
 
     Args:
         problem: the transfer.
-        phases: of all its joints.
-        duration: when every motion ends [s].
+        phases: phases of all its joints.
+        duration: end of every motion [s].
     """
     leaving, arriving = problem.rates()
     knots = trajectories.transfer_knots(
@@ -65,10 +65,10 @@ def transfer_trajectory(problem: TransferProblem, phases: Phases, duration: floa
 
 
 def solve_transfer(problem: TransferProblem) -> Trajectory:
-    """Returns the transfer: every joint's fastest motion, slowed until all take the same time.
+    """Time a transfer in closed form, each joint slowed to the duration of the slowest.
 
     That time is the least time of the slowest joint, or the minimum duration. Slowing by k divides velocity by k,
-    acceleration by k² and jerk by k³, so that joints in no hurry move gently, and no phase is ever
+    acceleration by k² and jerk by k³, so that fast joints move gently, and no phase is
     shorter than in the joint's fastest motion.
     """
     distance, limits = problem.goal - problem.start, problem.limits
@@ -80,7 +80,7 @@ def solve_transfer(problem: TransferProblem) -> Trajectory:
 
 
 def fastest_phases(distance: FloatArray, law: RestToRest) -> Phases:
-    """Returns the phases of each joint's fastest motion from rest to rest.
+    """Compute the phases of each joint's fastest motion from rest to rest.
 
     The cases are those of `RestToRest`, which gives the duration; see there for the source.
 

@@ -1,8 +1,8 @@
-"""Lines that begin at rest and pass their far end in motion, by a family of speed profiles.
+"""Launches: speed profiles of lines that begin at rest and end in motion.
 
-Each profile is the first part of a longer double S from rest to rest. Where acceleration still rises at its end, the
-line is left as fast as possible; where it falls, or speed does, the transfer after it has less to change. Our own
-family: minimum time from event to event is in general none of its members.
+Each profile is the first part of a longer double S from rest to rest. If acceleration still rises at its end, the line
+ends as fast as possible; if acceleration or speed falls, the following transfer has less to change. The family is ours:
+minimum-time profiles are in general not among its members.
 """
 
 from __future__ import annotations
@@ -32,87 +32,87 @@ PROFILES = (
     (1.5, 2.0, 1.0),
     (0.5, 1.0, 1.0),
 )
-"""Constant, cruise and inner, see `Launch`, of whole profiles; neighbours are alike."""
+"""Phase ratios of whole profiles, see `Launch`; neighbours are similar."""
 CUTS = tuple(np.linspace(0.24, 0.92, 12).tolist())
-"""Shares of a whole profile's time after which the line is over, rising."""
+"""Fractions of a whole profile's time at which the line ends, rising."""
 COMPARED = CUTS[5]
-"""The cut with which path coordinates are compared."""
+"""Cut at which path coordinates are compared."""
 
 
 @dataclass(frozen=True)
 class Launch:
-    """One way of passing a line's far end in motion: as the first part of a longer line from rest to rest."""
+    """Speed profile of a line that ends in motion: the first part of a double S."""
 
     constant: float
-    """Length of the whole profile's phases of constant acceleration, in those of its first one."""
+    """Duration of constant acceleration, relative to the first phase."""
     cruise: float
-    """Length of its phase of constant speed, in those of its first one's ramp."""
+    """Duration of constant speed, relative to the first ramp."""
     inner: float
-    """Jerk before and after constant speed, in that of its first phase."""
+    """Jerk before and after constant speed, relative to the first phase."""
     cut: float
-    """Share of its time after which the line is over."""
+    """Fraction of the profile's time at which the line ends."""
     coordinate: int
-    """The path coordinate that it shapes, see `timing/line_profile`."""
+    """Path coordinate that follows the profile, see `timing/line_profile`."""
 
 
 @dataclass(frozen=True)
 class Launches:
-    """Ways of passing the far end of one line, g of them; estimates that exact motions come near to."""
+    """Launches of one line, g of them, with estimated times and end states."""
 
-    ways: tuple[Launch, ...]
-    """What each is."""
+    launches: tuple[Launch, ...]
+    """Parameters of each launch."""
     time: FloatArray
-    """How long each takes from rest to the far end [s], shape (g,)."""
+    """Time from rest to the line's end [s], shape (g,)."""
     velocity: FloatArray
-    """Joints' velocities there [rad/s], shape (g, n)."""
+    """Joint velocities at the line's end [rad/s], shape (g, n)."""
     acceleration: FloatArray
-    """Joints' accelerations there [rad/s²], shape (g, n)."""
+    """Joint accelerations at the line's end [rad/s²], shape (g, n)."""
 
 
 @cache
 def _all_cuts(profile: int, coordinate: int) -> tuple[Launch, ...]:
-    """Returns one of PROFILES with all CUTS."""
+    """Combine a profile with all CUTS."""
     return tuple(Launch(*PROFILES[profile], cut, coordinate) for cut in CUTS)
 
 
 def launches(problem: LineProblem) -> Launches:
-    """Returns the ways of passing a line's far end, from rest at its first gridpoint: all CUTS of all PROFILES.
+    """Estimate all launches of a line, from rest at its first gridpoint.
 
-    Of each profile the path coordinate is taken in which it is fastest.
+    They are all CUTS of all PROFILES. Each profile uses the path coordinate in which it is fastest.
 
     Args:
-        problem: the line; its cap on the tool's speed counts.
+        problem: the line; its limit of tool speed is kept.
     """
     n = len(problem.joints)
     coordinate, time, velocity, acceleration = trajectories.launches(
         path_of(problem), np.array(PROFILES), np.array(CUTS), COMPARED
     )
-    ways = [
-        way
+    members = [
+        member
         for profile, along in enumerate(coordinate.tolist())
-        for way in _all_cuts(profile, along)
+        for member in _all_cuts(profile, along)
     ]
-    rates = (rate.reshape(len(ways), -1)[:, :n] for rate in (velocity, acceleration))
-    return Launches(tuple(ways), time.ravel(), *rates)
+    rates = (rate.reshape(len(members), -1)[:, :n] for rate in (velocity, acceleration))
+    return Launches(tuple(members), time.ravel(), *rates)
 
 
 def solve_launch(problem: LineProblem, launch: Launch) -> Trajectory:
-    """Returns the line from rest at its first gridpoint, timed so that it passes its last one in motion.
+    """Time a line from rest at its first gridpoint with a given launch.
 
     Joints pass through the path at the knots on a cubic spline; time is scaled by the spline's own exact extrema, so
     that every limit holds.
 
     Args:
         problem: the line.
-        launch: how it passes its far end.
+        launch: speed profile with which the line ends.
     """
     shape = launch.constant, launch.cruise, launch.inner, launch.cut
-    found = trajectories.launched_line(path_of(problem), shape, launch.coordinate, problem.knots)
-    return trajectory_of(problem, found)
+    knots = trajectories.launched_line(path_of(problem), shape, launch.coordinate, problem.knots)
+    return trajectory_of(problem, knots)
 
 
 def reversed_in_time(trajectory: Trajectory) -> Trajectory:
-    """Returns the same way backwards."""
+    """Reverse a trajectory in time."""
     return Trajectory(
         trajectory.joints,
         (trajectory.time[-1] - trajectory.time)[::-1],

@@ -1,8 +1,8 @@
-"""Pairs of lines whose outer ends are passed in motion, and the transfer between them.
+"""Optimisation of the launches of two lines and the transfer between them.
 
 A line away from a target, the transfer after it and the line to the next target take R + X + A. Each line has a family
-of ways to pass its outer end (`timing/launch`), which fix the state of motion there; the transfer between two such
-states is ruckig's. The pair of ways with the least R + X + A is found by a pattern search over both families. Our own.
+of launches (`timing/launch`), which determine the state of motion at its outer end; the transfer between two such
+states is computed by ruckig. A pattern search over both families minimises R + X + A. The method is ours.
 """
 
 from __future__ import annotations
@@ -25,88 +25,93 @@ from dualarm_cli.timing.ruckig_ import MovingTransfer
 
 @dataclass(frozen=True)
 class LineEndSettings:
-    """Resolution of the search for speeds at line ends."""
+    """Settings of the search for launches."""
 
     middle: tuple[int, int] = 2, 5
-    """A profile and a cut, as indices, that are quick under jerk limits."""
+    """Indices of a profile and a cut that are fast under jerk limits."""
     even: tuple[int, int] = 8, 5
-    """A profile and a cut, as indices, that are quick without jerk limits."""
+    """Indices of a profile and a cut that are fast without jerk limits."""
     late: tuple[tuple[int, int], ...] = (0, 9), (8, 9)
-    """Profiles and cuts, as indices, that leave a line slowly, for nearby position limits.
+    """Indices of profiles and cuts with slow ends, for nearby position limits.
 
     The first pair is for jerk limits, the second one for none.
     """
     steps: tuple[tuple[int, int], ...] = (2, 4), (1, 2), (1, 1)
-    """Steps of that search through PROFILES and CUTS, one width after the other."""
+    """Step widths of the pattern search through PROFILES and CUTS."""
     less: float = 1e-9
-    """Smallest difference that makes a time count as shorter [s]."""
+    """Smallest gain of an improvement [s]."""
     widest: tuple[float, ...] = 0.3, 0.3, 0.2, 0.03
-    """First steps by which the numbers of a way are changed: constant, cruise, inner and cut; the next ones
-    are halves."""
+    """First step widths of the refinement: constant, cruise, inner and cut.
+
+    The following widths are halves.
+    """
     numbers: tuple[int, ...] = 3, 0, 1, 2
-    """The order in which they are changed: that which matters most first."""
+    """Order in which the numbers of a launch are refined, the most effective first."""
     sweeps: int = 3
-    """So often all numbers are changed by one width of steps, at most."""
+    """Maximum number of sweeps per step width."""
 
 
 ENDS = LineEndSettings()
 
 REST = 0, len(CUTS)
-"""What stands for rest: the last cut, after the whole profile."""
+"""Index pair that stands for rest: the last cut, after the whole profile."""
 STARTS = tuple(
     pair
     for quick, slow in zip((ENDS.middle, ENDS.even), ENDS.late, strict=True)
     for pair in ((quick, quick), (slow, slow), (quick, REST), (REST, quick))
 )
-"""Pairs from whose best one the search for a pair begins, if rest at both lines is not better."""
+"""Start pairs of the pattern search, in addition to rest at both lines."""
 RANGES = (0.0, 40.0, 1.0), (0.0, 40.0, 1.0), (0.2, 1.5, 0.0), (0.1, 0.98, 0.0)
-"""Least and most of each number, and whether its steps grow with it."""
+"""Smallest and largest value of each number, and whether steps are relative."""
 
 
 @dataclass(frozen=True)
 class Passings:
-    """One line: how long it takes and in which state its outer end is passed; the first is at rest."""
+    """Launches of one line with times and end states; the first is at rest."""
 
-    ways: tuple[Launch | None, ...]
-    """What each way is."""
+    launches: tuple[Launch | None, ...]
+    """Launches; None is at rest."""
     time: FloatArray
-    """How long the line takes [s], shape (g,)."""
+    """Time of the line with each launch [s], shape (g,)."""
     rates: FloatArray
-    """Velocities and accelerations at the outer end, in the direction of motion, shape (g, 2, n)."""
+    """Rates at the outer end in the direction of motion, shape (g, 2, n)."""
     line: LineProblem | None = None
-    """The line, from its target outwards; None for no line."""
+    """Line from its target outwards; None without a line."""
     away: bool = True
-    """Whether the tool leaves the target on it; else it comes to it."""
+    """Whether the tool departs from the target; otherwise it arrives."""
 
     def index(self, profile: int, cut: int) -> int:
-        """Returns the way with one of the PROFILES and CUTS; with a cut beyond them, or without a line, rest."""
-        return 0 if cut >= len(CUTS) or len(self.ways) == 1 else 1 + profile * len(CUTS) + cut
+        """Return the index of one of the PROFILES and CUTS.
+
+        A cut beyond them, or a missing line, stands for rest.
+        """
+        return 0 if cut >= len(CUTS) or len(self.launches) == 1 else 1 + profile * len(CUTS) + cut
 
     @classmethod
     def none(cls, joints: int) -> Passings:
-        """Returns those of no line: rest."""
+        """Build the passings of no line: at rest."""
         return cls((None,), np.zeros(1), np.zeros((1, 2, joints)))
 
     @classmethod
     def only(cls, rates: FloatArray) -> Passings:
-        """Returns those of a target that is passed in one state, shape (2, n)."""
+        """Build the passings of a target that is passed with rates of shape (2, n)."""
         return cls((None,), np.zeros(1), rates[None])
 
     @classmethod
     def along(cls, problem: LineProblem, rest: float, *, away: bool) -> Passings:
-        """Returns those of a line that is given from its target outwards.
+        """Build the passings of a line that is given from its target outwards.
 
         Args:
             problem: the line.
-            rest: how long it takes from rest to rest [s].
-            away: whether the tool leaves the target on it; else it comes to it.
+            rest: its duration from rest to rest [s].
+            away: whether the tool departs from the target; otherwise it arrives.
         """
-        found = launches(problem)
-        velocity = found.velocity if away else -found.velocity
-        rates = np.stack([velocity, found.acceleration], axis=1)
+        family = launches(problem)
+        velocity = family.velocity if away else -family.velocity
+        rates = np.stack([velocity, family.acceleration], axis=1)
         return cls(
-            (None, *found.ways),
-            np.append(rest, found.time),
+            (None, *family.launches),
+            np.append(rest, family.time),
             np.concatenate([np.zeros((1, *rates.shape[1:])), rates]),
             problem,
             away,
@@ -114,65 +119,65 @@ class Passings:
 
 
 Place = tuple[int, int]
-"""A profile and a cut, as indices."""
+"""Indices of a profile and a cut."""
 
 
 def quickest_pair(
     before: Passings, after: Passings, problem: TransferProblem, rest: float, room: float = 0.0
 ) -> tuple[int, int, float]:
-    """Returns which ways of two lines go best with the transfer between them, and how long all three take [s].
+    """Find the best launches of two lines with their transfer, and the total time [s].
 
-    A pattern search: from the best of a few pairs to a better neighbour, profile and cut of one line or the cuts of
-    both changed, until there is none. Never slower than from rest to rest; no optimality is claimed.
+    A pattern search: from the best of a few pairs to a better neighbour, changing profile and cut of one line or the
+    cuts of both, until there is none. Never slower than from rest to rest; optimality is not guaranteed.
 
     Args:
-        before: of the retract.
-        after: of the approach.
-        problem: the transfer; its rates do not count.
-        rest: how long it takes from rest to rest [s].
-        room: what it keeps free of limits of position [rad].
+        before: passings of the retract.
+        after: passings of the approach.
+        problem: the transfer; its rates are ignored.
+        rest: its duration from rest to rest [s].
+        room: margin to position limits [rad].
     """
     transfer, platform = MovingTransfer(problem, room), problem.minimum_duration
     times = before.time.tolist(), after.time.tolist()
     least = {(0, 0): times[0][0] + rest + times[1][0]}
 
-    def time(pair: tuple[Place, Place], most: float) -> float:
+    def time(pair: tuple[Place, Place], limit: float) -> float:
         i, j = before.index(*pair[0]), after.index(*pair[1])
         if (i, j) not in least:
             lines = times[0][i] + times[1][j]
-            if lines + platform >= most:
+            if lines + platform >= limit:
                 return np.inf
-            # What takes longer than the best pair known is not looked at again: that one only becomes better.
-            least[i, j] = lines + transfer.duration(before.rates[i], after.rates[j], most - lines)
+            # Pairs that are slower than the best one are not evaluated again, because the best one only improves.
+            least[i, j] = lines + transfer.duration(before.rates[i], after.rates[j], limit - lines)
         return least[i, j]
 
     best, pair = least[0, 0], (REST, REST)
     for start in STARTS:
-        if (found := time(start, best)) < best:
-            best, pair = found, start
+        if (total := time(start, best)) < best:
+            best, pair = total, start
     for width in ENDS.steps:
         moved = True
         while moved:
             moved = False
-            for one, other in _moves(*width):
-                tried = _moved(pair[0], one), _moved(pair[1], other)
-                if (found := time(tried, best)) < best - ENDS.less:
-                    best, pair, moved = found, tried, True
+            for step, other_step in _moves(*width):
+                candidate = _moved(pair[0], step), _moved(pair[1], other_step)
+                if (total := time(candidate, best)) < best - ENDS.less:
+                    best, pair, moved = total, candidate, True
     return before.index(*pair[0]), after.index(*pair[1]), best
 
 
 @cache
 def _moves(profiles: int, cuts: int) -> tuple[tuple[Place, Place], ...]:
-    """Returns the changes of a pair that are tried, for steps through profiles and cuts."""
-    still, ways = (0, 0), (-1, 1)
-    single = [(0, k * cuts) for k in ways]
-    both = [(p * profiles, k * cuts) for k in (0, *ways) for p in ways]
+    """List the changes of a pair for steps through profiles and cuts."""
+    still, signs = (0, 0), (-1, 1)
+    single = [(0, k * cuts) for k in signs]
+    both = [(p * profiles, k * cuts) for k in (0, *signs) for p in signs]
     return (
-        *((one, still) for one in single),
-        *((still, one) for one in single),
-        *((one, other) for one in single for other in single),
-        *((one, still) for one in both),
-        *((still, one) for one in both),
+        *((step, still) for step in single),
+        *((still, step) for step in single),
+        *((first, second) for first in single for second in single),
+        *((step, still) for step in both),
+        *((still, step) for step in both),
     )
 
 
@@ -184,59 +189,64 @@ def _moved(place: Place, by: Place) -> Place:
 
 @dataclass(frozen=True)
 class _End:
-    """One line, passed in some way that is changed."""
+    """Line with a launch that is refined."""
 
     time: float
-    """How long it takes [s]."""
+    """Duration of the line [s]."""
     rates: FloatArray
-    """Velocities and accelerations at its outer end, in the direction of motion, shape (2, n)."""
-    way: Launch | None
-    """How its outer end is passed; None: at rest, which is not changed."""
+    """Rates at its outer end in the direction of motion, shape (2, n)."""
+    launch: Launch | None
+    """Launch at its outer end; None at rest, which is not refined."""
     path: trajectories.Path | None = None
-    """The line."""
+    """Path of the line with its limits."""
     away: bool = True
-    """Whether the tool leaves the target on it."""
+    """Whether the tool departs from the target."""
 
     @classmethod
-    def of(cls, lines: Passings, way: int) -> _End:
-        """Returns a line passed in one of its ways."""
-        launch, line, time, rates = lines.ways[way], lines.line, lines.time[way], lines.rates[way]
+    def of(cls, lines: Passings, index: int) -> _End:
+        """Build a line with one of its launches."""
+        launch, line, time, rates = (
+            lines.launches[index],
+            lines.line,
+            lines.time[index],
+            lines.rates[index],
+        )
         if launch is None or line is None:
             return cls(float(time), rates, None)
         return cls(float(time), rates, launch, path_of(line), lines.away)
 
-    def changed(self, halved: int, wanted: Sequence[int]) -> list[tuple[int, _End]]:
-        """Returns the line with one of its way's numbers changed, each both up and down, with that number's index.
+    def changed(self, halved: int, varied_numbers: Sequence[int]) -> list[tuple[int, _End]]:
+        """Vary numbers of the launch up and down; return variants with the number's index.
 
         Args:
-            halved: how often the widest steps are halved.
-            wanted: which numbers.
+            halved: number of halvings of the widest steps.
+            varied_numbers: indices of the numbers to vary.
         """
-        if self.way is None or self.path is None:
+        if self.launch is None or self.path is None:
             return []
-        own = [self.way.constant, self.way.cruise, self.way.inner, self.way.cut]
-        numbers, which = [], []
-        for number in wanted:
-            least, most, relative = RANGES[number]
-            step = ENDS.widest[number] * power(0.5, halved) * (1.0 + relative * own[number])
-            for value in (own[number] + step, own[number] - step):
-                if (value := min(max(value, least), most)) != own[number]:
-                    numbers.append([*own[:number], value, *own[number + 1 :]])
-                    which.append(number)
+        current = [self.launch.constant, self.launch.cruise, self.launch.inner, self.launch.cut]
+        numbers, varied = [], []
+        for number in varied_numbers:
+            least, largest, relative = RANGES[number]
+            step = ENDS.widest[number] * power(0.5, halved) * (1.0 + relative * current[number])
+            for value in (current[number] + step, current[number] - step):
+                if (value := min(max(value, least), largest)) != current[number]:
+                    numbers.append([*current[:number], value, *current[number + 1 :]])
+                    varied.append(number)
         if not numbers:
             return []
-        asked = np.array(numbers)
-        profiles, cuts = np.ascontiguousarray(asked[None, :, :3]), asked[None, :, 3].copy()
+        variants = np.array(numbers)
+        profiles, cuts = np.ascontiguousarray(variants[None, :, :3]), variants[None, :, 3].copy()
         estimates = trajectories.launched_lines(self.path, profiles, cuts, COMPARED)
         coordinate, time, velocity, acceleration = (x[0] for x in estimates)
         joints, towards = self.rates.shape[1], 1.0 if self.away else -1.0
-        # A cap on the tool's speed is one more joint of the path.
+        # With a limit of tool speed the path has one more joint.
         rates = np.stack([velocity[:, :joints] * towards, acceleration[:, :joints]], axis=1)
-        found = []
+        ends = []
         for k, (constant, cruise, inner, cut) in enumerate(numbers):
-            way = Launch(constant, cruise, inner, cut, int(coordinate[k]))
-            found.append(replace(self, time=float(time[k]), rates=rates[k], way=way))
-        return list(zip(which, found, strict=True))
+            launch = Launch(constant, cruise, inner, cut, int(coordinate[k]))
+            ends.append(replace(self, time=float(time[k]), rates=rates[k], launch=launch))
+        return list(zip(varied, ends, strict=True))
 
 
 def refined_pair(
@@ -246,36 +256,40 @@ def refined_pair(
     widths: int,
     room: float = 0.0,
 ) -> tuple[Launch | None, Launch | None]:
-    """Returns ways of two lines that go better with the transfer between them than a pair of their families does.
+    """Refine the launches of two lines together with the transfer between them.
 
-    A compass search over the numbers of both ways, one at a time, with ever smaller steps. What is at rest stays so.
+    A compass search over the numbers of both launches, one at a time, with decreasing steps. A line at rest stays so.
 
     Args:
-        lines: of the retract and of the approach.
-        pair: the best of their ways, and how long all take with them [s], see `quickest_pair`.
-        problem: the transfer; its rates do not count.
-        widths: how many widths of steps are tried.
-        room: what it keeps free of limits of position [rad].
+        lines: passings of the retract and of the approach.
+        pair: indices of their best launches, and the total time [s], see `quickest_pair`.
+        problem: the transfer; its rates are ignored.
+        widths: number of step widths.
+        room: margin to position limits [rad].
     """
     if not widths:
-        return lines[0].ways[pair[0]], lines[1].ways[pair[1]]
-    ends = [_End.of(one, way) for one, way in zip(lines, pair[:2], strict=True)]
+        return lines[0].launches[pair[0]], lines[1].launches[pair[1]]
+    ends = [_End.of(passings, index) for passings, index in zip(lines, pair[:2], strict=True)]
     transfer, best = MovingTransfer(problem, room), pair[2]
     for width in range(widths):
         for _ in range(ENDS.sweeps):
             moved = False
             for side in (0, 1):
-                left = ends[side].changed(width, ENDS.numbers)
-                while left:
-                    number, one = left.pop(0)
-                    tried = [one, ends[1]] if side == 0 else [ends[0], one]
-                    spent = tried[0].time + tried[1].time
-                    if spent + problem.minimum_duration >= best:
+                remaining = ends[side].changed(width, ENDS.numbers)
+                while remaining:
+                    number, end = remaining.pop(0)
+                    candidate = [end, ends[1]] if side == 0 else [ends[0], end]
+                    line_time = candidate[0].time + candidate[1].time
+                    if line_time + problem.minimum_duration >= best:
                         continue
-                    time = spent + transfer.duration(tried[0].rates, tried[1].rates, best - spent)
+                    time = line_time + transfer.duration(
+                        candidate[0].rates, candidate[1].rates, best - line_time
+                    )
                     if time < best - ENDS.less:
-                        best, ends, moved = time, tried, True
-                        left = one.changed(width, ENDS.numbers[ENDS.numbers.index(number) + 1 :])
+                        best, ends, moved = time, candidate, True
+                        remaining = end.changed(
+                            width, ENDS.numbers[ENDS.numbers.index(number) + 1 :]
+                        )
             if not moved:
                 break
-    return ends[0].way, ends[1].way
+    return ends[0].launch, ends[1].launch

@@ -1,11 +1,11 @@
-"""Lines: a jerk-limited double-S profile along the path, as fast as every joint's limits allow.
+"""Lines: the fastest jerk-limited double-S profile along the path under joint limits.
 
-A joint that alone decides moves fastest if its own angle follows a double S. So a good coordinate of a path rises with
-the deciding joint's angle rather than with the path length. Three coordinates are tried. The first is the path length.
-For the second, each joint's speed along the path is weighted by the joint's own least time over its whole way, and the
-8-norm over the joints is the slope: high, so that the slowest joint decides; even, so that it stays smooth. The third
-rises by the least time that velocity, acceleration and jerk limits allow each bit of the path at a steady pace, which
-matters where the path bends sharply in joint space. Our own derivation.
+A joint that alone limits the line moves fastest if its own angle follows a double S. A good path coordinate therefore
+rises with the angle of the limiting joint instead of the path length. Three coordinates are tried. The first is the
+path length. For the second, each joint's speed along the path is weighted by the joint's own minimum time over its
+whole distance. Its slope is the 8-norm over the joints: high, so that the slowest joint dominates; even, so that it
+stays smooth. The third rises by the minimum time that velocity, acceleration and jerk limits allow each interval of the
+path at a steady speed. It is best where the path bends sharply in joint space. The derivation is ours.
 
 The search is compiled (`compiled/src/paths.c`, `rest_lines.c`).
 """
@@ -27,30 +27,32 @@ from dualarm_cli.timing.problem import LineProblem
 from dualarm_cli.timing.shapes import symmetric_grid
 
 SPEED_MARGIN = 1e-4
-"""Share of a tool-speed cap kept free, since the spline follows the path only nearly."""
+"""Fraction of a tool-speed limit that is kept free for errors of the spline."""
 UNLIMITED = 1e9
-"""Acceleration and jerk limit of the tool, per m/s of its cap: no demand on it."""
+"""Acceleration and jerk limit of the tool that stands for infinity, per m/s."""
 ESTIMATE_SHAPES = symmetric_grid(np.array([0.5, 0.4, 0.3]), np.array([0.5, 0.3]))
-"""The few shapes by which many lines are compared."""
+"""Shapes from which the duration of many lines is estimated."""
 ESTIMATE_BLOCK = 48
-"""Lines that are estimated in one product of matrices: small enough for a linear algebra library not to start
-threads, which on a busy machine would cost a hundred times the product."""
+"""Lines per matrix product, few enough for a single-threaded product.
+
+On a busy machine starting threads would take a hundred times as long as the product.
+"""
 DISTINCT_BLOCK = 64
-"""The same where only distinct instants are looked at, so that products are smaller."""
+"""Lines per matrix product with distinct instants only."""
 SAME_RATE = 1e-12
-"""Rows of an operator that differ by less than this share of its largest entry are one."""
+"""Relative difference below which rows of an operator are equal."""
 
 
 def solve_line(problem: LineProblem) -> Trajectory:
-    """Returns the timed line: C2, constant jerk between knots, every limit met.
+    """Time a line with constant jerk between knots, within every limit.
 
-    Of a family of double-S shapes along the coordinates of the path the one is taken whose time, scaled until velocity,
-    acceleration and jerk of every joint hold, is least: first symmetric shapes along every coordinate, then variations
-    of the best one. The joints then pass through the path at the knots on a cubic spline, and time is scaled once more
-    by the spline's own exact extrema. A cap on the tool's speed is a velocity limit on one joint more, the path length.
-    Our own method; it is not time-optimal among all profiles (a few percent slower).
+    Double-S shapes are tried along the path coordinates. Each is scaled in time until velocity, acceleration and jerk
+    of every joint keep their limits; the fastest is chosen. Symmetric shapes along every coordinate are first, then
+    variations of the best one. The joints pass through the path at the knots on a cubic spline, and time is scaled
+    again by the spline's own exact extrema. A limit of tool speed is a velocity limit of one more joint, the path
+    length. The method is ours; it is a few percent slower than the optimum over all profiles.
 
-    A line on which no joint moves takes no time.
+    A line without joint motion takes no time.
     """
     if problem.tool_speed is None and (problem.position == problem.position[0]).all():
         return hold(problem.joints, problem.position[0], 0.0)
@@ -60,15 +62,15 @@ def solve_line(problem: LineProblem) -> Trajectory:
 def estimate_line_durations(
     position: FloatArray, length: FloatArray, limits: JointLimits
 ) -> FloatArray:
-    """Returns about how long each of many lines takes [s], shape (n,).
+    """Estimate the durations of lines [s], shape (n,).
 
-    The best of a few fixed shapes, from the path's derivatives at its samples; the exact line is a few percent
+    The shortest of a few fixed shapes, from the path's derivatives at its samples. The exact line is a few percent
     faster or slower.
 
     Args:
         position: joints at equidistant samples [rad], shape (n, m, d).
-        length: path length at the samples [m], shape (m,); only their number counts.
-        limits: of the d joints.
+        length: path length at the samples [m], shape (m,); only their number is used.
+        limits: limits of the d joints.
     """
     joints_first = np.ascontiguousarray(position.transpose(1, 2, 0))
     lines = range(0, len(position), DISTINCT_BLOCK)
@@ -78,7 +80,7 @@ def estimate_line_durations(
 
 
 def _estimate_block(position: FloatArray, limits: JointLimits) -> FloatArray:
-    """Returns the estimates of a few lines [s], shape (n,), from samples of shape (m, d, n)."""
+    """Estimate the durations of a block of lines [s], shape (n,), from samples (m, d, n)."""
     samples, joints, n = position.shape
     rates = []
     scales = limits.velocity, limits.acceleration, limits.jerk
@@ -94,62 +96,62 @@ def _estimate_block(position: FloatArray, limits: JointLimits) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def distinct_operators(samples: int) -> tuple[tuple[FloatArray, IntArray], ...]:
-    """Returns the rows of each of the `estimate_operators` that differ, and each shape's first row among them.
+    """Select the distinct rows of the `estimate_operators`, and each shape's first row.
 
-    Phases meet in the same state, phases of no length are one instant, and at rest nothing moves: more than half of
-    the rows say nothing new.
+    Adjacent phases share a state, phases without length are one instant, and at rest nothing moves: more than half of
+    the rows are redundant.
     """
     return tuple(_distinct(operator) for operator in estimate_operators(samples))
 
 
 def _distinct(operator: FloatArray) -> tuple[FloatArray, IntArray]:
-    kept: list[FloatArray] = []
+    distinct: list[FloatArray] = []
     first = []
     for rows in operator.reshape(len(ESTIMATE_SHAPES.start), -1, operator.shape[1]):
-        first.append(len(kept))
+        first.append(len(distinct))
         size = np.abs(rows).max()
         for row in rows:
-            seen = [np.zeros(len(row)), *kept[first[-1] :]]
-            if min(np.abs(row - other).max() for other in seen) > SAME_RATE * size:
-                kept.append(row)
-    return np.array(kept), np.array(first, dtype=np.int64)
+            earlier = [np.zeros(len(row)), *distinct[first[-1] :]]
+            if min(np.abs(row - known_row).max() for known_row in earlier) > SAME_RATE * size:
+                distinct.append(row)
+    return np.array(distinct), np.array(first, dtype=np.int64)
 
 
 @lru_cache(maxsize=8)
 def estimate_operators(samples: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns matrices from path samples to q', q'', q''' in unit time at all instants."""
+    """Build matrices from path samples to q', q'', q''' in unit time, at every instant."""
     return ESTIMATE_SHAPES.path_rates(2, np.linspace(0.0, 1.0, samples))
 
 
 def path_of(problem: LineProblem) -> trajectories.Path:
-    """Returns path and limits, with the path length as one more joint where its speed is capped."""
-    own = problem.limits
-    limits = own.velocity, own.acceleration, own.jerk
+    """Build the path with its limits; limited tool speed adds a joint."""
+    joint_limits = problem.limits
+    limits = joint_limits.velocity, joint_limits.acceleration, joint_limits.jerk
     if problem.tool_speed is None:
         return trajectories.Path.of(problem.position, limits)
     cap = problem.tool_speed * (1.0 - SPEED_MARGIN)
-    more = cap, UNLIMITED * cap, np.square(UNLIMITED) * cap
+    tool_limits = cap, UNLIMITED * cap, np.square(UNLIMITED) * cap
     return trajectories.Path.of(
         np.column_stack([problem.position, problem.length]),
-        [np.append(limit, one) for limit, one in zip(limits, more, strict=True)],
+        [np.append(limit, extra) for limit, extra in zip(limits, tool_limits, strict=True)],
     )
 
 
 def trajectory_of(problem: LineProblem, knots: trajectories.Knots) -> Trajectory:
-    """Returns the motion of a line's joints by its knots, without the path length."""
+    """Build the trajectory of a line's joints from its knots, without the path length."""
     time, *rows = knots
     return Trajectory(problem.joints, time, *(row[:, : len(problem.joints)] for row in rows))
 
 
 def joint_line_durations(position: FloatArray, limits: JointLimits) -> FloatArray:
-    """Returns how long each joint alone would make each line last [s], shape (n, d).
+    """Estimate the duration of each line by each joint alone [s], shape (n, d).
 
-    The largest of a line's row is its estimate as `estimate_line_durations` gives it; the others say how far from
+    The largest of a line's row is the estimate of `estimate_line_durations`; the others show how far from
     critical their joints are.
 
     Args:
         position: joints at equidistant samples [rad], shape (n, m, d).
-        limits: of the d joints.
+        limits: limits of the d joints.
     """
     blocks = range(0, len(position), ESTIMATE_BLOCK)
     return np.concatenate([_block(position[k : k + ESTIMATE_BLOCK], limits) for k in blocks])

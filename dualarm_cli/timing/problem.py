@@ -1,4 +1,4 @@
-"""Problems of a timing solver: transfers from state to state, and lines along a path."""
+"""Problems for timing solvers: transfers between states, and lines along a path."""
 
 from __future__ import annotations
 
@@ -11,22 +11,25 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class TransferProblem:
-    """From one state to another, at rest unless it is said, every joint by itself, all arriving together."""
+    """Transfer between two states, with all joints arriving together.
+
+    States are at rest unless rates are given.
+    """
 
     joints: tuple[str, ...]
     """Names of the n joints."""
     start: FloatArray
-    """Joints at the start [rad], shape (n,)."""
+    """Joint values at the start [rad], shape (n,)."""
     goal: FloatArray
-    """Joints at the end [rad], shape (n,)."""
+    """Joint values at the end [rad], shape (n,)."""
     limits: JointLimits
-    """What these joints may do."""
+    """Limits of the joints."""
     minimum_duration: float = 0.0
-    """Least time that the transfer may take [s]."""
+    """Minimum duration of the transfer [s]."""
     leaving: FloatArray | None = None
-    """Velocities [rad/s] and accelerations [rad/s²] at the start, shape (2, n); None: at rest."""
+    """Rates at the start [rad/s, rad/s²], shape (2, n); None at rest."""
     arriving: FloatArray | None = None
-    """The same at the end."""
+    """Rates at the end [rad/s, rad/s²], shape (2, n); None at rest."""
 
     @property
     def moving(self) -> bool:
@@ -34,7 +37,7 @@ class TransferProblem:
         return self.leaving is not None or self.arriving is not None
 
     def rates(self) -> tuple[FloatArray, FloatArray]:
-        """Returns velocities and accelerations at the start and at the end, shape (2, n) each."""
+        """Return velocities and accelerations at the start and at the end, shape (2, n) each."""
         rest = np.zeros((2, len(self.joints)))
         return (
             rest if self.leaving is None else self.leaving,
@@ -42,7 +45,7 @@ class TransferProblem:
         )
 
     def __post_init__(self) -> None:
-        """Freezes the arrays.
+        """Freeze the arrays.
 
         Raises:
             ValueError: no joints, wrong shapes, or numbers that are not finite.
@@ -66,23 +69,23 @@ class TransferProblem:
 
 @dataclass(frozen=True)
 class LineProblem:
-    """Along a given joint path, from rest to rest."""
+    """Line along a given joint path, from rest to rest."""
 
     joints: tuple[str, ...]
     """Names of the n joints."""
     position: FloatArray
-    """Joints at equidistant gridpoints of the path [rad], shape (m, n), m at least 8."""
+    """Joint values at equidistant gridpoints [rad], shape (m, n), m at least 8."""
     length: FloatArray
-    """Path length at the gridpoints [m], from 0 upwards, shape (m,)."""
+    """Path length at the gridpoints [m], rising from 0, shape (m,)."""
     limits: JointLimits
-    """What these joints may do."""
+    """Limits of the joints."""
     tool_speed: float | None = None
-    """Cap on the speed along the path [m/s], or None."""
+    """Limit of the speed along the path [m/s], or None."""
     knots: int = 24
-    """How many knots at least; more follow the path more closely."""
+    """Minimum number of knots; more follow the path more closely."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays.
+        """Freeze the arrays.
 
         Raises:
             ValueError: wrong shapes, too few gridpoints, gridpoints that are not equidistant, or
@@ -105,7 +108,7 @@ class LineProblem:
 
 
 def why_jerk_limits_unsupported(limits: JointLimits) -> str | None:
-    """Returns why joints with such limits need jerk-limited timing, or None."""
+    """Explain why joints with jerk limits need jerk-limited timing; None without them."""
     limited = [
         joint for joint, jerk in zip(limits.joints, limits.jerk, strict=True) if np.isfinite(jerk)
     ]

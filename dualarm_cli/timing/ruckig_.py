@@ -22,14 +22,14 @@ from dualarm_cli.timing.problem import TransferProblem
 
 @dataclass(frozen=True)
 class TransferTolerances:
-    """Differences that count as none in transfers by ruckig."""
+    """Tolerances of transfers by ruckig."""
 
     same_duration: float = 1e-9
-    """Relative difference up to which ruckig's duration is the closed form's."""
+    """Relative difference below which durations are equal."""
     same_position: float = 1e-10
-    """Largest position error of a joint at ruckig's goal [rad]; it promises 1e-8."""
+    """Largest position error of a joint at ruckig's goal [rad]; its own is 1e-8."""
     same_limit: float = 1e-10
-    """Share by which ruckig's acceleration may exceed its limit by rounding; now and then it is 6e-9."""
+    """Relative excess of an acceleration limit by rounding; ruckig's may be 6e-9."""
     same_rate: float = 1e-9
     """Largest velocity error of a joint at ruckig's goal [rad/s]."""
     same_end: float = 1e-12
@@ -37,21 +37,24 @@ class TransferTolerances:
     corrections: int = 5
     """Maximum number of corrections of a joint's phases in a transfer in motion."""
     shortest_phase: float = 1e-6
-    """Phases that are not longer [s] make a profile unusable: knots a nanosecond apart become one."""
+    """Longest phase that makes a profile unusable [s].
+
+    Knots a nanosecond apart are merged.
+    """
 
 
 TOLERANCES = TransferTolerances()
 
 
 def solve_transfer(problem: TransferProblem) -> Trajectory:
-    """Returns the transfer: least time of the slowest joint, or the minimum duration.
+    """Time a transfer: minimum time of the slowest joint, or the minimum duration.
 
     Intermediate waypoints are never given to ruckig: its community edition would send them to a service on
     the network. The knots are ruckig's own switching times, so that nothing is lost by sampling.
 
     Joints keep their full acceleration and jerk and cruise more slowly. Where that makes a phase as short as
-    rounding (a way of 1e-12 rad in a second), or ruckig exceeds a limit or fails, which it does now
-    and then where a joint has to take a thousand seconds, the joint's closed form is slowed down instead.
+    rounding (1e-12 rad in a second), or ruckig exceeds a limit or fails, as it sometimes does
+    if a joint takes a thousand seconds, the joint's closed form is slowed down instead.
     """
     limits = problem.limits
     moving = np.flatnonzero(problem.start != problem.goal).astype(np.int64)
@@ -70,16 +73,16 @@ def solve_transfer(problem: TransferProblem) -> Trajectory:
 
 
 def solve_moving_transfer(problem: TransferProblem) -> Trajectory | None:
-    """Returns a transfer that begins or ends in motion, None where ruckig has no usable one.
+    """Time a transfer that begins or ends in motion; None if ruckig has no usable one.
 
-    It takes the least time in which every joint can arrive then, or the minimum duration.
+    Its duration is the shortest in which all joints can arrive together, or the minimum duration.
 
     Args:
         problem: the transfer.
     """
-    asked = MovingTransfer(problem)
-    trajectory, limits = asked.calculated(*problem.rates()), problem.limits
-    if trajectory is None or not asked.is_within(trajectory):
+    transfer = MovingTransfer(problem)
+    trajectory, limits = transfer.calculated(*problem.rates()), problem.limits
+    if trajectory is None or not transfer.is_within(trajectory):
         return None
     leaving, arriving = problem.rates()
     ends = np.stack([np.vstack([problem.start, leaving]), np.vstack([problem.goal, arriving])])
@@ -91,9 +94,9 @@ def solve_moving_transfer(problem: TransferProblem) -> Trajectory | None:
             rows.append(np.array([profile.t, profile.a[:PHASES], profile.j]))
             continue
         joint = _corrected(profile, ends[:, :, k], float(trajectory.duration))
-        if joint is None or not asked.is_kept(joint, ends[0, :, k], k):
+        if joint is None or not transfer.is_kept(joint, ends[0, :, k], k):
             joint = _even(ends[:, :, k], float(trajectory.duration))
-            if not asked.is_kept(joint, ends[0, :, k], k):
+            if not transfer.is_kept(joint, ends[0, :, k], k):
                 return None
         rows.append(joint)
     phases = Phases(*np.moveaxis(np.array(rows), 1, 0))
@@ -101,7 +104,7 @@ def solve_moving_transfer(problem: TransferProblem) -> Trajectory | None:
 
 
 def _is_usable(profile: Any, goal: FloatArray, acceleration: float) -> bool:
-    """Returns whether a joint's profile has no phase that is too short, and ends where it has to within its limit."""
+    """Check that a profile has no short phase, reaches its goal and keeps its limit."""
     return bool(
         all(t == 0.0 or t > TOLERANCES.shortest_phase for t in profile.t)
         and abs(profile.p[-1] - goal[0]) <= TOLERANCES.same_position
@@ -111,15 +114,17 @@ def _is_usable(profile: Any, goal: FloatArray, acceleration: float) -> bool:
 
 
 def _corrected(profile: Any, ends: FloatArray, duration: float) -> FloatArray | None:
-    """Returns lengths, accelerations, jerks of a joint's phases, shape (3, 7), that lead to its end; None for none.
+    """Correct a joint's phases to reach its goal, shape (3, 7); None if impossible.
 
-    Ruckig ends up to 1e-8 rad beside the goal and has phases of rounding. Those are left out, and the lengths of the
-    others corrected by Newton's method. Lengths that lead to the acceleration limit stay.
+    The rows are lengths, accelerations and jerks.
+
+    Ruckig ends up to 1e-8 rad from the goal and has phases as short as rounding. Those are removed, and the lengths
+    of the others are corrected by Newton's method. Ramps to the acceleration limit are not changed.
 
     Args:
-        profile: ruckig's.
+        profile: profile of ruckig.
         ends: position, velocity, acceleration at the start and at the end, shape (2, 3).
-        duration: of the transfer [s].
+        duration: duration of the transfer [s].
     """
     time, jerk = np.array(profile.t), np.array(profile.j)
     time[time <= TOLERANCES.shortest_phase] = 0.0
@@ -128,20 +133,20 @@ def _corrected(profile: Any, ends: FloatArray, duration: float) -> FloatArray | 
         free[ramp] &= time[limited] == 0.0
     for _ in range(TOLERANCES.corrections):
         q, v, a = _states(time, jerk, ends[0])
-        missing = np.array([duration - time.sum(), *(ends[1] - [q[-1], v[-1], a[-1]])])
-        if (np.abs(missing) <= TOLERANCES.same_end).all():
+        errors = np.array([duration - time.sum(), *(ends[1] - [q[-1], v[-1], a[-1]])])
+        if (np.abs(errors) <= TOLERANCES.same_end).all():
             return np.stack([time, a[:-1], jerk])
-        left = time.sum() - np.cumsum(time)
-        # A moment more of a phase, and the same phases after it.
-        more = np.stack(
+        remaining = time.sum() - np.cumsum(time)
+        # Derivatives of the end state by the length of each phase.
+        sensitivities = np.stack(
             [
                 np.ones(PHASES),
-                v[1:] + left * (a[1:] + left * jerk / 2.0),
-                a[1:] + left * jerk,
+                v[1:] + remaining * (a[1:] + remaining * jerk / 2.0),
+                a[1:] + remaining * jerk,
                 jerk,
             ]
         )
-        time[free] += least_squares(more[:, free], missing)
+        time[free] += least_squares(sensitivities[:, free], errors)
         if time.min() < 0.0:
             return None
     return None
@@ -150,62 +155,62 @@ def _corrected(profile: Any, ends: FloatArray, duration: float) -> FloatArray | 
 def _even(ends: FloatArray, duration: float) -> FloatArray:
     """Compute a joint's motion in three phases of equal length and constant jerk.
 
-    It suits a joint that has time to spare. Above all it suits one that rests but for rounding: ruckig's phases for it
+    It suits a joint that has time to spare, above all one that moves only by rounding: ruckig's phases for it
     are as short as rounding. The three jerks follow from position, velocity and acceleration at the end.
 
     Args:
         ends: position, velocity, acceleration at the start and at the end, shape (2, 3).
-        duration: of the transfer [s].
+        duration: duration of the transfer [s].
 
     Returns:
         Lengths, accelerations at the starts and jerks of seven phases, the last four without length, shape (3, 7).
     """
     (q, v, a), (q_end, v_end, a_end) = ends.tolist()
     step = duration / 3.0
-    # What the jerks have to add at the end, in powers of the step.
-    more_q = (q_end - q - duration * (v + duration * a / 2.0)) / cube(step)
-    more_v = (v_end - v - duration * a) / np.square(step)
-    more_a = (a_end - a) / step
-    first = more_q - more_v + more_a / 3.0
-    jerk = [first, more_v - more_a / 2.0 - 2.0 * first, 1.5 * more_a - more_v + first]
+    # Required changes of the end state by the jerks, in powers of the step.
+    delta_q = (q_end - q - duration * (v + duration * a / 2.0)) / cube(step)
+    delta_v = (v_end - v - duration * a) / np.square(step)
+    delta_a = (a_end - a) / step
+    first = delta_q - delta_v + delta_a / 3.0
+    jerk = [first, delta_v - delta_a / 2.0 - 2.0 * first, 1.5 * delta_a - delta_v + first]
     time, jerks = np.zeros(PHASES), np.zeros(PHASES)
     time[:3], jerks[:3] = step, jerk
     return np.stack([time, _states(time, jerks, ends[0])[2, :PHASES], jerks])
 
 
 def _states(time: FloatArray, jerk: FloatArray, start: FloatArray) -> FloatArray:
-    """Returns position, velocity, acceleration at the ends of phases, shape (3, 8).
+    """Compute position, velocity and acceleration at the borders of phases, shape (3, 8).
 
     Args:
         time: lengths of the phases [s], shape (7,).
-        jerk: in them [rad/s³], shape (7,).
-        start: position, velocity, acceleration before the first one.
+        jerk: jerks in them [rad/s³], shape (7,).
+        start: position, velocity, acceleration at the start.
     """
     q, v, a = start.tolist()
-    found = [(q, v, a)]
+    states = [(q, v, a)]
     for dt, j in zip(time.tolist(), jerk.tolist(), strict=True):
         q, v, a = (
             q + dt * (v + dt * (a / 2.0 + dt * j / 6.0)),
             v + dt * (a + dt * j / 2.0),
             a + dt * j,
         )
-        found.append((q, v, a))
-    return np.array(found).T
+        states.append((q, v, a))
+    return np.array(states).T
 
 
 State = Sequence[Sequence[float]]
-"""Positions, velocities and accelerations, a list of n numbers each."""
+"""Position, velocity and acceleration, a list of n numbers each."""
 
 
 class StatesToStates:
-    """Transfers of some joints from any state of motion to any other, of which many are tried."""
+    """Repeated transfers of some joints between states of motion."""
 
     def __init__(self, limits: JointLimits, minimum_duration: float = 0.0) -> None:
-        """Prepares the request.
+        """Prepare the request.
 
         Args:
-            limits: of the joints; those of position do not count.
-            minimum_duration: least time that a transfer may take [s].
+            limits: limits of the joints; position limits are ignored.
+            minimum_duration: minimum duration of a transfer [s].
         """
         import ruckig
 
@@ -222,7 +227,7 @@ class StatesToStates:
         self._errors = (ruckig.RuckigError, ValueError)
 
     def calculated(self, start: State, goal: State) -> Any:
-        """Returns ruckig's trajectory, None where it has none; valid until the next one is asked for."""
+        """Compute ruckig's trajectory or None; it is valid until the next call."""
         request = self._request
         (
             request.current_position,
@@ -233,84 +238,84 @@ class StatesToStates:
         try:
             result = self._solver.calculate(request, self._answer)
         except self._errors:
-            # ValueError: result codes that its Python binding does not know.
+            # ValueError: result codes that are missing in its Python binding.
             return None
         return self._answer if result in self._good else None
 
 
 class MovingTransfer:
-    """Transfers between two postures in given states of motion, of which many are tried."""
+    """Repeated transfers between two postures with given rates."""
 
     def __init__(self, problem: TransferProblem, room: float = 0.0) -> None:
-        """Prepares the request.
+        """Prepare the request.
 
         Args:
-            problem: the transfer; its rates do not count.
-            room: what joints keep free of their limits of position on the way [rad], where both ends do.
+            problem: the transfer; its rates are ignored.
+            room: margin to position limits [rad], if both ends keep it.
         """
         limits = problem.limits
         self._limits = limits
         self._start, self._goal = problem.start.tolist(), problem.goal.tolist()
         self._transfers = StatesToStates(limits, problem.minimum_duration)
-        # Where it begins or ends outside by rounding, it may stay there, and rates of rounding may lead it on.
+        # If an end is outside by rounding, the transfer may stay there, and rates of rounding may continue outwards.
         ends = np.stack([problem.start, problem.goal])
         self._lower = np.minimum(limits.lower + room, ends.min(axis=0)) - TOLERANCES.same_end
         self._upper = np.maximum(limits.upper - room, ends.max(axis=0)) + TOLERANCES.same_end
 
     def calculated(self, leaving: FloatArray, arriving: FloatArray) -> Any:
-        """Returns ruckig's trajectory, None where it has none; valid until the next one is asked for.
+        """Compute ruckig's trajectory or None; it is valid until the next call.
 
         Args:
-            leaving: velocities and accelerations at the start, shape (2, n).
-            arriving: the same at the end.
+            leaving: rates at the start, shape (2, n).
+            arriving: rates at the end, shape (2, n).
         """
         start, goal = (self._start, *leaving.tolist()), (self._goal, *arriving.tolist())
         return self._transfers.calculated(start, goal)
 
     def duration(self, leaving: FloatArray, arriving: FloatArray, most: float = np.inf) -> float:
-        """Returns how long the transfer takes [s], see `calculated`.
+        """Compute the duration of the transfer [s], see `calculated`.
 
-        Infinite where there is none within the limits of position, or none that takes less than `most` [s].
+        Infinite if no transfer keeps the position limits, or none takes less than `most` [s].
         """
-        found = self.calculated(leaving, arriving)
-        if found is None or found.duration >= most:
+        trajectory = self.calculated(leaving, arriving)
+        if trajectory is None or trajectory.duration >= most:
             return np.inf
-        return float(found.duration) if self.is_within(found) else np.inf
+        return float(trajectory.duration) if self.is_within(trajectory) else np.inf
 
     def is_within(self, trajectory: Any) -> bool:
-        """Returns whether every joint keeps its limits of position on the way; ruckig's own extrema miss some."""
+        """Check that every joint keeps its position limits.
+
+        Ruckig's own extrema miss some.
+        """
         phases = np.array(
-            [
-                (one.t, one.p[:PHASES], one.v[:PHASES], one.a[:PHASES], one.j)
-                for one in trajectory.profiles[0]
-            ]
+            [(p.t, p.p[:PHASES], p.v[:PHASES], p.a[:PHASES], p.j) for p in trajectory.profiles[0]]
         )
         return trajectories.stays_between(phases, self._lower, self._upper)
 
     def is_kept(self, phases: FloatArray, start: FloatArray, joint: int) -> bool:
-        """Returns whether a joint keeps its limits of position, velocity, acceleration and jerk.
+        """Check that a joint keeps its limits of position, velocity, acceleration and jerk.
 
         Args:
-            phases: their lengths, accelerations and jerks, shape (3, 7).
-            start: position, velocity, acceleration before the first one.
-            joint: its index.
+            phases: lengths, accelerations and jerks of phases, shape (3, 7).
+            start: position, velocity, acceleration at the start.
+            joint: index of the joint.
         """
         time, _, jerk = phases
         q, v, a = _states(time, jerk, start)
-        turns = a[:-1] * a[1:] < 0.0
-        inside = v[:-1][turns] - np.square(a[:-1][turns]) / (2.0 * jerk[turns])
-        most = 1.0 + TOLERANCES.same_limit
+        reverses = a[:-1] * a[1:] < 0.0
+        inner = v[:-1][reverses] - np.square(a[:-1][reverses]) / (2.0 * jerk[reverses])
+        factor = 1.0 + TOLERANCES.same_limit
         begins = np.stack([time, q[:-1], v[:-1], a[:-1], jerk])[None]
         return bool(
-            np.abs(a).max() <= self._limits.acceleration[joint] * most
-            and np.abs([*v, *inside]).max() <= self._limits.velocity[joint] * most
-            and np.abs(jerk).max() <= self._limits.jerk[joint] * most
+            np.abs(a).max() <= self._limits.acceleration[joint] * factor
+            and np.abs([*v, *inner]).max() <= self._limits.velocity[joint] * factor
+            and np.abs(jerk).max() <= self._limits.jerk[joint] * factor
             and trajectories.stays_between(begins, self._lower[[joint]], self._upper[[joint]])
         )
 
 
 def _calculate(problem: TransferProblem, moving: IntArray, duration: float) -> dict[int, Any]:
-    """Returns ruckig's usable profiles by joint, if they take the duration [s], else nothing."""
+    """Compute ruckig's usable profiles by joint, if they take the duration [s], else none."""
     import ruckig
 
     limits = problem.limits
@@ -329,7 +334,7 @@ def _calculate(problem: TransferProblem, moving: IntArray, duration: float) -> d
     try:
         result = ruckig.Ruckig(len(moving)).calculate(request, trajectory)
     except (ruckig.RuckigError, ValueError):
-        # ValueError: result codes that its Python binding does not know.
+        # ValueError: result codes that are missing in its Python binding.
         return {}
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
         return {}

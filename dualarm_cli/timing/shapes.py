@@ -1,4 +1,4 @@
-"""Normalised double-S shapes of the way along a path, and polynomials through samples of a path."""
+"""Normalised double-S shapes of motion along a path, and polynomials through path samples."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from dualarm_cli.records import dataclass
 
 
 def lagrange_basis(nodes: FloatArray, x: FloatArray) -> FloatArray:
-    """Returns the Lagrange polynomials of m nodes at k places, shape (k, m).
+    """Evaluate the Lagrange polynomials of m nodes at k points, shape (k, m).
 
-    Each is the product of all other gaps x - node, taken from both sides so that nothing is divided by a gap: a
-    place on a node is an ordinary place.
+    Each is the product of all other gaps x - node, multiplied from both sides without division by a gap, so that
+    points on nodes need no special case.
     """
     basis: FloatArray = _products_of_others(nodes, x) / _products_of_gaps(nodes)
     return basis
 
 
 def _products_of_others(nodes: FloatArray, x: FloatArray) -> FloatArray:
-    """Returns for each node the product of x less every other node, shape (k, m)."""
+    """Compute for each node the product of x minus every other node, shape (k, m)."""
     gap = x[:, None] - nodes
     before, after = np.ones_like(gap), np.ones_like(gap)
     np.cumprod(gap[:, :-1], axis=1, out=before[:, 1:])
@@ -31,13 +31,13 @@ def _products_of_others(nodes: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def _products_of_gaps(nodes: FloatArray) -> FloatArray:
-    """Returns for each node the product of its gaps to every other node, shape (m,)."""
+    """Compute for each node the product of its distances to the others, shape (m,)."""
     products: FloatArray = (nodes[:, None] - nodes + np.eye(len(nodes))).prod(axis=1)
     return products
 
 
 def differentiation_matrix(nodes: FloatArray) -> FloatArray:
-    """Returns the matrix from values at m nodes to their polynomial's derivative there, (m, m)."""
+    """Build the matrix from values at m nodes to the derivative there, (m, m)."""
     weight = _products_of_gaps(nodes)
     D: FloatArray = weight[:, None] / (weight * (nodes[:, None] - nodes + np.eye(len(nodes))))
     np.fill_diagonal(D, 0.0)
@@ -55,16 +55,19 @@ class Shapes:
     """
 
     start: FloatArray
-    """Share of the time in which the speed rises, shape (g,)."""
+    """Fraction of the time in which the speed rises, shape (g,)."""
     start_jerk: FloatArray
-    """Share of the start ramp that each of its jerk phases takes, at most 0.5, shape (g,)."""
+    """Fraction of the start ramp per jerk phase, at most 0.5, shape (g,)."""
     end: FloatArray
-    """Share of the time in which the speed falls; start + end <= 1, shape (g,)."""
+    """Fraction of the time in which the speed falls, shape (g,).
+
+    start + end <= 1.
+    """
     end_jerk: FloatArray
-    """Share of the end ramp that each of its jerk phases takes, at most 0.5, shape (g,)."""
+    """Fraction of the end ramp per jerk phase, at most 0.5, shape (g,)."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("start", "start_jerk", "end", "end_jerk"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
@@ -74,7 +77,7 @@ class Shapes:
         return 1.0 / (1.0 - (self.start + self.end) / 2.0)
 
     def breakpoints(self) -> FloatArray:
-        """Returns the eight ends of the seven phases, shape (g, 8)."""
+        """Compute the eight borders of the seven phases, shape (g, 8)."""
         j1, j2 = self.start * self.start_jerk, self.end * self.end_jerk
         edges = np.zeros((len(j1), 8))
         edges[:, 1], edges[:, 2], edges[:, 3] = j1, self.start - j1, self.start
@@ -83,11 +86,11 @@ class Shapes:
         return edges
 
     def phases(self) -> FloatArray:
-        """Returns way, speed, acceleration and jerk at the start of each phase, shape (4, g, 7).
+        """Compute progress, speed, acceleration and jerk at phase starts, shape (4, g, 7).
 
         A ramp of length r with jerk phases of length x rises to the peak speed p with the acceleration
-        a = p / (r - x): it gains a x/2 in its first phase, as much in its last, and covers p r/2 in all, of
-        which a x²/6 in the first phase and p x - a x²/6 in the last.
+        a = p / (r - x): it gains a x/2 in its first phase, as much in its last, and covers p r/2,
+        a x²/6 of it in the first phase and p x - a x²/6 in the last.
         """
         p, r1, r2 = self.peak, self.start, self.end
         x1, x2 = r1 * self.start_jerk, r2 * self.end_jerk
@@ -109,9 +112,9 @@ class Shapes:
     def within_phases(
         self, per_phase: int
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Returns way, speed, acceleration, jerk in every phase, ends included, each (g, 7 k).
+        """Evaluate progress, speed, acceleration and jerk in every phase, each (g, 7 k).
 
-        At the instant where two phases meet both limits of a jump of jerk are there.
+        Ends of phases are included, so that both limits of a jump of jerk are present.
 
         Args:
             per_phase: number k of equidistant instants per phase.
@@ -119,9 +122,9 @@ class Shapes:
         edges = self.breakpoints()
         dt = (edges[:, 1:] - edges[:, :-1])[:, :, None] * np.linspace(0.0, 1.0, per_phase)
         g = len(dt)
-        way, speed, acceleration, jerk = _advance(self.phases()[..., None], dt)
+        progress, speed, acceleration, jerk = _advance(self.phases()[..., None], dt)
         return (
-            way.reshape(g, -1),
+            progress.reshape(g, -1),
             speed.reshape(g, -1),
             acceleration.reshape(g, -1),
             np.repeat(jerk[..., 0], per_phase, axis=1),
@@ -130,11 +133,11 @@ class Shapes:
     def path_rates(
         self, per_phase: int, nodes: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Compute matrices from path samples at nodes to three derivatives in unit time.
+        """Build matrices from path samples to three derivatives in unit time.
 
         Args:
             per_phase: number of instants per phase, as of `within_phases`; rows are all instants of all shapes.
-            nodes: shares of the path at which it is sampled, shape (m,).
+            nodes: fractions of the path at which it is sampled, shape (m,).
         """
         s, sd, sdd, sddd = (values.ravel() for values in self.within_phases(per_phase))
         D = differentiation_matrix(nodes)
@@ -151,7 +154,7 @@ class Shapes:
 def _advance(
     state: FloatArray, dt: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Returns the states (4, ...) after dt of constant jerk."""
+    """Integrate states (4, ...) over dt of constant jerk."""
     s, v, a, j = state
     return (
         s + dt * (v + dt * (a / 2.0 + dt * j / 6.0)),
@@ -162,6 +165,6 @@ def _advance(
 
 
 def symmetric_grid(ramps: FloatArray, jerks: FloatArray) -> Shapes:
-    """Returns all symmetric shapes of the given ramp shares (at most 0.5) and jerk shares."""
+    """Build all symmetric shapes of given ramp fractions (at most 0.5) and jerk fractions."""
     ramp, jerk = (grid.ravel() for grid in np.meshgrid(ramps, jerks, indexing="ij"))
     return Shapes(ramp, jerk, ramp, jerk)

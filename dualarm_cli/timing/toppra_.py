@@ -1,4 +1,4 @@
-"""Lines by toppra: time-optimal along the path, for joints without a jerk limit."""
+"""Lines by toppra: time-optimal along the path, for joints without jerk limits."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from dualarm_cli.timing.problem import LineProblem
 from dualarm_cli.timing.spline import largest_rates
 
 GRIDPOINTS = 160
-"""Gridpoints along the path, or as many as knots are asked for; each becomes a knot."""
+"""Minimum number of gridpoints along the path; each becomes a knot."""
 FREE_ACCELERATION = 1e4
-"""Acceleration limit of the path length itself, in the largest joint limit: no demand on it."""
+"""Acceleration limit of the path length that stands for infinity, per largest joint limit."""
 
 
 def solve_line(problem: LineProblem) -> Trajectory:
-    """Returns the line timed by [Pham2018], then made to keep every limit between its gridpoints too.
+    """Time a line by [Pham2018], corrected to keep every limit between gridpoints.
 
-    The path is parametrised by its length, scaled to the joints' length: toppra fails on [0, 1]. That length is one
+    The path is parametrised by its length, scaled to the joints' length: toppra fails on [0, 1]. The length is one
     joint more, whose velocity limit is the cap on the tool's speed. Between gridpoints the joints are cubics with the
-    exact positions and velocities of both ends, so that accelerations jump at gridpoints only. At last time
-    is stretched by the cubics' own extrema, about a thousandth. A line on which no joint moves takes no time.
+    exact positions and velocities of both ends, so that accelerations jump at gridpoints only. Finally time
+    is stretched by the cubics' own extrema, about a thousandth. A line without joint motion takes no time.
 
     Raises:
         DualArmError: toppra finds no profile.
@@ -36,7 +36,7 @@ def solve_line(problem: LineProblem) -> Trajectory:
     joint_length = float(norm(np.diff(problem.position, axis=0), axis=1).sum())
     if joint_length == 0.0 and problem.tool_speed is None:
         return hold(problem.joints, problem.position[0], 0.0)
-    # Where no joint moves but a tool speed is set, any scale will do.
+    # Without joint motion but with a limit of tool speed, any scale works.
     total = joint_length or 1.0
     time, q, v, speed = _gridpoints(problem, total)
     dt = np.diff(time)[:, None]
@@ -57,7 +57,7 @@ def solve_line(problem: LineProblem) -> Trajectory:
 def _stretch(
     problem: LineProblem, rates: tuple[FloatArray, FloatArray, FloatArray], speed: FloatArray
 ) -> float:
-    """Returns the factor by which time must be stretched for every limit to hold, at least 1.
+    """Compute the factor by which time must be stretched to keep every limit.
 
     Args:
         problem: the line.
@@ -77,11 +77,11 @@ def _stretch(
 def _gridpoints(
     problem: LineProblem, total: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Returns times, positions, velocities and path speeds at toppra's gridpoints.
+    """Compute times, positions, velocities and path speeds at toppra's gridpoints.
 
     Args:
         problem: the line.
-        total: what the path length is scaled to.
+        total: scaled path length.
     """
     toppra = _import_toppra()
     position, velocity = problem.position, problem.limits.velocity
@@ -115,7 +115,7 @@ def _gridpoints(
 
 
 def _import_toppra() -> Any:
-    """Returns toppra; it loads matplotlib for its plots, so no window and no cache in HOME."""
+    """Import toppra without a plot window or a cache in HOME; it loads matplotlib."""
     os.environ.setdefault("MPLBACKEND", "Agg")
     if not os.access(os.environ.get("HOME", "/nonexistent"), os.W_OK):
         os.environ.setdefault("MPLCONFIGDIR", tempfile.gettempdir())

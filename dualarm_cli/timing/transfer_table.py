@@ -1,4 +1,4 @@
-"""Transfer times of all pairs of postures, looked up: fast enough for hundreds of millions of them."""
+"""Tabulated transfer times between all pairs of postures, for hundreds of millions of them."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.records import dataclass
 
 SAME_LAW = 0.03
-"""Laws whose constants differ by less than this share are taken as one, the quickest."""
+"""Relative difference below which timing laws share a table, that of the fastest."""
 STEPS = 32_000
-"""Steps of the table over the widest joint's range; differences of coordinates then fit 16 bits."""
+"""Steps of the table over the widest joint range; differences then fit 16 bits."""
 WIDEST = 4.0 * np.pi
 """Range of a joint without position limits beyond which the table does not distinguish [rad]."""
 
 Coordinates = NDArray[np.int16]
-"""Joints in steps of a table, coordinate first."""
+"""Joint values in steps of a table, coordinate first."""
 Times = NDArray[np.float32]
 RUN = 32
-"""Most cells of one run."""
+"""Maximum number of cells of one run."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class _Class:
     """Joints with one law in units of their speed."""
 
     columns: tuple[int, ...]
-    """Which coordinates."""
+    """Columns of the coordinates."""
     time: NDArray[np.float32]
-    """Time [s] of a distance of so many steps, one step less, shape (STEPS + 1,)."""
+    """Time [s] of a distance in steps, rounded down by one step, shape (STEPS + 1,)."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class TransferTable:
     """Times of a group of joints that move together, at the resolution of a table.
 
     A joint's displacement in units of its speed needs T(d / v), the same T for all joints whose limits stand in the
-    same proportions; the slowest joint is then the one with the largest d / v, and one look-up serves all. As
-    rounding two coordinates can make one step, a step less is looked up: times are never above the closed form.
+    same proportions; the slowest joint is then the one with the largest d / v, and one look-up is enough. Because
+    rounding two coordinates can add one step, a step less is looked up: times are never above the closed form.
     """
 
     scale: FloatArray
@@ -62,14 +62,14 @@ class TransferTable:
     classes: tuple[_Class, ...]
     """Joints by law."""
     _laws: dict[tuple[int, ...], Laws] = field(default_factory=dict, compare=False, repr=False)
-    """The table for the compiled functions, by the coordinates that do not count."""
+    """Table for the compiled functions, by excluded coordinates."""
 
     @classmethod
     def of(cls, laws: list[RestToRest], lower: FloatArray, upper: FloatArray) -> TransferTable:
-        """Returns the table of several groups of joints, their columns one after the other.
+        """Build the table of several groups of joints, with consecutive columns.
 
         Args:
-            laws: of each group.
+            laws: timing law of each group.
             lower: lowest position of every joint [rad], shape (c,), -inf allowed.
             upper: highest position [rad], shape (c,), inf allowed.
         """
@@ -81,35 +81,39 @@ class TransferTable:
         jerk = np.concatenate([law.jerk for law in laws]) / velocity
         step = float((span / velocity).max()) / STEPS
         classes = []
-        left = list(range(len(velocity)))
-        while left:
-            first = left[0]
-            alike = [
+        remaining = list(range(len(velocity)))
+        while remaining:
+            first = remaining[0]
+            same_law = [
                 c
-                for c in left
+                for c in remaining
                 if abs(acceleration[c] / acceleration[first] - 1.0) <= SAME_LAW
                 and (jerk[c] == jerk[first] or abs(jerk[c] / jerk[first] - 1.0) <= SAME_LAW)
             ]
             law = RestToRest(
-                np.ones(1), acceleration[alike].max(keepdims=True), jerk[alike].max(keepdims=True)
+                np.ones(1),
+                acceleration[same_law].max(keepdims=True),
+                jerk[same_law].max(keepdims=True),
             )
             distance = np.maximum(np.arange(STEPS + 1) - 1.0, 0.0) * step
-            classes.append(_Class(tuple(alike), law.duration(distance[:, None]).astype(np.float32)))
-            left = [c for c in left if c not in alike]
+            classes.append(
+                _Class(tuple(same_law), law.duration(distance[:, None]).astype(np.float32))
+            )
+            remaining = [c for c in remaining if c not in same_law]
         return cls(1.0 / (velocity * step), middle, tuple(classes))
 
     def coordinates(self, joints: FloatArray) -> Coordinates:
-        """Returns joints (n, c) [rad] in steps, coordinate first, shape (c, n)."""
+        """Convert joints (n, c) [rad] to steps, coordinate first, shape (c, n)."""
         steps = np.round((joints - self.middle) * self.scale).T
         half = STEPS // 2
         return np.ascontiguousarray(np.clip(steps, -half, half).astype(np.int16))
 
     def joints(self, coordinates: Coordinates) -> FloatArray:
-        """Returns joints (n, c) [rad] from steps (c, n), to half a step."""
+        """Convert steps (c, n) to joints (n, c) [rad], within half a step."""
         return coordinates.T / self.scale + self.middle
 
     def box(self, low: FloatArray, high: FloatArray) -> tuple[Coordinates, Coordinates]:
-        """Returns boxes of joints in steps, rounded outward, coordinate first, shape (c, n) each.
+        """Convert boxes of joints to steps, rounded outward, shape (c, n) each.
 
         Args:
             low: lowest joints [rad], shape (n, c), -inf allowed.
@@ -128,46 +132,48 @@ class TransferTable:
         goal_high: Coordinates,
         without: tuple[int, ...] = (),
     ) -> NDArray[np.float32]:
-        """Returns the least times between all pairs of boxes [s], shape (n, m): from the nearest points of each.
+        """Compute the minimum times between all pairs of boxes [s], shape (n, m).
+
+        They are those between nearest points.
 
         Args:
-            low: lowest coordinates of the boxes where transfers begin, shape (c, n).
-            high: highest ones.
-            goal_low: lowest coordinates of the boxes where they end, shape (c, m).
-            goal_high: highest ones.
-            without: coordinates that do not count.
+            low: lowest coordinates of the start boxes, shape (c, n).
+            high: highest coordinates of the start boxes, shape (c, n).
+            goal_low: lowest coordinates of the goal boxes, shape (c, m).
+            goal_high: highest coordinates of the goal boxes, shape (c, m).
+            without: coordinates to exclude.
         """
         return gap_times(self.laws(without), boxes(low, high), boxes(goal_low, goal_high))
 
     def times(
         self, start: Coordinates, goal: Coordinates, without: tuple[int, ...] = ()
     ) -> NDArray[np.float32]:
-        """Returns the times of all pairs [s], shape (n, m).
+        """Compute the times of all pairs [s], shape (n, m).
 
         Args:
             start: in steps, shape (c, n).
             goal: in steps, shape (c, m).
-            without: coordinates that do not count.
+            without: coordinates to exclude.
         """
         return self.gap_times(start, start, goal, goal, without)
 
     def laws(self, without: tuple[int, ...] = ()) -> Laws:
-        """Returns the table for the compiled functions.
+        """Prepare the table for the compiled functions.
 
         Args:
-            without: coordinates that do not count.
+            without: coordinates to exclude.
         """
         if without not in self._laws:
             kept = [[c for c in group.columns if c not in without] for group in self.classes]
             tables = np.stack([group.time for group in self.classes])
-            columns = np.array([c for own in kept for c in own], dtype=np.int32)
-            ends = np.cumsum([len(own) for own in kept], dtype=np.int32)
+            columns = np.array([c for group in kept for c in group], dtype=np.int32)
+            ends = np.cumsum([len(group) for group in kept], dtype=np.int32)
             self._laws[without] = Laws.of(tables, columns, ends)
         return self._laws[without]
 
 
 def rows_of(coordinates: Coordinates, rows: IntArray) -> Coordinates:
-    """Returns the coordinates of some postures."""
+    """Select the coordinates of the given postures."""
     return np.ascontiguousarray(coordinates[:, rows])
 
 
@@ -176,24 +182,24 @@ class PostureBoxes:
     """Boxes of postures in steps of a table, rounded outward; n of them."""
 
     index: IntArray
-    """Platform cell of each, ascending, shape (n,)."""
+    """Platform cell of each box, ascending, shape (n,)."""
     kind: IntArray
-    """Branch or the like: only boxes of one kind share a run, shape (n,)."""
+    """Class of each box, such as its branch; runs have one class, shape (n,)."""
     low: Coordinates
-    """Lowest joints and platform, shape (c, n)."""
+    """Lowest joint and platform values, shape (c, n)."""
     high: Coordinates
-    """Highest ones, shape (c, n)."""
+    """Highest joint and platform values, shape (c, n)."""
     line: Times
-    """Least time of the line at this end [s], shape (n,)."""
+    """Minimum time of the line at this end [s], shape (n,)."""
 
     def ends(self, groups: int) -> LineEnds:
-        """Return the boxes as one end of lines, in so many platform cells."""
+        """Group the boxes by platform cell, as one end of lines."""
         first = np.searchsorted(self.index, np.arange(groups + 1)).astype(np.int64)
         return LineEnds.of(boxes(self.low, self.high), first, self.line)
 
     @cached_property
     def runs(self) -> CellRuns:
-        """The boxes in runs of neighbours in platform cell, branch and arm angle."""
+        """Runs of boxes that are neighbours in platform cell, branch and arm angle."""
         n = len(self.index)
         change = (np.diff(self.index) != 0) | (np.diff(self.kind) != 0)
         begins = np.concatenate([[True], change])
@@ -208,47 +214,46 @@ class PostureBoxes:
 
 @dataclass(frozen=True)
 class Pairs:
-    """Transfers or lines from some cells (n) to others (m), of g platform cells.
+    """Transfers or lines from n cells to m others, of g platform cells.
 
-    Pairs of runs are looked at in order of what they can give at best, and their cells only while that may be better
-    than what is found.
+    Pairs of runs are examined in order of their lower bounds, and their cells only while they may improve the result.
     """
 
     table: TransferTable
-    """Their times."""
+    """Table of times."""
     before: PostureBoxes
-    """Posture boxes where the motions begin, n of them."""
+    """Boxes of postures at the starts of motions, n of them."""
     after: PostureBoxes
-    """Posture boxes where the motions end, m of them."""
+    """Boxes of postures at the ends of motions, m of them."""
     without: tuple[int, ...]
-    """Coordinates that do not count."""
+    """Coordinates to exclude."""
 
     @property
     def _laws(self) -> Laws:
         return self.table.laws(self.without)
 
     def by_cells(self, work: Times, cells: int) -> Times:
-        """Compute the least transfer plus work between platform cells [s], shape (g, g).
+        """Compute the minimum transfer plus work between platform cells [s], shape (g, g).
 
         A pair of platform cells without a transfer has an infinite sum.
 
         Args:
-            work: least work of each cell where a transfer ends [s], shape (m,).
+            work: minimum work of each cell at a transfer's end [s], shape (m,).
             cells: number g of platform cells.
         """
         least = np.full((cells, cells), np.inf, dtype=np.float32)
         least_by_groups(self._laws, self.before.runs, self.after.runs, work, least)
         return least
 
-    def least_from(self, own: Times, floor: Times, beyond: Times) -> Times:
-        """Minimise max(transfer + own, floor + beyond) over each cell's pairs, shape (n,).
+    def least_from(self, arm_rest: Times, floor: Times, beyond: Times) -> Times:
+        """Minimise max(transfer + arm_rest, floor + beyond) over each cell's pairs, shape (n,).
 
         Args:
-            own: from each cell where a transfer ends, the arm's work and all the rest [s], shape (m,).
-            floor: least length of the stage for every pair of platform cells [s], shape (g, g).
-            beyond: from each cell where a transfer ends, all the rest alone [s], shape (m,).
+            arm_rest: remaining time with the arm's own work, from each cell at a transfer's end [s], shape (m,).
+            floor: minimum duration of the stage for each pair of platform cells [s], shape (g, g).
+            beyond: remaining time without it, from each cell at a transfer's end [s], shape (m,).
         """
-        return least_from(self._laws, self.before.runs, self.after.runs, own, floor, beyond)
+        return least_from(self._laws, self.before.runs, self.after.runs, arm_rest, floor, beyond)
 
     @cached_property
     def _line_ends(self) -> tuple[int, LineEnds, LineEnds]:
@@ -257,10 +262,10 @@ class Pairs:
         return cells, self.before.ends(cells), self.after.ends(cells)
 
     def least_within(self, rest: Times) -> tuple[Times, Times]:
-        """Compute least sums within one platform cell: of line and rest, and of the rest alone [s], shape (n,) each.
+        """Minimise line plus rest, and the rest alone, in one platform cell [s], (n,) each.
 
         Args:
-            rest: after each cell where a line ends [s], shape (m,).
+            rest: remaining time after each cell at a line's end [s], shape (m,).
         """
         cells, before, after = self._line_ends
         present, first = np.unique(self.after.index, return_index=True)

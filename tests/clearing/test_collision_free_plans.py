@@ -23,7 +23,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Obstacle
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
-from dualarm_cli.motion.blending import passing_ways, with_ways
+from dualarm_cli.motion.blending import passing_launches, with_launches
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import Drive, MotionCache
 from dualarm_cli.planning.planner import plan_without_bound
@@ -289,13 +289,13 @@ def test_detours_keep_a_cap_on_the_tools_speed_and_cost_little(tasks_folder, mon
 
     Under a cap detours are between stops.
     """
-    found, bent = blended_plan.bent_ways, []
+    found, bent = blended_plan.moving_detours, []
 
     def noted(*args):
         bent.append(found(*args))
         return bent[-1]
 
-    monkeypatch.setattr(blended_plan, "bent_ways", noted)
+    monkeypatch.setattr(blended_plan, "moving_detours", noted)
     job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
     job = dataclasses.replace(job, tasks=job.tasks[:4], tool_speed=0.5)
     schedule = plan_without_bound(job, QUICK)
@@ -474,10 +474,10 @@ def test_a_stage_is_judged_anew_with_every_way_of_passing_its_lines(packing):
     plans = choose_stages(MethodProblem(model, job, "arm_angle"), "fixed")
     drive = Drive.of(model, job, timing)
     clearing = Clearing(model, job, Holding.of(job), timing, 0, MotionCache())
-    ways = passing_ways(drive, plans)
+    ways = passing_launches(drive, plans)
     assert {k for k, _ in ways} >= {1, 2}
     for chosen in ({}, ways, {key: way for key, way in ways.items() if key[0] == 1}):
-        own = with_ways(plans, chosen)
+        own = with_launches(plans, chosen)
         motion = realise(model, job, own, timing)
         fresh = Clearing(model, job, Holding.of(job), timing, 0, MotionCache())
         assert clearing.colliding_stages(own, motion) == fresh.colliding_stages(own, motion)
@@ -492,7 +492,7 @@ def test_transfers_in_motion_are_timed_once(packing, copied, monkeypatch):
     plans = choose_stages(MethodProblem(model, packing, "arm_angle"), "fixed")
     drive = Drive.of(model, packing, timing)
     with allow_workers(copied):
-        own = with_ways(plans, passing_ways(drive, plans))
+        own = with_launches(plans, passing_launches(drive, plans))
     assert sum(len(plan.passes) for plan in own) >= 4
     apart = realise(model, packing, own, timing).trajectory
 

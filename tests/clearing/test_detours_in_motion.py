@@ -41,16 +41,16 @@ def test_detours_in_motion_are_verified_and_quicker_than_with_stops(
     """Against the same stages with all detours between stops."""
     job = load_job(tasks_folder / name / "tasks.yaml")
     job = replace(job, tasks=job.tasks[some])
-    found, calls = blended_plan.bent_ways, []
+    found, calls = blended_plan.moving_detours, []
 
     def noted(*args):
         calls.append(found(*args))
         return calls[-1]
 
-    monkeypatch.setattr(blended_plan, "bent_ways", noted)
+    monkeypatch.setattr(blended_plan, "moving_detours", noted)
     moving = planned(job)
     assert any(calls)
-    monkeypatch.setattr(blended_plan, "bent_ways", lambda *_: {})
+    monkeypatch.setattr(blended_plan, "moving_detours", lambda *_: {})
     assert moving.duration < planned(job).duration - 1e-3
 
 

@@ -112,8 +112,8 @@ def test_the_pair_is_nearly_the_best_of_all_pairs(script, room, jerk):
         if i or j:
             taken = transfer.duration(before.rates[i], after.rates[j])
             assert time == pytest.approx(before.time[i] + taken + after.time[j], rel=1e-12)
-        for a in range(0, len(before.ways), 3):
-            for b in range(0, len(after.ways), 3):
+        for a in range(0, len(before.launches), 3):
+            for b in range(0, len(after.launches), 3):
                 lines = float(before.time[a] + after.time[b])
                 if lines < best:
                     taken = transfer.duration(before.rates[a], after.rates[b], best - lines)
@@ -138,8 +138,8 @@ def test_ways_are_found_by_profile_and_cut(limits):
     path = length[:, None] * np.linspace(1, 2, 7)
     problem = LineProblem(limits.joints, path, length, limits)
     ways = Passings.along(problem, 0.4, away=True)
-    assert ways.ways[0] is None and ways.time[0] == 0.4 and not ways.rates[0].any()
-    found = ways.ways[ways.index(2, 3)]
+    assert ways.launches[0] is None and ways.time[0] == 0.4 and not ways.rates[0].any()
+    found = ways.launches[ways.index(2, 3)]
     assert (found.constant, found.cruise, found.inner) == PROFILES[2]
     assert found.cut == CUTS[3]
     assert ways.index(5, len(CUTS)) == 0
@@ -167,8 +167,8 @@ def test_refined_ways_are_quicker_than_the_pair_they_come_from(script, platform)
         problem = replace(problem, minimum_duration=platform)
         i, j, time = quickest_pair(before, after, problem, max(rest, platform))
         assert refined_pair((before, after), (i, j, time), problem, 0) == (
-            before.ways[i],
-            after.ways[j],
+            before.launches[i],
+            after.launches[j],
         )
         spent = [time]
         for widths in (1, 4):

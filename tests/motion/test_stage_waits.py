@@ -27,15 +27,15 @@ def stage(left=None, right=None, opens=0.0):
 def waits(plan, clock):
     """Returns what it waits for with arms that are as much later as they are held back."""
 
-    def arrivals(held):
-        return {"left": LEFT + held.get("left", 0.0), "right": RIGHT + held.get("right", 0.0)}
+    def arrivals(delays):
+        return {"left": LEFT + delays.get("left", 0.0), "right": RIGHT + delays.get("right", 0.0)}
 
     return stage_waits(plan, arrivals, ["left", "right"], clock)
 
 
 def test_a_stage_without_parts_or_windows_waits_for_nothing():
     """Nor is anything timed for it."""
-    assert stage_waits(stage(), lambda held: 1 / 0, ["left", "right"], 3.0) == StageWaits()
+    assert stage_waits(stage(), lambda delays: 1 / 0, ["left", "right"], 3.0) == StageWaits()
 
 
 def test_all_wait_together_for_one_part():
@@ -43,18 +43,18 @@ def test_all_wait_together_for_one_part():
     found = waits(stage(left=9.0), 5.0)
     assert found.common == pytest.approx(3.0)
     assert found.reasons == {"left": "conveyor", "right": "partner"}
-    assert found.held == {}
+    assert found.delays == {}
 
 
 def test_two_parts_hold_one_arm_back():
     """Parts at 8 and 10 s, arms at 3.5 + 1 and 3.5 + 1.5 s: 3.5 and 5 s of waiting, 1.5 s between for the right one."""
     found = waits(stage(left=8.0, right=10.0), 3.5)
     assert found.common == pytest.approx(3.5)
-    assert found.held == pytest.approx({"left": 0.0, "right": 1.5})
+    assert found.delays == pytest.approx({"left": 0.0, "right": 1.5})
     assert set(found.reasons.values()) == {"conveyor"}
     # By itself, too, so that what is looked at for clearance is what will be done.
     alone = waits(stage(left=8.0, right=10.0), None)
-    assert (alone.common, alone.held) == (0.0, pytest.approx({"left": 0.0, "right": 1.5}))
+    assert (alone.common, alone.delays) == (0.0, pytest.approx({"left": 0.0, "right": 1.5}))
 
 
 def test_the_longest_wait_counts_and_has_its_own_reason():

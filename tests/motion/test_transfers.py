@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.motion.transfers import (
-    CLOSE,
-    SLOWEST,
+    SPEED_TOLERANCE,
+    MAX_SLOWDOWN,
     SPEED_MARGIN,
     Drive,
     largest_tool_speed,
@@ -43,10 +43,10 @@ def test_a_motion_is_slowed_to_its_cap_and_no_farther(top, cap, power, flat):
         assert factor == 1.0
         return
     needed = (allowed / top) ** (1.0 / power)
-    if needed < 2.0 / SLOWEST:
+    if needed < 2.0 / MAX_SLOWDOWN:
         return
     assert factor is not None
-    assert allowed * (1.0 - 3.0 * CLOSE) <= speed(factor) <= allowed
+    assert allowed * (1.0 - 3.0 * SPEED_TOLERANCE) <= speed(factor) <= allowed
 
 
 def test_what_no_slowness_serves_is_not_slowed():
@@ -85,5 +85,5 @@ def test_the_fastest_tool_is_found_between_the_instants_that_are_looked_at_first
         assert found == pytest.approx(dense, rel=5e-4)
         assert dense <= cap
         slower += moved.capped
-        assert not moved.capped or dense >= cap * (1.0 - SPEED_MARGIN - 4.0 * CLOSE)
+        assert not moved.capped or dense >= cap * (1.0 - SPEED_MARGIN - 4.0 * SPEED_TOLERANCE)
     assert slower > 3

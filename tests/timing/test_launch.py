@@ -46,7 +46,7 @@ def test_a_joint_under_its_jerk_limit_alone_takes_the_time_of_hand_arithmetic():
     assert found.time.min() == pytest.approx(np.cbrt(6.0 * d / jerk), rel=1e-9)
     # Without phases of constant acceleration four equal phases make the whole: half of it is up and down again.
     way = dataclasses.replace(
-        found.ways[0], constant=0.0, cruise=0.0, inner=1.0, cut=0.5, coordinate=0
+        found.launches[0], constant=0.0, cruise=0.0, inner=1.0, cut=0.5, coordinate=0
     )
     motion = solve_launch(problem, way)
     assert motion.duration == pytest.approx(np.cbrt(8.0 * d / jerk), rel=1e-2)
@@ -88,9 +88,9 @@ def test_launches_keep_every_limit_and_pass_the_end_as_estimated(limits, without
     for path in paths:
         problem = LineProblem(JOINTS, path, length, own, knots=48)
         found = launches(problem)
-        assert len(found.ways) == len(PROFILES) * len(CUTS)
-        for k in range(0, len(found.ways), 5):
-            motion = solve_launch(problem, found.ways[k])
+        assert len(found.launches) == len(PROFILES) * len(CUTS)
+        for k in range(0, len(found.launches), 5):
+            motion = solve_launch(problem, found.launches[k])
             assert np.abs(motion.position[0] - path[0]).max() == 0.0
             assert np.abs(motion.position[-1] - path[-1]).max() < 1e-12
             assert np.abs([motion.velocity[0], motion.acceleration[0]]).max() == 0.0
@@ -120,8 +120,8 @@ def test_launches_stay_on_their_lines(limits, lines):
         problem = LineProblem(JOINTS, path, length, limits, knots=96)
         spline = CubicSpline(length, path)
         fine = spline(np.linspace(0.0, length[-1], 4001))
-        for k in range(2, len(launches(problem).ways), 17):
-            motion = solve_launch(problem, launches(problem).ways[k])
+        for k in range(2, len(launches(problem).launches), 17):
+            motion = solve_launch(problem, launches(problem).launches[k])
             q = motion.at(np.linspace(0.0, motion.duration, 60))[0]
             gap = np.linalg.norm(q[:, None] - fine, axis=2).min(axis=1)
             assert gap.max() < 2e-4
@@ -135,7 +135,7 @@ def test_a_cap_on_the_tool_holds_at_the_far_end(limits, lines):
     problem = LineProblem(JOINTS, path, length, limits, tool_speed=0.25, knots=48)
     found = launches(problem)
     assert found.velocity[:, 0].max() <= 0.25
-    for way in found.ways[::20]:
+    for way in found.launches[::20]:
         motion = solve_launch(problem, way)
         assert np.abs(motion.at(np.linspace(0, motion.duration, 999))[1][:, 0]).max() <= 0.25
 
@@ -144,7 +144,7 @@ def test_backwards_in_time_it_is_the_same_way(limits, lines):
     """Positions at mirrored instants; velocities turn their signs, accelerations do not."""
     paths, length = lines
     problem = LineProblem(JOINTS, paths[0], length, limits)
-    motion = solve_launch(problem, launches(problem).ways[7])
+    motion = solve_launch(problem, launches(problem).launches[7])
     back = reversed_in_time(motion)
     times = np.linspace(0.0, motion.duration, 50)
     for mine, theirs, sign in zip(

@@ -103,11 +103,11 @@ def test_launches_are_those_of_the_method_in_numpy(line_reference, limits, witho
         problem = LineProblem(own.joints, path, length, own)
         found = launches(problem)
         coordinate, time, velocity, acceleration = line_reference.launches(path, law(own))
-        assert [way.coordinate for way in found.ways[:: time.shape[1]]] == coordinate.tolist()
+        assert [way.coordinate for way in found.launches[:: time.shape[1]]] == coordinate.tolist()
         np.testing.assert_allclose(found.time, time.ravel(), rtol=1e-9)
         np.testing.assert_allclose(found.velocity, velocity.reshape(-1, 7), atol=1e-9)
         np.testing.assert_allclose(found.acceleration, acceleration.reshape(-1, 7), atol=1e-8)
-        for way in found.ways[::23]:
+        for way in found.launches[::23]:
             motion = solve_launch(problem, way)
             time, q = line_reference.launched_line(path, law(own), way, problem.knots)
             np.testing.assert_allclose(motion.time, time, rtol=1e-8, atol=1e-12)
