@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.motion.transfers import (
-    SPEED_TOLERANCE,
     MAX_SLOWDOWN,
     SPEED_MARGIN,
+    SPEED_TOLERANCE,
     Drive,
     largest_tool_speed,
     slowed,
