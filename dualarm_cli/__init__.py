@@ -1,9 +1,9 @@
-"""dualarm: how fast a dual-arm cell can run, and the joint schedule that runs it.
+"""dualarm: minimum cycle time of a dual-arm cell, and the joint schedule for it.
 
 from dualarm_cli import load, plan
 
-found = plan(load("tasks.yaml"))
-print(found.cycle_time, found.verified)
+result = plan(load("tasks.yaml"))
+print(result.cycle_time, result.verified)
 """
 
 from __future__ import annotations
@@ -68,14 +68,14 @@ _HOMES = {
     **dict.fromkeys(("Event", "JointSamples", "Schedule"), "dualarm_cli.model.schedule"),
     **dict.fromkeys(("Check", "Verification"), "dualarm_cli.model.verification"),
 }
-"""Where public names are: they are loaded as they are used, since the libraries behind them take their time."""
+"""Modules of the public names, imported at first use because libraries load slowly."""
 
 
 def __getattr__(name: str) -> Any:
-    """Returns a public name.
+    """Import the object of a public name.
 
     Raises:
-        AttributeError: there is no such name.
+        AttributeError: unknown name.
     """
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
@@ -83,5 +83,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Returns the public names."""
+    """List the public names."""
     return sorted(__all__)

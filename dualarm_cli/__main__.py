@@ -1,4 +1,4 @@
-"""`python -m dualarm_cli` and the `dualarm` command."""
+"""Entry point of `python -m dualarm_cli` and the `dualarm` command."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from typing import NoReturn
 SIGINT_EXIT = 130
 NO_MEMORY_EXIT = 4
 LEAST_MEMORY = 400_000_000
-"""Address space that the libraries need by themselves [B]: with less, OpenBLAS tries forever to get some."""
+"""Minimum address space of the libraries [B]; with less, OpenBLAS retries forever."""
 
 COLLECT_AFTER = 300_000
-"""Objects more than before after which garbage is looked for."""
+"""Number of new objects that starts a garbage collection."""
 STACK = 70_000
-"""Words that the outermost frame asks for: CPython gives it a chunk of 1 MB, of which half is left for the others."""
+"""Stack size of the outermost frame [words]: half of a 1 MB chunk of CPython."""
 
 
 def main() -> NoReturn:
-    """Runs the command line and ends the process with its exit code."""
+    """Run the command line and end the process with its exit code."""
     allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
     if allowed != resource.RLIM_INFINITY and allowed < LEAST_MEMORY:
         print(
@@ -32,17 +32,17 @@ def main() -> NoReturn:
             file=sys.stderr,
         )
         sys.exit(NO_MEMORY_EXIT)
-    # The matrices here are small: more than one thread of the linear algebra only costs time. It must be
-    # said before numpy is loaded, and a user who said otherwise is right.
+    # The matrices here are small: further threads of the linear algebra only cost time. The variable must be set before
+    # numpy is imported; a user's own value is kept.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Looking for plugins that pydantic does not need here reads the metadata of every package there is.
+    # Pydantic's search for plugins, which are not needed here, would read the metadata of every installed package.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    # Modules, jobs and plans are no garbage: looking through them again and again takes a tenth of the start.
+    # Modules, jobs and plans are no garbage: scanning them repeatedly takes a tenth of the start.
     gc.set_threshold(COLLECT_AFTER)
     try:
         code = _run(sys.argv[1:])
     except KeyboardInterrupt:
-        # It came before there was anything to end, or while an earlier one was being reported.
+        # It came before the command began, or while an earlier interrupt was reported.
         code = SIGINT_EXIT
     _end(code)
 
@@ -53,29 +53,29 @@ def _run(arguments: list[str]) -> int:
     return run(arguments)
 
 
-# CPython keeps frames in chunks of 16 kB. Where the calls of a loop happen to cross the end of one, each of them maps
-# and unmaps memory: some of numpy's modules, loaded at such a depth, took ten times as long.
+# CPython keeps frames in chunks of 16 kB. If the calls of a loop cross the end of a chunk, each of them maps and unmaps
+# memory: some of numpy's modules, imported at such a depth, took ten times as long.
 _run.__code__ = _run.__code__.replace(co_stacksize=STACK)
 
 
 def _end(code: int) -> NoReturn:
-    """Ends the process without the interpreter's tidying up, which takes longer than many a command.
+    """End the process without the interpreter's clean-up, which takes longer than many commands.
 
-    Threads that are no daemons are not waited for: there are none by then.
+    Threads that are no daemons are not waited for: none exist by then.
 
     Args:
-        code: its exit code.
+        code: exit code.
     """
-    # Whoever asks once more gets the same answer.
+    # Further signals do not change the result.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     if sys.getprofile() or sys.gettrace() or sys.flags.inspect:
-        # A profiler, a debugger or whoever looks around afterwards wants it otherwise.
+        # A profiler, a debugger or an interactive session needs the regular exit.
         sys.exit(code)
-    # Nothing public does it: libraries close their files so, and coverage writes its own.
+    # No public function runs the exit handlers, by which libraries close files and coverage writes its data.
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
-        # The command itself has said what could not be written, as far as anybody listens.
+        # The command itself has reported failed output, if possible.
         with suppress(AttributeError, OSError, ValueError):
             stream.flush()
     os._exit(code)

@@ -1,4 +1,4 @@
-"""The one exception tree; every class carries its data and its exit code."""
+"""Exceptions of the package, with their data and exit codes."""
 
 from __future__ import annotations
 
@@ -10,111 +10,111 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from dualarm_cli.records import dataclass
-from dualarm_cli.refusals import Refusal, codes, told
+from dualarm_cli.refusals import Refusal, codes, message
 
 
-def did_you_mean(word: str, known: list[str]) -> str:
-    """Returns ", did you mean 'x'?" for the closest known word, or an empty string."""
-    match = get_close_matches(word, known, n=1, cutoff=0.6)
+def did_you_mean(word: str, words: list[str]) -> str:
+    """Suggest the closest word as ", did you mean 'x'?", or an empty string."""
+    match = get_close_matches(word, words, n=1, cutoff=0.6)
     return f", did you mean '{match[0]}'?" if match else ""
 
 
 @dataclass(frozen=True)
 class Diagnostic:
-    """One thing wrong with one place of an input file."""
+    """Error at a place of an input file."""
 
     file: str
-    """File as the user would name it."""
+    """Name of the file as given by the user."""
     line: int
-    """Line, counted from 1; 0 when the file as a whole is meant."""
+    """Line, counted from 1; 0 for the whole file."""
     column: int
-    """Column, counted from 1; 0 when the line as a whole is meant."""
+    """Column, counted from 1; 0 for the whole line."""
     code: str
     """Stable short code, such as E200."""
     message: str
-    """What was found, what is allowed, what to do."""
+    """Message: value, allowed values, remedy."""
     snippet: str = ""
-    """The offending source line, without its end."""
+    """Source line without its line end."""
     about: Mapping[str, object] = field(default_factory=dict, compare=False)
-    """Task, arm, joint, measured value and allowed value or range [SI units], where known."""
+    """Task, arm, joint, measured and allowed value [SI units], as far as known."""
 
     @property
     def place(self) -> str:
-        """`file:line:column`, or less where less is known."""
+        """Place `file:line:column`, as far as known."""
         parts = [self.file] + [str(n) for n in (self.line, self.column) if n]
         return ":".join(parts)
 
     def __str__(self) -> str:
-        """Returns `file:line:column: CODE message`."""
+        """Format the diagnostic as `file:line:column: CODE message`."""
         return f"{self.place}: {self.code} {self.message}"
 
 
 class DualArmError(Exception):
-    """Everything dualarm raises on purpose; `exit_code` is what the process ends with."""
+    """Base class of the package's exceptions, with the exit code of the process."""
 
     exit_code = 4
 
 
 class InputError(DualArmError):
-    """Bad input or usage; carries every diagnostic of the file at once."""
+    """Invalid input, with all diagnostics of the files."""
 
     exit_code = 2
 
     def __init__(self, diagnostics: list[Diagnostic]) -> None:
-        """Stores the diagnostics, at least one."""
+        """Store the diagnostics, at least one."""
         self.diagnostics = list(diagnostics)
         super().__init__("\n".join(str(d) for d in self.diagnostics))
 
 
 class UsageError(DualArmError):
-    """An option or argument that cannot be used as given."""
+    """Invalid option or argument."""
 
     exit_code = 2
 
 
 class OutputError(DualArmError):
-    """A result that cannot be written where the user asked for it."""
+    """Output that cannot be written to the requested place."""
 
     exit_code = 2
 
 
 class UnknownSolverError(UsageError):
-    """A solver name that its family does not have."""
+    """Unknown name of a solver."""
 
-    def __init__(self, option: str, name: str, known: list[str]) -> None:
-        """Stores the option that names the family's solvers, the name asked for and the names there are."""
-        self.option, self.name, self.known = option, name, known
-        guess = did_you_mean(name, known) or ";"
-        self.reason = f"there is no '{name}'{guess} known: {', '.join(known)}"
+    def __init__(self, option: str, name: str, names: list[str]) -> None:
+        """Store the solvers' option, the requested name and the existing names."""
+        self.option, self.name, self.names = option, name, names
+        guess = did_you_mean(name, names) or ";"
+        self.reason = f"there is no '{name}'{guess} known: {', '.join(names)}"
         super().__init__(f"{option}: {self.reason}")
 
 
 class UnsupportedError(UsageError):
-    """A request that a solver, a robot or this version does not serve, with the reason."""
+    """Request that a solver, robot or version does not support, with the reason."""
 
 
 class MissingDependencyError(UsageError):
-    """An optional library that is not installed."""
+    """Missing optional library."""
 
     def __init__(self, library: str, extra: str) -> None:
-        """Stores the library and the extra of this package that brings it."""
+        """Store the library and the package's extra that installs it."""
         self.library, self.extra = library, extra
         super().__init__(f"{library} is not installed: pip install 'dualarm[{extra}]'")
 
 
 class InfeasibleError(DualArmError):
-    """No feasible plan: the task that fails, where it is written, and how far it misses."""
+    """No feasible plan: failing tasks with their places and measured values."""
 
     exit_code = 3
 
     def __init__(self, *refusals: Refusal) -> None:
-        """Stores what cannot be done, at least one thing; several are of one kind."""
+        """Store the refusals, at least one; several have the same error code."""
         self.refusals = refusals
         super().__init__(*refusals)
 
     def __str__(self) -> str:
-        """Returns what is wrong in sentences, with places."""
-        return told(self.refusals)
+        """Format the refusals as sentences with places."""
+        return message(self.refusals)
 
     @property
     def code(self) -> str:
@@ -123,7 +123,7 @@ class InfeasibleError(DualArmError):
 
 
 class BlockedError(InfeasibleError):
-    """Stages that collide, whatever is done about them."""
+    """Stages for which no repair removes the collision."""
 
     def __init__(
         self,
@@ -132,13 +132,13 @@ class BlockedError(InfeasibleError):
         alone: bool = False,
         never: tuple[tuple[str, str], ...] = (),
     ) -> None:
-        """Stores the numbers of the stages, from 0; that of the return is the number of all others.
+        """Store the numbers of the blocked stages, from 0; the return is the last one.
 
         Args:
-            refusals: what is wrong.
-            stages: the numbers.
-            alone: whether in one of them an arm collides even by itself, whatever the other one does.
-            never: arms and ids of tasks that no posture of the arm does clear of the cell, in whatever order.
+            refusals: reasons.
+            stages: numbers of the stages.
+            alone: whether an arm collides in a stage independently of the other arm.
+            never: (arm, task id) pairs whose every posture collides with the cell.
         """
         self.stages, self.alone, self.never = stages, alone, never
         super().__init__(*refusals)
@@ -150,15 +150,18 @@ _OUT_OF_MEMORY = (
     "can't start new thread",
     "failed to map segment",
 )
-"""What libraries say that have too little memory, whatever they raise."""
+"""Phrases of libraries' messages about too little memory."""
 _NEARLY_ALL = 0.75
-"""What share of the memory that is allowed is nearly all: a library that does not fit any more is not counted."""
+"""Fraction of the allowed memory from which its limit may cause an error.
+
+A library that no longer fits is not counted.
+"""
 
 
 def lacks_memory(error: BaseException) -> bool:
-    """Returns whether an error comes of too little memory, as far as it can be told.
+    """Estimate whether too little memory caused an error.
 
-    Libraries that cannot be loaded for it say that they are missing; hence the process's limit counts as well.
+    Libraries that cannot be loaded for lack of memory appear as missing; hence the process's limit counts as well.
     """
     if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
         return True

@@ -1,5 +1,5 @@
 # ruff: noqa: E501 (sentences of a table, one a line)
-"""Error codes: what each means, why it comes, and what to do. `dualarm explain` and the reference print this table."""
+"""Explanations of error codes, as `dualarm explain` and the reference print them."""
 
 from __future__ import annotations
 
@@ -12,47 +12,47 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class Explanation:
-    """One error code."""
+    """Meaning, causes and remedies of an error code."""
 
     title: str
-    """What is wrong, in a few words."""
+    """Fault in a few words."""
     causes: tuple[str, ...]
-    """Why it comes, one sentence each."""
+    """Causes, a sentence each."""
     remedies: tuple[str, ...]
-    """What to do, one sentence each."""
+    """Remedies, a sentence each."""
     example: str = ""
-    """A message with this code."""
+    """Example of a message with this code."""
     page: str = ""
-    """Page of the documentation that teaches the subject, relative to `docs`."""
+    """Page of the documentation on the subject, relative to `docs`."""
 
 
 @dataclass(frozen=True)
 class KindRefusals:
-    """Refusals of a kind of work, in `kinds/<kind>/refusals.py` as REFUSALS."""
+    """Refusals of a kind of work: REFUSALS in `kinds/<kind>/refusals.py`."""
 
     code: str
     """Stable short code of all its refusals, such as E660."""
     explanation: Explanation
     """Causes and remedies behind the code."""
     sentences: Mapping[str, str]
-    """Sentences by what is wrong, to be filled in."""
+    """Sentences to fill in, by fault."""
     remedies: Mapping[str, str] = field(default_factory=dict)
     """Advice by name."""
     helps: Mapping[str, str] = field(default_factory=dict)
-    """What helps, said once after all refusals of one error, by what is wrong."""
+    """Advice after all refusals of an error, by fault."""
 
 
 def kind_refusals() -> list[KindRefusals]:
-    """Collect the refusals that kinds of work bring.
+    """Collect the refusals of the kinds of work.
 
-    Errors are below the list of the kinds, which is imported by its name when a message is due.
+    Errors are a layer below the kinds, whose list is therefore imported by name when a message is written.
     """
-    found: list[KindRefusals] = import_module("dualarm_cli.kinds").of_kinds("refusals")
-    return found
+    refusals: list[KindRefusals] = import_module("dualarm_cli.kinds").of_kinds("refusals")
+    return refusals
 
 
 def explanations() -> dict[str, Explanation]:
-    """Collect the explanations of all codes, those of the kinds of work among them, in order."""
+    """Collect the explanations of all codes in order, including the kinds of work."""
     kinds = {kind.code: kind.explanation for kind in kind_refusals()}
     return dict(sorted({**EXPLANATIONS, **kinds}.items()))
 
@@ -218,7 +218,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
     "E610": Explanation(
         "No posture reaches a target",
         (
-            "The target is beyond the arm's reach, too near the shoulder, or turned so that a joint limit is in the way.",
+            "The target is beyond the arm's reach, too near the shoulder, or turned so that a joint would exceed its limit.",
             "Approach and retract lines must be in reach as well, along the tool's z axis.",
             "Both arms reach their targets of a stage, but from no common platform angle.",
             "Every posture there collides.",
@@ -235,7 +235,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
     "E620": Explanation(
         "No collision-free plan was found",
         (
-            "A tool or part is inside an obstacle at its target, or the start collides: `dualarm check` tells both.",
+            "A tool or part is inside an obstacle at its target, or the start collides: `dualarm check` reports both.",
             "Two bodies have to be nearer to each other than the clearance allows: at a target, at the start, or on every motion tried.",
             "Collision shapes are larger than the real bodies, and overlap where the machine does not collide.",
         ),
@@ -264,7 +264,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
             "The points of both robots cannot be the same: their spans differ.",
         ),
         (
-            "Touch four to eight points, well spread in all directions.",
+            "Touch four to eight points, well spread in every direction.",
             "Check the units (a plain number is m), the tools and the order of the points.",
         ),
         "error[E640]: 2 points do not determine the base of one robot relative to the other; …",

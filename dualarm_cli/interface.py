@@ -1,4 +1,4 @@
-"""The Python interface: jobs read, planned, judged and compared. The commands use these functions."""
+"""Python interface: read, plan, verify and compare jobs. The commands use these functions."""
 
 from __future__ import annotations
 
@@ -43,52 +43,52 @@ if TYPE_CHECKING:
     from dualarm_cli.planning.comparison import Case, Outcome
 
 PAGE = "report.html"
-"""Name of the page beside a schedule."""
+"""File name of a schedule's page."""
 RATE = 250.0
-"""Sampling rate of schedule.csv where none is asked for [Hz]."""
+"""Default sampling rate of schedule.csv [Hz]."""
 
 Progress = Callable[[str], None]
-"""Receives what is being done, in words."""
+"""Callback for progress messages."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A planned job: its schedule, judged by the independent verifier."""
+    """Planned job with its schedule, verified independently."""
 
     job: Job
-    """What was planned."""
+    """Job that was planned."""
     schedule: Schedule
-    """The joint motion and what happens in it, with its verification."""
+    """Joint motion, stages and events, with the verification."""
 
     @classmethod
     def judged(cls, job: Job, schedule: Schedule) -> Plan:
-        """Returns a schedule as the plan of a job, judged by the verifier with its clearance proven."""
+        """Verify a schedule, with a proof of clearance, as the plan of a job."""
         verification = judged(schedule, job, clearance=True, both=run_both)
         return cls(job, replace(schedule, verification=verification))
 
     @property
     def cycle_time(self) -> float:
-        """Length of the motion [s]; the period where it ends where it began."""
+        """Cycle time: duration of the motion [s], its period for a closed cycle."""
         return float(self.schedule.duration)
 
     @property
     def verified(self) -> bool:
-        """Whether the verifier passes it."""
+        """Flag of a plan that passed verification."""
         return self.schedule.verification is not None and self.schedule.verification.passed
 
     @property
     def caveats(self) -> tuple[str, ...]:
-        """Sentences on what `verified` leaves open, such as tools without shapes."""
+        """Sentences on gaps of the verification, such as tools without shapes."""
         return () if self.schedule.verification is None else self.schedule.verification.caveats
 
     @property
     def keeps_budget(self) -> bool:
-        """Whether it keeps the budget of the task file, or there is none."""
+        """Flag of a plan within the task file's budget, or without a budget."""
         return all(line.kept for line in judge_budget(self.schedule, self.job))
 
     @cached_property
     def report(self) -> dict[str, Any]:
-        """What `report.json` holds, JSON-ready; SI units."""
+        """Content of `report.json`, JSON-ready, in SI units."""
         return build_report(self.schedule, self.job)
 
     def write(
@@ -100,22 +100,22 @@ class Plan:
         page: bool = True,
         force: bool = False,
     ) -> Path:
-        """Writes what `dualarm plan` writes, each file whole or not at all, and returns the folder.
+        """Write the files of `dualarm plan`, each atomically; returns the folder.
 
         These are schedule.json; schedule.csv, events.csv, targets.csv; report.json; the cell as robot.urdf with its
         meshes.
 
         Args:
-            folder: where; it is made.
+            folder: folder, created if missing.
             rate: samples per second of schedule.csv [Hz].
-            columns: what schedule.csv tells of each joint: position, velocity, acceleration.
-            page: whether report.html is written, in which the cell moves.
+            columns: columns of schedule.csv for each joint: position, velocity, acceleration.
+            page: whether report.html, the animated page, is written.
             force: whether files of an earlier plan are replaced.
 
         Raises:
-            UsageError: a column that there is not, or a rate that is not allowed.
-            OutputError: files are there already, or cannot be written.
-            PageNotBuiltError: this installation has no code of the page; everything else is written.
+            UsageError: unknown column, or a rate that is not allowed.
+            OutputError: files exist already, or cannot be written.
+            PageNotBuiltError: this installation has no code of the page; all other files are written.
         """
         folder = Path(folder)
         check_rate(rate)
@@ -129,7 +129,7 @@ class Plan:
         return folder
 
     def _write_set(self, folder: Path, request: ExportRequest, force: bool) -> None:
-        """Writes all but the page; see `write`."""
+        """Write all files except the page; see `write`."""
         text = json.dumps(self.report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
         cell = cell_urdf(self.job.cell)
         shown = replace(self.schedule, robot=replace(self.schedule.robot, urdf=cell.text))
@@ -138,26 +138,26 @@ class Plan:
         write_schedule_set(folder, shown, others, force)
 
     def write_page(self, folder: str | Path) -> Path:
-        """Writes the page, in which the cell moves, into a folder, and returns its path.
+        """Write the animated page into a folder; returns its path.
 
         Raises:
-            OutputError: it cannot be written.
+            OutputError: the page cannot be written.
             PageNotBuiltError: this installation has no code of the page.
         """
         replace_all(Path(folder), {PAGE: [self._page(self._shown())]})
         return Path(folder) / PAGE
 
     def _shown(self) -> dict[str, Any]:
-        """Returns what the page shows besides the report."""
+        """Compute the page's data apart from the report."""
         from dualarm_cli.page.page_data import without_report
 
         return without_report(self.schedule, self.job)
 
     def _page(self, shown: Mapping[str, Any]) -> bytes:
-        """Returns what report.html holds.
+        """Render report.html.
 
         Args:
-            shown: what it shows besides the report.
+            shown: data of the page apart from the report.
 
         Raises:
             PageNotBuiltError: this installation has no code of the page.
@@ -168,17 +168,17 @@ class Plan:
 
 
 def load(tasks: str | Path, changes: Mapping[str, Any] | None = None) -> Job:
-    """Returns the job of a task file, with its cell and robot.
+    """Read the job of a task file, with its cell and robot.
 
     Args:
         tasks: the task file, or the name of a bundled job such as `04_packing`.
-        changes: values in place of those in the files, as the files would have them: by the file's role and a JSON
+        changes: values that replace those in the files, in the files' notation, by the file's role and a JSON
             pointer, such as `tasks:/tasks/0/pick/xyz`, `cell:/clearance` or `robot:/limits/torso_b1/velocity`.
 
     Raises:
-        InputError: all that is wrong with the files, with file, line and column (`diagnostics`).
+        InputError: all faults of the files, with file, line and column (`diagnostics`).
     """
-    # Who plans what another process has read does without it.
+    # Not imported by a process that plans a job read by another process.
     from dualarm_cli.files.tasks.tasks import load_job
 
     return load_job(tasks, overrides=changes)
@@ -196,26 +196,26 @@ def plan(
     time_limit: float | None = None,
     progress: Progress | None = None,
 ) -> Plan:
-    """Returns a job's plan, judged by the verifier with its clearance proven.
+    """Plan a job and verify the plan, including a proof of clearance.
 
-    A plan that fails is returned as well: look at `Plan.verified`.
+    A plan that fails verification is returned as well: check `Plan.verified`.
 
     Args:
-        job: what to plan.
+        job: the job.
         platform: method that chooses platform angles and postures; None for the default.
-        redundancy: redundancy solver, or method of paths or seams; None for the one that serves the robot.
+        redundancy: redundancy solver, or method of paths or seams; None for the one that fits the robot.
         timing: timing solver.
         blend: `lines`, or `none` for stops at both ends of all lines.
         effort: quick, normal or thorough.
-        seed: of all randomness.
-        time_limit: how long orders are searched for at most [s]; None for no limit.
-        progress: receives what is being done, in words.
+        seed: random seed.
+        time_limit: maximum time of the search for orders [s]; None for no limit.
+        progress: callback for progress messages.
 
     Raises:
-        InfeasibleError: there is no plan; it says what hinders which task.
-        UnknownSolverError: a method or solver that there is not.
-        UnsupportedError: one that does not serve this robot.
-        UsageError: another value that is not allowed.
+        InfeasibleError: no plan exists or was found; it names the tasks and the reasons.
+        UnknownSolverError: unknown method or solver.
+        UnsupportedError: method or solver that does not support this robot.
+        UsageError: any other value that is not allowed.
     """
     for name, value, allowed in (
         ("blend", blend, BLENDINGS.names),
@@ -233,12 +233,12 @@ def plan(
 
 
 def planned(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Plan:
-    """Returns a job's plan by settings; see `plan`.
+    """Plan a job with settings; see `plan`.
 
     Args:
-        job: what to plan.
-        settings: how.
-        watch: sees how the search goes, and may end it.
+        job: the job.
+        settings: settings of the plan.
+        watch: observer of the search that may end it.
     """
     watch = watch or Watch(limit=settings.time_limit)
     schedule = planner.plan(job, settings, watch)
@@ -249,58 +249,58 @@ def planned(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Pla
 def verify(
     schedule: Schedule | Plan | str | Path, job: Job | None = None, *, clearance: bool = True
 ) -> Verification:
-    """Returns the independent verifier's judgement, with that of the budget and of the files where there are some.
+    """Verify a schedule independently, with its budget and files, if any.
 
     Args:
-        schedule: what is judged; a folder of a plan or a schedule file is read.
+        schedule: schedule, plan, or path of a plan's folder or schedule file.
         job: cell and tasks; without it targets, order and clearance are not checked. A `Plan` brings its own.
-        clearance: whether it is proven that the whole motion is collision-free.
+        clearance: whether to prove that the whole motion is collision-free.
 
     Raises:
         InputError: the file cannot be read.
     """
     if isinstance(schedule, Plan) and job is None:
         job = schedule.job
-    found = _schedule(schedule)
-    result = judged(found, job, clearance=clearance and job is not None, both=run_both)
-    files = _file_checks(Path(schedule), found, job) if isinstance(schedule, str | Path) else ()
-    return replace(result, checks=(*result.checks, *_budget_checks(found, job, result), *files))
+    read = _schedule(schedule)
+    result = judged(read, job, clearance=clearance and job is not None, both=run_both)
+    files = _file_checks(Path(schedule), read, job) if isinstance(schedule, str | Path) else ()
+    return replace(result, checks=(*result.checks, *_budget_checks(read, job, result), *files))
 
 
 def compare(
-    one: Schedule | Plan | str | Path,
-    other: Schedule | Plan | str | Path,
+    before: Schedule | Plan | str | Path,
+    after: Schedule | Plan | str | Path,
     names: tuple[str, str] = ("A", "B"),
 ) -> dict[str, Any]:
-    """Returns what `dualarm compare schedules --json` prints: two plans stage by stage; s, rad, m.
+    """Compare two plans stage by stage, as `dualarm compare schedules --json` [s, rad, m].
 
     Args:
-        one: before; a folder of a plan or a schedule file is read.
-        other: after.
-        names: what they are called.
+        before: schedule, plan, or path of a plan's folder or schedule file.
+        after: the same kinds of values.
+        names: names of both plans.
 
     Raises:
         InputError: a file cannot be read.
-        UsageError: schedules that cannot be used, or that have no work in common.
+        UsageError: unusable schedules, or schedules without common work.
     """
     from dualarm_cli.report.comparison.schedule_comparison import compare_schedules
     from dualarm_cli.report.comparison.schedule_comparison_table import schedules_sentence
 
-    document = compare_schedules(_schedule(one), _schedule(other), names)
+    document = compare_schedules(_schedule(before), _schedule(after), names)
     document["sentence"] = schedules_sentence(document)
-    found: dict[str, Any] = printable(document)
-    return found
+    result: dict[str, Any] = printable(document)
+    return result
 
 
 def _schedule(given: Schedule | Plan | str | Path) -> Schedule:
-    """Returns the schedule of what is given, reading it where that is a path."""
+    """Return the schedule of a plan or schedule, or read it from a path."""
     if isinstance(given, Plan):
         return given.schedule
     return given if isinstance(given, Schedule) else read_schedule(Path(given))
 
 
 Kept = Callable[[str, Job, "Iterator[Outcome]"], "Iterator[Outcome]"]
-"""Passes on the outcomes of a job, by its name, and may keep what it likes of them."""
+"""Filter that passes on a job's outcomes and may store them."""
 
 
 def compare_solvers(
@@ -312,15 +312,15 @@ def compare_solvers(
     progress: Progress | None = None,
     kept: Kept | None = None,
 ) -> dict[str, Any]:
-    """Returns what `dualarm compare solvers --json` prints: which method wins on each job, and why; SI units.
+    """Compare methods on jobs, as `dualarm compare solvers --json` [SI units].
 
     Args:
-        jobs: what is planned by all methods; by name where there are several.
-        cases: how, by the jobs' names; None for all that makes sense.
+        jobs: a job, or several by name.
+        cases: cases by the jobs' names; None for all that apply.
         effort: quick, normal or thorough.
-        seed: of all randomness.
-        progress: receives what is being done, in words.
-        kept: sees each outcome with its plan, of which no more than one is kept otherwise.
+        seed: random seed.
+        progress: callback for progress messages.
+        kept: receives each outcome with its plan; otherwise a single plan is held at a time.
     """
     from dualarm_cli.planning.comparison import job_cases, run_cases
     from dualarm_cli.report.comparison.comparison import comparison_document, job_comparison
@@ -337,7 +337,7 @@ def compare_solvers(
 
         say("lower bound")
         bound = job_bound(job, effort, settings.blend)
-        # Where a stop cannot be reached at all, every row says so; a bound of nothing bounds nothing.
+        # If a stop is out of reach, every row says so and an infinite bound is useless.
         least = bound.value if bound.value and math.isfinite(bound.value) else None
         matrix = job_cases(job) if cases is None else cases[name]
 
@@ -358,7 +358,7 @@ def compare_solvers(
 
 
 def _budget_checks(schedule: Schedule, job: Job | None, result: Verification) -> Iterable[Check]:
-    """Yields checks of the task file's budget, where it has one and the numbers are usable."""
+    """Yield checks of the task file's budget, if the schedule's numbers are usable."""
     usable = all(check.name not in ("finite", "time") for check in result.failures)
     if job is None or job.budget is None or not usable:
         return
@@ -375,9 +375,9 @@ def _file_checks(path: Path, schedule: Schedule, job: Job | None) -> Iterable[Ch
     yield check_robot(schedule, job)
     stated = schedule.extra.get("duration")
     if isinstance(stated, int | float):
-        off = abs(float(stated) - schedule.duration)
-        where = f"stated {stated:g} s, trajectory {schedule.duration:g} s"
-        yield judge("duration", off, SAME_TIME, where)
+        difference = abs(float(stated) - schedule.duration)
+        detail = f"stated {stated:g} s, trajectory {schedule.duration:g} s"
+        yield judge("duration", difference, SAME_TIME, detail)
     if "files" in schedule.extra:
         torn = torn_files(path, schedule)
         yield judge("files", len(torn), 0, "; ".join(torn) or "as written")

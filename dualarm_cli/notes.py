@@ -1,4 +1,4 @@
-"""Notes for the reader of a plan: sentences that keep their topic and the data in them."""
+"""Notes on a plan: sentences with their topic and data."""
 
 from __future__ import annotations
 
@@ -8,63 +8,64 @@ from typing import Any
 
 
 class Note(str):
-    """Sentence of a plan, as reports and files have it, with what it is about."""
+    """Sentence on a plan in reports and files, with its topic and data."""
 
     topic: str
-    """Subject by which notes are kept or left out."""
+    """Topic by which notes are selected."""
     key: str
     """Name of the sentence within its topic."""
     more: Mapping[str, object]
     """Data in the sentence."""
 
     def __new__(cls, text: str, topic: str = "", key: str = "", **more: Any) -> Note:
-        """Make a note of a whole sentence."""
+        """Make a note of a complete sentence."""
         note = super().__new__(cls, text)
         note.topic, note.key, note.more = topic, key, more
         return note
 
     @classmethod
     def of(cls, sentences: Mapping[str, str], topic: str, key: str, **more: Any) -> Note:
-        """Fill in a sentence of a room's table.
+        """Make a note by filling in a sentence of a table.
 
         Args:
             sentences: the table, by key.
-            topic: of the note.
-            key: of its sentence.
-            more: data that the sentence names.
+            topic: topic of the note.
+            key: key of the sentence.
+            more: data for the sentence.
         """
         return cls(filled(sentences[key], more), topic, key, **more)
 
 
 def is_about(note: str, *topics: str) -> bool:
-    """State whether a note has one of some topics; plain text, as files leave it, has none."""
+    """Check whether a note has one of several topics; plain text has none."""
     return isinstance(note, Note) and note.topic in topics
 
 
 def millimetres(length: float) -> str:
-    """Returns a length [m] in millimetres with one decimal; what would be 0.0 is less than 0.1."""
+    """Format a length [m] in millimetres with a decimal; 0.0 becomes "less than 0.1"."""
     shown = f"{abs(length) * 1e3:.1f}"
     return "less than 0.1 mm" if shown == "0.0" else f"{shown} mm"
 
 
 class _SentenceFormatter(Formatter):
-    """`str.format` with five specs more: mm, and, `*` before what joins, `one|many`, and `#` in it for how many.
+    """Formatter with further specs for sentences.
 
-    `if so|if not` takes flags.
+    `mm` formats lengths, `and` joins quoted items, `*` joins items by the text after it, `singular|plural` chooses by
+    number, with `#` for the number, or by a flag.
     """
 
     def format_field(self, value: Any, format_spec: str) -> str:
-        """Returns a value as a sentence tells it."""
+        """Format a value for a sentence."""
         if format_spec == "mm":
             return millimetres(value)
         if format_spec == "and":
-            return " and ".join(f"'{one}'" for one in value)
+            return " and ".join(f"'{item}'" for item in value)
         if format_spec.startswith("*"):
             return format_spec[1:].join(map(str, value))
         if "|" in format_spec:
-            one, many = format_spec.split("|")
+            singular, plural = format_spec.split("|")
             count = value if isinstance(value, int) else len(value)
-            return (one if count == 1 else many).replace("#", str(count))
+            return (singular if count == 1 else plural).replace("#", str(count))
         return str(super().format_field(value, format_spec))
 
 
@@ -72,5 +73,5 @@ _FORMATTER = _SentenceFormatter()
 
 
 def filled(sentence: str, data: Mapping[str, object]) -> str:
-    """Fill data into a sentence of a table; refusals and notes among them become their sentences."""
+    """Fill data into a sentence of a table; refusals and notes become their sentences."""
     return _FORMATTER.vformat(sentence, (), data)

@@ -1,8 +1,8 @@
-"""Dataclasses that load quickly.
+"""Frozen dataclasses with a fast import.
 
-`dataclasses.dataclass` compiles six functions for each frozen class, and this package has some 450 of them: before,
-a third of the time in which the planner loads. Here only `__init__` is compiled, once for all classes that differ in
-the names of their fields alone, and all classes share the other functions.
+`dataclasses.dataclass` compiles six functions for each frozen class. With some 450 classes that took a third of the
+planner's import time. Here only `__init__` is compiled, once for all classes that differ only in field names, and all
+classes share the other functions.
 """
 
 from __future__ import annotations
@@ -23,126 +23,126 @@ if TYPE_CHECKING:
 else:
 
     def dataclass(cls=None, /, *, frozen=False, eq=True):
-        """Makes a class a dataclass, as `dataclasses.dataclass` does with the same arguments."""
+        """Make a class a dataclass, like `dataclasses.dataclass` with the same arguments."""
         if cls is None:
-            return lambda made: dataclass(made, frozen=frozen, eq=eq)
+            return lambda class_: dataclass(class_, frozen=frozen, eq=eq)
         if not frozen or _is_special(cls):
             return dataclasses.dataclass(cls, frozen=frozen, eq=eq)
         return _frozen(cls, eq)
 
 
 def field_values(record: Any) -> dict[str, Any]:
-    """Returns the values of a record's fields by name, as they are; `dataclasses.asdict` copies all that is in them."""
+    """Return the values of a record's fields by name, without copies."""
     return {name: getattr(record, name) for name in record.__dataclass_fields__}
 
 
 def _is_special(cls: type) -> bool:
-    """Returns whether a class asks for what only the standard library does."""
-    own = {"__init__", "__repr__", "__eq__", "__hash__", "__setattr__", "__delattr__"}
+    """Check whether a class needs the standard library's dataclass."""
+    overridden = {"__init__", "__repr__", "__eq__", "__hash__", "__setattr__", "__delattr__"}
     annotated = vars(cls).get("__annotations__", {})
     values = [vars(cls).get(name) for name in annotated]
     fields = [value for value in values if isinstance(value, dataclasses.Field)]
     return (
-        bool(own & set(vars(cls)))
+        bool(overridden & set(vars(cls)))
         or any("InitVar" in str(kind) or "KW_ONLY" in str(kind) for kind in annotated.values())
         or any(f.hash is not None or f.kw_only is True for f in fields)
     )
 
 
 def _frozen(cls: type[T], eq: bool) -> type[T]:
-    """Returns a class as a frozen dataclass."""
-    # The standard library refuses a class that is not frozen under one that is; else it is spared two functions.
+    """Make a class a frozen dataclass."""
+    # The standard library refuses an unfrozen subclass of a frozen class; other classes need two functions less.
     derived = any(dataclasses.is_dataclass(base) for base in cls.__mro__[1:])
-    made = dataclasses.dataclass(init=False, repr=False, eq=False, frozen=derived)(cls)
-    parameters = made.__dataclass_params__  # type: ignore[attr-defined]
+    class_ = dataclasses.dataclass(init=False, repr=False, eq=False, frozen=derived)(cls)
+    parameters = class_.__dataclass_params__  # type: ignore[attr-defined]
     parameters.init = parameters.repr = parameters.frozen = True
     parameters.eq = eq
-    fields = dataclasses.fields(made)  # type: ignore[arg-type]
-    added: dict[str, Any] = {
-        "__init__": _init(made, fields),
+    fields = dataclasses.fields(class_)  # type: ignore[arg-type]
+    methods: dict[str, Any] = {
+        "__init__": _init(class_, fields),
         "__repr__": _repr([f.name for f in fields if f.repr]),
         "__setattr__": _set_attribute,
         "__delattr__": _delete_attribute,
     }
     if eq:
         values = _values([f.name for f in fields if f.compare])
-        added["__eq__"], added["__hash__"] = _eq(values), _hash(values)
-    for name, function in added.items():
-        setattr(made, name, function)
-    return made
+        methods["__eq__"], methods["__hash__"] = _eq(values), _hash(values)
+    for name, function in methods.items():
+        setattr(class_, name, function)
+    return class_
 
 
-class _Made:
-    """What stands for a default that is made anew each time."""
+class _FactoryMarker:
+    """Placeholder of a default that a factory makes at each call."""
 
     def __repr__(self) -> str:
         return "<factory>"
 
 
-_MADE = _Made()
+_FACTORY = _FactoryMarker()
 
 
 def _init(cls: type, fields: Sequence[dataclasses.Field[Any]]) -> Callable[..., None]:
-    """Returns `__init__` of a class, which sets its fields, and calls `__post_init__` if there is one."""
+    """Make `__init__` of a class, which sets its fields and calls `__post_init__` if defined."""
     has_post_init, module = hasattr(cls, "__post_init__"), vars(sys.modules[cls.__module__])
     this = "self" if all(f.name != "self" for f in fields) else "__self__"
     if any(f.default_factory is not dataclasses.MISSING or not f.init for f in fields):
-        made = _compiled(this, fields, has_post_init, module)
+        init = _compiled(this, fields, has_post_init, module)
     else:
         defaults = [f.default for f in fields if f.default is not dataclasses.MISSING]
         for f in fields[len(fields) - len(defaults) :]:
             if f.default is dataclasses.MISSING:
                 raise TypeError(f"non-default argument {f.name!r} follows default argument")
         template = _positional_init(len(fields), has_post_init)
-        made = _renamed(template, (this, *(f.name for f in fields)), module)
-        made.__defaults__ = tuple(defaults)
-    made.__qualname__ = f"{cls.__qualname__}.__init__"
-    made.__annotations__ = {f.name: f.type for f in fields if f.init} | {"return": None}
-    return made
+        init = _renamed(template, (this, *(f.name for f in fields)), module)
+        init.__defaults__ = tuple(defaults)
+    init.__qualname__ = f"{cls.__qualname__}.__init__"
+    init.__annotations__ = {f.name: f.type for f in fields if f.init} | {"return": None}
+    return init
 
 
 def _compiled(
     this: str, fields: Sequence[dataclasses.Field[Any]], has_post_init: bool, module: dict[str, Any]
 ) -> FunctionType:
-    """Returns an `__init__` with the names of some fields, compiled.
+    """Compile an `__init__` for fields.
 
     Args:
-        this: what it calls the object.
-        fields: what it sets.
+        this: name of the object's parameter.
+        fields: fields to set.
         has_post_init: whether `__post_init__` is called.
-        module: names of the class's module, in which annotations are looked up.
+        module: globals of the class's module, in which annotations are looked up.
     """
-    known: dict[str, Any] = {"__set__": object.__setattr__, "__made__": _MADE}
+    constants: dict[str, Any] = {"__set__": object.__setattr__, "__factory__": _FACTORY}
     arguments, lines = [this], []
     for field in fields:
         name = value = argument = field.name
-        is_made = field.default_factory is not dataclasses.MISSING
+        has_factory = field.default_factory is not dataclasses.MISSING
         default = f"__of_{name}__"
-        if is_made:
-            known[default] = field.default_factory
-            argument = f"{name}=__made__"
-            value = f"{default}() if {name} is __made__ else {name}"
+        if has_factory:
+            constants[default] = field.default_factory
+            argument = f"{name}=__factory__"
+            value = f"{default}() if {name} is __factory__ else {name}"
         elif field.default is not dataclasses.MISSING:
-            known[default] = field.default
+            constants[default] = field.default
             argument = f"{name}={default}"
         if field.init:
             arguments.append(argument)
             lines.append(f"__set__({this}, {name!r}, {value})")
-        elif is_made:
+        elif has_factory:
             lines.append(f"__set__({this}, {name!r}, {default}())")
     if has_post_init:
         lines.append(f"{this}.__post_init__()")
     body = "\n  ".join(lines or ["pass"])
-    text = f"def of({', '.join(known)}):\n def __init__({', '.join(arguments)}):\n  {body}\n return __init__"
-    found: dict[str, Any] = {}
-    exec(text, module, found)
-    made: FunctionType = found["of"](**known)
-    return made
+    text = f"def of({', '.join(constants)}):\n def __init__({', '.join(arguments)}):\n  {body}\n return __init__"
+    namespace: dict[str, Any] = {}
+    exec(text, module, namespace)
+    init: FunctionType = namespace["of"](**constants)
+    return init
 
 
 @cache
 def _positional_init(count: int, has_post_init: bool) -> FunctionType:
-    """Returns an `__init__` of so many fields that are named by their places: most classes differ in names alone."""
+    """Compile an `__init__` of `count` fields named by position, as a template."""
     fields = [dataclasses.field() for _ in range(count)]
     for k, field in enumerate(fields):
         field.name = f"_{k}"
@@ -152,23 +152,23 @@ def _positional_init(count: int, has_post_init: bool) -> FunctionType:
 def _renamed(
     template: FunctionType, names: tuple[str, ...], module: dict[str, Any]
 ) -> FunctionType:
-    """Returns an `__init__` with other names for its arguments, which it sets by names that are constants.
+    """Rename the arguments and field names of an `__init__`.
 
     Args:
-        template: the function.
-        names: all arguments'.
-        module: the globals that it gets.
+        template: function with positional names.
+        names: new names of all arguments.
+        module: globals of the new function.
     """
     code = template.__code__
     named: dict[Any, Any] = dict(zip(code.co_varnames, names, strict=True))
     renamed = code.replace(
-        co_varnames=names, co_consts=tuple(named.get(one, one) for one in code.co_consts)
+        co_varnames=names, co_consts=tuple(named.get(x, x) for x in code.co_consts)
     )
     return FunctionType(renamed, module, template.__name__, None, template.__closure__)
 
 
 def _repr(names: Sequence[str]) -> Callable[[Any], str]:
-    """Returns `__repr__` of a class by the names of its fields."""
+    """Make `__repr__` of a class from the names of its fields."""
 
     @recursive_repr()
     def __repr__(self: Any) -> str:
@@ -179,23 +179,26 @@ def _repr(names: Sequence[str]) -> Callable[[Any], str]:
 
 
 def _values(names: Sequence[str]) -> Callable[[Any], tuple[Any, ...]]:
-    """Returns a function that returns the values (n,) of an object's fields."""
+    """Make a function that collects the values of an object's fields."""
     if len(names) > 1:
         return attrgetter(*names)
-    return lambda one: tuple(getattr(one, name) for name in names)
+    return lambda record: tuple(getattr(record, name) for name in names)
 
 
 def _eq(values: Callable[[Any], tuple[Any, ...]]) -> Callable[[Any, object], bool]:
-    """Returns `__eq__` of a class by the values that are compared, as a tuple: what is the same object is equal."""
+    """Make `__eq__` of a class from its compared values, as a tuple.
 
-    def __eq__(self: Any, other: object) -> bool:
-        return values(self) == values(other) if type(other) is type(self) else NotImplemented
+    Tuples count identical objects as equal.
+    """
+
+    def __eq__(self: Any, record: object) -> bool:
+        return values(self) == values(record) if type(record) is type(self) else NotImplemented
 
     return __eq__
 
 
 def _hash(values: Callable[[Any], tuple[Any, ...]]) -> Callable[[Any], int]:
-    """Returns `__hash__` of a class by the values that are compared."""
+    """Make `__hash__` of a class from its compared values."""
 
     def __hash__(self: Any) -> int:
         return hash(values(self))
@@ -204,7 +207,10 @@ def _hash(values: Callable[[Any], tuple[Any, ...]]) -> Callable[[Any], int]:
 
 
 def _is_fixed(self: object, name: str) -> bool:
-    """Returns whether an attribute must not change: a field, or any of a dataclass; what is derived may have more."""
+    """Check whether an attribute is frozen: a field, or any attribute of a dataclass.
+
+    Derived plain classes may have further attributes.
+    """
     return "__dataclass_fields__" in vars(type(self)) or name in self.__dataclass_fields__  # type: ignore[attr-defined]
 
 

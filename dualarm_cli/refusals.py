@@ -1,8 +1,8 @@
-"""Why there is no plan, as data, and the one place that turns it into sentences.
+"""Refusals: reasons for the absence of a plan as data, and their sentences.
 
-A solver says what is wrong, where, and what it measured; it writes no English. Its sentence is looked up by the name of
-what is wrong and filled in, so nobody has to read a place or a number out of a sentence again. Sentences of a kind of
-work are in its folder (`KindRefusals`).
+A solver reports the name of the fault, its place and measured values as data. The sentence is looked up and filled in
+here, so that no reader has to parse a place or a number from text. Sentences of a kind of work are in its folder
+(`KindRefusals`).
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from dualarm_cli.records import dataclass
 
 
 class Located(Protocol):
-    """A place in a file, as the data model has it; this module knows nothing of the model."""
+    """Interface of a place in a file; this module does not import the data model."""
 
     @property
     def file(self) -> str:
-        """File as the user names it; empty for none."""
+        """Name of the file as given by the user; empty for none."""
 
     @property
     def line(self) -> int:
@@ -34,37 +34,37 @@ class Located(Protocol):
 
     @property
     def order(self) -> tuple[str, int, int]:
-        """File, line and column, by which places are sorted."""
+        """Sort key: file, line and column."""
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """One thing that cannot be done, or one part of why."""
+    """Reason for the absence of a plan, or a cause within it."""
 
     what: str
     """Name of the fault: a key of `sentences`."""
     place: Located | None = None
-    """Where it is written; None where it is part of another refusal, or of no place."""
+    """Place in a file; None for a cause within another refusal, or without a place."""
     task: str = ""
     """Id of the task."""
     arm: str = ""
     """Name of the arm."""
     measured: float | None = None
-    """What was found, in SI units."""
+    """Measured value [SI units]."""
     allowed: float | None = None
-    """What would do, in SI units."""
+    """Allowed value [SI units]."""
     remedy: tuple[str, ...] = ()
-    """Names of remedies, where the same fault has several: keys of `remedies`."""
+    """Names of remedies, keys of `remedies`, if the fault has several."""
     more: Mapping[str, object] = field(default_factory=dict)
-    """What else the sentence names; refusals among it become their sentences."""
+    """Further values of the sentence; refusals become their sentences."""
 
     def __str__(self) -> str:
-        """Returns the sentence, with its place if it has one."""
+        """Format the sentence with its place, if any."""
         return f"{self.place}: {self.sentence}" if self.place is not None else self.sentence
 
     @property
     def sentence(self) -> str:
-        """The sentence without its place."""
+        """Sentence without its place."""
         text = self.filled(sentences()[self.what])
         if not self.remedy:
             return text
@@ -73,23 +73,23 @@ class Refusal:
 
     @property
     def advised(self) -> str:
-        """The sentence without its place, with what helps."""
+        """Sentence without its place, with advice."""
         help_text = helps().get(self.what)
         return self.sentence if help_text is None else f"{self.sentence}; {self.filled(help_text)}"
 
     @property
     def about(self) -> dict[str, object]:
-        """Task, arm, joint, measured value and allowed value [SI units], where known."""
-        known = {
+        """Task, arm, joint, measured and allowed value [SI units], as far as known."""
+        values = {
             "task": self.task or None,
             "arm": self.arm or None,
             "joint": self.more.get("joint"),
         }
-        known |= {"value": self.measured, "allowed": self.allowed}
-        return {name: value for name, value in known.items() if value is not None}
+        values |= {"value": self.measured, "allowed": self.allowed}
+        return {name: value for name, value in values.items() if value is not None}
 
     def filled(self, template: str) -> str:
-        """Returns a template with the data in it."""
+        """Fill the data into a template."""
         data = {
             "task": self.task,
             "arm": self.arm,
@@ -100,7 +100,7 @@ class Refusal:
 
 
 def sentences() -> dict[str, str]:
-    """Collect the sentences of everything that can be wrong, by its name."""
+    """Collect the sentences of all faults by name."""
     return {**SENTENCES, **{k: v for kind in kind_refusals() for k, v in kind.sentences.items()}}
 
 
@@ -110,50 +110,50 @@ def remedies() -> dict[str, str]:
 
 
 def helps() -> dict[str, str]:
-    """Collect what helps, said once after all refusals of one error, by what is wrong."""
+    """Collect the advice after all refusals of an error, by fault."""
     return {**HELPS, **{k: v for kind in kind_refusals() for k, v in kind.helps.items()}}
 
 
 def codes() -> dict[str, str]:
-    """Collect the stable short codes by what is wrong; `dualarm explain CODE` says more."""
+    """Collect the stable short codes by fault, for `dualarm explain CODE`."""
     return {**CODES, **{what: kind.code for kind in kind_refusals() for what in kind.sentences}}
 
 
-def told(refusals: Iterable[Refusal], placed: Refusal | None = None) -> str:
+def message(refusals: Iterable[Refusal], placed: Refusal | None = None) -> str:
     """Write the message for refusals, grouped by kind.
 
     Args:
         refusals: at least one.
-        placed: one whose place stands before the text.
+        placed: refusal whose place precedes the text.
     """
     kinds: dict[str, list[Refusal]] = {}
-    for one in refusals:
-        kinds.setdefault(one.what, []).append(one)
-    return "\n".join(_told_together(what, rows, placed) for what, rows in kinds.items())
+    for refusal in refusals:
+        kinds.setdefault(refusal.what, []).append(refusal)
+    return "\n".join(_message_of_kind(what, rows, placed) for what, rows in kinds.items())
 
 
-def _told_together(what: str, rows: list[Refusal], placed: Refusal | None) -> str:
-    """Return the message for refusals of one kind, each in a line."""
-    text = "\n".join(one.sentence if one is placed else str(one) for one in rows)
+def _message_of_kind(what: str, rows: list[Refusal], placed: Refusal | None) -> str:
+    """Write the message for refusals of the same fault, a line for each."""
+    text = "\n".join(refusal.sentence if refusal is placed else str(refusal) for refusal in rows)
     if what in HEADS:
         text = f"{rows[0].filled(HEADS[what])}:\n" + indent(text, "  ")
     help_text = helps().get(what)
     return text if help_text is None else f"{text}\n{rows[0].filled(help_text)}"
 
 
-_MEETING_HELPS = "what helps: another place to meet, or another `grip`"
+_MEETING_HELPS = "try another place to meet, or another `grip`"
 _MISFIT_HELPS = (
-    "what helps: another target or stand, a part or an obstacle of another size, a shorter line, or "
+    "try another target or stand, a part or an obstacle of another size, a shorter line, or "
     "`allowed_contacts` for the two"
 )
-_SAME_ROOM = "parts are in each other's way, whatever the arms do"
+_SAME_ROOM = "parts lack room in any order"
 _SAME_ROOM_HELPS = (
-    "what helps: other targets; `touches` for parts that lie on or against each other; `leaves: true` for a part that "
+    "try other targets; `touches` for parts that lie on or against each other; `leaves: true` for a part that "
     "is taken out of the cell; a clearance of its own (`clearances`) for the two"
 )
 _CLEAR_HELPS = (
-    "what helps: other targets or tasks in that stage (two arms whose targets are that near need an order in "
-    "which they take turns), moving what is in the way, or a clearance of its own (`clearances`) for the "
+    "try other targets or tasks in that stage (two arms whose targets are that near need an order in "
+    "which they take turns), moving the obstacle, or a clearance of its own (`clearances`) for the "
     "pair{standing:*}"
 )
 _MISFIT = "no posture avoids a collision of the part or tool"
@@ -196,7 +196,7 @@ _POSTURES = {
     "stop_impossible": "task '{task}': {arm} arm cannot {action}: {cause}",
     "section_begins": "task '{task}' ({arm}): where its work begins: {cause}",
     "section_ends": "task '{task}' ({arm}): where its work ends: {cause}",
-    "section_passes": "task '{task}' ({arm}): after {share:.0%} of its way: {cause}",
+    "section_passes": "task '{task}' ({arm}): after {share:.0%} of its path: {cause}",
     "at_platform_angle": "at best, with the platform at {degrees:.1f} deg",
     "at_platform_place": "at best, with the platform at {millimetres:.1f} mm",
     "platform_stands": "with the platform where it is",
@@ -230,13 +230,13 @@ _POSTURES = {
     "their ends",
     "given_lines_not_followed": "no given configuration can follow its approach and retract lines (a straight wrist or "
     "shoulder is singular); give other configurations, or approach: 0 and retract: 0",
-    "arms_touch": "its posture and the other arm's lack clearance in all combinations tried",
+    "arms_touch": "its posture and the other arm's lack clearance in every combination tried",
 }
 _CLEARANCE = {
     "touches": "{one} and {other} lack {measured:mm} of clearance",
     "start_touches": "start: in posture '{posture}' {pairs:*, }{rest}; start in another posture (`start: free` "
-    "leaves it open), move what is in the way, or, where shapes are wider than what they stand for, list the pairs "
-    "in `allowed_contacts`",
+    "leaves it open), move the obstacle, or, if shapes are wider than the real bodies, list the pairs in "
+    "`allowed_contacts`",
     "part_reaches_into": "task '{task}': where {arm} has to {action} it or on the line there, part '{held}' reaches "
     "{measured:mm} into '{into}', at best",
     "tool_reaches_into": "task '{task}': where {arm} has to {action} it or on the line there, tool '{held}' reaches "
@@ -251,20 +251,20 @@ _CLEARANCE = {
     "room_gap": "is {measured:mm} from, and needs {allowed:mm} ({spare:mm} more than required) to,",
     "grip_touches": "task '{task}': {where} {one} and {other} lack {measured:mm} of clearance",
     "not_clear": _NOT_CLEAR,
-    "stage_touches": "task '{task}'{beside:*}: {one} and {other} lack {measured:mm} of clearance {when:.2f} s into "
+    "stage_touches": "task '{task}'{partner:*}: {one} and {other} lack {measured:mm} of clearance {when:.2f} s into "
     "stage {stage}",
     "stage_lacks_skew": "stage {stage}: the arms come too near to each other when one is up to {allowed:g} s late "
     "(`timing: skew`)",
     "return_touches": "return: {one} and {other} lack {measured:mm} of clearance {when:.2f} s into stage {stage}",
-    "tried": " (tried: {ways:*, })",
+    "tried": " (tried: {repairs:*, })",
     "other_postures": "other postures",
     "other_angles": "other platform angles",
     "other_places": "other platform positions",
     "delays": "delays",
     "detours": "detours",
-    "beside": ", {there}: task '{task}'",
+    "partner": ", {there}: task '{task}'",
     "stands_in_the_way": "; the {arm} arm stands in posture '{posture}' before stage {stage}, its first: a `move` "
-    "before its other tasks takes it out of the way{start:*}",
+    "before its other tasks moves it away{start:*}",
     "starts_there": " (in stage 1 it starts there: `start: free`)",
     "asynchronous_not_clear": "mode: free: no collision-free motion of both arms "
     "was found while the platform stands at "
@@ -289,7 +289,7 @@ _CALIBRATION = {
     "near_line": " to within {factor:g} times the noise",
     "loose_turn": "the points do not determine the rotation between the robots: about one axis the 95 % interval is "
     "±{degrees:.0f} deg, as the points are nearly on one line or do not match (a coordinate of a residual is "
-    "{mm:.3g} mm on average); touch more points, well spread in all directions, and check the tools and robot files",
+    "{mm:.3g} mm on average); touch more points, well spread in every direction, and check the tools and robot files",
     "tools_unseen": "tools and transform are not determined together: {few:*}not "
     "observable: {unseen:*; }. Touch at least "
     "{least} points, each with another orientation of the tool about all "
@@ -299,7 +299,7 @@ _CALIBRATION = {
 }
 _STARTING = {
     "no_table": "no table was found for {robot}: at no height do all its arms reach one with tools that point straight "
-    "down, clear of the robot and from its posture home; write the cell by hand, with targets that the tools can reach "
+    "down, collision-free and from its posture home; write the cell by hand, with targets that the tools can reach "
     "otherwise",
     "no_room_for_table": "what the arms of {robot} reach with tools down is within the room that the robot takes "
     "itself; write the cell by hand, or import the robot with narrower shapes (--convex-parts)",
@@ -317,9 +317,9 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
 SENTENCES: Mapping[str, str] = {
     what: sentence for group in _GROUPS.values() for what, sentence in group.items()
 }
-"""Sentences to fill in, by fault, without those of the kinds of work."""
+"""Sentences to fill in by fault, without the kinds of work."""
 CODES: Mapping[str, str] = {what: code for code, group in _GROUPS.items() for what in group}
-"""Stable short code of what is wrong, by its name; without the kinds of work."""
+"""Stable short codes by fault, without the kinds of work."""
 
 HEADS: Mapping[str, str] = {
     "late": "no plan was found that is in time",
@@ -333,29 +333,29 @@ HEADS: Mapping[str, str] = {
     "part_reaches_into": _MISFIT,
     "tool_reaches_into": _MISFIT,
     "same_room": _SAME_ROOM,
-    "in_the_way": "parts are in each other's way in the given order",
+    "in_the_way": "parts lack room in the given order",
     "grip_touches": "no posture avoids that tools and part are too close to each other in a hand-over",
     "stage_touches": _NOT_CLEAR + "{tried:*}",
     "stage_lacks_skew": _NOT_CLEAR + "{tried:*}",
     "return_touches": _NOT_CLEAR + "{tried:*}",
 }
-"""Message once before all refusals of one error, by what is wrong."""
+"""Heading before all refusals of an error, by fault."""
 
 HELPS: Mapping[str, str] = {
     "arms_cannot_meet": _MEETING_HELPS,
     "arm_cannot_give": _MEETING_HELPS,
-    "late": "what helps: later windows, another arm or order (arm: any, order: optimise), or less before it",
+    "late": "try later windows, another arm or order (arm: any, order: optimise), or less work before it",
     "part_reaches_into": _MISFIT_HELPS,
     "tool_reaches_into": _MISFIT_HELPS,
     "same_room": _SAME_ROOM_HELPS,
     "in_the_way": _SAME_ROOM_HELPS + "; another order",
-    "grip_touches": "what helps: another `grip`, a longer `approach` or `retract`, or a clearance of its own "
+    "grip_touches": "try another `grip`, a longer `approach` or `retract`, or a clearance of its own "
     "(`clearances`) for the two",
     "stage_touches": _CLEAR_HELPS,
-    "stage_lacks_skew": "what helps: a smaller skew, mode: free, or targets and an order that keep the arms apart",
+    "stage_lacks_skew": "try a smaller skew, mode: free, or targets and an order that keep the arms apart",
     "return_touches": _CLEAR_HELPS,
 }
-"""Message once after them, without the kinds of work."""
+"""Advice after all refusals of an error, by fault, without the kinds of work."""
 
 REMEDIES: Mapping[str, str] = {
     "move_target": "move the target",

@@ -1,4 +1,4 @@
-"""Registry of a family of solvers: names, pure functions, references, reasons why not."""
+"""Registry of a family of solvers: names, functions, references, supported problems."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ S = TypeVar("S")
 
 
 class Named(Protocol):
-    """Anything that a registry can hold."""
+    """Interface of a registry's members."""
 
     @property
     def name(self) -> str:
-        """Word on the command line and in files."""
+        """Name on the command line and in files."""
 
     @property
     def summary(self) -> str:
-        """What it does, in one sentence."""
+        """Summary in a sentence."""
 
     @property
     def reference(self) -> str:
-        """Paper and equation, or that it is our own."""
+        """Source: paper and equation, or our own."""
 
 
 E = TypeVar("E", bound=Named)
@@ -37,29 +37,29 @@ def _always_supported(_: object) -> str | None:
 
 @dataclass(frozen=True)
 class Solver(Generic[P, S]):
-    """One member of a family of interchangeable methods."""
+    """Member of a family of interchangeable solvers."""
 
     name: str
-    """Word on the command line and in files."""
+    """Name on the command line and in files."""
     solve: Callable[[P], S]
-    """The method itself: a pure function from a problem to a solution."""
+    """Pure function from a problem to a solution."""
     summary: str
-    """What it does, in one sentence."""
+    """Summary in a sentence."""
     reference: str
-    """Paper and equation, or that it is our own."""
+    """Source: paper and equation, or our own."""
     why_unsupported: Callable[[P], str | None] = _always_supported
-    """A reason why the problem is outside this method, or None."""
+    """Function from a problem to the reason why it is not supported, or None."""
 
 
 class Registry(Generic[E]):
-    """The solvers of one family, best default first."""
+    """Solvers of a family, best default first."""
 
     def __init__(self, family: str, option: str, solvers: list[E]) -> None:
-        """Builds the family from an explicit list; names must differ.
+        """Register a list of solvers with different names.
 
         Args:
-            family: what its members are.
-            option: the option of the command line that names one.
+            family: name of the family.
+            option: command-line option that selects a solver.
             solvers: the members.
         """
         self.family, self.option = family, option
@@ -68,11 +68,11 @@ class Registry(Generic[E]):
             raise ValueError(f"two {family} solvers share a name")
 
     def __iter__(self) -> Iterator[E]:
-        """Iterates over the solvers in their listed order."""
+        """Iterate over the solvers in their listed order."""
         return iter(self._solvers.values())
 
     def __getitem__(self, name: str) -> E:
-        """Returns the solver of that name.
+        """Return the solver of a name.
 
         Raises:
             UnknownSolverError: no solver of the family has that name.

@@ -18,7 +18,7 @@ from dualarm_cli.cli.run import command_line
 
 ROOT = Path(__file__).parents[1]
 PUBLIC = {
-    "compare": "one other names",
+    "compare": "before after names",
     "compare_solvers": "jobs cases effort seed progress kept",
     "load": "tasks changes",
     "plan": "job platform redundancy timing blend effort seed time_limit progress",

@@ -132,8 +132,8 @@ def why_blocked(clearing: Clearing, plan: TimedPlan | None) -> list[Refusal]:
             "other": body_b,
             "when": (stage.end - stage.start) * worst / (len(margins) - 1),
             "stage": k + 1,
-            "beside": [
-                Refusal("beside", None, stop.task.id, stop.arm, more={"there": stop.stop.place})
+            "partner": [
+                Refusal("partner", None, stop.task.id, stop.arm, more={"there": stop.stop.place})
                 for stop in stops[1:]
             ],
             "standing": standing,
@@ -160,7 +160,7 @@ def _tried(clearing: Clearing) -> list[Refusal]:
     if platform.is_chosen:
         remedies.append(Refusal("other_places" if platform.is_rail else "other_angles"))
     remedies += [Refusal(remedy) for remedy in ("delays", "detours") if remedy in clearing.tried]
-    return [Refusal("tried", more={"ways": remedies})] if remedies else []
+    return [Refusal("tried", more={"repairs": remedies})] if remedies else []
 
 
 def _standing(job: Job, plan: TimedPlan) -> list[Refusal]:

@@ -19,7 +19,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.page.packed import packed_document
 from dualarm_cli.page.page_data import page_data
 from dualarm_cli.planning.redundancy_choice import with_redundancy
-from dualarm_cli.refusals import told
+from dualarm_cli.refusals import message
 from dualarm_cli.report.measures import joint_travel, limiting_times
 from dualarm_cli.report.report import relative_gap, smallest_clearance
 from dualarm_cli.stages.methods import METHODS
@@ -151,5 +151,5 @@ def _located(error: InfeasibleError, case: str) -> Finding:
     for one in error.refusals:
         if one.place is not None and one.place.file:
             place = one.place.file, one.place.line, one.place.column
-            return Finding(told(error.refusals, placed=one), *place)
+            return Finding(message(error.refusals, placed=one), *place)
     return Finding(str(error), case)

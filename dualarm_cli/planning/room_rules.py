@@ -125,7 +125,7 @@ def _in_the_way(job: Job, error: InfeasibleError) -> list[tuple[str, str]]:
         bodies = (cause if isinstance(cause, Refusal) else refusal).more
         owner = owners.get(str(bodies.get("other")), refusal.task)
         # A return is of no task, a change of tools of none of the job.
-        if refusal.task in known and owner != refusal.task and not bodies.get("beside"):
+        if refusal.task in known and owner != refusal.task and not bodies.get("partner"):
             found.append((refusal.task, owner))
     return found
 

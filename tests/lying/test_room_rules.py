@@ -10,7 +10,7 @@ from dualarm_cli.errors import BlockedError
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.planning.room_rules import RoomRules, planned_around
-from dualarm_cli.refusals import Refusal, told
+from dualarm_cli.refusals import Refusal, message
 from dualarm_cli.verification import verify
 
 from .conftest import PALM, TABLE
@@ -87,8 +87,8 @@ def test_a_cube_stands_on_the_one_that_its_task_names(job_of, task):
     assert list(ruled.notes) == ["order: upper comes after lower, as its part would be in the way"]
     [found] = refusal(job_of(upper, lower))
     assert (found.what, found.task) == ("in_the_way", "lower")
-    said = told([found])
-    assert said.startswith("parts are in each other's way in the given order:")
+    said = message([found])
+    assert said.startswith("parts lack room in the given order:")
     assert said.endswith("; another order")
     made = plan(job, QUICK)
     assert [e.task for e in made.events if e.action == "place"] == ["lower", "upper"]
@@ -97,7 +97,7 @@ def test_a_cube_stands_on_the_one_that_its_task_names(job_of, task):
     plain = job_of(lower, upper.replace(", touches: [lower]", ""))
     found = refusal(plain)[0]
     assert found.what == "same_room"
-    assert "another order" not in told([found])
+    assert "another order" not in message([found])
 
 
 def test_touching_is_no_leave_to_reach_into_one_another(job_of, task):

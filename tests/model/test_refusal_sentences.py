@@ -6,7 +6,7 @@ import pytest
 
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.place import Place
-from dualarm_cli.refusals import Refusal, told
+from dualarm_cli.refusals import Refusal, message
 
 LATE = Refusal("late", Place("t.yaml", 3, 5), "a", "left", 4.0, 3.0, more={"late": 1.0})
 LATE_TOO = Refusal("late", Place("t.yaml", 9, 5), "b", "left", 6.0, 4.5, more={"late": 1.5})
@@ -20,12 +20,12 @@ def test_what_refusals_have_in_common_is_said_once():
         "  t.yaml:3:5: task 'a' is done at 4.000 s, 1.000 s after its window closes (not_after: 3 s)"
     )
     assert other.startswith("  t.yaml:9:5: task 'b' is done at 6.000 s")
-    assert helps.startswith("what helps: later windows")
+    assert helps.startswith("try later windows")
 
 
 def test_a_place_can_be_told_apart():
     """Of one refusal, the others keep theirs."""
-    text = told((LATE, LATE_TOO), placed=LATE)
+    text = message((LATE, LATE_TOO), placed=LATE)
     assert "t.yaml:3:5" not in text
     assert "t.yaml:9:5: task 'b'" in text
 

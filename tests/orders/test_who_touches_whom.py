@@ -16,7 +16,7 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.orders.model import meeting
 from dualarm_cli.orders.model.order_model import OrderModel
-from dualarm_cli.refusals import Refusal, told
+from dualarm_cli.refusals import Refusal, message
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +134,7 @@ def test_an_arm_that_stands_where_it_started_is_told_with_a_way_out(
 
     def said_of(*blocked):
         found = TimedPlan(plans, motion, blocked)
-        return told(clear_words.why_blocked(clearing, found))
+        return message(clear_words.why_blocked(clearing, found))
 
     said = "the right arm stands in posture 'home' before stage 3, its first: a `move`"
     assert said in said_of(1, 3)

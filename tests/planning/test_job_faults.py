@@ -293,7 +293,7 @@ def test_a_path_that_leaves_reach_on_its_way_is_a_fault_there(job):
     miss = np.hypot(1.0, 0.116) - 0.82
     assert fault.measured == pytest.approx(miss, abs=1e-6)
     assert fault.sentence.startswith(
-        f"task 'weld' (left): after 50% of its way: the target is {1e3 * miss:.1f} mm beyond"
+        f"task 'weld' (left): after 50% of its path: the target is {1e3 * miss:.1f} mm beyond"
     )
     loose = task.replace("speed: 0.1", "speed: 0.1, blend: 200 mm")
     assert job_faults(job(loose).blended()) == []

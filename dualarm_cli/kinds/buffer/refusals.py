@@ -34,9 +34,9 @@ REFUSALS = KindRefusals(
         "capacity and initial",
     },
     helps={
-        "buffer_in_stage": "what helps: order: optimise, mode: free (there arms wait for parts and room), a larger "
+        "buffer_in_stage": "try order: optimise, mode: free (there arms wait for parts and room), a larger "
         "capacity, another number of parts at the start (initial), or another order in the file",
-        "arms_wait_forever": "what helps: order: optimise, a larger capacity, more or fewer parts at the start "
+        "arms_wait_forever": "try order: optimise, a larger capacity, more or fewer parts at the start "
         "(initial), or another order in the file",
     },
 )

@@ -310,7 +310,7 @@ def touched_on_belt(job: Job, found: ClearedPlan) -> Refusal | None:
             if worst := _worst(cell, r, samples, there, shift, touching):
                 one, other, lack, row = worst
                 more = {"one": one, "other": other, "when": float(time[row] - stage.start)}
-                more |= {"stage": k + 1, "beside": [], "standing": [], "tried": []}
+                more |= {"stage": k + 1, "partner": [], "standing": [], "tried": []}
                 return Refusal(
                     "stage_touches", room.stop.place, room.task.id, event.arm, lack, more=more
                 )

@@ -24,16 +24,16 @@ REFUSALS = KindRefusals(
         "s and is {within:g} m farther at {last:.3f} s",
         "delayed": " ({measured:.3f} s of it to avoid collisions)",
         "part_gone": "task '{task}': the {arm} arm cannot be at the {action} before {time:.3f} s{delay:*}, when it is "
-        "{measured:mm} beyond what 'within' allows: {window}; what helps: a later 'passes', a longer 'within', a slower "
+        "{measured:mm} beyond what 'within' allows: {window}; try a later 'passes', a longer 'within', a slower "
         "conveyor, another arm or order (arm: any, order: optimise), or less before it",
         "part_not_followed": "task '{task}': no motion was found for the {arm} arm to follow the {action} from {time:.3f} "
-        "s on: {cause}; {window}; what helps: a 'passes' pose and 'within' that leave room before and after it, a "
+        "s on: {cause}; {window}; try a 'passes' pose and 'within' that leave room before and after it, a "
         "slower conveyor, a shorter approach, retract or dwell, another arm",
         "parts_not_met": "no times were found at which the arms meet the parts of {stops:* and }: {windows:*; }; what "
         "helps: a slower conveyor, or parts that do not come at the same time for both arms",
         "stop_of": "'{task}' ({action})",
         "parts_missed": "no collision-free plan was found in which the arms meet the parts on conveyors in time; "
-        "what helps: more room between the arms, other pairs of targets in one stage (order: optimise), or a slower "
+        "try more room between the arms, other pairs of targets in one stage (order: optimise), or a slower "
         "conveyor",
         "conveyor_above_cap": "the conveyor moves at {measured:g} m/s, the tool's speed is capped at {allowed:g} m/s "
         "(limits: tool_speed); raise the limit, or slow the conveyor down",
