@@ -251,8 +251,8 @@ def _print(verdicts: list[Verdict], allowed: float, compared: bool) -> None:
         counted,
         reason_lines,
         rule_words,
+        score_table,
     )
-    from dualarm_cli.scoring.table import score_table
 
     console = stdout_console()
     console.print(score_table(verdicts))

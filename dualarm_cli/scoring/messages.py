@@ -1,16 +1,20 @@
-"""Figures and sentences that all formats of a score have in common."""
+"""Figures, sentences and terminal table of a score."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 
+from rich.markup import escape
+from rich.table import Column, Table
+
 from dualarm_cli.model.verification import exceptions
-from dualarm_cli.report.printable import one_line, printable
+from dualarm_cli.report.printable import numbers, one_line, printable
 from dualarm_cli.scoring.gate import FLOOR
 from dualarm_cli.scoring.verdict import STATES, Verdict, words
 
 NOTHING = "–"
+_COLOURS = {"pass": "green", "improved": "bold green", "new": "yellow"}
 
 
 def figure_words(verdict: Verdict) -> tuple[str, str, str, str]:
@@ -80,3 +84,21 @@ def advice(verdicts: Sequence[Verdict]) -> list[str]:
     if new := states.count("new"):
         lines.append(f"{new} new: --update-baseline takes {'it' if new == 1 else 'them'} in")
     return lines
+
+
+def score_table(verdicts: Sequence[Verdict]) -> Table:
+    """Build the table of a score for the terminal: a row for each case.
+
+    Args:
+        verdicts: by name.
+    """
+    figures = numbers("cycle time s", "change", "gap", "clearance mm")
+    table = Table(Column("case", overflow="fold"), *figures, "verdict")
+    for verdict in verdicts:
+        colour = "yellow" if verdict.caveats else _COLOURS.get(verdict.state, "bold red")
+        table.add_row(
+            escape(one_line(verdict.case)),
+            *figure_words(verdict),
+            f"[{colour}]{verdict_words(verdict)}[/]",
+        )
+    return table

@@ -19,7 +19,7 @@ from dualarm_cli.scoring.index import score_index
 from dualarm_cli.scoring.junit import MARK, junit_bytes, xml_text
 from dualarm_cli.scoring.markdown import MARK as MARKDOWN_MARK
 from dualarm_cli.scoring.markdown import MOST, github_commands, markdown_text
-from dualarm_cli.scoring.table import score_table
+from dualarm_cli.scoring.messages import score_table
 from dualarm_cli.scoring.verdict import EXIT_CODES, STATES, Verdict
 
 EVIL = "cells/\x1b[31m\x00]]> <&\"'\ufffe\ud800 a|b`@user`\r\n::error::x/tasks.yaml"
