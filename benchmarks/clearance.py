@@ -42,7 +42,10 @@ def quick_against_coal(name: str, cell: Cell) -> None:
     home = np.array(cell.robot.postures["home"])
     about = home + random.normal(scale=0.1, size=everywhere.shape)
     arm = test.arms[0]
-    groups = {"one arm": [test.own(arm)], "all": [test.cross(), *map(test.own, test.arms)]}
+    groups = {
+        "one arm": [test.arm_pairs(arm)],
+        "all": [test.cross(), *map(test.arm_pairs, test.arms)],
+    }
     for what, some in groups.items():
         q = np.clip(everywhere if what == "one arm" else about, limits.lower, limits.upper)
         times = []

@@ -1,4 +1,4 @@
-"""Stops at which a tool or its part comes too near to a part that waits or lies, whatever the arms do."""
+"""Stops at which a tool or part lacks clearance from a lying part in any posture."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class Crowded:
-    """A stop that cannot be made while a part lies in a room."""
+    """Stop that is infeasible while a part lies in a room."""
 
     task: Task
-    """The task of the stop."""
+    """Task of the stop."""
     stop: Stop
-    """A pick or a place."""
+    """Stop: a pick or a place."""
     room: PartRoom
     """Room of another task's part."""
     body: str
-    """Name of the body that comes too near: a tool or the task's part."""
+    """Name of the body that lacks clearance: a tool or the task's part."""
     distance: float
-    """Greatest distance that some arm and turn leave [m]; negative: depth of overlap."""
+    """Largest feasible distance over arms and yaws [m]; negative for overlap."""
     needed: float
     """Required distance [m]."""
 
 
 def crowded_stops(job: Job) -> list[Crowded]:
-    """List the stops that come too near to a part at another stop, for every arm and turn that the job allows."""
+    """List the stops that lack clearance from a lying part for all arms and yaws."""
     rooms = [
         (room, [shape_solid("", WORLD, pin.SE3.Identity(), shape) for shape in room.shapes])
         for room in rooms_of(job)
     ]
-    found = []
+    crowded_list = []
     for task in job.tasks if rooms else ():
         for stop in task.stops:
             posed = isinstance(stop.target, PoseTarget) and not stop.moves
@@ -57,14 +57,14 @@ def crowded_stops(job: Job) -> list[Crowded]:
             for room, solids in rooms:
                 if room.task.id == task.id or (stop.action == "pick" and is_same_spot(stop, room)):
                     continue
-                if one := _crowded(job.cell, held, (task, stop), room, solids):
-                    found.append(one)
-    return found
+                if crowded := _crowded(job.cell, held, (task, stop), room, solids):
+                    crowded_list.append(crowded)
+    return crowded_list
 
 
 def is_same_spot(stop: Stop, room: PartRoom) -> bool:
-    """Return whether a stop's tool is where that of a room's stop is."""
-    poses = [one.target.pose for one in (stop, room.stop) if isinstance(one.target, PoseTarget)]
+    """Check whether the tool positions of a stop and of a room's stop are equal."""
+    poses = [s.target.pose for s in (stop, room.stop) if isinstance(s.target, PoseTarget)]
     return len(poses) == 2 and bool(
         np.abs(poses[0].translation - poses[1].translation).max() <= SAME_SPOT
     )
@@ -77,51 +77,57 @@ def _crowded(
     room: PartRoom,
     solids: Sequence[Solid],
 ) -> Crowded | None:
-    """Find a body that comes too near to a part in its room; None where some arm and turn avoid it.
+    """Find a body that lacks clearance from a part in its room, or None.
+
+    It is None if some arm and yaw avoid the part.
 
     Args:
         cell: with clearances.
-        held: what each arm that may make the stop has there.
+        held: bodies of each arm that may make the stop.
         visit: the stop with its task.
-        room: of the part.
-        solids: of the room.
+        room: room of the part.
+        solids: solids of the room.
     """
-    (task, stop), found = visit, list[Crowded]()
+    (task, stop), candidates = visit, list[Crowded]()
     for bodies in held:
         needs = [
-            (one, needed)
-            for one in bodies
-            if (needed := _needed(cell, one, task, room)) is not None
+            (body, needed)
+            for body in bodies
+            if (needed := _needed(cell, body, task, room)) is not None
         ]
         if _is_far(needs, stop, solids):
             return None
         for T_world_tool in turned_poses(stop):
             lacking = [
-                (undercut(one, T_world_tool, [(solid, needed) for solid in solids])[0], one, needed)
-                for one, needed in needs
+                (
+                    undercut(body, T_world_tool, [(solid, needed) for solid in solids])[0],
+                    body,
+                    needed,
+                )
+                for body, needed in needs
             ]
-            lacks, one, needed = max(lacking, key=lambda row: row[0], default=(0.0, None, 0.0))
-            if one is None or lacks <= 0.0:
+            lacks, body, needed = max(lacking, key=lambda row: row[0], default=(0.0, None, 0.0))
+            if body is None or lacks <= 0.0:
                 return None
-            found.append(Crowded(task, stop, room, one.body, needed - lacks, needed))
-    return max(found, key=lambda one: one.distance - one.needed, default=None)
+            candidates.append(Crowded(task, stop, room, body.body, needed - lacks, needed))
+    return max(candidates, key=lambda stop: stop.distance - stop.needed, default=None)
 
 
 def _is_far(needs: Sequence[tuple[HeldBody, float]], stop: Stop, solids: Sequence[Solid]) -> bool:
-    """Return whether balls show that bodies are far from solids at every turn of a stop."""
-    assert isinstance(stop.target, PoseTarget)  # asked for those only
+    """Check by bounding balls whether bodies are far from solids at every yaw."""
+    assert isinstance(stop.target, PoseTarget)  # its caller passes only those
     tip = stop.target.pose.translation
-    reach = [one.line + needed + max(x.extent for x in one.solids) for one, needed in needs]
-    apart = [
+    reach = [body.line + needed + max(x.extent for x in body.solids) for body, needed in needs]
+    distances = [
         norm(solid.pose.act(solid.geometry.aabb_center) - tip) - solid.geometry.aabb_radius
         for solid in solids
     ]
-    return bool(min(apart) > max(reach, default=0.0))
+    return bool(min(distances) > max(reach, default=0.0))
 
 
-def _needed(cell: Cell, one: HeldBody, task: Task, room: PartRoom) -> float | None:
-    """Return the distance that a body must keep from a part in its room [m]; None where they may touch."""
-    least = required(cell, one.body, room.task.part)
+def _needed(cell: Cell, held_body: HeldBody, task: Task, room: PartRoom) -> float | None:
+    """Return the required distance of a body from a lying part [m]; None if they may touch."""
+    least = required(cell, held_body.body, room.task.part)
     if least is None:
         return None
-    return -OVERLAP if one.body == task.part and may_touch(task, room.task) else least + SLACK
+    return -OVERLAP if held_body.body == task.part and may_touch(task, room.task) else least + SLACK

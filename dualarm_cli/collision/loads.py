@@ -1,4 +1,4 @@
-"""Loads of arms, and the numbers that stand for them in arrays of many instants."""
+"""Loads of arms, and their numbers in arrays."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class Load:
-    """Tool and part held by an arm, and their treatment in collision checks."""
+    """Tool and part held by an arm, with their treatment in collision checks."""
 
     name: str
-    """Name of what is held, see `Held.name`; empty for nothing."""
+    """Name of the held object, see `Held.name`; empty for nothing."""
     on_line: bool = False
-    """Flag of motion on a stop's lines: the part may touch standing objects."""
+    """Whether it is on a stop's lines, where the part may touch standing objects."""
     is_handed: bool = False
-    """Flag of a hand-over: the other tool and its load may touch the part."""
+    """Whether it is handed over, so that the other tool and its load may touch it."""
     scene: int = 0
-    """Index of the scene: of what lies in the cell meanwhile."""
+    """Index of the scene."""
 
 
 @dataclass(frozen=True)
 class Loads:
-    """Numbering of loads for arrays, in order of names within each scene."""
+    """Numbering of loads in arrays, by name within each scene."""
 
     names: tuple[str, ...]
-    """Names of everything that is ever held; nothing comes first, tools come before parts in them."""
+    """Names of all objects that may be held: nothing, then tools, then parts."""
 
     @property
     def _per_scene(self) -> int:
@@ -38,7 +38,7 @@ class Loads:
         return 2 * self.names.index(name) + on_line
 
     def load(self, number: int) -> Load:
-        """Return the load of a number."""
+        """Decode the number of a load."""
         scene, plain = divmod(number, self._per_scene)
         is_handed, place = divmod(plain // 2, len(self.names))
         return Load(self.names[place], plain % 2 == 1, is_handed == 1, scene)
@@ -68,19 +68,19 @@ class Loads:
         return numbers | 1
 
     def are_on_lines(self, numbers: IntArray) -> BoolArray:
-        """Return where loads are on lines."""
+        """Check which loads are on lines."""
         return np.asarray(numbers % 2 == 1)
 
     def at_stops(self, numbers: IntArray, handing: BoolArray) -> IntArray:
         """Return the numbers of loads at stops and on the lines there.
 
         Args:
-            numbers: of loads off lines, shape (..., arms).
+            numbers: numbers of loads off lines, shape (..., arms).
             handing: where a part is handed over, shape (...).
         """
         handed = numbers + 2 * len(self.names)
         return np.where(handing[..., None], handed, self.on_lines(numbers))
 
     def fuller(self, before: IntArray, after: IntArray) -> IntArray:
-        """Return the numbers of the loads with more: a part counts more than its tool alone."""
+        """Return the numbers of the larger loads: a tool with a part exceeds the tool."""
         return np.maximum(before, after)

@@ -1,4 +1,4 @@
-"""Contacts of parts that no motion avoids: with obstacles, each other, and tools that transfer them."""
+"""Unavoidable contacts of parts with obstacles, each other, and tools that transfer them."""
 
 from __future__ import annotations
 
@@ -20,89 +20,95 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class TooNear:
-    """Two bodies that lack clearance."""
+    """Two bodies without clearance."""
 
     where: str
-    """Where they do, in words."""
+    """Place of the contact, in words."""
     bodies: tuple[str, str]
-    """Their names."""
+    """Names of the bodies."""
     margin: float
-    """Distance less what is required [m]; negative."""
+    """Distance minus required distance [m]; negative."""
 
 
 def too_near(
     cell: Cell, work: Handover, task: str, part: str, approach: float, retract: float
 ) -> list[TooNear]:
-    """Returns which tools and part are too near to each other in a hand-over.
+    """List the tools and part that lack clearance in a hand-over.
 
-    Both tools at the grip, where the taker's approach begins, and where the giver's retract ends; at the latter two
-    also the part and the tool that does not hold it, which may touch it only in between.
+    Checked are both tools at the grip, at the start of the taker's approach, and at the end of the giver's retract. At
+    the latter two also the part and the tool that does not hold it, which may touch only in between.
 
     Args:
         cell: with tools and parts.
         work: the hand-over.
         task: its task's id.
-        part: what is handed over, as it is in the giving tool; empty for nothing.
+        part: part as held by the giving tool; empty for nothing.
         approach: length of the taker's approach [m].
         retract: length of the giver's retract [m].
     """
-    here, back = pin.SE3.Identity(), work.grip * _drawn_back(approach)
+    at_giver, back = pin.SE3.Identity(), work.grip * _drawn_back(approach)
     giving, taking = f"{work.giver}_tool", f"{work.taker}_tool"
-    gives, gone = _tool(cell, work.giver, here), _tool(cell, work.giver, _drawn_back(retract))
-    takes, comes = _tool(cell, work.taker, work.grip), _tool(cell, work.taker, back)
-    held = [shape_solid(part, WORLD, here, shape) for shape in cell.parts[part]] if part else []
+    gives, retracted = (
+        _tool(cell, work.giver, at_giver),
+        _tool(cell, work.giver, _drawn_back(retract)),
+    )
+    takes, arriving = _tool(cell, work.taker, work.grip), _tool(cell, work.taker, back)
+    held = [shape_solid(part, WORLD, at_giver, shape) for shape in cell.parts[part]] if part else []
     begins = f"where the {work.taker} arm's approach begins"
     ends = f"where the {work.giver} arm's retract ends"
     pairs = [
         ("at the grip", giving, gives, taking, takes),
-        (begins, giving, gives, taking, comes),
-        (begins, part, held, taking, comes),
-        (ends, giving, gone, taking, takes),
-        (ends, giving, gone, taken_part(part, task), held),
+        (begins, giving, gives, taking, arriving),
+        (begins, part, held, taking, arriving),
+        (ends, giving, retracted, taking, takes),
+        (ends, giving, retracted, taken_part(part, task), held),
     ]
-    found = []
-    for where, one, some, other, others in pairs:
-        margin = _margin(cell, one, some, other, others)
+    contacts = []
+    for where, body, solids, other_body, other_solids in pairs:
+        margin = _margin(cell, body, solids, other_body, other_solids)
         if margin < 0.0:
-            found.append(TooNear(where, (one, other), margin))
-    return found
+            contacts.append(TooNear(where, (body, other_body), margin))
+    return contacts
 
 
 def _drawn_back(length: float) -> pin.SE3:
-    """Returns a tool drawn back along its z axis."""
+    """Return a displacement back along the tool's z axis."""
     return pin.SE3(np.eye(3), np.array([0.0, 0.0, -length]))
 
 
 def _tool(cell: Cell, arm: str, T_giver_tcp: pin.SE3) -> list[Solid]:
-    """Returns a tool's solids in the frame of the giving tool's centre point."""
+    """Return a tool's solids in the frame of the giving tool centre point."""
     tool = cell.tools[arm]
     flange = T_giver_tcp * tool.tcp.inverse()
     return [shape_solid(f"{arm}_tool", WORLD, flange, shape) for shape in tool.shapes]
 
 
 def _margin(
-    cell: Cell, one: str, some: Sequence[Solid], other: str, others: Sequence[Solid]
+    cell: Cell, body: str, solids: Sequence[Solid], other_body: str, other_solids: Sequence[Solid]
 ) -> float:
-    """Returns the distance of two bodies less what is required [m]; infinite where they may touch."""
-    least = required(cell, one, other)
+    """Compute distance minus required distance of two bodies [m].
+
+    Infinite if they may touch.
+    """
+    least = required(cell, body, other_body)
     if least is None:
         return np.inf
-    return min((_distance(a, b) for a in some for b in others), default=np.inf) - least
+    return min((_distance(a, b) for a in solids for b in other_solids), default=np.inf) - least
 
 
-def _distance(one: Solid, other: Solid) -> float:
-    places = [coal.Transform3s(s.pose.rotation, s.pose.translation) for s in (one, other)]
-    return solid_distance(one, places[0], other, places[1])
+def _distance(solid: Solid, other_solid: Solid) -> float:
+    places = [coal.Transform3s(s.pose.rotation, s.pose.translation) for s in (solid, other_solid)]
+    return solid_distance(solid, places[0], other_solid, places[1])
 
 
 STEPS = 9
-"""Places along a line that are looked at, its end included."""
+"""Number of checked positions along a line, its end included."""
 YAW_STEPS = 24
-"""Turns about the tool's z axis that are tried where any will do: 15 degrees apart."""
+"""Number of yaws that are tried if yaw is free: 15 degrees apart."""
 
 
 def stop_yaws(stop: Stop) -> FloatArray:
-    """Return the turns about the tool's z axis that are tried at a stop [rad], shape (y,)."""
+    """Return the yaws that are tried at a stop [rad], shape (y,)."""
     if not isinstance(stop.target, PoseTarget):
         return np.zeros(1)
     turns = YAW_STEPS if stop.target.free_yaw else stop.target.symmetry
@@ -110,7 +116,10 @@ def stop_yaws(stop: Stop) -> FloatArray:
 
 
 def turned_poses(stop: Stop) -> Iterator[pin.SE3]:
-    """Iterate over the poses of an arm's own tool at a stop, one for each turn that is tried; none without a pose."""
+    """Iterate over the poses of the fixed tool at a stop, for each yaw.
+
+    Joint targets have none.
+    """
     if isinstance(stop.target, PoseTarget):
         for yaw in stop_yaws(stop).tolist():
             yield stop.target.pose * pin.SE3(pin.utils.rotate("z", yaw), np.zeros(3))
@@ -118,38 +127,44 @@ def turned_poses(stop: Stop) -> Iterator[pin.SE3]:
 
 @dataclass(frozen=True)
 class HeldBody:
-    """A tool, or a part, that an arm has at a stop."""
+    """Tool or part of an arm at a stop."""
 
     name: str
-    """Name of a part or a changed tool in its task; of the arm's own tool that of its body."""
+    """Name of a part or changed tool in its task; else of the fixed tool's body."""
     body: str
-    """Name of its solids."""
+    """Name of its body in collision checks."""
     solids: tuple[Solid, ...]
-    """In the frame of the arm's own tool centre point."""
+    """Solids in the frame of the fixed tool centre point."""
     line: float
-    """Length of the longest line on which it is there [m]; lines run against the tool's z axis."""
+    """Length of its longest line [m]; lines run against the tool's z axis."""
     rests: bool
-    """Whether it may touch obstacles, as parts that lie and tools at their stands do."""
+    """Whether it may touch obstacles: lying parts, and tools at their stands."""
 
 
 def held_bodies(cell: Cell, arm: str, task: Task, stop: Stop) -> list[HeldBody]:
-    """List the bodies with shapes that an arm has at a stop: its own tool, a changed one, and a part that may lie.
+    """List the bodies with shapes of an arm at a stop.
+
+    They are its fixed tool, a changed tool, and a part that may lie.
 
     Args:
         cell: with tools and parts.
-        arm: that makes the stop.
-        task: of the stop.
-        stop: where.
+        arm: arm that makes the stop.
+        task: task of the stop.
+        stop: the stop.
     """
-    own, both = cell.tools[arm], max(stop.approach, stop.retract)
+    fixed_tool, longest = cell.tools[arm], max(stop.approach, stop.retract)
     of_tool, of_part = cell.held_shapes(arm, Held(task.tool, task.part))
     line = stop.retract if stop.action in TAKES else stop.approach
-    own_body, changed, here = tool_body(arm, "tool"), tool_body(arm, task.tool), pin.SE3.Identity()
+    fixed_body, changed, identity = (
+        tool_body(arm, "tool"),
+        tool_body(arm, task.tool),
+        pin.SE3.Identity(),
+    )
     at_stand, lying = task.is_change, of_part if stop.action in LYING else ()
     rows = [
-        (own_body, own_body, own.tcp.inverse(), own.shapes, both, False),
-        (task.tool, changed, here, of_tool, line if at_stand else both, at_stand),
-        (task.part, task.part, here, lying, line, True),
+        (fixed_body, fixed_body, fixed_tool.tcp.inverse(), fixed_tool.shapes, longest, False),
+        (task.tool, changed, identity, of_tool, line if at_stand else longest, at_stand),
+        (task.part, task.part, identity, lying, line, True),
     ]
     return [
         HeldBody(name, body, tuple(shape_solid(body, WORLD, T, x) for x in shapes), length, rests)
@@ -158,65 +173,70 @@ def held_bodies(cell: Cell, arm: str, task: Task, stop: Stop) -> list[HeldBody]:
     ]
 
 
-def required(cell: Cell, one: str, other: str) -> float | None:
-    """Return the distance that two bodies must keep [m]; None where they may touch."""
-    names = frozenset((one, other))
+def required(cell: Cell, body: str, other_body: str) -> float | None:
+    """Return the required distance of two bodies [m]; None if they may touch."""
+    names = frozenset((body, other_body))
     if any(frozenset(pair) == names for pair in cell.allowed_contacts):
         return None
     special = {frozenset(pair): least for *pair, least in cell.clearances}
     return special.get(names, cell.clearance)
 
 
-def reaches(cell: Cell, one: HeldBody, stop: Stop) -> Iterator[tuple[float, str]]:
-    """Iterate over the turns of a stop: what a body lacks of its distance to obstacles [m], and to which.
+def reaches(cell: Cell, held_body: HeldBody, stop: Stop) -> Iterator[tuple[float, str]]:
+    """Yield a body's largest violation [m] and its obstacle, at each yaw.
 
-    At the target and on the line; at most OVERLAP, and no name, where nothing is too near. What may rest on obstacles
-    must only not reach into them.
+    Target and line are checked. Without a violation above OVERLAP, OVERLAP and an empty name are returned. A body that
+    may rest on obstacles only must not penetrate them.
 
     Args:
         cell: with obstacles.
-        one: the body.
-        stop: where.
+        held_body: the body.
+        stop: the stop.
     """
     things = []
     for thing in cell.obstacles:
-        needed = required(cell, one.body, thing.name)
+        needed = required(cell, held_body.body, thing.name)
         if needed is not None:
             solid = shape_solid(thing.name, WORLD, pin.SE3.Identity(), thing.shape)
-            things.append((solid, 0.0 if one.rests else needed))
+            things.append((solid, 0.0 if held_body.rests else needed))
     for T_world_tool in turned_poses(stop):
-        yield undercut(one, T_world_tool, things, OVERLAP)
+        yield undercut(held_body, T_world_tool, things, OVERLAP)
 
 
 def undercut(
-    one: HeldBody, T_world_tool: pin.SE3, things: Sequence[tuple[Solid, float]], least: float = 0.0
+    held_body: HeldBody,
+    T_world_tool: pin.SE3,
+    things: Sequence[tuple[Solid, float]],
+    least: float = 0.0,
 ) -> tuple[float, str]:
-    """Measure what a body lacks most of the distance to some solids, at a target and on the line there [m].
+    """Measure the largest violation of clearance from solids, at a target and on its line [m].
 
     Args:
-        one: the body.
-        T_world_tool: the arm's own tool centre point at the target.
-        things: solids in the world, each with the distance that is needed [m].
-        least: what counts as nothing [m].
+        held_body: the body.
+        T_world_tool: the fixed tool centre point at the target.
+        things: solids in the world, each with its required distance [m].
+        least: violation below which nothing is reported [m].
 
     Returns:
-        What is lacking and the solid's body; `least` and no name where nothing is.
+        Violation and the solid's body; `least` and an empty name without one.
     """
-    most, into = least, ""
+    largest, violated = least, ""
     places = [coal.Transform3s(x.pose.rotation, x.pose.translation) for x, _ in things]
-    asked, result = coal.CollisionRequest(), coal.CollisionResult()
-    for back in np.linspace(0.0, one.line, STEPS if one.line > 0.0 else 1):
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    for back in np.linspace(0.0, held_body.line, STEPS if held_body.line > 0.0 else 1):
         T = T_world_tool * pin.SE3(np.eye(3), np.array([0.0, 0.0, -back]))
-        for solid in one.solids:
+        for solid in held_body.solids:
             place = T * solid.pose
-            here = coal.Transform3s(place.rotation, place.translation)
-            for (thing, needed), there in zip(things, places, strict=True):
-                # Whether they touch is quicker to compute than how far apart they are.
+            transform = coal.Transform3s(place.rotation, place.translation)
+            for (thing, needed), thing_transform in zip(things, places, strict=True):
+                # A contact test is faster than computing the distance.
                 result.clear()
-                asked.security_margin = max(needed, 0.0)
-                if not coal.collide(solid.geometry, here, thing.geometry, there, asked, result):
+                request.security_margin = max(needed, 0.0)
+                if not coal.collide(
+                    solid.geometry, transform, thing.geometry, thing_transform, request, result
+                ):
                     continue
-                lacks = needed - solid_distance(solid, here, thing, there)
-                if lacks > most:
-                    most, into = lacks, thing.body
-    return most, into
+                lacks = needed - solid_distance(solid, transform, thing, thing_transform)
+                if lacks > largest:
+                    largest, violated = lacks, thing.body
+    return largest, violated

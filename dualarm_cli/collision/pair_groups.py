@@ -1,7 +1,7 @@
-"""Arrays of the pairs of solids that the quick collision test takes.
+"""Arrays of pairs of solids for the quick collision test.
 
-Solids are replaced by capsules around them; pairs of boxes also have the gaps along all separating axes. Both are
-computed for many pairs in many postures at once.
+Solids are replaced by capsules around them. Pairs of boxes also have the gaps along all separating axes. Both are
+computed for many pairs and postures at once.
 """
 
 from __future__ import annotations
@@ -21,30 +21,30 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class PairGroup:
-    """Pairs that are tested together."""
+    """Pairs of solids that are tested together."""
 
     joints: frozenset[int]
-    """Joints whose frames are needed."""
+    """Joints whose frames are required."""
     arrays: SolidPairs
-    """The pairs as the compiled function takes them."""
+    """Arrays of the pairs for the compiled function."""
     pairs: tuple[Pair, ...]
-    """All of them."""
+    """All pairs of the group."""
     rough: tuple[Pair, ...]
-    """Those of which a hull is wider than the solid."""
+    """Pairs with a hull that is larger than its solid."""
     both_boxes: BoxPairs
-    """Those of the rough ones that are two boxes."""
+    """Rough pairs of two boxes."""
 
 
 def pair_group(
     solids: Sequence[Solid], hulls: Hulls, tree: JointTree, pairs: Sequence[Pair]
 ) -> PairGroup:
-    """Returns pairs of solids as arrays.
+    """Build the arrays of pairs of solids.
 
     Args:
-        solids: of the cell.
-        hulls: around them.
-        tree: of the robot.
-        pairs: of the solids.
+        solids: solids of the cell.
+        hulls: capsules around them.
+        tree: joint tree of the robot.
+        pairs: pairs of the solids.
     """
     capsules: dict[int, int] = {}
     boxes: dict[int, int] = {}
@@ -53,36 +53,36 @@ def pair_group(
     lengths: list[tuple[float, float]] = []
     rough = np.array([is_rough(solids[p.first], solids[p.second]) for p in pairs], dtype=np.bool_)
     for pair in pairs:
-        one, other = pair.first, pair.second
-        # The one that is kept as it is: what stands, or else a box.
-        if keeps_form(solids[one]) and not keeps_form(solids[other]):
-            one, other = other, one
-        solid = solids[other]
-        slack = float(hulls.radius[one]) + pair.required
-        length = float(hulls.length[one])
-        first = capsules.setdefault(one, len(capsules))
+        capsule, partner = pair.first, pair.second
+        # The partner keeps its form if one of them does.
+        if keeps_form(solids[capsule]) and not keeps_form(solids[partner]):
+            capsule, partner = partner, capsule
+        solid = solids[partner]
+        slack = float(hulls.radius[capsule]) + pair.required
+        length = float(hulls.length[capsule])
+        first = capsules.setdefault(capsule, len(capsules))
         if isinstance(solid.geometry, coal.Halfspace):
             normal = product(solid.pose.rotation, np.asarray(solid.geometry.n).ravel())
             slack += float(solid.geometry.d + product(normal, solid.pose.translation))
             rows.append((first, PLANE, len(normals)))
             normals.append(normal)
         elif keeps_form(solid):
-            rows.append((first, BOX, boxes.setdefault(other, len(boxes))))
+            rows.append((first, BOX, boxes.setdefault(partner, len(boxes))))
         else:
-            slack += float(hulls.radius[other])
-            length += float(hulls.length[other])
-            rows.append((first, CAPSULE, capsules.setdefault(other, len(capsules))))
+            slack += float(hulls.radius[partner])
+            length += float(hulls.length[partner])
+            rows.append((first, CAPSULE, capsules.setdefault(partner, len(capsules))))
         lengths.append((slack, slack + length))
-    around, placed = list(capsules), [_placed(solids[box], tree) for box in boxes]
+    enclosed, placed = list(capsules), [_placed(solids[box], tree) for box in boxes]
     joints = {solids[number].joint for number in (*capsules, *boxes)}
     row = np.array(rows, dtype=np.int64).reshape(-1, 3)
     length_pairs = np.array(lengths).reshape(-1, 2)
     arrays = SolidPairs.of(
         {
             "joint": np.array(sorted(tree.above(joints)), dtype=np.int64),
-            "capsule_joint": np.array([solids[k].joint for k in around], dtype=np.int64),
-            "center": hulls.center[around],
-            "half": hulls.half[around],
+            "capsule_joint": np.array([solids[k].joint for k in enclosed], dtype=np.int64),
+            "center": hulls.center[enclosed],
+            "half": hulls.half[enclosed],
             "capsule": row[:, 0],
             "kind": row[:, 1],
             "solid": row[:, 2],
@@ -96,28 +96,31 @@ def pair_group(
             "box_half": np.array([half for *_, half in placed]).reshape(-1, 3),
         }
     )
-    doubtful = tuple(pair for pair, own in zip(pairs, rough, strict=True) if own)
+    doubtful = tuple(pair for pair, is_doubtful in zip(pairs, rough, strict=True) if is_doubtful)
     return PairGroup(
         frozenset(joints), arrays, tuple(pairs), doubtful, BoxPairs.of(solids, tree, doubtful)
     )
 
 
 def _placed(solid: Solid, tree: JointTree) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns axes, centre and half sides of the box around a solid; axes in its joint's frame, one a row."""
-    own = tree.R_joint_own[solid.joint].T
-    axes = product(own, solid.pose.rotation).T
+    """Compute the bounding box of a solid: axes, centre and half sides.
+
+    Axes are rows, in the frame of its joint.
+    """
+    R_tree_joint = tree.R_joint_own[solid.joint].T
+    axes = product(R_tree_joint, solid.pose.rotation).T
     center, half = box_around(solid.geometry)
-    return axes, product(axes, own, np.asarray(solid.pose.act(center))), half
+    return axes, product(axes, R_tree_joint, np.asarray(solid.pose.act(center))), half
 
 
 @dataclass(frozen=True)
 class Hulls:
-    """A capsule around each of s solids, in the tree's frame of its joint; of half-spaces it means nothing."""
+    """Capsules around s solids, in the tree's frame of their joint; undefined for half-spaces."""
 
     center: FloatArray
-    """Middles [m], shape (s, 3)."""
+    """Centres [m], shape (s, 3)."""
     half: FloatArray
-    """From there to one end [m], shape (s, 3)."""
+    """Vectors from centre to one end [m], shape (s, 3)."""
     radius: FloatArray
     """Radii [m], shape (s,)."""
     length: FloatArray
@@ -129,7 +132,7 @@ class Hulls:
 
         Args:
             solids: the solids to enclose.
-            tree: of the robot.
+            tree: joint tree of the robot.
         """
         ends = [_hull(solid, tree) for solid in solids]
         half = np.array([0.5 * (a - b) for a, b, _ in ends]).reshape(-1, 3)
@@ -141,9 +144,9 @@ class Hulls:
         )
 
 
-def is_rough(one: Solid, other: Solid) -> bool:
-    """Check whether the hulls' margin may be less than that of the two solids."""
-    forms = [solid.geometry for solid in (one, other)]
+def is_rough(solid_a: Solid, solid_b: Solid) -> bool:
+    """Check whether the hulls' margin may be less than that of the solids."""
+    forms = [solid.geometry for solid in (solid_a, solid_b)]
     exact = [isinstance(form, coal.Capsule | coal.Sphere) for form in forms]
     boxes = [isinstance(form, coal.Box | coal.Halfspace) for form in forms]
     return not (all(exact) or (any(exact) and any(boxes)))
@@ -170,7 +173,7 @@ def box_around(geometry: coal.CollisionGeometry) -> tuple[FloatArray, FloatArray
 
 
 def _hull(solid: Solid, tree: JointTree) -> tuple[FloatArray, FloatArray, float]:
-    """Compute a capsule around a solid: both ends and the radius [m].
+    """Compute a capsule around a solid: both ends and radius [m].
 
     The ends are in the tree's frame of the solid's joint. A cylinder lies within the capsule about its own axis, a box
     within that about its longest side's middle line with half the diagonal of the others as its radius. A half-space
@@ -189,15 +192,19 @@ def _hull(solid: Solid, tree: JointTree) -> tuple[FloatArray, FloatArray, float]
         longest = int(np.argmax(half))
         end[longest] = half[longest]
         radius = float(norm(np.delete(half, longest)))
-    own = tree.R_joint_own[solid.joint].T
-    one, other = (
-        product(own, np.asarray(solid.pose.act(center + sign * end))) for sign in (1.0, -1.0)
+    R_tree_joint = tree.R_joint_own[solid.joint].T
+    first, second = (
+        product(R_tree_joint, np.asarray(solid.pose.act(center + sign * end)))
+        for sign in (1.0, -1.0)
     )
-    return one, other, radius
+    return first, second, radius
 
 
 LEAST_SINE = 0.05
-"""Edges whose directions differ by less have no axis of their own: the sides' axes are nearly as good."""
+"""Smallest sine between edges with a separating axis of their own.
+
+For smaller ones the axes of the sides are nearly as good.
+"""
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 Frames = Mapping[int, tuple[FloatArray, FloatArray]]
@@ -209,13 +216,13 @@ class BoxPairs:
     """Pairs of two boxes, b of them; the first index selects the box."""
 
     number: IntArray
-    """Their numbers among the pairs, shape (b,)."""
+    """Indices among the pairs, shape (b,)."""
     joint: IntArray
-    """The joints they move with, shape (2, b)."""
+    """Joints of the boxes, shape (2, b)."""
     R: FloatArray
-    """Their rotations in the tree's frames of these joints, shape (2, b, 3, 3)."""
+    """Rotations of the boxes in the tree's frames of these joints, shape (2, b, 3, 3)."""
     p: FloatArray
-    """Their centres there [m], shape (2, b, 3)."""
+    """Centres of the boxes in these frames [m], shape (2, b, 3)."""
     half: FloatArray
     """Half sides [m], shape (2, b, 3)."""
     required: FloatArray
@@ -223,12 +230,12 @@ class BoxPairs:
 
     @classmethod
     def of(cls, solids: Sequence[Solid], tree: JointTree, pairs: Sequence[Pair]) -> BoxPairs:
-        """Picks the boxes.
+        """Select the pairs of boxes.
 
         Args:
-            solids: of the cell.
-            tree: of the robot.
-            pairs: of the solids.
+            solids: solids of the cell.
+            tree: joint tree of the robot.
+            pairs: pairs of the solids.
         """
         rows: list[list[tuple[int, FloatArray, FloatArray, FloatArray]]] = []
         numbers, required = [], []
@@ -242,7 +249,7 @@ class BoxPairs:
         b = len(rows)
 
         def of_both(k: int, *shape: int) -> FloatArray:
-            values = np.array([[one[k] for one in row] for row in rows], dtype=np.float64)
+            values = np.array([[box[k] for box in row] for row in rows], dtype=np.float64)
             return np.swapaxes(values.reshape(b, 2, *shape), 0, 1)
 
         return cls(
@@ -261,8 +268,8 @@ class BoxPairs:
         these axes, which belong to their sides and edges, separates them ([Gottschalk1996]).
 
         Args:
-            which: of the b pairs, shape (m,).
-            frames: of their joints in n postures.
+            which: indices among the b pairs, shape (m,).
+            frames: frames of their joints in n postures.
             row: number of the posture, shape (m,).
         """
         joints = sorted(frames)
@@ -290,36 +297,38 @@ def _placed_box(solid: Solid, tree: JointTree) -> tuple[int, FloatArray, FloatAr
     Returns:
         Joint, rotation (3, 3), centre (3,) [m] and half sides (3,) [m].
     """
-    own = tree.R_joint_own[solid.joint].T
+    R_tree_joint = tree.R_joint_own[solid.joint].T
     center, half = box_around(solid.geometry)
     return (
         solid.joint,
-        product(own, solid.pose.rotation),
-        product(own, np.asarray(solid.pose.act(center))),
+        product(R_tree_joint, solid.pose.rotation),
+        product(R_tree_joint, np.asarray(solid.pose.act(center))),
         half,
     )
 
 
-def _largest_gap(C: FloatArray, t: FloatArray, one: FloatArray, other: FloatArray) -> FloatArray:
+def _largest_gap(
+    C: FloatArray, t: FloatArray, half_a: FloatArray, half_b: FloatArray
+) -> FloatArray:
     """Compute the largest gap of each pair of boxes [m], shape (m,).
 
     Args:
         C: the second box's axes in the first one's frame, shape (m, 3, 3).
         t: the second box's centre in the first one's frame [m], shape (m, 3).
-        one: half sides of the first box [m], shape (m, 3).
-        other: half sides of the second box [m], shape (m, 3).
+        half_a: half sides of the first box [m], shape (m, 3).
+        half_b: half sides of the second box [m], shape (m, 3).
     """
     size = np.abs(C)
-    sides = np.abs(t) - one - product(size, other[..., None])[..., 0]
+    sides = np.abs(t) - half_a - product(size, half_b[..., None])[..., 0]
     across = np.abs(product(np.swapaxes(C, 1, 2), t[..., None])[..., 0])
-    across -= other + product(np.swapaxes(size, 1, 2), one[..., None])[..., 0]
+    across -= half_b + product(np.swapaxes(size, 1, 2), half_a[..., None])[..., 0]
     # Axis i, j is the cross product of the boxes' axes i and j: its length is the sine between them.
-    way = np.abs(t[:, _LAST, None] * C[:, _NEXT] - t[:, _NEXT, None] * C[:, _LAST])
-    reach = one[:, _NEXT, None] * size[:, _LAST] + one[:, _LAST, None] * size[:, _NEXT]
-    reach += other[:, None, _NEXT] * size[:, :, _LAST] + other[:, None, _LAST] * size[:, :, _NEXT]
+    distance = np.abs(t[:, _LAST, None] * C[:, _NEXT] - t[:, _NEXT, None] * C[:, _LAST])
+    reach = half_a[:, _NEXT, None] * size[:, _LAST] + half_a[:, _LAST, None] * size[:, _NEXT]
+    reach += half_b[:, None, _NEXT] * size[:, :, _LAST] + half_b[:, None, _LAST] * size[:, :, _NEXT]
     sine = np.sqrt(np.maximum(1.0 - C * C, 0.0))
     edges = np.where(
-        sine > LEAST_SINE, (way - reach) / np.maximum(sine, LEAST_SINE), -np.inf
+        sine > LEAST_SINE, (distance - reach) / np.maximum(sine, LEAST_SINE), -np.inf
     ).reshape(-1, 9)
     gap: FloatArray = np.maximum(np.maximum(sides, across).max(axis=1), edges.max(axis=1))
     return gap

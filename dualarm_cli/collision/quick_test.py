@@ -1,4 +1,4 @@
-"""A quick test of many postures: moving solids in round hulls; what it calls free is free."""
+"""Quick collision test of many postures with capsules around solids; it is conservative."""
 
 from __future__ import annotations
 
@@ -55,11 +55,14 @@ QUICK = QuickSettings()
 
 
 OVERLAP = 3e-4
-"""How far a part may reach into what it lies on by rounding [m]; less than the verifier lets pass."""
+"""Allowed overlap of a part with its support by rounding [m].
+
+It is less than the verifier's tolerance.
+"""
 
 
 class QuickTest:
-    """Round hulls of all moving solids of a cell, and its pairs by which joints move them."""
+    """Capsules around all moving solids of a cell, with pairs grouped by moving joints."""
 
     def __init__(
         self,
@@ -67,12 +70,12 @@ class QuickTest:
         carried: Sequence[tuple[str, str]] = (),
         rooms: Sequence[PartRoom] = (),
     ) -> None:
-        """Prepares a cell.
+        """Prepare the test of a cell.
 
         Args:
-            cell: of the data model.
-            carried: arm and name of everything that an arm ever holds, see `Held.name`.
-            rooms: where parts wait or lie at times.
+            cell: cell of the data model.
+            carried: arm and name of every object that an arm may hold, see `Held.name`.
+            rooms: rooms of parts that wait or lie.
         """
         robot = cell.robot
         model = pin.buildModelFromXML(robot.urdf)
@@ -116,14 +119,14 @@ class QuickTest:
         self._groups: dict[tuple[object, ...], PairGroup] = {}
         self._needed: dict[tuple[object, ...], float] = {}
 
-    def own(self, arm: str, part: str = "", on_line: bool = False) -> PairGroup:
-        """Returns the pairs that one arm's joints or only the platform's move.
+    def arm_pairs(self, arm: str, part: str = "", on_line: bool = False) -> PairGroup:
+        """Return the pairs that move only with one arm's joints or the platform's.
 
         Args:
-            arm: its name.
-            part: name of what it holds, if anything.
-            on_line: whether it is on one of a stop's lines: there a part may touch what stands still, and a tool that
-                is being taken or left.
+            arm: name of the arm.
+            part: name of its load, or empty.
+            on_line: whether it is on a line, where a part may touch standing bodies, as well as a tool
+                that is taken or left.
         """
         key = ("own", arm, part, "line" if on_line else "")
         if key not in self._groups:
@@ -131,11 +134,11 @@ class QuickTest:
         return self._groups[key]
 
     def ground(self, arm: str, part: str) -> PairGroup:
-        """Returns the pairs of what an arm holds with what stands still that on lines may touch, not overlap.
+        """Return the pairs of a load with standing bodies that may touch on lines, not overlap.
 
         Args:
-            arm: what holds it.
-            part: its name.
+            arm: arm that holds it.
+            part: name of the load.
         """
         key = ("ground", arm, part)
         if key not in self._groups:
@@ -162,11 +165,11 @@ class QuickTest:
     def cross(
         self, parts: Mapping[str, str] | None = None, handed: frozenset[str] = frozenset()
     ) -> PairGroup:
-        """Returns the pairs of one arm with the other.
+        """Return the pairs between the arms.
 
         Args:
-            parts: name of what each arm holds, if anything, by arm.
-            handed: arms whose part is being handed over: the other tool, and what that carries, may touch it.
+            parts: name of each arm's load, by arm.
+            handed: arms whose part is handed over: the other tool and its load may touch it.
         """
         carried = parts or {}
         key = ("cross", *(carried.get(arm, "") for arm in self.arms), "handed", *sorted(handed))
@@ -183,39 +186,43 @@ class QuickTest:
         return self._groups[key]
 
     def touching(self, arm: str, part: str, stops: Iterable[tuple[int, Visit]]) -> PairGroup:
-        """Returns the pairs of an arm's part and tool with parts that lie, which may touch but not overlap.
+        """Return the pairs of an arm's part and tool with lying parts that may touch.
+
+        They must not overlap.
 
         Args:
-            arm: what holds it.
-            part: name of what it holds.
-            stops: the arm's, each with the room of the part there.
+            arm: the arm.
+            part: name of its load.
+            stops: stops of the arm, each with the room of its part.
         """
         pairs = [p for p in self._own_pairs(arm, part, on_line=False) if p.second in self._room_of]
         rows = [(pair, -OVERLAP) for pair in pairs if self.carried_in(pair)]
         for room, visit in stops:
-            own = [p for p in pairs if self.room_of(p) == room and self.is_on_flange(p, arm)]
-            rows += [(pair, self.needed(pair, arm, visit)) for pair in own]
-        found = dict.fromkeys(replace(pair, required=least) for pair, least in rows if least < 0.0)
-        key = ("touching", *found)
+            tool_pairs = [p for p in pairs if self.room_of(p) == room and self.is_on_flange(p, arm)]
+            rows += [(pair, self.needed(pair, arm, visit)) for pair in tool_pairs]
+        distinct_pairs = dict.fromkeys(
+            replace(pair, required=least) for pair, least in rows if least < 0.0
+        )
+        key = ("touching", *distinct_pairs)
         if key not in self._groups:
-            self._groups[key] = self._grouped(list(found))
+            self._groups[key] = self._grouped(list(distinct_pairs))
         return self._groups[key]
 
     def part_in(self, arm: str, held: str) -> str:
-        """Returns the part of what an arm holds by its name; empty for none."""
+        """Return the part in a load; empty for none."""
         return self._held[arm][held].part
 
     def room_of(self, pair: Pair) -> int | None:
-        """Returns the number of the room that a pair's second solid is part of; None for none."""
+        """Return the room of a pair's second solid, or None."""
         return self._room_of.get(pair.second)
 
     def carried_in(self, pair: Pair) -> bool:
-        """Returns whether a pair's first solid is a part that an arm carries."""
+        """Check whether a pair's first solid is a carried part."""
         solid = self._solids[pair.first]
         return bool(solid.carrier) and not solid.bolted
 
     def is_on_flange(self, pair: Pair, arm: str) -> bool:
-        """Returns whether a pair's first solid is fixed to an arm's flange and no part."""
+        """Check whether a pair's first solid is fixed to an arm's flange and is no part."""
         return self._solids[pair.first].joint == self._flanges[
             arm
         ].parentJoint and not self.carried_in(pair)
@@ -223,42 +230,46 @@ class QuickTest:
     def drifting(
         self, room: int, arm: str, part: str, position: FloatArray, shift: FloatArray
     ) -> tuple[FloatArray, list[Pair]]:
-        """Returns the margins of one arm from a part that moves, pair by pair, shape (q, n) [m]; by coal where near.
+        """Compute the margins of an arm from a moving part, by pair, shape (q, n) [m].
+
+        Small margins are computed by coal.
 
         Args:
-            room: number of the part's room.
-            arm: its name.
-            part: name of what it holds.
+            room: index of the part's room.
+            arm: name of the arm.
+            part: name of its load.
             position: all joints of the robot [rad], shape (n, columns).
-            shift: of the room, in the frame of the root link [m], shape (n, 3).
+            shift: displacement of the room, in the frame of the root link [m], shape (n, 3).
         """
         pairs = [p for p in self._own_pairs(arm, part, on_line=False) if self.room_of(p) == room]
         frames = self._tree.frames(position, {self._solids[pair.first].joint for pair in pairs})
-        found = np.full((len(pairs), len(position)), np.inf)
+        margins = np.full((len(pairs), len(position)), np.inf)
         for k, pair in enumerate(pairs):
-            one, other = self._solids[pair.first], self._solids[pair.second]
-            R, p = frames[one.joint]
-            R_joint = np.einsum("ijn,kj->ikn", R, self._tree.R_joint_own[one.joint])
-            middle = np.einsum("ikn,k->in", R_joint, np.asarray(one.pose.act(_middle(one)))) + p
-            there = np.asarray(other.pose.act(_middle(other))) + shift
-            apart = np.sqrt(np.square(middle.T - there).sum(axis=1))
-            apart -= one.geometry.aabb_radius + other.geometry.aabb_radius + pair.required
-            found[k] = apart
-            for row in np.flatnonzero(apart < QUICK.enough).tolist():
-                place = pin.SE3(R_joint[..., row], p[:, row]) * one.pose
-                moved = pin.SE3(other.pose.rotation, other.pose.translation + shift[row])
-                found[k, row] = _distance(one, other, (place, moved)) - pair.required
-        return found, pairs
+            solid, lying = self._solids[pair.first], self._solids[pair.second]
+            R, p = frames[solid.joint]
+            R_joint = np.einsum("ijn,kj->ikn", R, self._tree.R_joint_own[solid.joint])
+            middle = np.einsum("ikn,k->in", R_joint, np.asarray(solid.pose.act(_middle(solid)))) + p
+            lying_middle = np.asarray(lying.pose.act(_middle(lying))) + shift
+            gap = np.sqrt(np.square(middle.T - lying_middle).sum(axis=1))
+            gap -= solid.geometry.aabb_radius + lying.geometry.aabb_radius + pair.required
+            margins[k] = gap
+            for row in np.flatnonzero(gap < QUICK.enough).tolist():
+                place = pin.SE3(R_joint[..., row], p[:, row]) * solid.pose
+                moved = pin.SE3(lying.pose.rotation, lying.pose.translation + shift[row])
+                margins[k, row] = _distance(solid, lying, (place, moved)) - pair.required
+        return margins, pairs
 
     def labels(self, pair: Pair) -> tuple[str, str]:
-        """Returns what a person calls the two bodies of a pair."""
+        """Return the names of a pair's bodies for users."""
         return self._solids[pair.first].label, self._solids[pair.second].label
 
     def needed(self, pair: Pair, arm: str, visit: Visit) -> float:
-        """Returns the distance that a tool keeps from the part at its stop while it is off the lines there [m].
+        """Compute the distance that a tool keeps from the part at its stop [m].
 
-        The required one, if the tool has it where the line there begins or ends; else the tool may touch the part, and
-        reach into it no deeper than there.
+        It applies while the tool is off the lines of the stop.
+
+        It is the required distance if the tool keeps it at the outer end of the line there. Otherwise the tool may
+        touch the part, and penetrate it no deeper than at that end.
         """
         task, stop = visit
         key = pair.first, pair.second, arm, task.id, stop.action
@@ -269,20 +280,24 @@ class QuickTest:
             T_root_tcp = self._cell.base.actInv(stop.target.pose) * T_tcp_end
             T_joint_tcp = self._flanges[arm].placement * self._cell.tools[arm].tcp
             solid, part = self._solids[pair.first], self._solids[pair.second]
-            there = _distance(solid, part, (T_root_tcp * T_joint_tcp.actInv(solid.pose), part.pose))
-            least = min(there, 0.0) - OVERLAP
-            self._needed[key] = pair.required if there - pair.required >= QUICK.apart else least
+            at_end = _distance(
+                solid, part, (T_root_tcp * T_joint_tcp.actInv(solid.pose), part.pose)
+            )
+            least = min(at_end, 0.0) - OVERLAP
+            self._needed[key] = pair.required if at_end - pair.required >= QUICK.apart else least
         return self._needed[key]
 
     def margins(
         self, group: PairGroup, position: FloatArray, scenes: tuple[Scenes, IntArray] | None = None
     ) -> FloatArray:
-        """Returns a bound below the least of distance less required clearance over a group's pairs [m], shape (n,).
+        """Compute a lower bound of the group's least margin [m], shape (n,).
+
+        The margin is distance minus required clearance.
 
         Args:
-            group: of this test.
+            group: pairs of this test.
             position: all joints of the robot [rad], shape (n, columns).
-            scenes: which pairs count in which scene, and the scene of each row; None: all pairs.
+            scenes: pairs that are tested in each scene, and the scene of each row; None for all pairs.
         """
         sure, rough = pair_margins(self._steps, group.arrays, position, QUICK.enough, scenes)
         if len(rough):
@@ -290,57 +305,57 @@ class QuickTest:
         return np.minimum(sure, rough.min(axis=0, initial=np.inf)) - QUICK.rounded
 
     def nearest(self, position: FloatArray, pairs: Sequence[Pair]) -> tuple[str, str, float]:
-        """Returns the two bodies of some pairs that have the least margin, and it [m]; by coal.
+        """Find the pair of bodies with the least margin [m], by coal.
 
         Args:
             position: all joints of the robot [rad], shape (columns,).
-            pairs: of this test's groups; infinite where there is none.
+            pairs: pairs of this test's groups; infinite without pairs.
         """
         return min(self._bodies(position, pairs), key=_margin_of, default=("", "", np.inf))
 
     def lacking(self, position: FloatArray, pairs: Sequence[Pair]) -> list[tuple[str, str, float]]:
-        """Returns all pairs of bodies with a negative margin, and that [m], worst first; by coal.
+        """List the pairs of bodies with a negative margin [m], worst first; by coal.
 
         Args:
             position: all joints of the robot [rad], shape (columns,).
-            pairs: of this test's groups.
+            pairs: pairs of this test's groups.
         """
-        found: dict[tuple[str, str], float] = {}
-        for one, other, margin in self._bodies(position, pairs):
+        margins: dict[tuple[str, str], float] = {}
+        for body_a, body_b, margin in self._bodies(position, pairs):
             if margin < 0.0:
-                found[one, other] = min(margin, found.get((one, other), 0.0))
-        return sorted(((*names, margin) for names, margin in found.items()), key=_margin_of)
+                margins[body_a, body_b] = min(margin, margins.get((body_a, body_b), 0.0))
+        return sorted(((*names, margin) for names, margin in margins.items()), key=_margin_of)
 
     def _bodies(
         self, position: FloatArray, pairs: Sequence[Pair]
     ) -> Iterator[tuple[str, str, float]]:
-        """Iterates over pairs as the names of their bodies with the margin [m] at one position (columns,)."""
+        """Iterate over pairs: names of bodies and margin [m] at a position (columns,)."""
         frames = self._tree.frames(position[None], {s.joint for s in self._solids})
         for pair in pairs:
-            one, other = self._solids[pair.first], self._solids[pair.second]
-            yield one.label, other.label, self._margin(pair, frames, 0)
+            solid_a, solid_b = self._solids[pair.first], self._solids[pair.second]
+            yield solid_a.label, solid_b.label, self._margin(pair, frames, 0)
 
     def _movers_of(self, pair: Pair) -> set[str]:
         return self._moved_by[pair.first] | self._moved_by[pair.second]
 
     def _carries(self, pair: Pair, parts: Mapping[str, str]) -> bool:
-        """Returns whether all parts and changed tools of a pair are held."""
+        """Check whether all parts and changed tools of a pair are held."""
         solids = (self._solids[pair.first], self._solids[pair.second])
         return all(
             s.is_held(self._held[s.carrier][parts.get(s.carrier, "")]) for s in solids if s.carrier
         )
 
     def _is_handed(self, pair: Pair, arms: frozenset[str]) -> bool:
-        """Returns whether a pair is a part that goes from arm to arm, and the other's tool or what that carries."""
-        one, other = self._solids[pair.first], self._solids[pair.second]
+        """Check whether a pair is a handed-over part and the other arm's tool or load."""
+        solid_a, solid_b = self._solids[pair.first], self._solids[pair.second]
         tools = {f"{arm}_tool" for arm in self.arms}
         return any(
             a.carrier in arms and a.carrier != b.carrier and (b.carrier or b.body in tools)
-            for a, b in ((one, other), (other, one))
+            for a, b in ((solid_a, solid_b), (solid_b, solid_a))
         )
 
     def _may_lie(self, pair: Pair, held: Held) -> bool:
-        """Returns whether a pair is something held that may lie on things, and something that stands still."""
+        """Check whether a pair is a load that may lie, and a standing body."""
         solids = (self._solids[pair.first], self._solids[pair.second])
         lies = any(s.carrier and (held.docking or not s.bolted) for s in solids)
         return lies and any(s.joint == WORLD and not s.lying for s in solids)
@@ -348,13 +363,13 @@ class QuickTest:
     def _look_closer(
         self, group: PairGroup, position: FloatArray, sure: FloatArray, rough: FloatArray
     ) -> None:
-        """Puts true margins in the place of doubted ones of rough pairs, where all else is collision-free.
+        """Refine the margins of doubtful rough pairs, if all other pairs are collision-free.
 
         Args:
-            group: of this test.
+            group: pairs of this test.
             position: all joints of the robot [rad], shape (n, columns).
-            sure: least margins of the pairs that are not rough [m], shape (n,).
-            rough: margins of those that are [m], shape (r, n).
+            sure: least margins of the other pairs [m], shape (n,).
+            rough: margins of the rough pairs [m], shape (r, n).
         """
         doubted = (rough < QUICK.doubted) & (sure >= 0.0)
         rows = np.flatnonzero(doubted.any(axis=0))
@@ -367,17 +382,17 @@ class QuickTest:
             at = boxes.number[which], rows[place]
             gap = boxes.gaps(which, frames, place)
             rough[at] = np.maximum(rough[at], gap - boxes.required[which])
-            # Between boxes that hardly overlap, or are apart by less than required, it may be a little more.
+            # For boxes that hardly overlap, or lack clearance, the true margin may be slightly larger.
             sure_from = np.where(boxes.required[which] < 0.0, 0.0, QUICK.sure)
             doubted[at] = (rough[at] < sure_from) & (gap > -QUICK.overlaps)
-        known = np.where(doubted[:, rows], np.inf, rough[:, rows]).min(axis=0)
-        known = np.minimum(known, sure[rows])
-        left = np.flatnonzero((doubted[:, rows] & (rough[:, rows] < known)).any(axis=0))
+        certain = np.where(doubted[:, rows], np.inf, rough[:, rows]).min(axis=0)
+        certain = np.minimum(certain, sure[rows])
+        remaining = np.flatnonzero((doubted[:, rows] & (rough[:, rows] < certain)).any(axis=0))
         for k, row, least in zip(
-            left.tolist(), rows[left].tolist(), known[left].tolist(), strict=True
+            remaining.tolist(), rows[remaining].tolist(), certain[remaining].tolist(), strict=True
         ):
             numbers = np.flatnonzero(doubted[:, row])
-            # Until none that is left can be the least.
+            # Stop when no remaining margin can be the least.
             for number in numbers[np.argsort(rough[numbers, row], kind="stable")].tolist():
                 if rough[number, row] >= least:
                     break
@@ -387,7 +402,7 @@ class QuickTest:
     def _margin(
         self, pair: Pair, frames: Mapping[int, tuple[FloatArray, FloatArray]], row: int
     ) -> float:
-        """Returns distance less required clearance of one pair in one of n postures, by coal [m]."""
+        """Compute the margin of a pair in one of n postures, by coal [m]."""
         places = []
         for number in (pair.first, pair.second):
             solid = self._solids[number]
@@ -399,17 +414,19 @@ class QuickTest:
                     p[:, row] + product(R_joint, solid.pose.translation),
                 )
             )
-        one, other = self._solids[pair.first], self._solids[pair.second]
-        return _distance(one, other, places) - pair.required
+        solid_a, solid_b = self._solids[pair.first], self._solids[pair.second]
+        return _distance(solid_a, solid_b, places) - pair.required
 
     def _grouped(self, pairs: Sequence[Pair]) -> PairGroup:
         return pair_group(self._solids, self._hulls, self._tree, pairs)
 
 
-def _distance(one: Solid, other: Solid, places: Sequence[pin.SE3]) -> float:
-    """Returns how far two solids are apart at two places [m], by coal."""
-    here, there = (coal.Transform3s(place.rotation, place.translation) for place in places)
-    return solid_distance(one, here, other, there)
+def _distance(solid: Solid, other_solid: Solid, places: Sequence[pin.SE3]) -> float:
+    """Compute the distance of two solids at two places [m], by coal."""
+    transform, other_transform = (
+        coal.Transform3s(place.rotation, place.translation) for place in places
+    )
+    return solid_distance(solid, transform, other_solid, other_transform)
 
 
 def _middle(solid: Solid) -> FloatArray:
@@ -417,12 +434,12 @@ def _middle(solid: Solid) -> FloatArray:
 
 
 def _movers(model: pin.Model, solid: Solid, members: dict[str, set[str]]) -> set[str]:
-    """Returns the arms whose joints move a solid."""
-    found, joint = set(), solid.joint
+    """Find the arms whose joints move a solid."""
+    arms, joint = set(), solid.joint
     while joint != WORLD:
-        found |= {arm for arm, joints in members.items() if model.names[joint] in joints}
+        arms |= {arm for arm, joints in members.items() if model.names[joint] in joints}
         joint = model.parents[joint]
-    return found
+    return arms
 
 
 def _margin_of(pair: tuple[str, str, float]) -> float:

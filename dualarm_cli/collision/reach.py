@@ -1,4 +1,4 @@
-"""Pairs of solids that can never meet, whatever the joints do: their chains are too short."""
+"""Pairs of solids that never meet, because their kinematic chains are too short."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.records import dataclass
 
 SURE = 1e-6
-"""What rounding may be off [m]."""
+"""Allowance for rounding [m]."""
 
 
 @dataclass(frozen=True)
 class _Ball:
-    """Where a solid is always within, in the frame of a joint below it."""
+    """Ball that always contains a solid, in the frame of a joint below it."""
 
     center: FloatArray
     """Middle [m], shape (3,)."""
     radius: float
-    """Radius [m]; infinite where there is none."""
+    """Radius [m]; infinite if unbounded."""
 
 
 class Reach:
-    """Where solids can be, whatever the joints of one robot do."""
+    """Bounds of the positions of solids over all joint values of a robot."""
 
     def __init__(self, model: pin.Model) -> None:
-        """Looks up how joints move.
+        """Compute the axes of the joints.
 
         Args:
-            model: of the robot's URDF; every joint has one degree of freedom.
+            model: model of the robot's URDF; every joint has one degree of freedom.
         """
         self._model = model
         twists = np.array([_twist(model, joint) for joint in range(1, model.njoints)]).reshape(
@@ -43,57 +43,57 @@ class Reach:
         self._axis = dict(enumerate(twists[:, 3:], start=1))
         self._slides = {joint for joint, axis in self._axis.items() if not axis.any()}
 
-    def can_meet(self, one: Solid, other: Solid, pair: Pair, within: float = 0.0) -> bool:
-        """Returns whether two solids can come within their required clearance and a little more of each other.
+    def can_meet(self, solid_a: Solid, solid_b: Solid, pair: Pair, within: float = 0.0) -> bool:
+        """Check whether two solids can come within their required clearance and `within`.
 
-        From the last joint that moves both, each solid is within a ball about a point of the axis of the next joint
-        towards it: as far from it as the lengths of the links from there on add up to.
+        From the last joint that moves both, each solid is within a ball about a point of the axis of its next joint.
+        The radius is the sum of the lengths of the following links.
 
         Args:
-            one: the pair's first solid.
-            other: its second one.
-            pair: for its clearance.
-            within: what is added to the clearance [m].
+            solid_a: first solid of the pair.
+            solid_b: second solid of the pair.
+            pair: pair with the required clearance.
+            within: distance that is added to the clearance [m].
         """
-        below = [_chain(self._model, solid.joint) for solid in (one, other)]
+        below = [_chain(self._model, solid.joint) for solid in (solid_a, solid_b)]
         common = max(set(below[0]) & set(below[1]), key=below[0].index)
         balls = [
             self._ball(solid, chain[chain.index(common) + 1 :])
-            for solid, chain in zip((one, other), below, strict=True)
+            for solid, chain in zip((solid_a, solid_b), below, strict=True)
         ]
         far = pair.required + within + SURE
         if balls[0] is not None and balls[1] is not None:
-            apart = float(norm(balls[0].center - balls[1].center))
-            return apart - balls[0].radius - balls[1].radius < far
-        for ball, fixed in ((balls[0], other), (balls[1], one)):
+            distance = float(norm(balls[0].center - balls[1].center))
+            return distance - balls[0].radius - balls[1].radius < far
+        for ball, fixed in ((balls[0], solid_b), (balls[1], solid_a)):
             if ball is not None and np.isfinite(ball.radius):
                 return _distance(ball.center, fixed) - ball.radius < far
         return True
 
     def _ball(self, solid: Solid, chain: Sequence[int]) -> _Ball | None:
-        """Returns where a solid is always within, in the frame that its chain of joints begins in.
+        """Compute a ball that always contains a solid, or None if it does not move.
 
-        None where it does not move.
+        It is in the frame in which the solid's chain of joints begins.
         """
         if not chain:
             return None
         placements = [self._model.jointPlacements[joint] for joint in chain[:2]]
         if not self._slides.isdisjoint(chain):
             return _Ball(np.asarray(placements[0].translation), np.inf)
-        rest = solid.extent + sum(
+        length = solid.extent + sum(
             float(norm(self._model.jointPlacements[joint].translation)) for joint in chain[2:]
         )
         if len(chain) == 1:
-            return _Ball(np.asarray(placements[0].translation), rest)
-        # The next joint's origin goes round on a circle about the first one's axis.
+            return _Ball(np.asarray(placements[0].translation), length)
+        # The next joint's origin moves on a circle about the axis of the first one.
         axis, step = self._axis[chain[0]], placements[1].translation
         along = float(product(axis, step))
         center = np.asarray(placements[0].act(along * axis))
-        return _Ball(center, float(norm(step - along * axis)) + rest)
+        return _Ball(center, float(norm(step - along * axis)) + length)
 
 
 def _chain(model: pin.Model, joint: int) -> list[int]:
-    """Returns the joints from the root to one."""
+    """List the joints from the root to a joint."""
     chain = [joint]
     while joint:
         joint = model.parents[joint]
@@ -102,7 +102,7 @@ def _chain(model: pin.Model, joint: int) -> list[int]:
 
 
 def _twist(model: pin.Model, joint: int) -> FloatArray:
-    """Returns how a joint moves in its own frame: linear and angular, shape (6,)."""
+    """Compute the motion axis of a joint in its own frame: linear and angular, shape (6,)."""
     joint_model = model.joints[joint]
     data = joint_model.createData()
     joint_model.calc(data, pin.neutral(model))
@@ -110,7 +110,7 @@ def _twist(model: pin.Model, joint: int) -> FloatArray:
 
 
 def _distance(point: FloatArray, solid: Solid) -> float:
-    """Returns how far a point is from a solid, both in one frame [m]."""
+    """Compute the distance of a point from a solid in the same frame [m]."""
     dot = coal.Sphere(SURE)
     places = [
         coal.Transform3s(np.eye(3), point),

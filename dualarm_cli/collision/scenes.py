@@ -1,7 +1,7 @@
-"""Rooms of parts that are taken while a job goes on, as each arm meets them.
+"""Scenes: rooms that are occupied while a job is executed, for each arm.
 
-A scene is a stage, or the time between two events of asynchronous arms. An arm tells by what it holds whether its own
-part is still there; of the other arm's parts all count that are there at some time of the stage.
+A scene is a stage, or the time between two events of asynchronous arms. The load of an arm determines whether its own
+part is still in its room; the other arm's parts are present if they are there at any time of the stage.
 """
 
 from __future__ import annotations
@@ -15,32 +15,32 @@ from dualarm_cli.model.lying import LyingPart, Visit, lying_parts
 from dualarm_cli.records import dataclass
 
 AFTER_ALL = 1 << 60
-"""A time after every other one."""
+"""Time after all others."""
 
 
 @dataclass(frozen=True)
 class ArmScene:
-    """The parts that one arm meets in a scene, as numbers of rooms."""
+    """Parts that an arm may collide with in a scene, as indices of rooms."""
 
     empty: frozenset[int] = frozenset()
-    """Those that lie while it holds no part."""
+    """Rooms that are occupied while the arm holds no part."""
     holding: frozenset[int] = frozenset()
-    """Those that lie while it holds one."""
+    """Rooms that are occupied while the arm holds a part."""
     here: Mapping[int, Visit] = field(default_factory=dict)
-    """Those of its own stop, with that: its tool may touch them on the lines."""
+    """Rooms of its present stop; its tool may touch these parts on lines."""
     left: Mapping[int, Visit] = field(default_factory=dict)
-    """Those of the stop that it has left, with that."""
+    """Rooms of the previous stop."""
     carries: Task | None = None
-    """The task whose part it holds or is about to hold."""
+    """Task whose part it holds or will hold."""
 
 
 Scene = Mapping[str, ArmScene]
-"""By arm."""
+"""Scene of each arm, by name."""
 
 
 @dataclass(frozen=True)
 class _Span:
-    """When a room is taken: in stage k until 2 k, its events being between 2 k and 2 k + 1."""
+    """Occupation of a room: until 2 k in stage k, whose events are before 2 k + 1."""
 
     start: int
     end: int
@@ -48,20 +48,20 @@ class _Span:
 
     @property
     def events(self) -> tuple[StopKey | None, StopKey | None]:
-        """The stops whose events begin and end it."""
+        """Stops whose events begin and end it."""
         return self.lying.since, self.lying.until
 
     def at(self, time: int) -> bool:
-        """Return whether it is taken at a time."""
+        """Check whether the room is occupied at a time."""
         return self.start <= time <= self.end
 
 
 def stage_scenes(job: Job, rooms: Sequence[PartRoom]) -> tuple[Scene, ...]:
-    """List what lies before all stages and in each of them.
+    """List the occupied rooms before all stages and in each stage.
 
     Args:
-        job: decided.
-        rooms: of its parts, and of those that lie beside it.
+        job: the job, with arms and order decided.
+        rooms: rooms of its parts, and of parts that lie throughout.
     """
     stages = job.stages()
     visits = [row[arm] for row in stages for arm in row]
@@ -87,14 +87,14 @@ def timed_scenes(
     coming: Mapping[StopKey, int],
     spans: Sequence[tuple[int, Collection[str]]],
 ) -> tuple[Scene, ...]:
-    """List what lies in each of some spans of time.
+    """List the occupied rooms in each of the given spans.
 
     Args:
-        job: decided.
-        rooms: of its parts, and of those that lie beside it.
-        visits: picks and places in the order in which they change what lies.
-        coming: number of the first visit that comes after the tool is on its way to a pick, by the pick.
-        spans: for each the number of visits before it, and the arms that are on the retract of their last one.
+        job: the job, with arms and order decided.
+        rooms: rooms of its parts, and of parts that lie throughout.
+        visits: picks and places in the order in which they change the rooms.
+        coming: index of the first visit after the tool has begun to approach a pick, by the pick.
+        spans: number of visits before each span, and the arms that are on the retract of their last one.
     """
     number: dict[StopKey, int] = {(t.arm, t.id, s.action): k for k, (t, s) in enumerate(visits)}
     taken, fixed = _spans(job, visits, rooms, number, lambda key: 2 * coming[key])
@@ -121,7 +121,7 @@ def _spans(
     number: Mapping[StopKey, int],
     coming: Callable[[StopKey], int],
 ) -> tuple[dict[int, _Span], frozenset[int]]:
-    """Return when each room is taken, and the rooms that are taken all the time."""
+    """Compute the occupation of each room, and the rooms that are always occupied."""
     room_of: dict[RoomKey, int] = {room.key: r for r, room in enumerate(rooms)}
     spans = {}
     for lying in lying_parts(job, visits):
@@ -149,26 +149,28 @@ def _met(
     spans: Mapping[int, _Span],
     times: tuple[int, int],
 ) -> ArmScene:
-    """List the parts that one arm meets in a scene: at its stop there, or else after the one before."""
+    """List the parts that an arm may collide with: at its stop, and at the previous one."""
     here, before = visited
-    own: dict[int, Visit] = {}
+    at_stop: dict[int, Visit] = {}
     left: dict[int, Visit] = {}
     for r in now:
         lying = spans[r].lying
-        for visit, found in ((before, left), (here, own)):
+        for visit, rooms in ((before, left), (here, at_stop)):
             if visit is not None and (arm, visit[0].id, visit[1].action) in (
                 lying.key,
                 lying.until,
             ):
-                found[r] = visit
-    first = then = frozenset(now) | fixed
+                rooms[r] = visit
+    before_event = after = frozenset(now) | fixed
     if here is not None and here[0].part:
-        # It tells by what it holds whether its own event is over.
+        # The load shows whether the arm's own event has passed.
         key = arm, here[0].id, here[1].action
-        first, then = (
+        before_event, after = (
             frozenset(r for r in now if key not in spans[r].events or spans[r].at(time)) | fixed
             for time in times
         )
-    empty, holding = (then, first) if here and here[1].action == "place" else (first, then)
+    empty, holding = (
+        (after, before_event) if here and here[1].action == "place" else (before_event, after)
+    )
     task = here or before
-    return ArmScene(empty, holding, own, left, task and task[0])
+    return ArmScene(empty, holding, at_stop, left, task and task[0])

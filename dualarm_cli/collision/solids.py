@@ -1,6 +1,6 @@
-"""The solids of a cell for coal: links, tools, carried parts and obstacles, and which of them must keep apart.
+"""Solids of a cell for coal: links, tools, carried parts and obstacles, with their pairs.
 
-It says what is there and judges nothing, as readers and the data model do.
+The verifier uses this module too: it describes the cell and decides nothing.
 """
 
 from __future__ import annotations
@@ -19,73 +19,78 @@ from dualarm_cli.model.shape import Hull, Shape
 from dualarm_cli.records import dataclass
 
 WORLD = 0
-"""Number of the joint that never moves."""
+"""Index of the fixed joint of the world."""
 CAP_TOLERANCE = 1e-6
-"""How far two balls may be off the ends of a cylinder that they make a capsule of [m]."""
+"""Largest distance of balls from the ends of a cylinder that form a capsule [m]."""
 
 
 @dataclass(frozen=True)
 class Solid:
-    """One shape of a body."""
+    """Shape of a body, fixed to a joint."""
 
     body: str
-    """Name of the link, tool (`left_tool`), carried part or obstacle that it belongs to."""
+    """Name of the link, tool (`left_tool`), carried part or obstacle."""
     joint: int
-    """Number of the joint whose frame it moves with; WORLD for what stands still."""
+    """Index of the joint that moves it; WORLD for none."""
     pose: pin.SE3
-    """In that frame."""
+    """Pose in the joint's frame."""
     geometry: coal.CollisionGeometry
-    """Its form."""
+    """Geometry for coal."""
     extent: float
-    """Greatest distance of its points from the joint's origin [m]; infinite for a half-space."""
+    """Largest distance of its points from the joint's origin [m]; infinite for a half-space."""
     carrier: str = ""
-    """The arm that carries it, of a part or a changed tool."""
+    """Arm that carries it, for a part or changed tool."""
     tool: str = ""
-    """The changed tool that it is, or, of a part, that grips it; empty for none."""
+    """Changed tool that it is, or that grips it; empty for none."""
     bolted: bool = False
-    """Whether it is a changed tool: it may touch its arm's last links, and parts may lie on things, tools not."""
+    """Whether it is a changed tool.
+
+    It may touch its arm's last links; unlike parts it may not lie on bodies.
+    """
     lying: str = ""
-    """Name for messages, of a part that waits or lies; empty for all else."""
+    """Name of a waiting or lying part for messages; empty otherwise."""
 
     @property
     def label(self) -> str:
-        """What a person calls it: both arms may carry the same kind of part."""
+        """Name for users, which distinguishes equal parts of both arms."""
         if self.lying:
             return self.lying
         return f"{self.carrier} {self.body}" if self.carrier and not self.bolted else self.body
 
     def is_held(self, held: Held) -> bool:
-        """Returns whether it is there while its carrier holds something."""
+        """Check whether it is present with a given load of its carrier."""
         return self.tool == held.tool and (self.bolted or self.body == held.part)
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two solids that must keep apart."""
+    """Two solids with a required distance."""
 
     first: int
-    """Number of the one."""
+    """Index of the first solid."""
     second: int
-    """Number of the other."""
+    """Index of the second solid."""
     required: float
-    """Least distance between them [m]."""
+    """Required distance [m]."""
 
 
 def tool_body(arm: str, tool: str) -> str:
-    """Returns what the body of a changed tool is called."""
+    """Name the body of a changed tool."""
     return f"{arm}_{tool}"
 
 
 def link_solids(model: pin.Model, robot: Robot) -> list[Solid]:
-    """Returns the collision shapes of all links; a cylinder between two balls as the capsule that it is.
+    """Build the collision shapes of all links.
+
+    A cylinder between two balls becomes a capsule.
 
     Args:
-        model: of the robot's URDF.
-        robot: its URDF has primitive shapes only.
+        model: model of the robot's URDF.
+        robot: robot, whose URDF has primitive shapes only.
     """
-    found = pin.buildGeomFromUrdfString(model, robot.urdf, pin.GeometryType.COLLISION)
+    geometry_model = pin.buildGeomFromUrdfString(model, robot.urdf, pin.GeometryType.COLLISION)
     by_link: dict[int, list[pin.GeometryObject]] = {}
-    for entry in found.geometryObjects:
+    for entry in geometry_model.geometryObjects:
         by_link.setdefault(entry.parentFrame, []).append(entry)
     solids = []
     for frame, entries in by_link.items():
@@ -99,38 +104,38 @@ def link_solids(model: pin.Model, robot: Robot) -> list[Solid]:
 
 
 def _with_capsules(entries: Sequence[pin.GeometryObject]) -> list[pin.GeometryObject]:
-    """Returns one link's shapes, each cylinder with balls at both ends as one capsule."""
-    left = list(entries)
+    """Merge each cylinder with balls at both ends into one capsule."""
+    merged = list(entries)
     for rod in [e for e in entries if isinstance(e.geometry, coal.Cylinder)]:
         half = np.array([0.0, 0.0, rod.geometry.halfLength])
         caps = []
         for end in (rod.placement.act(half), rod.placement.act(-half)):
             caps += [
                 e
-                for e in left
+                for e in merged
                 if isinstance(e.geometry, coal.Sphere)
                 and abs(e.geometry.radius - rod.geometry.radius) < CAP_TOLERANCE
                 and norm(e.placement.translation - end) < CAP_TOLERANCE
             ][:1]
         if len(caps) == 2:
             names = {rod.name, *(cap.name for cap in caps)}
-            left = [e for e in left if e.name not in names]
+            merged = [e for e in merged if e.name not in names]
             # The balls are up to the tolerance off the ends.
             form = coal.Capsule(rod.geometry.radius + CAP_TOLERANCE, 2.0 * rod.geometry.halfLength)
-            left.append(
+            merged.append(
                 pin.GeometryObject(rod.name, rod.parentJoint, rod.parentFrame, rod.placement, form)
             )
-    return left
+    return merged
 
 
 def shape_solid(body: str, joint: int, T_joint_holder: pin.SE3, shape: Shape) -> Solid:
-    """Returns a solid of a cell file.
+    """Build a solid from a shape of a cell file.
 
     Args:
-        body: what it belongs to.
-        joint: the joint that it moves with.
-        T_joint_holder: the frame that the shape is posed in, in the joint's frame.
-        shape: of the data model.
+        body: name of its body.
+        joint: index of the joint that moves it.
+        T_joint_holder: pose of the shape's holding frame in the joint's frame.
+        shape: shape of the data model.
     """
     return _solid(body, joint, T_joint_holder * shape.pose, _geometry(shape))
 
@@ -165,12 +170,12 @@ def _solid(body: str, joint: int, pose: pin.SE3, geometry: coal.CollisionGeometr
 
 
 def cell_solids(cell: Cell, model: pin.Model, carried: Sequence[tuple[str, str]]) -> list[Solid]:
-    """Returns all solids of a cell, as the robot's root link sees them.
+    """Build all solids of a cell, in the frame of the robot's root link.
 
     Args:
-        cell: of the data model.
-        model: of its robot's URDF.
-        carried: arm and name of everything that an arm ever holds, see `Held.name`.
+        cell: cell of the data model.
+        model: model of its robot's URDF.
+        carried: arm and name of every object that an arm may hold, see `Held.name`.
     """
     solids = link_solids(model, cell.robot)
     flanges = {
@@ -186,7 +191,7 @@ def cell_solids(cell: Cell, model: pin.Model, carried: Sequence[tuple[str, str]]
     for arm, held in things:
         joint, pose = flanges[arm].parentJoint, flanges[arm].placement * cell.tools[arm].tcp
         of_tool, of_part = cell.held_shapes(arm, held)
-        # A tool is there once, whatever is in it.
+        # A tool has one set of solids, with any part in it.
         for shape in of_tool if (arm, held.tool) not in tools else ():
             solid = shape_solid(tool_body(arm, held.tool), joint, pose, shape)
             solids.append(replace(solid, carrier=arm, tool=held.tool, bolted=True))
@@ -202,11 +207,11 @@ def cell_solids(cell: Cell, model: pin.Model, carried: Sequence[tuple[str, str]]
 
 
 TOOL_REACH = 1e-3
-"""A tool whose centre point is farther than that from the flange has a body [m]."""
+"""Distance of a tool centre point from the flange that requires a shape [m]."""
 
 
 def tools_without_shape(cell: Cell) -> list[str]:
-    """Return the tools that reach out and have no shape, those that an arm changes included."""
+    """List the tools that reach out but have no shape, changed tools included."""
     tools = {tool_body(arm, "tool"): tool for arm, tool in cell.tools.items()}
     for arm, changes in cell.tool_changes.items():
         tools |= {tool_body(arm, name): changed.tool for name, changed in changes.tools.items()}
@@ -218,30 +223,32 @@ def tools_without_shape(cell: Cell) -> list[str]:
 
 
 def bodies_without_shape(cell: Cell) -> list[str]:
-    """Return the arms none of whose moving links has a shape, and the tools without one."""
+    """List the arms without shapes of moving links, and the tools without shapes."""
     model = pin.buildModelFromXML(cell.robot.urdf)
     shaped = {model.names[solid.joint] for solid in link_solids(model, cell.robot)}
-    found = [
+    arms = [
         f"the {arm.name} arm's links" for arm in cell.robot.arms if shaped.isdisjoint(arm.joints)
     ]
-    return [*found, *tools_without_shape(cell)]
+    return [*arms, *tools_without_shape(cell)]
 
 
 def solid_distance(
-    one: Solid, here: coal.Transform3s, other: Solid, there: coal.Transform3s
+    solid_a: Solid, transform_a: coal.Transform3s, solid_b: Solid, transform_b: coal.Transform3s
 ) -> float:
-    """Measure how far two solids are apart at two places, by coal [m]; negative: how deep they overlap."""
+    """Compute the distance of two solids at two places, by coal [m]; negative for overlap."""
     result, request = coal.DistanceResult(), coal.DistanceRequest()
-    coal.distance(one.geometry, here, other.geometry, there, request, result)
+    coal.distance(solid_a.geometry, transform_a, solid_b.geometry, transform_b, request, result)
     return float(result.min_distance)
 
 
 def geometry_model(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]]) -> pin.GeometryModel:
-    """Returns solids as pinocchio's geometry, named by their numbers, with some pairs of them in the order given.
+    """Build pinocchio's geometry model of solids and pairs, in the given order.
+
+    Solids are named by their indices.
 
     Args:
-        solids: of a cell.
-        pairs: numbers of two solids each, none of them twice: pinocchio keeps one.
+        solids: solids of a cell.
+        pairs: indices of two solids each, without duplicates, which pinocchio removes.
     """
     geometry = pin.GeometryModel()
     for number, solid in enumerate(solids):
@@ -254,66 +261,70 @@ def geometry_model(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]]) ->
 
 
 def pairs_that_must_keep_apart(model: pin.Model, solids: Sequence[Solid], cell: Cell) -> list[Pair]:
-    """Returns every pair of solids that must keep apart.
+    """List the pairs of solids that must not collide.
 
-    Left out are solids that never move against each other, those of neighbouring links (joined by one joint; a tool
-    counts as the link that carries it, changed or not, a part does not), and the pairs of bodies that the robot's or
-    the cell's file names as allowed contacts.
+    Omitted are solids without relative motion, those of neighbouring links, and allowed contacts of the robot's or the
+    cell's file. Links are neighbours if one joint connects them. A tool, changed or not, counts as its link; a part
+    does not.
 
     Args:
-        model: of the robot's URDF.
-        solids: of the cell.
-        cell: with its clearances and allowed contacts.
+        model: model of the robot's URDF.
+        solids: solids of the cell.
+        cell: cell with its clearances and allowed contacts.
     """
     allowed = {frozenset(pair) for pair in (*cell.robot.allowed_contacts, *cell.allowed_contacts)}
     special = {frozenset(names): distance for *names, distance in cell.clearances}
     before = [_links_before(model, joint) for joint in range(model.njoints)]
     pairs = []
-    for i, one in enumerate(solids):
+    for i, solid_a in enumerate(solids):
         for j in range(i + 1, len(solids)):
-            other = solids[j]
-            bodies = frozenset((one.body, other.body))
-            neighbours = one.body in before[other.joint] or other.body in before[one.joint]
-            if any(solid.carrier and not solid.bolted for solid in (one, other)):
+            solid_b = solids[j]
+            bodies = frozenset((solid_a.body, solid_b.body))
+            neighbours = (
+                solid_a.body in before[solid_b.joint] or solid_b.body in before[solid_a.joint]
+            )
+            if any(solid.carrier and not solid.bolted for solid in (solid_a, solid_b)):
                 neighbours = False
-            if one.joint == other.joint or neighbours or bodies in allowed:
+            if solid_a.joint == solid_b.joint or neighbours or bodies in allowed:
                 continue
             pairs.append(Pair(i, j, special.get(bodies, cell.clearance)))
     return pairs
 
 
 def pairs_with_lying(solids: Sequence[Solid], lying: Sequence[int], cell: Cell) -> list[Pair]:
-    """List the pairs of what moves and parts that lie, these second, that must keep apart.
+    """List the pairs of moving solids and lying parts that must not collide.
+
+    The lying part is second.
 
     Args:
-        solids: of the cell.
-        lying: numbers of those of parts that wait or lie.
-        cell: with its clearances and allowed contacts.
+        solids: solids of the cell.
+        lying: indices of waiting or lying parts.
+        cell: cell with its clearances and allowed contacts.
     """
     allowed = {frozenset(pair) for pair in (*cell.robot.allowed_contacts, *cell.allowed_contacts)}
     special = {frozenset(names): distance for *names, distance in cell.clearances}
     pairs = []
-    for i, one in enumerate(solids):
-        for j in lying if one.joint != WORLD and not one.lying else ():
-            bodies = frozenset((one.body, solids[j].body))
+    for i, solid in enumerate(solids):
+        for j in lying if solid.joint != WORLD and not solid.lying else ():
+            bodies = frozenset((solid.body, solids[j].body))
             if bodies not in allowed:
                 pairs.append(Pair(i, j, special.get(bodies, cell.clearance)))
     return pairs
 
 
 def _links_before(model: pin.Model, joint: int) -> set[str]:
-    """Returns the links that a joint hangs on: its parent link, and those that this one is fixed to towards the root.
+    """List the links that are rigidly connected to a joint's parent, towards the root.
 
-    Links that are fixed to them elsewhere, such as the other robot's base, are no neighbours.
+    Links that are fixed to them elsewhere, such as the other robot's base, are not neighbours.
     """
-    found: set[str] = set()
+    links: set[str] = set()
     if joint == WORLD:
-        return found
+        return links
     frame = model.frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)].parentFrame
     while model.frames[frame].parentJoint == model.parents[joint]:
         if model.frames[frame].type == pin.FrameType.BODY:
-            found.add(model.frames[frame].name)
+            links.add(model.frames[frame].name)
         if frame == model.frames[frame].parentFrame:
             break
         frame = model.frames[frame].parentFrame
-    return found
+    return links

@@ -1,4 +1,4 @@
-"""Frames of all joints of a robot for many configurations at once, components first."""
+"""Frames of all robot joints for many configurations at once, components first."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class JointTree:
-    """A robot's joints as constant steps; joint 0 is the root link.
+    """Joint tree with constant transforms between joints; joint 0 is the root link.
 
-    Every joint has a frame of its own here whose z axis is the joint's axis, so that its motion is a turn about z or a
-    shift along it.
+    Every joint has its own frame here, whose z axis is the joint axis. Its motion is a rotation about z or a
+    translation along z.
     """
 
     parents: tuple[int, ...]
-    """Joint before each joint; 0 of joint 0."""
+    """Parent of each joint; 0 for joint 0."""
     columns: tuple[int, ...]
-    """Column of each joint's position; -1 of joint 0."""
+    """Column of each joint's position; -1 for joint 0."""
     R_joint_own: FloatArray
-    """Rotation of the frame that is used here in pinocchio's of the same joint, shape (j, 3, 3)."""
+    """Rotation of the tree's frame in pinocchio's joint frame, shape (j, 3, 3)."""
     R_parent_own: FloatArray
-    """Rotation before each joint's motion, between frames that are used here, shape (j, 3, 3)."""
+    """Rotation between the tree's frames before the joint's motion, shape (j, 3, 3)."""
     p_parent_own: FloatArray
-    """Translation before each joint's motion [m], shape (j, 3)."""
+    """Translation before the joint's motion [m], shape (j, 3)."""
     slides: tuple[bool, ...]
-    """Whether a joint slides along its axis."""
+    """Whether a joint is prismatic."""
 
     @classmethod
     def of(cls, model: pin.Model, joints: tuple[str, ...]) -> JointTree:
-        """Measures a model.
+        """Build the tree of a model.
 
         Args:
-            model: of the URDF, one position per joint.
+            model: model of the URDF, one position per joint.
             joints: names of the joints in the order of their columns.
         """
         data = model.createData()
@@ -66,7 +66,7 @@ class JointTree:
         )
 
     def steps(self) -> JointSteps:
-        """Returns the joints as compiled functions take them."""
+        """Convert the tree for the compiled functions."""
         return JointSteps.of(
             np.array(self.parents),
             np.array(self.columns),
@@ -76,28 +76,28 @@ class JointTree:
         )
 
     def above(self, joints: Iterable[int]) -> set[int]:
-        """Returns some joints and all before them, without the root link."""
-        found = set()
+        """Return joints and all their ancestors, without the root link."""
+        ancestors = set()
         for joint in joints:
             while joint:
-                found.add(joint)
+                ancestors.add(joint)
                 joint = self.parents[joint]
-        return found
+        return ancestors
 
     def frames(
         self, position: FloatArray, needed: Iterable[int]
     ) -> dict[int, tuple[FloatArray, FloatArray]]:
-        """Returns frames of some joints in the root link's: rotations (3, 3, n) and translations (3, n).
+        """Compute frames of joints in the root link's: rotations (3, 3, n), translations (3, n).
 
         Args:
-            position: all joints [rad, m], shape (n, columns); those not above a needed joint do not count.
+            position: all joints [rad, m], shape (n, columns); those without effect on the needed joints are ignored.
             needed: numbers of joints.
         """
         n = len(position)
         root: FloatArray = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, n))
-        found = {0: (root, np.zeros((3, n)))}
+        frames = {0: (root, np.zeros((3, n)))}
         for joint in sorted(self.above(needed)):
-            R, p = found[self.parents[joint]]
+            R, p = frames[self.parents[joint]]
             p = p + product(self.p_parent_own[joint], R)
             R = product(self.R_parent_own[joint].T, R)
             q = position[:, self.columns[joint]]
@@ -110,5 +110,5 @@ class JointTree:
                 turned[:, 1] = c * R[:, 1] - s * R[:, 0]
                 turned[:, 2] = R[:, 2]
                 R = turned
-            found[joint] = R, p
-        return found
+            frames[joint] = R, p
+        return frames

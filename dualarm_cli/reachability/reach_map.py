@@ -95,7 +95,9 @@ def is_clear(
     """Check that an arm's joints on nodes are collision-free, the other arm aside."""
     if not len(q):
         return np.zeros(0, dtype=np.bool_)
-    margins = clearance.test.margins(clearance.test.own(arm), positions(model, arm, grid, node, q))
+    margins = clearance.test.margins(
+        clearance.test.arm_pairs(arm), positions(model, arm, grid, node, q)
+    )
     return np.asarray(margins >= SLACK)
 
 

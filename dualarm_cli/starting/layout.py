@@ -221,7 +221,7 @@ def _starts_at_home(cell: Cell, top: float) -> bool:
     """Returns whether the posture home is clear of everything, with all tools above the table."""
     model, home = CellModel.from_cell(cell), cell.robot.postures["home"]
     test = CellClearance.of(cell, ()).test
-    groups = [*(test.own(arm) for arm in model.arms), test.cross()]
+    groups = [*(test.arm_pairs(arm) for arm in model.arms), test.cross()]
     clear = all((test.margins(group, home[None]) >= SLACK).all() for group in groups)
     return clear and all(model.tool_position(arm, home)[2] > top for arm in model.arms)
 

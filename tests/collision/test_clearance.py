@@ -114,7 +114,7 @@ def test_a_number_stands_for_the_pairs_of_its_part(clearance, postures, part, on
     held = np.full(40, clearance.loads.number(part, on_line=on_line))
     test = clearance.test
     for a, arm in enumerate(clearance.arms):
-        own = test.margins(test.own(arm, part, on_line), postures)
+        own = test.margins(test.arm_pairs(arm, part, on_line), postures)
         np.testing.assert_array_equal(clearance.own_margins(a, postures, held), own)
         lying = test.margins(test.ground(arm, part), postures)
         least = np.where((lying < 0.0) & on_line, np.minimum(own, lying), own)

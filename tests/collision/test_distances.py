@@ -97,7 +97,7 @@ def test_nothing_is_known_of_what_is_no_number(tasks_folder):
     """A posture of NaN is free of nothing, whichever pairs there are."""
     test = QuickTest(load_job(tasks_folder / "04_packing" / "tasks.yaml").cell)
     position = np.full((1, 15), np.nan)
-    for group in (test.cross(), *map(test.own, test.arms)):
+    for group in (test.cross(), *map(test.arm_pairs, test.arms)):
         assert not (test.margins(group, position) >= 0.0).any()
 
 

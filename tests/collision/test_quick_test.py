@@ -59,7 +59,7 @@ def test_what_is_called_free_is_free(tasks_folder, name):
     limits = cell.robot.limits
     random = np.random.default_rng(3)
     q = random.uniform(limits.lower, limits.upper, (2000, len(limits.joints)))
-    groups = [test.cross(), *map(test.own, test.arms)]
+    groups = [test.cross(), *map(test.arm_pairs, test.arms)]
     quick = np.minimum.reduce([test.margins(group, q) for group in groups])
     truth = margins_by_coal(cell, q)
     assert not ((quick > 1e-6) & (truth < 0.0)).any()
@@ -83,7 +83,7 @@ def test_tools_of_boxes_and_carried_parts_are_where_coal_has_them(tasks_folder):
     test = QuickTest(cell, carried)
     limits = cell.robot.limits
     q = np.random.default_rng(5).uniform(limits.lower, limits.upper, (2000, len(limits.joints)))
-    groups = [test.cross({"left": "long"}), test.own("left", "long"), test.own("right")]
+    groups = [test.cross({"left": "long"}), test.arm_pairs("left", "long"), test.arm_pairs("right")]
     quick = np.minimum.reduce([test.margins(group, q) for group in groups])
     truth = margins_by_coal(cell, q, carried)
     assert not ((quick > 1e-6) & (truth < 0.0)).any()
@@ -94,7 +94,7 @@ def test_tools_of_boxes_and_carried_parts_are_where_coal_has_them(tasks_folder):
     np.testing.assert_allclose(quick[tight], truth[tight], atol=1e-4)
     # On its lines the part may touch what stands: those pairs alone are left out, and looked at as such.
     line = np.minimum.reduce(
-        [test.margins(g, q) for g in (groups[0], test.own("left", "long", True), groups[2])]
+        [test.margins(g, q) for g in (groups[0], test.arm_pairs("left", "long", True), groups[2])]
     )
     free = quick > 0.0
     lying = test.margins(test.ground("left", "long"), q)
