@@ -16,53 +16,53 @@ class StageEffort:
     """Effort of the search for orders of paired arms."""
 
     starts: int
-    """Searches from different orders."""
+    """Number of searches from different orders."""
     steps: int
-    """How often something is removed and put back in each, times the number of stages."""
+    """Number of ruin-and-recreate steps of a search, times the number of stages."""
     stretches: float
-    """Stretches that are improved, by stage of a long order."""
+    """Number of improved stretches per stage of a long order."""
     rounds: int = 0
-    """Rounds of annealing; it takes the place of all else where it serves."""
+    """Number of annealing rounds; annealing replaces the other searches if it supports the job."""
     coolings: int = 1
-    """So often it begins anew where orders are not long; less often with more of them."""
+    """Number of annealing restarts for short orders, fewer for longer ones."""
     near: int = 0
-    """So many orders that are nearly as good as its best one are kept each time."""
+    """Number of near-optimal orders kept from each annealing run."""
 
     def shorter(self, times: int) -> StageEffort:
-        """Returns an effort for a good order to begin with: one start, and so many times less of all else."""
+        """Reduce the effort by a factor, with a single start, for an initial order."""
         rounds = self.rounds // times
         return replace(self, starts=1, steps=self.steps // times, rounds=rounds, coolings=1, near=0)
 
 
 @dataclass(frozen=True)
 class TrialEffort:
-    """Effort of trying orders that the search found."""
+    """Effort of planning the orders from the search."""
 
     polished: int
-    """So many of all that were looked at are polished."""
+    """Number of evaluated orders that are polished."""
     rounds: int
-    """Rounds of polishing at first; the most promising ones get more of them."""
+    """Number of initial polishing rounds; the best orders get more."""
     planned: int
-    """So many of these are planned."""
+    """Number of polished orders that are planned."""
     full_stages: int = 24
-    """Stages up to which all of these orders are polished."""
+    """Number of stages up to which `polished` applies in full."""
     most_stages: int = 120
     """Stages above which only the best order is tried."""
     long: int = 40
-    """Stages, or tasks of asynchronous arms, above which only the most promising order is planned."""
+    """Number of stages or asynchronous tasks above which only the best order is planned."""
     promising: float = 0.04
     """Relative excess over the best order's estimate up to which another order is planned."""
     far_slower: float = 0.08
     """Relative excess of the estimate from which the file's order is slower by far."""
     searches: int = 2
-    """Further searches for orders without pairs of stops that turned out to touch."""
+    """Number of further searches for orders without the colliding pairs of stops."""
     searches_of_long: int = 1
-    """Further searches for long orders."""
+    """Number of further searches for long orders."""
     separations: int = 3
-    """Attempts after these that only separate stops that touch."""
+    """Number of later attempts that only separate colliding stops."""
 
     def of_stages(self, stages: int) -> TrialEffort:
-        """Returns the effort for so many stages: polishing more of them takes longer, and fewer orders are."""
+        """Scale the effort to a number of stages: fewer orders are polished in long sequences."""
         share = min(1.0, self.full_stages / max(1, stages))
         polished = round(self.polished * share * share)
         return replace(self, polished=max(self.planned, polished))
@@ -73,50 +73,50 @@ class ProofEffort:
     """Effort of a proof by dynamic programming over the stops made."""
 
     steps: int
-    """Steps for better prices."""
+    """Number of steps of the price optimisation."""
     labels: int
-    """Labels that are kept."""
+    """Maximum number of labels."""
     first_labels: int = 4000
-    """Labels of the first search for a better order."""
+    """Maximum number of labels in the first search for a better order."""
     late: float = 1.5
-    """Upper bound of an order that keeps all windows, in times of one without windows."""
+    """Upper bound of an order with windows, relative to an order without windows."""
 
 
 @dataclass(frozen=True)
 class CloseOrders:
-    """Effort of looking closely at nearly optimal orders."""
+    """Effort of the search among near-optimal orders."""
 
     labels: int
-    """Labels that are kept in each round."""
+    """Maximum number of labels in each round."""
     orders: int
-    """Orders that are looked at in each round, and returned at most."""
+    """Number of orders evaluated in each round, and maximum number returned."""
     rounds: int
     """Number of rounds."""
     excess: float = 0.03
-    """Relative excess over the best order of nearly optimal ones."""
+    """Relative excess of near-optimal orders over the best order."""
 
 
 @dataclass(frozen=True)
 class BoundEffort:
-    """Effort of the bound on all orders, and of better orders on the way to it."""
+    """Effort of the bound on all orders, and of better orders during its search."""
 
     nodes: int
-    """Up to so many stages that may be, dynamic programming over the stops made serves."""
+    """Maximum number of possible stages for dynamic programming over the stops made."""
     proof: ProofEffort
-    """How hard it tries."""
+    """Effort of dynamic programming."""
     near: CloseOrders
-    """Search for better orders among nearly optimal ones."""
+    """Effort of the search for better orders among near-optimal ones."""
     seconds: float
-    """How long CP-SAT searches at most elsewhere, in its deterministic seconds."""
+    """Time limit of CP-SAT for larger jobs [deterministic seconds]."""
     most_tasks: int = 60
-    """Tasks up to which CP-SAT searches for a bound."""
+    """Maximum number of tasks for CP-SAT's search for a bound."""
     time_share: float = 0.2
-    """Share of a time limit that is kept for the bound."""
+    """Fraction of a time limit reserved for the bound."""
     full_stops: int = 24
-    """Stops up to which all of this effort is spent."""
+    """Number of stops up to which the whole effort is spent."""
 
     def of_stops(self, stops: int) -> BoundEffort:
-        """Returns the effort for so many stops: with more of them everything takes longer, and less is done of it."""
+        """Scale the effort to a number of stops: less of everything for large jobs."""
         share = min(1.0, self.full_stops / max(1, stops))
         near = replace(
             self.near,
@@ -133,21 +133,21 @@ class FreeEffort:
     """Effort of the search for orders of asynchronous arms."""
 
     glance: int
-    """How often something is removed and put back at every angle."""
+    """Number of ruin-and-recreate steps at every platform angle."""
     iterations: int
-    """The same at the best angles, for up to a hundred tasks."""
+    """Number of ruin-and-recreate steps at the best angles, for up to a hundred tasks."""
     angles: int
-    """How many angles are looked at closely."""
+    """Number of platform angles searched closely."""
     proof: float
-    """How long a bound is looked for at most, in CP-SAT's deterministic seconds."""
+    """Time limit of CP-SAT's search for a bound [deterministic seconds]."""
     planned: int = 3
-    """Orders that are planned, if one of them has a plan."""
+    """Number of orders that are planned, if one of them has a plan."""
     tried: int = 6
-    """Orders that are tried until one has a plan."""
+    """Maximum number of orders that are planned until one has a plan."""
     planned_epochs: int = 2
-    """Orders with several platform angles that are planned."""
+    """Number of orders with several platform angles that are planned."""
     waited: float = 0.1
-    """Share of the time that each arm waits from which paired arms are planned as well, without a platform."""
+    """Waiting fraction of each arm from which paired arms are planned, too, without a platform."""
 
 
 @dataclass(frozen=True)
@@ -155,21 +155,21 @@ class EpochEffort:
     """Effort of the search for epochs of one platform angle each."""
 
     sets: int
-    """Combinations of angles whose tasks are moved about."""
+    """Number of angle combinations whose tasks are moved between epochs."""
     moves: int
-    """How often tasks are moved to another epoch, for each of them."""
+    """Number of task moves to another epoch for each combination."""
     glance: int
-    """How often something is removed and put back in an epoch while tasks are moved about."""
+    """Number of ruin-and-recreate steps of an epoch during task moves."""
     close: int
-    """The same for the best ones at last."""
+    """Number of final ruin-and-recreate steps for the best combinations."""
     tasks: int = 20
-    """Tasks above which combinations and moves become fewer."""
+    """Number of tasks above which combinations and moves become fewer."""
     most_epochs: int = 3
-    """Platform angles that are combined in all ways; more only where fewer do not reach all tasks."""
+    """Maximum size of angle combinations, exceeded only if smaller ones miss tasks."""
     combinations: int = 40
     """Maximum number of combinations of angles that are rated."""
     hot: float = 0.1
-    """Share of the total that a change may cost at first."""
+    """Initial annealing temperature as a fraction of the total."""
 
 
 @dataclass(frozen=True)
@@ -221,9 +221,9 @@ class Resolution:
     step: float
     """Width of the platform's cells [rad]."""
     arm_angles: int
-    """Parts of the circle of elbows."""
+    """Number of parts of the elbow circle."""
     finer: int
-    """How many times finer, in both directions, the cells are on which joints are enclosed."""
+    """Subdivision factor, in both directions, of cells on which joints are enclosed."""
 
 
 @dataclass(frozen=True)
@@ -231,41 +231,41 @@ class EffortSettings:
     """Settings of one value of `--effort`."""
 
     orders: StageEffort
-    """The search for orders of paired arms."""
+    """Effort of the search for orders of paired arms."""
     trials: TrialEffort
-    """Which of these orders are planned."""
+    """Effort of planning these orders."""
     order_bound: BoundEffort
-    """The bound on all orders."""
+    """Effort of the bound on all orders."""
     clocks: FreeEffort
-    """The search for orders of arms that work by themselves."""
+    """Effort of the search for orders of asynchronous arms."""
     epochs: EpochEffort
-    """The search for epochs of one platform angle each."""
+    """Effort of the search for epochs of a platform angle each."""
     search: SearchEffort
-    """The search over the whole sequence."""
+    """Effort of the search over the whole sequence."""
     bound: Resolution
-    """The lower bound on the cycle time of given stages."""
+    """Resolution of the lower bound of given stages."""
     hopeless_orders: int
-    """No other order is tried after so many in which an arm touches something whatever the other one does."""
+    """Number of orders with a collision of an arm alone after which the search ends."""
     section_orders: int
-    """Orders of sections that are planned."""
+    """Number of orders of sections that are planned."""
     section_starts: int
-    """Starts of a section that are looked at where the first is dear to reach without a collision."""
+    """Number of accepted starts of a section that are compared."""
     seam_samples: int
-    """Configurations that are drawn as starts of a seam."""
+    """Number of random configurations as starts of a seam."""
     seam_starts: int
-    """Those of them that are improved."""
+    """Number of seam starts that are improved."""
     widths: int = 1
-    """Widths of steps with which the ways of passing lines' ends in motion are refined."""
+    """Number of step widths for the refinement of launches."""
     short_stops: int = 24
-    """Stops up to which a job is planned with less effort as well."""
+    """Number of stops up to which a job is planned with less effort, too."""
     sequence: SequenceSettings = SequenceSettings()
-    """Numbers of the search over the whole sequence."""
+    """Settings of the search over the whole sequence."""
     clearing: ClearanceSettings = ClearanceSettings()
-    """The clearance loop and its repairs."""
+    """Settings of the clearance loop and its repairs."""
 
     @property
     def spares(self) -> bool:
-        """Whether time is spared where more of it seldom helps."""
+        """Flag of efforts that save time if more search seldom helps."""
         return self.search.spares
 
 
@@ -360,11 +360,11 @@ EFFORTS: Mapping[str, EffortSettings] = {
         widths=6,
     ),
 }
-"""Settings of each word of `--effort`; more of everything gives a shorter plan as a rule, not always."""
+"""Settings by value of `--effort`; a higher effort usually gives a shorter plan."""
 
 
 def less_effort(effort: str) -> str | None:
-    """Returns the next word below one of `--effort`; None below the least."""
+    """Return the next lower value of `--effort`, or None."""
     words = list(EFFORTS)
     place = words.index(effort)
     return words[place - 1] if place else None

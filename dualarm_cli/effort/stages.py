@@ -1,4 +1,4 @@
-"""Numbers of the search over a sequence of stages: its effort, and what all efforts share."""
+"""Settings of the search over a sequence of stages: its effort, and settings of all efforts."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class LengthScaling:
     """Factor from which a sequence gets the grids for short ones as well."""
 
     def damping(self, stages: int) -> float:
-        """Return the weight of single stages' luck: 1 up to `long`, less in longer sequences."""
+        """Compute the damping of thresholds: 1 up to `long`, less in longer sequences."""
         return min(1.0, float(np.sqrt(self.long / stages)))
 
     def factor(self, stages: int) -> int:
-        """Return the factor of rounds and plans in a sequence, 1 or more."""
+        """Compute the factor of rounds and plans in a sequence, 1 or more."""
         return min(self.max_factor, max(1, self.long // stages))
 
 
@@ -47,16 +47,16 @@ class Mesh:
     arm_angles: int
     """Arm angles around the circle."""
     most_nodes: int
-    """Most nodes of one stop."""
+    """Maximum number of nodes of a stop."""
     width: int
-    """States that the beam keeps."""
+    """Number of states of the beam."""
     per_angle: int = 4
-    """Nodes of each arm that the beam pairs at each platform angle."""
+    """Number of nodes of each arm that the beam pairs at each platform angle."""
     around: int = 0
-    """Platform angles to either side of a plan's own that are looked at; 0 for the whole range."""
+    """Number of platform angles to either side of a plan's angle; 0 for the whole range."""
 
     def thinned(self, share: float) -> Mesh:
-        """Returns the mesh with a share of its nodes."""
+        """Reduce the mesh to a fraction of its nodes."""
         return replace(self, most_nodes=round(share * self.most_nodes))
 
 
@@ -89,33 +89,38 @@ class SearchEffort:
     random_steps: int = 0
     """Random steps that are offered in each round."""
     cycles: int = 2
-    """How often a plan is polished for motion through the outer ends of lines, where tools may pass them: first with
-    one way of passing all, from the second time on with those that go best with it."""
+    """Number of polishing cycles for motion through the outer ends of lines.
+
+    The first cycle has the same launch at every end, the following ones the best launches of the plan.
+    """
     passing_rounds: int = 2
-    """Rounds of polishing each time."""
+    """Number of polishing rounds in each cycle."""
     rivals: int = 0
-    """So many other plans are polished so as well, and what is best of all of them once more."""
+    """Number of other plans polished in the same cycles, and combined."""
     for_few: tuple[Mesh, ...] = ()
     """Further grids for short sequences."""
     local: Mesh = LOCAL
-    """The grid around the best plan so far, in sequences of fewer stages than `SCALING.long`."""
+    """Grid around the best plan, for fewer stages than `SCALING.long`."""
     local_rounds: int = 1
-    """How often there is such a grid, at most; arms without closed forms have one in any case."""
+    """Maximum number of local grids; arms without closed forms have at least 1."""
     plans: int = 1
-    """Plans of every grid that are polished: different in branches, targets or yaws."""
+    """Number of polished plans of a grid, different in branches, targets or yaws."""
     near: Mesh = NEAR
     """The grid around a plan that collides."""
     begun: float = 12
-    """Sequences of so many stages or fewer are searched from simpler methods' plans as well; longer ones only where no
-    grid has a plan."""
+    """Number of stages up to which simpler methods' plans are starts of the search, too.
+
+    Longer sequences have these starts only if no grid has a plan.
+    """
     refined: int = 12
-    """Blended sequences of so many stages or fewer are compared with the refined plan of `minimum_time` in any case: at
-    8 and 12 stages that is a quarter of quick effort's time, and gave nothing."""
+    """Number of stages up to which the refined plan of `minimum_time` always competes, blended.
+
+    At 8 and 12 stages this is a quarter of quick effort's time, and gained nothing.
+    """
     spares: bool = True
     """Flag of efforts that save time where more search seldom helps.
 
-    Long sequences get fewer nodes and fewer of their plans polished, and simpler plans are not refined beside a good
-    one.
+    Long sequences get fewer nodes and fewer polished plans, and simpler plans are not refined next to a better one.
     """
 
     def for_stages(self, stages: int) -> SearchEffort:
@@ -144,9 +149,10 @@ class SearchEffort:
         )
 
     def for_general_arms(self, stages: int) -> SearchEffort:
-        """Returns less of all for arms without closed forms, whose postures take some thirty times as long.
+        """Reduce the effort for arms without closed forms.
 
-        One grid, the finer one for short sequences, another one around its plan, and little polishing.
+        Their postures take some thirty times as long. They get a single grid, the finer one for short sequences, a grid
+        around its plan, and little polishing.
         """
         few = SCALING.max_factor * stages <= SCALING.long and self.for_few
         return replace(
@@ -162,10 +168,10 @@ class SearchEffort:
 
 @dataclass(frozen=True)
 class SequenceSettings:
-    """Numbers of the search over a sequence; every `SequenceProblem` has them."""
+    """Settings of the search over a sequence, in every `SequenceProblem`."""
 
     neighbours: int = 1
-    """Stages to either side of a colliding one that are re-planned with it."""
+    """Number of stages to either side of a colliding one that are re-planned with it."""
     further_neighbours: int = 4
     """Further stages to either side that are re-planned in the second attempt."""
     least_grid_gain: float = 2e-3
@@ -175,124 +181,133 @@ class SequenceSettings:
     same_angle: float = 1e-3
     """Difference of platform angles below which two plans are the same [rad]."""
     in_parts: int = 2 * SCALING.long
-    """Stages from which a sequence is decided part by part, where an effort saves time."""
+    """Number of stages from which a sequence is decided in parts."""
     polished_in_long: int = 2
-    """Plans of a long sequence that are polished before they are combined, where an effort saves time."""
+    """Number of plans of a long sequence that are polished before their combination."""
     part: int = 100
     """Approximate number of stages of a long sequence that are decided together."""
     part_overlap: int = 4
-    """Stages to either side of where two parts meet that are decided in both."""
+    """Number of stages to either side of a part's border that are decided in both parts."""
     clear_tries: int = 24
     """Maximum number of combinations that are tested for clearance."""
 
     node_yaws: int = 6
-    """Yaws of a node set where any will do and yaw changes more than the last joint."""
+    """Number of yaws of nodes with free yaw that moves further joints."""
     line_factor: float = 1.08
     """Approximate ratio of a line's time to the rest-to-rest time of its joints' displacements.
 
     Joints on a line start and stop together along a curve.
     """
     swing_steps: int = 3
-    """Half steps of the arm angle that a line may swing to either side."""
+    """Maximum change of the arm angle along a line [half steps]."""
     thorough_angles: int = 3
-    """Platform angles up to which all of the self-motion is sampled, for arms without closed forms."""
+    """Number of platform angles up to which general arms sample the whole self-motion."""
     general_node_share: float = 0.5
-    """Share of a grid's nodes that is searched for these arms: they take longer than in closed form."""
+    """Fraction of a grid's nodes that is searched for arms without closed forms."""
     general_sideways: tuple[float, ...] = (0.5, -0.5, 1.0, -1.0)
-    """Further nodes along the self-motion of those that are found, as many as are needed [rad]."""
+    """Offsets of further nodes along the self-motion [rad], as many as needed."""
     general_around: tuple[float, ...] = (0.0, -0.3, -0.1, 0.1, 0.3)
     """Places on the self-motion of nodes around a plan [rad]."""
     general_drift: float = 0.2
     """Variation of the drift of either line there [rad]."""
     passing: tuple[int, int] = (0, 6)
-    """Profile and cut, as indices, by which postures are chosen at first, under jerk limits."""
+    """Indices of the initial profile and cut of launches, under jerk limits."""
     passing_without_jerk: tuple[int, int] = (8, 6)
-    """Profile and cut by which postures are chosen at first without jerk limits."""
+    """Indices of the initial profile and cut of launches, without jerk limits."""
     shared_transfers: int = 16
-    """Transfers from which two processes choose the ways of passing lines' ends."""
+    """Number of transfers from which two processes choose launches."""
 
     step_shares: tuple[float, ...] = (0.25, 0.5, 1.0, 1.7)
-    """Shares of the linear step that every stage may take."""
+    """Fractions of the linear step that every stage may take."""
     first_radius: float = 0.15
     """Trust radius of a variable in the first round of polishing [rad]."""
     radius_factor: float = 0.85
     """Shrink factor of the trust radius after a round with little gain."""
     least_gain: float = 3e-4
-    """Share of the cycle time below which a round's gain is little."""
+    """Fraction of the cycle time below which a round's gain is small."""
     smallest_radius: float = 2e-3
     """Trust radius below which polishing ends [rad]."""
     near_critical: float = 0.55
-    """Share of a stage's transfer time from which a joint's own time has a row in the linear program."""
+    """Fraction of the transfer time from which a joint's time constrains the linear program."""
     window: int = 24
-    """Stages that are improved together; the windows of the next round lie half a window further on."""
+    """Number of stages improved together; the next round's windows are shifted by a half."""
     shared_windows: int = 10
-    """Windows from which two processes improve them."""
+    """Number of windows from which two processes improve them."""
 
     repair_yaws: int = 48
-    """Yaws around the circle that are tried where the shared-out yaw is impossible."""
+    """Number of candidate yaws if the distributed yaw is infeasible."""
     last_joint_margin: float = 0.02
-    """Distance to the last joint's limits that its motion along the lines may use [rad]."""
+    """Margin to the last joint's limits for its motion along lines [rad]."""
     shared_stages: int = 48
-    """Stages from which the arms' nodes are made in two processes."""
+    """Number of stages from which two processes compute the arms' nodes."""
     beam_repeats: int = 12
-    """Maximum number of beams, each without nodes whose lines turned out to be impossible."""
+    """Maximum number of beams, each without nodes whose lines were infeasible."""
 
     scan_step: float = float(np.radians(1.0))
-    """Spacing of the platform angles scanned for one stage, besides those within the arm's reach [rad]."""
+    """Spacing of the platform angles scanned for a stage [rad]."""
     scan_rounds: int = 4
-    """Rounds in which the bracket about an interval's end is cut: to 1e-6 of it."""
+    """Number of rounds that cut the bracket of an interval's end, to 1e-6."""
     coarse_scan_step: float = float(np.radians(3.0))
-    """Spacing of the platform angles scanned for arms without closed forms, which take long [rad]."""
+    """Spacing of scanned platform angles for arms without closed forms [rad]."""
     coarse_scan_rounds: int = 2
-    """Rounds in which brackets are cut for arms without closed forms: to 1e-3."""
+    """Number of rounds that cut brackets for arms without closed forms, to 1e-3."""
     angles_in_reach: int = 65
-    """Platform angles scanned along each arc from which a stop is within reach."""
+    """Number of platform angles scanned along each arc within reach of a stop."""
     scan_yaws: int = 8
-    """Yaws that are scanned where any will do."""
+    """Number of scanned yaws if yaw is free."""
     interval_shares: tuple[float, ...] = (0.1, 0.5, 0.9)
-    """Places of nodes in an interval of arm angles."""
+    """Relative positions of nodes in an arm-angle interval."""
     scan_arm_angles: int = 24
-    """Arm angles around the circle for lines to given configurations."""
+    """Number of arm angles for lines to given configurations."""
     node_oversampling: int = 3
-    """Ratio of nodes whose lines are examined to nodes kept, since not all lines can be followed."""
+    """Ratio of nodes with tested lines to selected nodes."""
     every_node: int = 12_000
-    """Number of nodes that is never reached, to see whether a platform angle has any."""
+    """Node limit that is never reached, to test whether a platform angle has nodes."""
     own_angles: int = 48
-    """Platform angles that are examined in a stage whose arms share none of the grid's."""
+    """Number of exact platform angles of a stage without a common grid angle."""
     own_pairs: int = 8
-    """Nodes of each arm that are paired at each of these angles."""
+    """Number of nodes of each arm that are paired at each exact platform angle."""
 
     oversampling: int = 4
-    """Pairs per arm and kept state of a beam: several steps lead to the same pair of nodes."""
+    """Oversampling factor of a beam's pairs, because several steps lead to the same pair."""
     clearance_oversampling: int = 8
-    """Further factor of the pairs that are sorted with collision checking."""
+    """Further oversampling factor of sorted pairs with collision checking."""
     first_per_kind: int = 2
-    """Pairs of a kind that are rated first: else all the best ones share one collision."""
+    """Number of pairs of a kind rated first; the best may share a collision."""
     fallback_per_angle: int = 16
-    """Nodes of each arm paired at each platform angle in the fallback search.
+    """Number of nodes of each arm paired at each platform angle in the fallback search.
 
     It extends the best state alone, if all rated pairs collide.
     """
     varied_states: int = 64
-    """Minimum number of states that a varied beam keeps: the pairs of eight branches of two arms."""
+    """Minimum number of states of a varied beam: the branch pairs of two arms."""
     varied_pairs: int = 4096
-    """Pairs of nodes that a varied beam rates in a stage."""
+    """Number of node pairs that a varied beam rates in a stage."""
     varied_options: int = 1_000_000
-    """Pairs of nodes that a varied beam sorts in a stage."""
+    """Number of node pairs that a varied beam sorts in a stage."""
     quadrant_border: float = 0.3
-    """Offset of the quadrants' borders from the multiples of a quarter turn, where many joints are [rad]."""
+    """Offset of quadrant borders from multiples of a quarter turn, which are common values [rad]."""
 
     alike: float = 0.08
-    """Relative excess of a simpler method's estimate below which its plan is timed exactly as well.
+    """Relative excess of a simpler method's estimate below which its plan is timed exactly.
 
     Estimates of lines are a few percent off, and a third of a cycle is lines. In longer sequences what is wrong with
     single lines evens out.
     """
     refined: float = 0.08
-    """Relative excess of a simpler method's plan below which it is refined: refining gains 1 to 7 percent."""
+    """Relative excess of a simpler method's plan below which it is refined.
+
+    Refinement gains 1 to 7 percent.
+    """
     refined_moves: float = 0.03
-    """The same of the rough plan of `minimum_time`, whose refinement takes as long as the search."""
+    """Relative excess of the plan of `minimum_time` below which it is refined.
+
+    Its refinement takes as long as the search.
+    """
     few_stages: int = 12
-    """Stages up to which the refined plan of `minimum_time` competes if all stop at lines' ends, and in repairs."""
+    """Number of stages up to which the refined plan of `minimum_time` competes.
+
+    Without blending, and in repairs.
+    """
     given_stages: int = 50
-    """Stages above which an order is planned from the plan that it was chosen by alone."""
+    """Number of stages above which an order is planned from its trial plan alone."""
