@@ -1,4 +1,4 @@
-"""Clearance test of a cell by arm, by held objects, and on or off lines."""
+"""Clearance test of a cell, by arm, held objects and kind of motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stops at which a tool or part lacks clearance from a lying part in any posture."""
+"""Stops that lack clearance from a lying part in any posture."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def crowded_stops(job: Job) -> list[Crowded]:
 
 
 def is_same_spot(stop: Stop, room: PartRoom) -> bool:
-    """Check whether the tool positions of a stop and of a room's stop are equal."""
+    """Check whether a stop and a room's stop have the same tool position."""
     poses = [s.target.pose for s in (stop, room.stop) if isinstance(s.target, PoseTarget)]
     return len(poses) == 2 and bool(
         np.abs(poses[0].translation - poses[1].translation).max() <= SAME_SPOT

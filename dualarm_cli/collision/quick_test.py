@@ -134,7 +134,7 @@ class QuickTest:
         return self._groups[key]
 
     def ground(self, arm: str, part: str) -> PairGroup:
-        """Return the pairs of a load with standing bodies that may touch on lines, not overlap.
+        """Return the pairs of a load and standing bodies that may touch on lines.
 
         Args:
             arm: arm that holds it.
@@ -186,7 +186,7 @@ class QuickTest:
         return self._groups[key]
 
     def touching(self, arm: str, part: str, stops: Iterable[tuple[int, Visit]]) -> PairGroup:
-        """Return the pairs of an arm's part and tool with lying parts that may touch.
+        """Return the pairs of an arm and lying parts that may touch.
 
         They must not overlap.
 

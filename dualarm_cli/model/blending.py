@@ -29,7 +29,7 @@ class Blending:
     passes: Callable[[Stop], bool]
     """Test of stops whose target or outer line ends tools may pass in motion."""
     law: Callable[[RestToRest], RestToRest]
-    """Least times of transfers and lines under joint limits, given the law from rest to rest."""
+    """Timing law with blending, given the law from rest to rest."""
     assumption: Note | None = None
     """Assumption of the lower bound under that law; None for that of plans at rest."""
 

@@ -44,7 +44,7 @@ class Kept:
     """Column number, from 1."""
 
     def __str__(self) -> str:
-        """Describe the measured and the allowed value, and the place of a line that is missed."""
+        """Format measured and allowed value, and the place of a missed line."""
         verdict = "kept" if self.kept else f"MISSED ({self.file}:{self.line}:{self.column})"
         return f"{self.figures}: {verdict}"
 

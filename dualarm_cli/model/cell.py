@@ -51,9 +51,9 @@ class ToolChanges:
     time: float = 0.0
     """Time at rest at a stand while a tool is taken or left [s]."""
     approach: float = 0.0
-    """Length of the straight approach to a stand, along +z of the fixed tool [m]."""
+    """Length of the straight approach to a stand, along the fixed tool [m]."""
     retract: float = 0.0
-    """Length of the straight retract from a stand, along -z of the fixed tool [m]."""
+    """Length of the straight retract from a stand, along the fixed tool [m]."""
     place: Place = NOWHERE
     """Place of the tool changes in the cell file."""
 
@@ -106,13 +106,13 @@ class Cell:
     clearance: float = 0.0
     """Required distance of all bodies that may not touch [m]."""
     tool_speed: float | None = None
-    """Limit of the speed of every tool centre point in the world [m/s], or None."""
+    """Speed limit of all tool centre points in the world [m/s], or None."""
     clearances: tuple[tuple[str, str, float], ...] = ()
     """Required distance of single pairs of bodies (links, `left_tool`, parts, obstacles) [m]."""
     allowed_contacts: tuple[tuple[str, str], ...] = ()
     """Pairs of bodies that may touch, in addition to those of the robot."""
     parts: Mapping[str, tuple[Shape, ...]] = field(default_factory=dict)
-    """Solids of each kind of part, in the frame of the tool that carries it."""
+    """Solids of each kind of part, in the frame of its tool."""
     tool_changes: Mapping[str, ToolChanges] = field(default_factory=dict)
     """Tool changes by arm; arms that change no tools are missing."""
     conveyors: Mapping[str, Conveyor] = field(default_factory=dict)
@@ -144,7 +144,7 @@ class Cell:
         return self.tools[arm].tcp.actInv(self.tool_changes[arm].tools[tool].tool.tcp)
 
     def held_shapes(self, arm: str, held: Held) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
-        """Return the solids of a held tool and part, in the frame of the fixed tool."""
+        """Return the solids of a held tool and part, in the fixed tool's frame."""
         T_flange_own, of_tool = self.tools[arm].tcp, tuple[Shape, ...]()
         if held.tool:
             of_tool = tuple(
@@ -193,7 +193,7 @@ class Conveyor:
 
 @dataclass(frozen=True)
 class OnBelt:
-    """Motion of a target with a conveyor, and the range in which it may be reached.
+    """Motion of a target with a conveyor, and its reachable range.
 
     The target does not turn.
     """
@@ -220,7 +220,7 @@ class OnBelt:
         return self.conveyor.speed * (time - self.passes)
 
     def moved(self, pose: pin.SE3, time: float) -> tuple[pin.SE3, OnBelt]:
-        """Move a pose that holds at time `at` with the belt to a time [s].
+        """Move a pose at time `at` with the belt to another time [s].
 
         The target comes back with the new time as `at`.
         """

@@ -41,7 +41,7 @@ TAKES: frozenset[str] = frozenset({"pick", "take", "take_tool"})
 GIVES: frozenset[str] = frozenset({"place", "give", "leave_tool"})
 """Actions after which the arm no longer holds the task's part or tool."""
 AFTER_DWELL: frozenset[str] = frozenset({"place", "take", "leave_tool"})
-"""Actions that take effect at the end of the dwell instead of at the event.
+"""Actions that take effect at the end of the dwell, not at the event.
 
 In a hand-over the giving arm's event is the end of the taking arm's dwell, so that one of the arms holds the part at
 any time.
@@ -61,7 +61,7 @@ class PoseTarget:
     """Pose of the tool centre point, with its free yaw or symmetry."""
 
     pose: pin.SE3
-    """Pose of the arm's fixed tool centre point in the world, also for changed tools."""
+    """World pose of the fixed tool centre point, also for changed tools."""
     free_yaw: bool = False
     """Whether the yaw about the tool's z axis is free."""
     symmetry: int = 1
@@ -315,7 +315,7 @@ class Job:
     speed: float = 1.0
     """Fraction of full speed; dwells keep their length."""
     tool_speed: float | None = None
-    """Limit of the speed of every tool centre point in the world [m/s], or None."""
+    """Speed limit of all tool centre points in the world [m/s], or None."""
     inputs: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of every file that was read, by name within the project."""
     notes: tuple[str, ...] = ()
@@ -337,7 +337,7 @@ class Job:
     beside: tuple[tuple[Task, Stop], ...] = ()
     """Stops of parts that lie in the cell throughout a part of a job."""
     begin: FloatArray | None = field(default=None, compare=False)
-    """Start configuration of a part of a job [rad or m], shape (n,), or None.
+    """Start configuration for part of a job [rad or m], shape (n,).
 
     With it, `start` is only a name.
     """
@@ -400,11 +400,11 @@ class Job:
 
     @property
     def in_sections(self) -> bool:
-        """Whether the job is planned section by section, because paths and seams are done alone."""
+        """Whether the job has paths or seams, which are planned as separate sections."""
         return any(task.alone for task in self.tasks)
 
     def carried(self) -> list[tuple[str, str]]:
-        """List arm and name of every object that an arm may hold, tools before parts.
+        """List (arm, name) of every object that may be held, tools first.
 
         Names are those of `Held`. Tools of arms that change tools are included, whether or not the tasks name them yet.
         They come first because the object with the part is the more complete of those before and after a stop.

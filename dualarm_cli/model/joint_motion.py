@@ -1,4 +1,4 @@
-"""Motion of all joints in groups with their own knots, and merged into one trajectory.
+"""Motion of all joints, in groups with their own knots or merged.
 
 The joints of a group are timed together and share knots. Accelerations at the knots determine the motion: velocities
 and positions follow from knot to knot by one formula in one order, so that every evaluation gives the same doubles. At
@@ -138,7 +138,7 @@ def lean(
 
 
 def _few_anchors(at_rest: BoolArray) -> IntArray:
-    """Select the first knot of each rest as anchors, and knots at most ANCHORS_APART later."""
+    """Select anchors: the first knot of each rest, and at regular intervals."""
     begins = at_rest & ~np.append(False, at_rest[:-1])
     first = distinct(np.append(0, np.flatnonzero(begins)))
     ends = np.append(first[1:], len(at_rest))

@@ -82,7 +82,7 @@ class Hold:
         return self.still or self.pose is not None
 
     def at(self, share: FloatArray) -> Poses:
-        """Return the part's rotations (k, 3, 3) and positions (k, 3) [m] in the world.
+        """Return the part's poses in the world: rotations (k, 3, 3), positions (k, 3) [m].
 
         At fractions (k,) of the seam; only if the file gives them.
         """

@@ -1,4 +1,4 @@
-"""Detours that begin and end in motion, with a via point instead of a curve.
+"""Detours in motion, with a via point instead of a curve.
 
 The arm passes its via point in the state of a collision-free curve. Given that state, the transfers before and after it
 are independent problems, so that the launch on each side is chosen separately. The caller checks for collisions. The
@@ -131,7 +131,7 @@ def _quickest(
     state: tuple[FloatArray, FloatArray],
     least: float,
 ) -> tuple[int, int, float]:
-    """Select the launches of the lines around a via point, and the total time [s].
+    """Choose the launches around a via point; return also the total time [s].
 
     Args:
         drive: of the job.

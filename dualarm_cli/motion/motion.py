@@ -57,11 +57,11 @@ class StageWaits:
     reasons: Mapping[str, WaitReason] = field(default_factory=dict)
     """Reason of the wait, by arm."""
     delays: Mapping[str, float] = field(default_factory=dict)
-    """Delay of single arms in the stage, so that both meet their parts [s], by arm."""
+    """Delays within the stage with which both arms meet their parts [s]."""
 
 
 def waiting_for_tasks(plans: Sequence[StagePlan]) -> list[dict[str, ArmStop]]:
-    """List the arms that wait for a task in each stage, with their next stop.
+    """List the arms that wait for a task, by stage, with their next stop.
 
     Args:
         plans: all stages in order.
@@ -249,7 +249,7 @@ def realise(
 
 
 def _transfers(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Transfers:
-    """Time the transfers of a stage, in motion next to lines that are passed in motion."""
+    """Time the transfers of a stage, in motion next to blended lines."""
     rates = rates_between(drive, before, plan)
     if plan.through or giver_and_taker(plan.stops) is not None:
         return transfers_in_motion(drive, plan, rates)

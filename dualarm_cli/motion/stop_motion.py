@@ -231,7 +231,7 @@ def timed_line(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> T
 
 
 def time_lines(drive: Drive, plans: Sequence[StagePlan]) -> None:
-    """Time the lines of stages that are not in the cache, in two processes if allowed.
+    """Time the uncached lines of stages, in two processes if allowed.
 
     Lines that cannot be timed are skipped.
 
@@ -316,7 +316,7 @@ def rates_between(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Ra
 
 
 def transfers_in_motion(drive: Drive, plan: StagePlan, rates: Rates) -> Transfers:
-    """Time the transfers of a stage in which arms may depart and arrive in motion.
+    """Time the transfers of a stage whose arms may move at both ends.
 
     An arm that passes its target arrives at the stage's end. A taking arm that arrives in motion arrives when the
     giving arm is ready.
@@ -337,7 +337,7 @@ def transfers_in_motion(drive: Drive, plan: StagePlan, rates: Rates) -> Transfer
 
 
 def stop_duration(drive: Drive, plan: StagePlan, arm_stop: ArmStop) -> float:
-    """Compute the time from the start of an approach to the end of the retract [s]."""
+    """Compute the duration of a stop from approach to retract [s]."""
     if arm_stop.tracked is not None:
         return arm_stop.tracked.motion.duration
     stop, duration = arm_stop.stop, arm_stop.stop.dwell.total

@@ -90,7 +90,7 @@ Key = tuple[Hashable, ...]
 
 @dataclass(frozen=True)
 class MotionCache:
-    """Motions of a job that were timed so far, reused when other stages are repaired."""
+    """Cache of timed motions, reused when other stages are repaired."""
 
     lines: dict[Key, tuple[Stop, Trajectory]] = field(default_factory=dict)
     """Timed lines, with their stop, which keeps its identity from being reused."""
@@ -115,7 +115,7 @@ class Drive:
     timing: TimingSolver
     """Solver for transfers, lines and curves."""
     cap: float | None
-    """Limit of the speed of any tool centre point in the world [m/s], or None."""
+    """Speed limit of all tool centre points in the world [m/s], or None."""
     cache: MotionCache = field(default_factory=MotionCache)
     """Motions that were timed so far."""
 

@@ -125,7 +125,7 @@ Place = tuple[int, int]
 def quickest_pair(
     before: Passings, after: Passings, problem: TransferProblem, rest: float, room: float = 0.0
 ) -> tuple[int, int, float]:
-    """Find the best launches of two lines with their transfer, and the total time [s].
+    """Find the best launches of two lines; return also the total time [s].
 
     A pattern search: from the best of a few pairs to a better neighbour, changing profile and cut of one line or the
     cuts of both, until there is none. Never slower than from rest to rest; optimality is not guaranteed.

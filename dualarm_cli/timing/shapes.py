@@ -48,7 +48,7 @@ def differentiation_matrix(nodes: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Shapes:
-    """g shapes; each has a start ramp and an end ramp of its own.
+    """Double-S shapes, g of them; each has its own start and end ramp.
 
     A ramp takes a share of the time, and its two jerk phases take a share of the ramp each (0.5: no phase of
     constant acceleration). Between the ramps the speed is constant.

@@ -1,4 +1,4 @@
-"""Duration of a stage from the times of transfers, lines and dwells of both arms."""
+"""Duration of stages from transfer, line and dwell times of both arms."""
 
 from __future__ import annotations
 

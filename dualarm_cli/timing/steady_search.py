@@ -190,7 +190,7 @@ class TooFast:
 
 
 def steady_limit(rates: PathRates, limits: JointLimits) -> TooFast:
-    """Find the largest steady speed along the whole path, with its limiting joint and place."""
+    """Find the largest steady speed along the path, and what limits it."""
     names = ("velocity", "acceleration", "jerk")
     allowed = (limits.velocity, limits.acceleration, limits.jerk)
     slowness = [

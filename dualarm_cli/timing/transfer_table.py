@@ -27,7 +27,7 @@ SAME_LAW = 0.03
 STEPS = 32_000
 """Steps of the table over the widest joint range; differences then fit 16 bits."""
 WIDEST = 4.0 * np.pi
-"""Range of a joint without position limits beyond which the table does not distinguish [rad]."""
+"""Tabulated range of a joint without position limits [rad]."""
 
 Coordinates = NDArray[np.int16]
 """Joint values in steps of a table, coordinate first."""
@@ -38,7 +38,7 @@ RUN = 32
 
 @dataclass(frozen=True)
 class _Class:
-    """Joints with one law in units of their speed."""
+    """Joints that share a timing law in units of their speed."""
 
     columns: tuple[int, ...]
     """Columns of the coordinates."""
@@ -48,7 +48,7 @@ class _Class:
 
 @dataclass(frozen=True)
 class TransferTable:
-    """Times of a group of joints that move together, at the resolution of a table.
+    """Tabulated transfer times of joints that move together.
 
     A joint's displacement in units of its speed needs T(d / v), the same T for all joints whose limits stand in the
     same proportions; the slowest joint is then the one with the largest d / v, and one look-up is enough. Because
