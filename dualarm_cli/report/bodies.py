@@ -1,4 +1,4 @@
-"""Bodies that are checked for collisions, and notes on omissions of cell files.
+"""Bodies in collision checks, and notes on omissions in cell files.
 
 `plan` and `check` say the same of a job; further kinds of bodies belong into `bodies`.
 """
@@ -24,11 +24,11 @@ def bodies(job: Job) -> dict[str, Any]:
     model = pin.buildModelFromXML(cell.robot.urdf)
     solids = cell_solids(cell, model, job.carried())
     carried = {joint: _links_of(model, joint) for joint in range(model.njoints)}
-    known = {link for links in carried.values() for link in links}
-    # A part that is handed over has a name of its own in the taker's hand.
+    link_names = {link for links in carried.values() for link in links}
+    # A part that is handed over has a second name in the taker's hand.
     names = dict.fromkeys(solid.body.partition("@")[0] for solid in solids)
-    links = [name for name in names if name in known]
-    others = [name for name in names if name not in known]
+    links = [name for name in names if name in link_names]
+    others = [name for name in names if name not in link_names]
     shaped = {solid.joint for solid in solids}
     missing = [links[0] for k, links in carried.items() if k and k not in shaped and links]
     missing += tools_without_shape(cell)
@@ -63,7 +63,7 @@ def bodies(job: Job) -> dict[str, Any]:
 
 
 def _links_of(model: pin.Model, joint: int) -> list[str]:
-    """Return the links that a joint carries, its own first."""
+    """List the links that a joint carries, starting with its own."""
     return [f.name for f in model.frames if f.parentJoint == joint and f.type == pin.BODY]
 
 

@@ -20,10 +20,10 @@ from dualarm_cli.report.printable import numbers
 
 
 def calibration_document(result: Calibration) -> dict[str, Any]:
-    """Return everything known of a calibration.
+    """Build the document of a calibration.
 
     Args:
-        result: what was found.
+        result: the calibration.
     """
     solution, judgement, problem = result.solution, result.judgement, result.problem
     return {
@@ -81,7 +81,7 @@ def _spread(spread: Spread) -> dict[str, Any]:
 
 
 def _fit(fit: ToolFit) -> dict[str, Any]:
-    """Return what was fitted of one robot; null for what the data do not determine."""
+    """Summarise the fit of one robot; null for values that the data do not determine."""
     widths = fit_widths(fit)
     return {
         "values": {
@@ -98,7 +98,10 @@ def _fit(fit: ToolFit) -> dict[str, Any]:
 
 
 def fit_widths(fit: ToolFit) -> list[float | None]:
-    """Return the half widths of the 95 % intervals of what was fitted [m]; None where nothing tells the noise."""
+    """Compute the half widths of 95 % intervals of fitted values [m].
+
+    None where the noise is unknown.
+    """
     if fit.covariance is None:
         return [None] * len(fit.names)
     return [float(width) for width in half_widths(fit.covariance, fit.degrees)]
@@ -108,8 +111,8 @@ def print_calibration(result: Calibration, console: Console) -> None:
     """Print transform, residuals, distances, spread and fits.
 
     Args:
-        result: what was found.
-        console: where to.
+        result: the calibration.
+        console: output.
     """
     from rich.table import Table
 
@@ -188,7 +191,7 @@ def _fitted(fit: ToolFit, k: int) -> str:
     if not fit.determined[k]:
         return f"{name} not determined"
     width = fit_widths(fit)[k]
-    sure = " (nothing tells how sure)" if width is None else f" ± {_mm(width, 2)}"
+    sure = " (unknown uncertainty)" if width is None else f" ± {_mm(width, 2)}"
     return f"{name} {_mm(float(fit.values[k]), 2)}{sure} mm"
 
 
@@ -197,5 +200,5 @@ def _list(values: np.ndarray, digits: int) -> str:
 
 
 def _mm(value: float, digits: int = 1) -> str:
-    """Return a length in mm; adding zero turns -0.0 into 0.0."""
+    """Format a length in mm; adding zero turns -0.0 into 0.0."""
     return f"{round(float(value) * 1000.0, digits) + 0.0:.{digits}f}"

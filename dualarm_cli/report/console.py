@@ -1,4 +1,4 @@
-"""Tables for people at a terminal."""
+"""Tables and sentences of a plan for the terminal."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from dualarm_cli.model.verification import exceptions
 from dualarm_cli.report.printable import numbers
 
 NOTHING = "–"
-"""What stands where there is nothing to say."""
+"""Text of empty cells."""
 SHOWN = 0.0005
-"""Times that differ by less are the same to the printed digit [s], and shares of less are 0.0 %."""
+"""Display resolution of times [s] and of fractions."""
 SHOWN_DISTANCE = 5e-5
-"""Distances of less are nothing to the printed digit [m]."""
+"""Display resolution of distances [m]."""
 SHOWN_WAIT = 0.005
-"""Waits of less are nothing to the printed digit [s]."""
+"""Display resolution of waits [s]."""
 SHOWN_LIMITS = 3
-"""How many single limits the sensitivity lines name."""
+"""Maximum number of single limits in the sensitivity lines."""
 
 
 def stage_table(report: dict[str, Any]) -> Table:
-    """Return the table of stages: what is done, who needs how long, who is the bottleneck.
+    """Build the table of stages: work, times of the arms, bottleneck.
 
-    What is the same in every row stands in its title, or nowhere where it says nothing.
+    A value shared by all rows is in the title, or omitted if it means nothing.
 
     Args:
         report: as built by `build_report`.
@@ -72,16 +72,16 @@ def stage_table(report: dict[str, Any]) -> Table:
 
 
 def stage_work(stage: Mapping[str, Any]) -> str:
-    """Return what is done in a stage, such as `pick a, b` or `pick a, place b`.
+    """Describe the work of a stage, such as `pick a, place b`.
 
     Args:
         stage: of the report.
     """
     by_action: dict[str, list[str]] = {}
-    for one in stage["work"]:
-        # Visits to stands say in their own names what is done there.
-        action = "" if one["action"].endswith("_tool") else one["action"].replace("_", " ")
-        by_action.setdefault(action, []).append(one["task"])
+    for item in stage["work"]:
+        # The names of visits to stands include their action.
+        action = "" if item["action"].endswith("_tool") else item["action"].replace("_", " ")
+        by_action.setdefault(action, []).append(item["task"])
     texts = [
         f"{action} {', '.join(dict.fromkeys(tasks))}".strip() for action, tasks in by_action.items()
     ]
@@ -89,7 +89,7 @@ def stage_work(stage: Mapping[str, Any]) -> str:
 
 
 def _place(position: float | None, slides: bool) -> str:
-    """Return where a platform stands [rad or m], in degrees or millimetres; NOTHING where there is none."""
+    """Format a platform position [rad or m] in degrees or millimetres, or NOTHING."""
     if position is None:
         return NOTHING
     shown = 1e3 * position if slides else math.degrees(position)
@@ -98,7 +98,7 @@ def _place(position: float | None, slides: bool) -> str:
 
 
 def summary_lines(report: dict[str, Any]) -> list[str]:
-    """Return the sentences below the table: cycle time, throughput, what is assumed."""
+    """Compose the sentences below the table: cycle time, throughput, assumptions."""
     what = "cycle time (period)" if report["closes"] else "duration"
     lines = [f"{what}: {report['cycle_time']:.3f} s"]
     if report["parts_per_hour"] is not None and report["parts"]:
@@ -147,41 +147,43 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
 
 
 def _kind_lines(beside: str, report: dict[str, Any]) -> list[str]:
-    """Return what the kinds of work say, of those that stand beside one thing."""
+    """Collect the lines of the kinds of work that belong next to one item."""
     kinds = [kind for kind in of_kinds("measures") if kind.beside == beside]
     return [line for kind in kinds for line in kind.lines(report)]
 
 
 def blending_lines(report: dict[str, Any]) -> list[str]:
-    """Return the sentence on what is saved as tools do not stop at the outer ends of lines."""
+    """Compose the sentence on the time saved by blending."""
     blending = report["blending"]
     if blending is None:
         return []
-    found = blending["corners"]
-    if not found:
+    corners = blending["corners"]
+    if not corners:
         none = "no faster collision-free plan without these stops was found"
         return [f"blending: tools stop at both ends of all lines; {none}"]
-    joints = Counter(f"{corner['joint']} ({corner['limit']})" for corner in found)
-    most = ", ".join(f"{name} in {count}" for name, count in joints.most_common(3))
-    ends = sum(1 for corner in found if corner["line"])
-    targets = len(found) - ends
+    joints = Counter(f"{corner['joint']} ({corner['limit']})" for corner in corners)
+    frequent = ", ".join(f"{name} in {count}" for name, count in joints.most_common(3))
+    ends = sum(1 for corner in corners if corner["line"])
+    targets = len(corners) - ends
     counts = ((ends, "end", "ends"), (targets, "target of a move", "targets of moves"))
-    passed = " and ".join(f"{n} {one if n == 1 else many}" for n, one, many in counts if n)
+    passed = " and ".join(
+        f"{n} {singular if n == 1 else plural}" for n, singular, plural in counts if n
+    )
     line = (
         f"blending: {blending['gain']:.3f} s ({blending['share']:.1%}) shorter than with stops at the outer ends of "
-        f"lines; {passed} {'is' if len(found) == 1 else 'are'} passed in motion, limited by {most}"
+        f"lines; {passed} {'is' if len(corners) == 1 else 'are'} passed in motion, limited by {frequent}"
     )
     if blending["largest_deviation"] > 0.0:
         off = 1e3 * blending["largest_deviation"]
-        line += f"; beyond their straight parts tools are up to {off:.1f} mm beside the lines"
-    aside = max((corner["beside"] for corner in found if not corner["line"]), default=0.0)
-    if aside > SHOWN_DISTANCE:
-        line += f"; they pass targets of moves at a distance of at most {1e3 * aside:.1f} mm"
+        line += f"; beyond their straight parts tools deviate from the lines by up to {off:.1f} mm"
+    distance = max((corner["beside"] for corner in corners if not corner["line"]), default=0.0)
+    if distance > SHOWN_DISTANCE:
+        line += f"; they pass targets of moves at a distance of at most {1e3 * distance:.1f} mm"
     return [line]
 
 
 def bound_line(report: dict[str, Any]) -> str:
-    """Return the sentence on what no plan can beat, and how near the search came to its own grid's bound."""
+    """Compose the sentence on the lower bound and the grid's optimality gap."""
     if report["lower_bound"] is None:
         line = "lower bound: none computed"
     elif report["lower_bound"] <= 0.0 < report["cycle_time"]:
@@ -208,7 +210,7 @@ def bound_line(report: dict[str, Any]) -> str:
             f"; before {before} {report['grid_gap']:.1%} above the bound of the search's own grid"
         )
     if report["order_grid_gap"] is not None:
-        # Plans leave the grid, each by another amount: of them this proves nothing.
+        # Plans leave the grid by different amounts, so this proves nothing about them.
         more = f"more than {gap} " if (gap := f"{report['order_grid_gap']:.1%}") != "0.0%" else ""
         line += f"; on the grid of the search (not among plans) no other order is {more}quicker"
     effort = report["settings"].get("effort")
@@ -216,7 +218,7 @@ def bound_line(report: dict[str, Any]) -> str:
 
 
 def wait_lines(report: dict[str, Any]) -> list[str]:
-    """Return what the arms wait for, most first, and by how much the platform draws out their transfers."""
+    """Compose the lines on waits, longest first, and on transfers slowed by the platform."""
     waits, drawn = [], []
     for name, use in report["arms"].items():
         total = sum(use["waited"].values())
@@ -233,7 +235,7 @@ def wait_lines(report: dict[str, Any]) -> list[str]:
 
 
 def sensitivity_lines(report: dict[str, Any]) -> list[str]:
-    """Return what the assumed limits are worth: all of them together and the three most telling ones."""
+    """Compose the sensitivity lines: all assumed limits together, and the three largest."""
     entries, cycle = report["sensitivity"], report["cycle_time"]
     if cycle <= 0.0:
         return []
@@ -259,7 +261,7 @@ def sensitivity_lines(report: dict[str, Any]) -> list[str]:
 
 
 def _with_change(time: float, cycle: float) -> str:
-    """Return a cycle time and by how much it differs."""
+    """Format a cycle time and its difference."""
     if abs(time - cycle) < SHOWN:
         return f"{time:.3f} s (no change)"
     share = time / cycle - 1.0
@@ -269,6 +271,6 @@ def _with_change(time: float, cycle: float) -> str:
 
 
 def _shares(shares: dict[str, float]) -> str:
-    """Return what the dwells are for, where they are for more than one thing."""
+    """Format the purposes of dwells, if there are several."""
     parts = [f"{name} {time:.2f}" for name, time in shares.items() if time > 0]
     return f" ({', '.join(parts)})" if len(parts) > 1 else ""

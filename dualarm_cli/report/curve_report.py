@@ -1,4 +1,4 @@
-"""Report of a curve in a controller: its points by two methods, judged; and its figure.
+"""Report of a curve in a controller: its points by two methods, their quality, and a figure.
 
 Curves in space with their frames, as Fig. 8 of [Qin2024].
 """
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 LEAST_SHOWN = 0.001
-"""Errors below this are not told apart [um]."""
+"""Display resolution of errors [um]."""
 TITLES = {"arc_length": "arc length", "euler": "Euler as printed"}
 
 
@@ -35,17 +35,17 @@ class CurveReport:
     curve: MeasuredCurve
     """Its curve in the part's frame."""
     step: float
-    """Length of a step as it should be [m]."""
+    """Nominal length of a step [m]."""
     interval: float | None
-    """Time for a step [s]; None where the step was given as a length."""
+    """Time of a step [s]; None if the step was given as a length."""
     speed: float | None
-    """Speed of the tool along the curve [m/s]; None where it does not count."""
+    """Speed of the tool along the curve [m/s], or None."""
     mean: bool
-    """Whether that is the length over the whole duration, as the file gives a duration."""
+    """Whether the speed is length over duration, because the file gives a duration."""
     points: Mapping[str, Points]
-    """By method: arc_length, and euler where the curve has a parameter of its own."""
+    """Points by method: arc_length, and euler for a parametric curve."""
     quality: Mapping[str, Quality]
-    """By method."""
+    """Quality by method."""
 
 
 def curve_report(
@@ -56,10 +56,10 @@ def curve_report(
     speed: float | None,
     mean: bool,
 ) -> CurveReport:
-    """Return the points of a curve by every method that it has, judged.
+    """Compute and rate the points of a curve by every method that applies.
 
     Args:
-        task: whose curve it is.
+        task: task of the curve.
         curve: in the part's frame.
         step: length of a step [m].
         interval: time for it [s], or None.
@@ -69,7 +69,7 @@ def curve_report(
     points = {"arc_length": by_length(curve, step)}
     if not isinstance(curve, PoseCurve):
         points["euler"] = by_euler(curve, step)
-    quality = {name: judge(curve, found) for name, found in points.items()}
+    quality = {name: judge(curve, method_points) for name, method_points in points.items()}
     return CurveReport(task, curve, step, interval, speed, mean, points, quality)
 
 
@@ -77,8 +77,8 @@ def print_curves(reports: Sequence[CurveReport], console: Console) -> None:
     """Print a table of each curve.
 
     Args:
-        reports: what was found.
-        console: where to.
+        reports: one of each curve.
+        console: output.
     """
     from rich.table import Table
 
@@ -103,7 +103,7 @@ def _title(report: CurveReport) -> str:
 def _rows(report: CurveReport) -> list[tuple[str, list[str]]]:
     quality = list(report.quality.values())
     rows = [
-        ("points", [str(len(found.parameter)) for found in report.points.values()]),
+        ("points", [str(len(points.parameter)) for points in report.points.values()]),
         ("spacing error um", [_um(q.spacing_error) for q in quality]),
         ("speed error %", [_small(100.0 * q.speed_error) for q in quality]),
         ("drift at the end um", [_um(q.drift) for q in quality]),
@@ -149,7 +149,7 @@ def curves_document(reports: Sequence[CurveReport]) -> dict[str, Any]:
     """Return the reports as JSON: m, s, rad.
 
     Args:
-        reports: what was found.
+        reports: one of each curve.
     """
     return {
         "format": "dualarm.curve/1",
@@ -177,7 +177,7 @@ COLOURS = ("#c23b22", "#2a7f3f", "#1f5fbf")
 """Colours of the axes x, y and z of a frame."""
 LABELS = ("x, along the curve", "y", "z, out of the surface")
 COLUMNS = 3
-"""Curves side by side at most."""
+"""Maximum number of curves side by side."""
 
 
 def draw_curves(reports: Sequence[CurveReport], kind: str) -> bytes:
@@ -205,12 +205,12 @@ def draw_curves(reports: Sequence[CurveReport], kind: str) -> bytes:
 
 
 def _draw(axes: Any, report: CurveReport) -> None:
-    """Draw one curve through its points, where it begins, and frames at equal distances."""
+    """Draw one curve through its points, its start, and frames at equal distances."""
     points = report.points["arc_length"]
     fine = report.curve.at(np.linspace(0.0, report.curve.length, 721))[1] * 1e3
     extent = float(np.ptp(fine, axis=0).max())
     size = 0.16 * extent
-    # The first one anew at the end of a closed curve would only cover it.
+    # Repeating the first frame at the end of a closed curve would only cover it.
     closed = norm(points.p[-1] - points.p[0]) < 1e-6
     share = np.linspace(0, len(points.p) - 1, FRAMES + 1)[: FRAMES if closed else None]
     shown = np.unique(share.round().astype(np.int64))

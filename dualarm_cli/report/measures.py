@@ -12,36 +12,39 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.report.stage_parts import PLATFORM, StageParts, overlap, stage_parts
 
 ELBOW = 3
-"""Place of the elbow among the joints of a 7-axis arm."""
+"""Index of the elbow among the joints of a 7-axis arm."""
 AXES = 7
-LINES, DWELLS, OTHER = "lines", "dwells", "other"
+LINES, DWELLS, REMAINDER = "lines", "dwells", "other"
 WORK = {kind: f"{kind}s" for kind in WORK_ENDS}
-"""What work on the way is called, by its kind of segment."""
-NO_TRANSFERS = (LINES, DWELLS, *WORK.values(), OTHER)
-"""What decides a stretch of time that is no transfer; `other` is waiting inside an arm's work."""
-LEAST_OTHER = 1e-6
-"""Less than this is rounding [s]."""
+"""Names of work during motion, by its kind of segment."""
+NO_TRANSFERS = (LINES, DWELLS, *WORK.values(), REMAINDER)
+"""Names of time shares other than transfers; `other` is waiting inside an arm's work."""
+MIN_REMAINDER = 1e-6
+"""Tolerance of rounding [s]."""
 
 
 @dataclass(frozen=True)
 class Bottlenecks:
-    """Along each stage's critical arm: what the whole length of the motion is made of."""
+    """Components of a motion's duration, along each stage's critical arm."""
 
     stages: dict[str, int]
-    """How many stages' transfers each joint group decides, most first."""
+    """Number of stages by the joint group that decides their transfers, largest first."""
     time: dict[str, float]
-    """Time of transfers by deciding group, of lines and of dwells [s]; together the length of the motion."""
+    """Time of transfers by deciding group, of lines and of dwells [s].
+
+    The sum is the duration of the motion.
+    """
 
     @property
     def transfers(self) -> float:
-        """Time that transfers decide [s]."""
+        """Total time of transfers [s]."""
         return sum(time for name, time in self.time.items() if name not in NO_TRANSFERS)
 
 
 def bottlenecks(schedule: Schedule) -> Bottlenecks:
-    """Return what decides how long a schedule is.
+    """Split the duration of a schedule by its bottlenecks.
 
-    A stage ends with the arm that is done last, its critical arm, so the stage is that arm's transfer, lines and
+    A stage ends with the arm that finishes last, its critical arm, so the stage is that arm's transfer, lines and
     dwell. The transfer is decided by the platform or by the arm, whichever alone needs longer. Where stages overlap,
     since the arms run asynchronously, the length is that of the arm that is done last: its stages, and `other`
     for what it waits.
@@ -60,14 +63,14 @@ def bottlenecks(schedule: Schedule) -> Bottlenecks:
 
 
 def limiting_times(schedule: Schedule) -> dict[str, float]:
-    """Return what a schedule's length is made of [s], as `bottlenecks` does, but transfers by their deciding joint.
+    """Split the duration of a schedule [s] as `bottlenecks` does, but transfers by joint.
 
     Args:
         schedule: with stages and segments, or with events at least.
     """
     time: dict[str, float] = {}
     _add_shares(schedule, stage_parts(schedule), time, lambda part: _joint(schedule, part))
-    return {name: length for name, length in time.items() if length > LEAST_OTHER}
+    return {name: length for name, length in time.items() if length > MIN_REMAINDER}
 
 
 def _add_shares(
@@ -76,7 +79,10 @@ def _add_shares(
     time: dict[str, float],
     name_of: Callable[[StageParts], str],
 ) -> None:
-    """Add the shares of all stages of the critical arm to `time`, transfers by the name of who decides them."""
+    """Add the time shares of all stages of the critical arm to `time`.
+
+    Transfers are added under the name of what decides them.
+    """
     last = _last_arm(parts) if overlap(schedule.stages) else ""
     for part in parts:
         if last and part.critical != last:
@@ -84,22 +90,22 @@ def _add_shares(
         for name, length in _shares(part).items():
             name = name_of(part) if name == part.group else name
             time[name] = time.get(name, 0.0) + length
-    if last and (rest := schedule.duration - sum(time.values())) > LEAST_OTHER:
-        time[OTHER] = time.get(OTHER, 0.0) + rest
+    if last and (rest := schedule.duration - sum(time.values())) > MIN_REMAINDER:
+        time[REMAINDER] = time.get(REMAINDER, 0.0) + rest
 
 
 def _joint(schedule: Schedule, part: StageParts) -> str:
-    """Return the joint of the deciding group that needs longest for a stage's transfer; the group if none is known."""
+    """Find the slowest joint of the deciding group in a stage; the group if unknown."""
     robot, stage = schedule.robot, part.stage
     joints = robot.platform if part.group == PLATFORM else robot.arms[part.group].joints
     if stage.bottleneck in joints:
         return stage.bottleneck
-    known = [joint for joint in joints if stage.joint_times.get(joint, 0.0) > 0.0]
-    return max(known, key=lambda joint: stage.joint_times[joint], default=part.group)
+    timed = [joint for joint in joints if stage.joint_times.get(joint, 0.0) > 0.0]
+    return max(timed, key=lambda joint: stage.joint_times[joint], default=part.group)
 
 
 def _last_arm(parts: Sequence[StageParts]) -> str:
-    """Return the arm whose work ends last; empty where none works."""
+    """Find the arm whose work ends last; empty without work."""
     ends: dict[str, float] = {}
     for part in parts:
         if part.critical:
@@ -109,11 +115,11 @@ def _last_arm(parts: Sequence[StageParts]) -> str:
 
 
 def _shares(part: StageParts) -> dict[str, float]:
-    """Return a stage's length by what decides it [s]."""
+    """Split a stage's duration by what decides it [s]."""
     arm = part.critical
     whole = part.stage.end - part.stage.start
     if not arm:
-        return {part.group or OTHER: whole}
+        return {part.group or REMAINDER: whole}
     shares = {
         LINES: part.length(arm, "approach", "retract"),
         DWELLS: part.length(arm, "dwell"),
@@ -125,16 +131,18 @@ def _shares(part: StageParts) -> dict[str, float]:
     if part.group:
         shares[part.group] = transfer
     rest = whole - sum(shares.values())
-    if rest > LEAST_OTHER:
-        shares[OTHER] = rest
+    if rest > MIN_REMAINDER:
+        shares[REMAINDER] = rest
     return shares
 
 
 def elbow_imbalance(schedule: Schedule) -> float | None:
-    """Return the mean over the transfers of ||Δq4 left| − |Δq4 right|| [rad]: what [Bottin2021] makes zero.
+    """Compute the mean elbow imbalance of the transfers [rad].
 
-    Transfers of both arms count, the return among them. None where there are no two arms of seven joints that turn, or
-    no such transfer, and where stages overlap: no transfer is then of both arms.
+    It is the mean of ||Δq4 left| − |Δq4 right||, which [Bottin2021] makes zero.
+
+    Transfers of both arms count, including the return. None without two arms of seven revolute joints, or without such
+    a transfer, and if stages overlap: no transfer is then of both arms.
 
     Args:
         schedule: with stages.
@@ -159,7 +167,10 @@ def elbow_imbalance(schedule: Schedule) -> float | None:
 
 
 def platform_travel(schedule: Schedule) -> float | None:
-    """Return the path length of the platform's joints that turn [rad], or of all where all slide [m], or None."""
+    """Compute the path length of the platform's joints, or None.
+
+    Revolute joints count [rad]; prismatic joints only if all slide [m].
+    """
     robot = schedule.robot
     if not robot.platform:
         return None
@@ -168,11 +179,11 @@ def platform_travel(schedule: Schedule) -> float | None:
 
 
 def joint_travel(schedule: Schedule, joints: tuple[str, ...]) -> dict[str, float]:
-    """Return the path length of each joint [rad, or m where it slides], measured between knots.
+    """Compute the path length of each joint [rad or m] between knots.
 
     Args:
         schedule: whose trajectory is measured.
-        joints: which ones.
+        joints: names of the joints.
     """
     trajectory = schedule.trajectory
     length = np.abs(np.diff(trajectory.position, axis=0)).sum(axis=0)

@@ -1,4 +1,4 @@
-"""Text from somebody's files, made fit to be shown."""
+"""Text from input files, made safe for display."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ if TYPE_CHECKING:
 
 
 def printable(value: Any) -> Any:
-    """Return a document in which text that would steer a terminal, or is no text at all, is spelt out.
+    """Escape text that would control a terminal or is not valid.
 
     Args:
-        value: JSON-ready; names in it may come from somebody's files.
+        value: JSON-ready; its names may come from input files.
     """
     if isinstance(value, str):
         return "".join(
@@ -32,6 +32,6 @@ def numbers(*headings: str, no_wrap: bool = False) -> list[Column]:
 
 
 def one_line(text: str) -> str:
-    """Return text fit to be shown within a line: a name with a line end in it would begin one of its own."""
+    """Escape text for display within a line, including line ends."""
     shown: str = printable(text)
     return shown.replace("\n", "\\n")

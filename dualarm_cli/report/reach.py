@@ -1,4 +1,4 @@
-"""Report of the reach over a table: as a document, a table and sentences."""
+"""Report of the reach over a table: document, tables and sentences."""
 
 from __future__ import annotations
 
@@ -19,17 +19,19 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 NOTE = (
-    "reached: a posture was found that keeps all joint limits and is clear of the robot itself and of obstacles; the "
-    "other arm is not looked at"
+    "reached: a posture within all joint limits was found, without collision with the robot itself or obstacles; the "
+    "other arm is not checked"
 )
-"""What the figures mean."""
+"""Meaning of the figures."""
 
 
 def reach_document(name: str, cell: Cell, reach: ReachMap) -> dict[str, Any]:
-    """Return what is reached, JSON-ready: by platform position the areas, and by frame the positions; SI units.
+    """Build the document of a reach map, JSON-ready, in SI units.
+
+    It has areas by platform position, and positions by frame.
 
     Args:
-        name: of the robot or cell.
+        name: name of the robot or cell.
         cell: with its tools.
         reach: of a grid at one height.
     """
@@ -41,11 +43,11 @@ def reach_document(name: str, cell: Cell, reach: ReachMap) -> dict[str, Any]:
     frames = {}
     for frame, pose in cell.frames.items():
         x, y, z = pose.translation.tolist()
-        here = replace(grid, heights=np.array([z]), y=np.array([y]), x=np.array([x]))
-        found = {who: one[:, 0, 0, 0] for who, one in _by_whom(reach_map(cell, here)).items()}
+        point = replace(grid, heights=np.array([z]), y=np.array([y]), x=np.array([x]))
+        by_arm = {who: cells[:, 0, 0, 0] for who, cells in _by_whom(reach_map(cell, point)).items()}
         frames[frame] = {
             "xyz": [x, y, z],
-            "reached": {who: one.tolist() for who, one in found.items()},
+            "reached": {who: cells.tolist() for who, cells in by_arm.items()},
         }
     return {
         "format": "dualarm.reach/1",
@@ -58,24 +60,28 @@ def reach_document(name: str, cell: Cell, reach: ReachMap) -> dict[str, Any]:
         "x": grid.x.tolist(),
         "y": grid.y.tolist(),
         "area": {
-            who: (one[:, 0].sum(axis=(1, 2)) * cell_area).tolist() for who, one in reached.items()
+            who: (cells[:, 0].sum(axis=(1, 2)) * cell_area).tolist()
+            for who, cells in reached.items()
         },
         "area_at_any": {
-            who: float(one[:, 0].any(axis=0).sum() * cell_area) for who, one in reached.items()
+            who: float(cells[:, 0].any(axis=0).sum() * cell_area) for who, cells in reached.items()
         },
-        "positions": {who: one[:, 0].sum(axis=0).tolist() for who, one in reached.items()},
+        "positions": {who: cells[:, 0].sum(axis=0).tolist() for who, cells in reached.items()},
         "frames": frames,
     }
 
 
 def _by_whom(reach: ReachMap) -> dict[str, BoolArray]:
-    """Return what each arm reaches, and what all of several reach from one platform position."""
-    found = {arm: reach.reached(arm) for arm in reach.postures}
-    return found | {"both": reach.both} if len(found) > 1 else found
+    """Collect the reach of each arm and of both together.
+
+    Both count from the same platform position.
+    """
+    reached = {arm: reach.reached(arm) for arm in reach.postures}
+    return reached | {"both": reach.both} if len(reached) > 1 else reached
 
 
 def area_table(document: Mapping[str, Any]) -> Table:
-    """Return the table of areas by platform position."""
+    """Build the table of areas by platform position."""
     from rich.table import Table
 
     rail = document["platform_unit"] == "m"
@@ -91,7 +97,7 @@ def area_table(document: Mapping[str, Any]) -> Table:
 
 
 def frame_table(document: Mapping[str, Any]) -> Table:
-    """Return the table of frames: from which platform positions each arm reaches them."""
+    """Build the table of frames with the platform positions that reach them."""
     from rich.table import Table
 
     first = next(iter(document["frames"].values()))
@@ -100,16 +106,18 @@ def frame_table(document: Mapping[str, Any]) -> Table:
     arms = (f"{who}{of}" for who in first["reached"])
     table = Table("frame", *numbers("x, y, z m"), *arms)
     for name, frame in document["frames"].items():
-        ranges = [ranges_of(document["platform"], one, rail) for one in frame["reached"].values()]
+        ranges = [
+            ranges_of(document["platform"], flags, rail) for flags in frame["reached"].values()
+        ]
         table.add_row(name, ", ".join(f"{v:.3g}" for v in frame["xyz"]), *ranges)
     return table
 
 
 def ranges_of(places: Sequence[float | None], reached: Sequence[bool], rail: bool = False) -> str:
-    """Return the platform positions at which something is reached, in words: ranges of neighbours.
+    """Format platform positions with reach as ranges of neighbours.
 
     Args:
-        places: ascending [rad or m]; None alone where the platform stands.
+        places: ascending [rad or m]; None alone for a fixed platform.
         reached: at each of them.
         rail: whether they are in metres.
     """
@@ -135,7 +143,7 @@ def ranges_of(places: Sequence[float | None], reached: Sequence[bool], rail: boo
 
 
 def reach_lines(document: Mapping[str, Any]) -> list[str]:
-    """Return sentences on what is reached: by whom, and within which sides."""
+    """Compose sentences on the reach of each arm and its bounds."""
     lines = []
     for who, count in document["positions"].items():
         reached = np.array(count) > 0
@@ -158,5 +166,5 @@ def reach_lines(document: Mapping[str, Any]) -> list[str]:
 
 
 def _shown(place: float, rail: bool) -> str:
-    """Return a platform position in mm or degrees."""
+    """Format a platform position in mm or degrees."""
     return f"{round(place * 1000.0 if rail else math.degrees(place), 1) + 0.0:g}"

@@ -1,4 +1,4 @@
-"""Throughput report of a schedule: one document from which every table is printed.
+"""Throughput report of a schedule: the document behind every table.
 
 It includes all waits of the arms with their reasons and lengths.
 """
@@ -30,15 +30,15 @@ from dualarm_cli.verification.motion_checks import jerk_fraction, velocity_extre
 from dualarm_cli.verification.tolerances import TOL
 
 SHORTEST_CYCLE = 1e-3
-"""Below this a throughput means nothing [s]."""
+"""Shortest cycle with a meaningful throughput [s]."""
 
 
 def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
-    """Return the report as a JSON-ready document; times in s, angles in rad, ways of joints that slide in m.
+    """Build the report as a JSON-ready document; times in s, angles in rad, lengths in m.
 
     Args:
         schedule: a planned schedule, with its verification where there is one.
-        job: what it was planned for.
+        job: the planned job.
     """
     drawn = drawn_out(schedule)
     return {
@@ -93,32 +93,32 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
 
 
 def _kind_rows(beside: str, schedule: Schedule, job: Job) -> dict[str, Any]:
-    """Return what the kinds of work measure, of those that stand beside one thing."""
+    """Collect the measures of the kinds of work that belong next to one item."""
     kinds = [kind for kind in of_kinds("measures") if kind.beside == beside]
     return {key: rows(schedule, job) for kind in kinds for key, rows in kind.rows.items()}
 
 
 def count_parts(job: Job) -> int:
-    """Return how many tasks pick or place something; one that is handed over is one."""
+    """Count the parts: tasks with a pick or place, a hand-over once."""
     picks = (t.id for t in job.tasks if any(stop.action in ("pick", "place") for stop in t.stops))
     return len(set(picks))
 
 
 def throughput(schedule: Schedule, job: Job) -> float | None:
-    """Return parts per hour; None for a motion too short to mean anything."""
+    """Compute the parts per hour; None for a motion too short."""
     duration = schedule.duration
     return 3600.0 * count_parts(job) / duration if duration > SHORTEST_CYCLE else None
 
 
 def plan_title(schedule: Schedule) -> str:
-    """Return what a plan is called: its task file, or that one's folder where it is `tasks.yaml`; else the robot."""
+    """Name a plan by its task file, folder or robot."""
     name = PurePosixPath(next(iter(schedule.provenance.inputs), ""))
     title = name.parent.name if name.stem == "tasks" else name.stem
     return title or schedule.robot.name
 
 
 def relative_gap(schedule: Schedule) -> float | None:
-    """Return by what share of its duration the schedule is above its lower bound; None without a bound."""
+    """Compute the relative distance of the duration from the lower bound, or None."""
     bound, duration = schedule.lower_bound, schedule.duration
     return (duration - bound) / duration if bound is not None and duration > 0 else None
 
@@ -126,8 +126,8 @@ def relative_gap(schedule: Schedule) -> float | None:
 def assumed_joints(schedule: Schedule) -> list[str]:
     """Return the joints whose acceleration or jerk limits are assumed."""
     limits = schedule.robot.limits
-    found = {*limits.assumed("acceleration"), *limits.assumed("jerk")}
-    return [joint for k, joint in enumerate(limits.joints) if k in found]
+    assumed = {*limits.assumed("acceleration"), *limits.assumed("jerk")}
+    return [joint for k, joint in enumerate(limits.joints) if k in assumed]
 
 
 def assumed_lines(schedule: Schedule) -> list[str]:
@@ -149,29 +149,29 @@ def assumed_lines(schedule: Schedule) -> list[str]:
 
 
 def joints_without_jerk_limit(schedule: Schedule) -> list[str]:
-    """Return the joints whose jerk is not limited."""
+    """List the joints without a jerk limit."""
     limits = schedule.robot.limits
     return [j for j, jerk in zip(limits.joints, limits.jerk, strict=True) if np.isinf(jerk)]
 
 
 def smallest_clearance(schedule: Schedule) -> dict[str, Any] | None:
-    """Return the stage whose clearance is nearest to what is required, or None where none was proven."""
+    """Find the stage with the least clearance margin, or None without a proof."""
     stages = schedule.verification.clearances if schedule.verification is not None else ()
     return field_values(min(stages, key=lambda stage: stage.margin)) if stages else None
 
 
 def _collisions(schedule: Schedule) -> str:
-    """Return a sentence on what was proven about collisions."""
-    found = smallest_clearance(schedule)
-    if found is None:
+    """Compose the sentence on the proven clearance."""
+    stage = smallest_clearance(schedule)
+    if stage is None:
         return "not checked"
-    one, other = found["bodies"]
-    verdict = "none" if found["margin"] >= -TOL.clearance_slack else "CLEARANCE MISSED"
+    body_a, body_b = stage["bodies"]
+    verdict = "none" if stage["margin"] >= -TOL.clearance_slack else "CLEARANCE MISSED"
     caveats = schedule.verification.caveats if schedule.verification is not None else ()
     return (
         f"{verdict}{' between bodies with shapes' if caveats else ''}; least clearance proven: "
-        f"{found['clearance'] * 1e3:.1f} mm where {found['required'] * 1e3:.1f} mm are required, "
-        f"{one} and {other} at {found['time']:.3f} s"
+        f"{stage['clearance'] * 1e3:.1f} mm where {stage['required'] * 1e3:.1f} mm are required, "
+        f"{body_a} and {body_b} at {stage['time']:.3f} s"
     )
 
 
@@ -180,12 +180,12 @@ def skew_sentence(verification: Verification | None, job: Job) -> str | None:
 
     Args:
         verification: of a plan.
-        job: what it was planned for.
+        job: the planned job.
     """
     if verification is None or not verification.delays:
         return None
     delays = verification.delays
-    if all(one.lacking is None and one.clear == delays[0].clear for one in delays):
+    if all(delay.lacking is None and delay.clear == delays[0].clear for delay in delays):
         delays = (replace(delays[0], arm="either"),)
     text = ", ".join(map(str, delays))
     together = dict.fromkeys(
@@ -195,13 +195,13 @@ def skew_sentence(verification: Verification | None, job: Job) -> str | None:
     )
     if together:
         text += f"; both arms work together in {', '.join(together)}, which needs them in step"
-    if any(one.fed for one in lying_parts(job, [(t, s) for t in job.tasks for s in t.stops])):
+    if any(part.fed for part in lying_parts(job, [(t, s) for t in job.tasks for s in t.stops])):
         text += "; parts that are fed to their picks are not counted"
     return text
 
 
 def verification_document(verification: Verification | None) -> dict[str, Any] | None:
-    """Return a verification as a JSON-ready document, or None."""
+    """Build the document of a verification, JSON-ready, or None."""
     if verification is None:
         return None
     return {
@@ -218,17 +218,17 @@ def _stage_rows(schedule: Schedule) -> list[dict[str, Any]]:
     timed = {(part.task, part.action) for part in schedule.segments}
     # With a free start and without lines and dwell a stop takes no time.
     untimed = [e for e in schedule.events if timed and (e.task, e.action) not in timed]
-    return [_stage_row(one.stage, _work(one, schedule, untimed)) for one in parts]
+    return [_stage_row(part.stage, _work(part, schedule, untimed)) for part in parts]
 
 
 def _work(parts: StageParts, schedule: Schedule, untimed: Sequence[Event]) -> list[dict[str, str]]:
-    """Return what each arm does in a stage; an arm that only waits is left out."""
-    found = []
+    """List the work of each arm in a stage, without arms that only wait."""
+    work = []
     for arm in schedule.robot.arms:
-        own: list[Segment | Event] = [part for part in parts.arms.get(arm, ()) if part.task]
-        own = own or [e for e in untimed if e.arm == arm and e.task in parts.stage.tasks]
-        found += [{"arm": arm, "action": part.action, "task": part.task} for part in own[-1:]]
-    return found
+        arm_work: list[Segment | Event] = [part for part in parts.arms.get(arm, ()) if part.task]
+        arm_work = arm_work or [e for e in untimed if e.arm == arm and e.task in parts.stage.tasks]
+        work += [{"arm": arm, "action": part.action, "task": part.task} for part in arm_work[-1:]]
+    return work
 
 
 def _stage_row(stage: Stage, work: list[dict[str, str]]) -> dict[str, Any]:
@@ -238,14 +238,14 @@ def _stage_row(stage: Stage, work: list[dict[str, str]]) -> dict[str, Any]:
 
 
 def _bottlenecks(schedule: Schedule) -> dict[str, int]:
-    """Return how many stages each joint decides, most first."""
+    """Count the stages by the joint that decides them, largest first."""
     names = [stage.bottleneck for stage in schedule.stages if stage.bottleneck]
     counts = {name: names.count(name) for name in sorted(set(names))}
     return dict(sorted(counts.items(), key=lambda item: -item[1]))
 
 
 def _arm_use(schedule: Schedule, arm: str) -> dict[str, Any]:
-    """Return how long one arm does what [s], and the share of the time in which it works."""
+    """Compute how long one arm does each activity [s], and its working fraction."""
     times = dict.fromkeys(("transfer", "approach", "dwell", "retract", "return", *WORK_ENDS), 0.0)
     shares = dict.fromkeys(("gripper", "settle", "handshake"), 0.0)
     for segment in schedule.segments:
@@ -268,7 +268,7 @@ def _arm_use(schedule: Schedule, arm: str) -> dict[str, Any]:
 
 
 def _limits_used(schedule: Schedule) -> dict[str, dict[str, float]]:
-    """Return the largest share of each limit that each joint uses over the whole motion."""
+    """Compute the largest used fraction of each limit of each joint."""
     trajectory = schedule.trajectory
     limits = schedule.robot.limits.select(trajectory.joints)
     peak = {
@@ -284,9 +284,9 @@ def _limits_used(schedule: Schedule) -> dict[str, dict[str, float]]:
 
 REASONS: tuple[str, ...] = get_args(WaitReason)[1:]
 UNSTATED = "unstated"
-"""Reason of a wait for which the schedule states none."""
+"""Reason of a wait without a stated reason."""
 SAME_LENGTH = 1e-6
-"""Times that differ by less are one [s]."""
+"""Tolerance of equal times [s]."""
 
 
 def wait_rows(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
@@ -309,14 +309,14 @@ def wait_rows(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     ends = {why: find for kind in of_kinds("measures") for why, find in kind.waits.items()}
     rows = []
     for wait in waits:
-        found: Segment | Event | None = None
-        # Reasons that lie in what the other arm does.
+        cause: Segment | Event | None = None
+        # Reasons that depend on the other arm.
         if wait.reason in ("partner", "shared_zone", "end"):
-            found = _meanwhile(wait, work)
+            cause = _meanwhile(wait, work)
         elif wait.reason == "after":
-            found = _before(wait, after.get(wait.task, ()), work)
+            cause = _before(wait, after.get(wait.task, ()), work)
         elif wait.reason in ends:
-            found = ends[wait.reason](wait, schedule, job)
+            cause = ends[wait.reason](wait, schedule, job)
         rows.append(
             {
                 "arm": wait.arm,
@@ -325,7 +325,7 @@ def wait_rows(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
                 "length": wait.end - wait.start,
                 "reason": wait.reason or UNSTATED,
                 "task": wait.task or None,
-                "for": found and {"arm": found.arm, "task": found.task or None},
+                "for": cause and {"arm": cause.arm, "task": cause.task or None},
             }
         )
     return rows
@@ -355,17 +355,17 @@ def drawn_out(schedule: Schedule) -> dict[str, float]:
         schedule: with stages and segments.
     """
     times = dict.fromkeys(schedule.robot.arms, 0.0)
-    own = {(s.arm, s.start, s.end) for s in schedule.segments if s.kind in MOVES}
-    for found in stage_parts(schedule):
-        stage = found.stage
-        for arm, parts in found.arms.items():
+    segments = {(s.arm, s.start, s.end) for s in schedule.segments if s.kind in MOVES}
+    for stage_part in stage_parts(schedule):
+        stage = stage_part.stage
+        for arm, parts in stage_part.arms.items():
             alone = stage.arm_times.get(arm)
             if alone is None or arm not in times:
                 continue
             for part in parts:
                 lasts = abs(part.end - part.start - stage.platform_time) <= SAME_LENGTH
-                # One that ends with waiting for the platform was not drawn out.
-                if part.kind in MOVES and lasts and (arm, part.start, part.end) in own:
+                # A transfer that ends with a wait for the platform was not slowed.
+                if part.kind in MOVES and lasts and (arm, part.start, part.end) in segments:
                     times[arm] += max(0.0, stage.platform_time - alone)
     return times
 
@@ -384,22 +384,22 @@ def _meanwhile(wait: Segment, work: Mapping[str, Sequence[Segment]]) -> Segment 
 
     Of several it is the one that ends last.
     """
-    found = []
+    candidates = []
     for arm, parts in work.items():
         last = bisect_left(parts, wait.end - SAME_TIME, key=lambda part: part.start) - 1
         if arm != wait.arm and last >= 0 and parts[last].end > wait.start + SAME_TIME:
-            found.append(parts[last])
-    return max(found, key=lambda part: part.end, default=None)
+            candidates.append(parts[last])
+    return max(candidates, key=lambda part: part.end, default=None)
 
 
 def _before(
     wait: Segment, after: Sequence[str], work: Mapping[str, Sequence[Segment]]
 ) -> Segment | None:
     """Find the last segment, by a wait's end, of its predecessor tasks, or None."""
-    found = [
+    candidates = [
         part
         for parts in work.values()
         for part in parts
         if part.task in after and part.end <= wait.end + SAME_LENGTH
     ]
-    return max(found, key=lambda part: part.end, default=None)
+    return max(candidates, key=lambda part: part.end, default=None)

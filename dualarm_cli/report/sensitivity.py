@@ -31,15 +31,15 @@ class SensitivitySettings:
     instants: int = 96
     """Instants per line from which its path is read off the trajectory."""
     per_phase: int = 2
-    """Instants per phase of a shape at which the joints' rates are looked at."""
+    """Instants per phase of a shape at which joint rates are evaluated."""
     speed_bisections: int = 40
-    """Halvings by which the slowing of transfers under a tool-speed cap is found again."""
+    """Bisections for the slowing of transfers under a tool-speed cap."""
     at_rest: float = 1e-6
-    """Joints that are slower stand, but for the rounding of instants [rad/s or m/s]."""
+    """Speed below which a joint is at rest, apart from rounding [rad/s or m/s]."""
     slowed: float = 1e-6
     """Least relative excess over the closed form that indicates a tool-speed cap."""
     share: float = 0.1
-    """By what share limits are lowered and raised."""
+    """Relative change of the limits."""
 
 
 SENSITIVITY = SensitivitySettings()
@@ -47,7 +47,7 @@ SENSITIVITY = SensitivitySettings()
 SHAPES = symmetric_grid(
     np.array([0.5, 0.42, 0.34, 0.25, 0.17]), np.array([0.5, 0.4, 0.3, 0.22, 0.15, 0.1, 0.06])
 )
-"""Double-S shapes of which each line takes the fastest."""
+"""Double-S shapes; each line takes the fastest."""
 
 
 def line_factors(
@@ -57,18 +57,18 @@ def line_factors(
     acceleration: FloatArray,
     jerk: FloatArray,
 ) -> FloatArray:
-    """Return the durations of lines under changed limits as multiples of those under the limits, (v, k).
+    """Compute durations of lines under changed limits relative to the current limits, (v, k).
 
     A line's time is that of the fastest double-S shape along the path, whose coordinate is the length in joint space
-    with every joint measured by its speed limit. Only the ratio of two such times is used, so that what the coordinate
-    costs cancels out. The ratio is kept to what is possible: a line need never take longer than its own profile does
-    when it is played at the pace that keeps the changed limits, and limits c times as high change a time by the factor
+    with every joint measured by its speed limit. Only the ratio of two such times is used, so that the effect of the
+    coordinate cancels out. The ratio is kept to what is possible: a line never takes longer than its current profile
+    slowed to the changed limits, and limits c times as high change a time by the factor
     c^-1/2 (acceleration) or c^-1/3 (jerk) at most. Our own derivation.
 
     Args:
-        trajectory: the motion that holds the lines.
+        trajectory: the motion with the lines.
         spans: when each line begins and ends [s], shape (k, 2).
-        limits: of the joints that move along the lines.
+        limits: limits of the joints that move along the lines.
         acceleration: v sets of factors on the acceleration limits, shape (v, n).
         jerk: factors on the jerk limits, shape (v, n).
     """
@@ -77,42 +77,42 @@ def line_factors(
         [np.ones_like(jerk), power(acceleration, -0.5), cbrt(1.0 / jerk)], axis=1
     )
     least = _shape_times(_paths(trajectory, spans, columns, limits.velocity), limits)
-    own = _own_times(trajectory, spans, columns, limits)
+    profile_times = _own_times(trajectory, spans, columns, limits)
     before = least.max(axis=2).min(axis=0)
-    # Whatever changes, the line's own profile could be played slower or faster by this much.
-    bound = _slowest(own[None], slower)
+    # The current profile of the line can always be slowed or sped up by this factor.
+    bound = _slowest(profile_times[None], slower)
     factors = np.minimum(_slowest(least, slower) / np.where(before > 0.0, before, np.inf), bound)
     extreme = np.concatenate([slower, np.ones((len(slower), 1))], axis=1)
     return np.clip(factors, extreme.min(axis=1)[:, None], extreme.max(axis=1)[:, None])
 
 
 def _slowest(times: FloatArray, slower: FloatArray) -> FloatArray:
-    """Return each line's time with the fastest of its shapes when demands are slowed, shape (v, k).
+    """Compute each line's time with its fastest shape under slowed demands, (v, k).
 
     Args:
-        times: what each demand asks for with each shape [s], shape (g, k, d).
+        times: time required by each demand with each shape [s], shape (g, k, d).
         slower: factors on the demands, shape (v, d).
     """
     first = times.argmax(axis=2)
     two = np.partition(times, -2, axis=2)[:, :, -2:]
-    found = np.empty((len(slower), times.shape[1]))
+    fastest = np.empty((len(slower), times.shape[1]))
     for row, factor in enumerate(slower):
         changed = np.flatnonzero(factor != 1.0)
         if len(changed) == 1:
-            # The slowest of all others is the slowest, unless that is the one that changes.
+            # The largest of the unchanged demands is the maximum or, if that one changes, the second largest.
             others = np.where(first == changed[0], two[:, :, 0], two[:, :, 1])
             slowest = np.maximum(others, times[:, :, changed[0]] * factor[changed[0]])
         else:
             slowest = (times * factor).max(axis=2)
-        found[row] = slowest.min(axis=0)
-    return found
+        fastest[row] = slowest.min(axis=0)
+    return fastest
 
 
 def _own_times(
     trajectory: Trajectory, spans: FloatArray, columns: list[int], limits: JointLimits
 ) -> FloatArray:
-    """Return what each demand asks of a line's own profile, as shares of the line's time, shape (k, 3 n)."""
-    own = np.empty((len(spans), 3 * len(columns)))
+    """Compute the relative time demands of a line's current profile, (k, 3 n)."""
+    demands = np.empty((len(spans), 3 * len(columns)))
     for k, (start, end) in enumerate(spans):
         low, high = np.searchsorted(trajectory.time, (start - SAME_TIME, end + SAME_TIME))
         inside = slice(int(low), max(int(high), int(low) + 2))
@@ -122,47 +122,47 @@ def _own_times(
             trajectory.acceleration[inside, columns],
         )
         speed, acceleration, jerk = largest_rates(time, v, a)
-        own[k] = np.concatenate(
+        demands[k] = np.concatenate(
             [
                 speed / limits.velocity,
                 np.sqrt(acceleration / limits.acceleration),
                 cbrt(jerk / limits.jerk),
             ]
         )
-    return own
+    return demands
 
 
 def _paths(
     trajectory: Trajectory, spans: FloatArray, columns: list[int], scale: FloatArray
 ) -> FloatArray:
     """Sample the joints along each path at its nodes [rad], shape (k, `samples`, n)."""
-    # Dense where the motion starts and ends slowly, so that the path is resolved alike everywhere.
-    share = (1.0 - cos(np.linspace(0.0, np.pi, SENSITIVITY.instants))) / 2.0
-    time = spans[:, :1] + share * (spans[:, 1:] - spans[:, :1])
+    # Dense at the slow ends of the motion, so that the path is resolved uniformly.
+    progress = (1.0 - cos(np.linspace(0.0, np.pi, SENSITIVITY.instants))) / 2.0
+    time = spans[:, :1] + progress * (spans[:, 1:] - spans[:, :1])
     q = trajectory.at(time.ravel())[0][:, columns].reshape(*time.shape, len(columns))
     step = norm(np.diff(q, axis=1) / scale, axis=2)
-    way = np.concatenate([np.zeros((len(q), 1)), np.cumsum(step, axis=1)], axis=1)
+    travelled = np.concatenate([np.zeros((len(q), 1)), np.cumsum(step, axis=1)], axis=1)
     nodes = _nodes()
-    return np.stack([_read_off(q[k], way[k], nodes) for k in range(len(q))])
+    return np.stack([_read_off(q[k], travelled[k], nodes) for k in range(len(q))])
 
 
-def _read_off(q: FloatArray, way: FloatArray, nodes: FloatArray) -> FloatArray:
-    """Return joints at shares of one path's length, linear between its instants."""
-    at = nodes * way[-1]
-    index = np.clip(np.searchsorted(way, at, side="right") - 1, 0, len(way) - 2)
-    gap = way[index + 1] - way[index]
-    part = np.divide(at - way[index], gap, out=np.zeros_like(at), where=gap > 0.0)[:, None]
-    found: FloatArray = (1.0 - part) * q[index] + part * q[index + 1]
-    return found
+def _read_off(q: FloatArray, travelled: FloatArray, nodes: FloatArray) -> FloatArray:
+    """Interpolate joints at fractions of one path's length, linearly."""
+    at = nodes * travelled[-1]
+    index = np.clip(np.searchsorted(travelled, at, side="right") - 1, 0, len(travelled) - 2)
+    gap = travelled[index + 1] - travelled[index]
+    part = np.divide(at - travelled[index], gap, out=np.zeros_like(at), where=gap > 0.0)[:, None]
+    joints: FloatArray = (1.0 - part) * q[index] + part * q[index + 1]
+    return joints
 
 
 def _nodes() -> FloatArray:
-    """Return Chebyshev's extrema on [0, 1]: interpolation there does not swing at the ends."""
+    """Compute Chebyshev's extrema on [0, 1], which avoid oscillation at the ends."""
     return (1.0 - cos(np.pi * np.arange(SENSITIVITY.samples) / (SENSITIVITY.samples - 1))) / 2.0
 
 
 def _shape_times(path: FloatArray, limits: JointLimits) -> FloatArray:
-    """Return the times that velocity, acceleration and jerk of each joint ask for, shape (g, k, 3 n)."""
+    """Compute the times required by each joint's limits, (g, k, 3 n)."""
     k, m, n = path.shape
     flat = np.moveaxis(path, 1, 0).reshape(m, -1)
     rates = [
@@ -181,7 +181,12 @@ def _shape_times(path: FloatArray, limits: JointLimits) -> FloatArray:
 
 @lru_cache(maxsize=1)
 def _operators() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return matrices from path samples to q', q'', q''' in unit time at all instants of all shapes."""
+    """Compute matrices from path samples to q', q'', q''' in unit time.
+
+    Rows are the instants of the shapes.
+
+    They are in unit time.
+    """
     return SHAPES.path_rates(SENSITIVITY.per_phase, _nodes())
 
 
@@ -191,10 +196,10 @@ MOTIONS = ("transfer", "return", *LINES)
 
 @dataclass(frozen=True)
 class LimitSensitivity:
-    """What one assumed limit, or several together, are worth."""
+    """Effect on the cycle time of one assumed limit, or of several together."""
 
     joint: str | None
-    """The joint; None for all joints whose limits are assumed, together."""
+    """Joint, or None for all joints with assumed limits."""
     limit: str
     """`acceleration`, `jerk`, or `acceleration and jerk`."""
     value: float | None
@@ -207,7 +212,7 @@ class LimitSensitivity:
 
 @dataclass(frozen=True)
 class _Line:
-    """One approach or retract, or a transfer."""
+    """An approach, a retract, or a transfer."""
 
     arm: str
     stage: int
@@ -217,7 +222,7 @@ class _Line:
 
 @dataclass(frozen=True)
 class _Chains:
-    """What every arm does in each of s stages, in arrays."""
+    """Arrays of the work of every arm in s stages."""
 
     moved: FloatArray
     """Displacement of every joint in the transfer [rad], shape (s, n)."""
@@ -226,27 +231,27 @@ class _Chains:
     passing: tuple[_Line, ...]
     """Transfers that begin or end in motion."""
     fixed: Mapping[str, FloatArray]
-    """Time that no limit changes, such as dwells, by arm [s]; minus infinity where the arm has no work, (s,). In a
-    hand-over all that comes after both arms have come is the first arm's."""
+    """Time independent of limits, such as dwells, by arm [s], shape (s,); minus infinity without work. In a hand-over
+    the first arm has all time after both have arrived."""
     returns: BoolArray
-    """Whether all joints arrive together and nothing follows: a return, or a stage without work, shape (s,)."""
+    """Mask of returns and of stages without work: all joints arrive together, shape (s,)."""
     recorded: FloatArray
     """Length of the longest transfer [s], shape (s,)."""
     together: BoolArray
-    """Which stages are hand-overs, shape (s,)."""
+    """Mask of the stages that are hand-overs, shape (s,)."""
 
 
 def sensitivity(schedule: Schedule) -> list[LimitSensitivity]:
-    """Return what assumed limits are worth, the most telling joint first; all of them together at the end.
+    """Compute the effect of assumed limits on the cycle time, largest first.
 
-    Every joint's acceleration and jerk limit whose source is assumed is taken 10 % lower and 10 % higher. Postures
-    stay: transfers follow from their displacements in closed form, a stage lasts as long as the slower arm (a hand-
-    over as long as the slower transfer and then both arms' lines and dwells), lines change by the ratio of two
-    estimates along the same path, dwells do not change. A transfer that begins or ends in motion changes as its own
-    profile does when it is played at the pace that keeps the changed limits. To decide postures anew with the other
-    limits could only be faster than this, so that `higher` is conservative. Under a tool-speed cap the factor by
-    which a transfer was slowed is kept. Transfers that wait or are bent to avoid collisions count as straight ones
-    of the same displacement, and what they take longer as constant; a note of the plan says so.
+    All of them together come last. Every joint's acceleration and jerk limit whose source is assumed is taken
+    10 % lower and 10 % higher. Postures stay: transfers follow from their displacements in closed form, a stage
+    lasts as long as the slower arm (a hand- over as long as the slower transfer and then both arms' lines and
+    dwells), lines change by the ratio of two estimates along the same path, dwells do not change. The profile
+    of a transfer that begins or ends in motion is slowed to the changed limits. New postures for the other
+    limits could only be faster than this, so that `higher` is conservative. Under a tool-speed cap the factor
+    by which a transfer was slowed is kept. Transfers with delays or detours count as straight ones of the same
+    displacement, with their extra time constant; a note of the plan reports this.
 
     Args:
         schedule: a planned one; of one without stages, whose stages overlap, since its length is no sum of them then,
@@ -262,20 +267,20 @@ def sensitivity(schedule: Schedule) -> list[LimitSensitivity]:
         return []
     if not np.isfinite(limits.acceleration).all():
         return []
-    # Row 0 is the plan as it is; then every entry lower and higher.
+    # Row 0 is the unchanged plan; then every entry lower and higher.
     acceleration, jerk = np.ones((2, 2 * len(entries) + 1, len(limits.joints)))
     for row, (_, which, limit) in enumerate(entries):
         for step, factor in enumerate((1.0 - SENSITIVITY.share, 1.0 + SENSITIVITY.share), start=1):
-            for rate, factors, own in zip(
+            for rate, factors, assumed_columns in zip(
                 ("acceleration", "jerk"), (acceleration, jerk), assumed, strict=True
             ):
                 if rate in limit:
-                    factors[2 * row + step, [k for k in which if k in own]] = factor
+                    factors[2 * row + step, [k for k in which if k in assumed_columns]] = factor
     chains = _chains(schedule, parts, limits)
     cycle = _cycle_times(schedule, chains, limits, acceleration, jerk)
-    # The closed forms give differences; the schedule's own duration is what they are added to.
+    # The closed forms give differences from the duration of the schedule.
     cycle += schedule.duration - cycle[0]
-    found = [
+    sensitivities = [
         LimitSensitivity(
             joint=joint,
             limit=limit,
@@ -285,13 +290,13 @@ def sensitivity(schedule: Schedule) -> list[LimitSensitivity]:
         )
         for row, (joint, which, limit) in enumerate(entries)
     ]
-    single = [entry for entry in found if entry.joint is not None]
+    single = [entry for entry in sensitivities if entry.joint is not None]
     single.sort(key=lambda entry: -round(entry.lower - entry.higher, 12))
-    return single + [entry for entry in found if entry.joint is None]
+    return single + [entry for entry in sensitivities if entry.joint is None]
 
 
 def _entries(limits: JointLimits) -> list[tuple[str | None, list[int], str]]:
-    """Return which joints' which limits are changed: each joint's by itself, then all together."""
+    """List the changed limits by joint: each joint's alone, then all together."""
     assumed = limits.assumed("acceleration")
     jerked = [k for k in limits.assumed("jerk") if np.isfinite(limits.jerk[k])]
     entries: list[tuple[str | None, list[int], str]] = []
@@ -307,7 +312,7 @@ def _entries(limits: JointLimits) -> list[tuple[str | None, list[int], str]]:
 
 
 def _chains(schedule: Schedule, parts: Sequence[StageParts], limits: JointLimits) -> _Chains:
-    """Return the stages as arrays."""
+    """Convert the stages to arrays."""
     starts = np.array([part.stage.start for part in parts])
     arrivals = {name: starts.copy() for name in schedule.robot.arms}
     fixed = {name: np.full(len(parts), -np.inf) for name in schedule.robot.arms}
@@ -315,32 +320,32 @@ def _chains(schedule: Schedule, parts: Sequence[StageParts], limits: JointLimits
     passing: list[_Line] = []
     for k, part in enumerate(parts):
         for name, segments in part.arms.items():
-            rest = segments[-1].end - part.stage.start
+            remaining = segments[-1].end - part.stage.start
             for segment in segments:
                 if segment.kind in MOTIONS:
-                    rest -= segment.end - segment.start
+                    remaining -= segment.end - segment.start
                 if segment.kind in LINES:
                     lines.append(_Line(name, k, segment.start, segment.end))
                 elif segment.kind in MOTIONS:
                     arrivals[name][k] = segment.end
                     if _is_passed(schedule, name, (segment.start, segment.end)):
                         passing.append(_Line(name, k, segment.start, segment.end))
-            fixed[name][k] = rest
+            fixed[name][k] = remaining
     returns = np.array([not part.stage.tasks or not part.arms for part in parts])
     together = np.array([is_handover(part.arms) for part in parts])
     for k, part in enumerate(parts):
         if together[k]:
-            came = max(arrivals[name][k] for name in part.arms)
+            arrival = max(arrivals[name][k] for name in part.arms)
             moved = sum(line.end - line.start for line in lines if line.stage == k)
-            first, *others = fixed.values()
-            first[k] = part.stage.end - came - moved
-            for other in others:
-                other[k] = 0.0
-    # In a return all arrive at its end, the platform also where no arm moves; elsewhere with the last arm.
+            first, *other_arms = fixed.values()
+            first[k] = part.stage.end - arrival - moved
+            for other_times in other_arms:
+                other_times[k] = 0.0
+    # In a return all joints arrive at its end, also the platform alone; elsewhere with the last arm.
     ends = np.array([part.stage.end for part in parts])
     arrived = np.where(returns, ends, np.max(list(arrivals.values()), axis=0))
     displaced = _displacements(schedule, starts, arrivals, arrived, limits.joints)
-    # What takes the time that the file gives it is as long under any limits.
+    # A motion with a given duration takes the same time under any limits.
     displaced[[part.stage.bottleneck == DURATION for part in parts]] = 0.0
     for line in passing:
         joints = schedule.robot.arms[line.arm].joints
@@ -363,7 +368,7 @@ def _displacements(
     arrived: FloatArray,
     joints: tuple[str, ...],
 ) -> FloatArray:
-    """Return how far each joint moves in each stage's transfer [rad], shape (s, n)."""
+    """Compute the displacement of each joint in each stage's transfer [rad], (s, n)."""
     trajectory = schedule.trajectory
     before = trajectory.at(starts)[0]
     moved = np.abs(trajectory.at(arrived)[0] - before)
@@ -381,7 +386,7 @@ def _cycle_times(
     acceleration: FloatArray,
     jerk: FloatArray,
 ) -> FloatArray:
-    """Return the length of the whole motion with each row of factors on the limits [s], shape (v,)."""
+    """Compute the duration for each row of factors [s], (v,)."""
     robot = schedule.robot
     groups = {PLATFORM: [limits.joints.index(joint) for joint in robot.platform]}
     groups |= {
@@ -415,9 +420,9 @@ def _cycle_times(
 
 
 def _slowing(schedule: Schedule, chains: _Chains, limits: JointLimits) -> FloatArray:
-    """Return the factors on the speed limits under which each stage's transfers were timed, (s,).
+    """Estimate each stage's factors on the speed limits, (s,).
 
-    They are below 1 only under a cap on the tools' speed, and found from how long the transfers take.
+    They are below 1 only under a cap on the tools' speed, and follow from the durations of the transfers.
     """
     low, high = np.zeros(len(chains.moved)), np.ones(len(chains.moved))
     if schedule.robot.tool_speed is None:
@@ -436,7 +441,7 @@ def _slowing(schedule: Schedule, chains: _Chains, limits: JointLimits) -> FloatA
 
 
 def _is_passed(schedule: Schedule, arm: str, span: tuple[float, float]) -> bool:
-    """Return whether an arm is in motion at the beginning or the end of a transfer [s]."""
+    """Check whether an arm moves at either end of a transfer [s]."""
     velocity = schedule.trajectory.at(np.array(span))[1]
     columns = [schedule.trajectory.joints.index(name) for name in schedule.robot.arms[arm].joints]
     return bool(np.abs(velocity[:, columns]).max() > SENSITIVITY.at_rest)
@@ -450,19 +455,19 @@ def _passing_times(
     acceleration: FloatArray,
     jerk: FloatArray,
 ) -> FloatArray:
-    """Return how long an arm's transfers that begin or end in motion take, by row of factors and stage [s], (v, s)."""
+    """Compute durations of transfers that begin or end in motion [s], (v, s)."""
     times = np.zeros((len(acceleration), len(chains.moved)))
     lines = [line for line in chains.passing if line.arm == arm]
     if not lines:
         return times
-    own = limits.select(schedule.robot.arms[arm].joints)
-    columns = [limits.joints.index(joint) for joint in own.joints]
+    arm_limits = limits.select(schedule.robot.arms[arm].joints)
+    columns = [limits.joints.index(joint) for joint in arm_limits.joints]
     spans = np.array([[line.start, line.end] for line in lines])
-    asked = _own_times(schedule.trajectory, spans, columns, own)
-    asked /= asked.max(axis=1, keepdims=True)
+    demands = _own_times(schedule.trajectory, spans, columns, arm_limits)
+    demands /= demands.max(axis=1, keepdims=True)
     a, j = acceleration[:, columns], jerk[:, columns]
     slower = np.concatenate([np.ones_like(j), power(a, -0.5), cbrt(1.0 / j)], axis=1)
-    for line, factor in zip(lines, _slowest(asked[None], slower).T, strict=True):
+    for line, factor in zip(lines, _slowest(demands[None], slower).T, strict=True):
         times[:, line.stage] = factor * (line.end - line.start)
     return times
 
@@ -475,11 +480,11 @@ def _line_times(
     acceleration: FloatArray,
     jerk: FloatArray,
 ) -> FloatArray:
-    """Return how long one arm's lines take in every stage with each row of factors [s], (v, s)."""
+    """Compute the time of one arm's lines by factors and stage [s], (v, s)."""
     times = np.zeros((len(acceleration), len(chains.moved)))
     lines = [line for line in chains.lines if line.arm == arm]
-    own = limits.select(schedule.robot.arms[arm].joints)
-    columns = [limits.joints.index(joint) for joint in own.joints]
+    arm_limits = limits.select(schedule.robot.arms[arm].joints)
+    columns = [limits.joints.index(joint) for joint in arm_limits.joints]
     if not lines or not columns:
         return times
     spans = np.array([[line.start, line.end] for line in lines])
@@ -488,7 +493,7 @@ def _line_times(
     factors[changed] = line_factors(
         schedule.trajectory,
         spans,
-        own,
+        arm_limits,
         *(v[np.ix_(changed, columns)] for v in (acceleration, jerk)),
     )
     for column, line in enumerate(lines):

@@ -29,51 +29,61 @@ class CornerSettings:
     """Resolution of passed corners."""
 
     stands: float = 1e-9
-    """A joint that is off by less than this stands still [rad]."""
+    """Displacement below which a joint is at rest [rad]."""
     at_rest: float = 1e-6
-    """Joints that are slower stand, but for the rounding of instants [rad/s or m/s]."""
+    """Speed below which a joint is at rest, apart from rounding [rad/s or m/s]."""
     instants: int = 200
-    """Instants at which a tool is looked at beyond the straight part of a line."""
+    """Instants per transfer at which a tool's deviation is evaluated."""
     whole: float = 1e-6
     """Tolerance at which a line counts as straight over its whole length [m]."""
     at_once: int = 64
-    """Lines that are looked at together."""
+    """Number of lines per batch."""
 
 
 CORNERS = CornerSettings()
 
 PLATFORM = "platform"
-"""Name of the group of the joints that carry both arms; the arms' groups bear the arms' names."""
+"""Name of the group of the platform joints; an arm's group has the arm's name."""
 
 
 @dataclass(frozen=True)
 class StageParts:
-    """One stage, arm by arm."""
+    """Segments of one stage by arm."""
 
     stage: Stage
-    """What the schedule says of it."""
+    """The stage in the schedule."""
     arms: Mapping[str, tuple[Segment, ...]]
-    """What each arm does, in time order; waiting is left out, and so are arms that only wait. A transfer lasts from
-    when the arm leaves until its line may begin, waiting for the platform included."""
+    """Segments of each arm in time order, without waits.
+
+    Arms that only wait are omitted. A transfer lasts from the departure of the arm until its line
+    may begin, waiting for the platform included.
+
+    A transfer lasts from the departure of the arm until its line may begin, waiting for the
+    platform included.
+    """
     critical: str
-    """The arm whose last part ends the stage; in a hand-over the one that comes last; empty where no arm does
-    anything."""
+    """Arm that ends the stage; empty without work.
+
+    In a hand-over it is the arm that arrives last.
+    """
     group: str
-    """Joint group that decides the critical arm's transfer, or the stage where no arm does anything: an arm's name,
-    `platform`, or empty for none."""
+    """Joint group that decides the critical arm's transfer, or the stage without work.
+
+    It is an arm's name, `platform`, or empty.
+    """
 
     def length(self, arm: str, *kinds: str) -> float:
-        """Return how long an arm spends on some kinds of parts [s]."""
+        """Sum the time of an arm's segments of the given kinds [s]."""
         parts = self.arms.get(arm, ())
         return sum((part.end - part.start for part in parts if part.kind in kinds), 0.0)
 
     def arrival(self, arm: str) -> float:
-        """Return when an arm's transfer is over [s]; the stage's start where it has none."""
+        """Compute the end of an arm's transfer [s], by default the stage's start."""
         return _arrival(self.arms.get(arm, ()), self.stage)
 
 
 def is_handover(arms: Mapping[str, Sequence[Segment]]) -> bool:
-    """Return whether what the arms do in a stage is a hand-over: they begin their lines when both are there."""
+    """Check whether a stage is a hand-over: lines begin when both arms have arrived."""
     return any(part.action == "give" for parts in arms.values() for part in parts)
 
 
@@ -82,18 +92,21 @@ def _arrival(parts: Sequence[Segment], stage: Stage) -> float:
 
 
 def overlap(stages: Sequence[Stage]) -> bool:
-    """Return whether any stage begins before the one before it ends: the arms run asynchronously."""
+    """Check whether any stage begins before the previous one ends.
+
+    The arms then run asynchronously.
+    """
     return any(later.start < before.end - SAME_TIME for before, later in pairwise(stages))
 
 
 def stage_parts(schedule: Schedule) -> list[StageParts]:
-    """Return the stages of a schedule with their parts.
+    """Split a schedule into stages with their segments.
 
-    Of a schedule without stages, as others may write it, the k-th event of each arm makes stage k, which ends with
-    their dwells; of one without segments, an arm's parts are cut at its events.
+    In a schedule without stages the k-th events of all arms form stage k, which ends with their dwells. In one without
+    segments an arm's segments are split at its events.
 
     Args:
-        schedule: also one made elsewhere; its times must be finite.
+        schedule: of any origin; its times must be finite.
     """
     stages = schedule.stages or _stages_of_events(schedule)
     segments = schedule.segments or _segments_of_events(schedule, stages)
@@ -106,46 +119,51 @@ def stage_parts(schedule: Schedule) -> list[StageParts]:
         _parts(
             schedule,
             stage,
-            {name: tuple(sorted(found, key=lambda p: p.start)) for name, found in arms.items()},
+            {
+                name: tuple(sorted(segments_of_arm, key=lambda p: p.start))
+                for name, segments_of_arm in arms.items()
+            },
         )
         for stage, arms in zip(stages, per_stage, strict=True)
     ]
 
 
 def _stages_of(parts: Sequence[Segment], stages: Sequence[Stage]) -> list[int]:
-    """Return for each part the place of its stage: the last one begun by its middle, of its task where stages overlap.
+    """Find the stage of each segment: the last one begun by its middle.
 
-    Of several overlapping stages of a task, or without one, that which has most of the part, and of those the shortest.
+    Among overlapping stages it must be of the segment's task.
+
+    Several overlapping stages are ranked by the shared time, then the shorter one.
     """
     middles = [(part.start + part.end) / 2.0 for part in parts]
     starts = np.array([stage.start for stage in stages])
-    begun = np.maximum(np.searchsorted(starts, middles, side="right") - 1, 0)
+    started = np.maximum(np.searchsorted(starts, middles, side="right") - 1, 0)
     if not overlap(stages):
-        return [int(k) for k in begun]
+        return [int(k) for k in started]
     by_task: dict[str, list[int]] = {}
     for k, stage in enumerate(stages):
         for task in dict.fromkeys(stage.tasks or ("",)):
             by_task.setdefault(task, []).append(k)
 
-    found = []
-    for part, last in zip(parts, begun, strict=True):
+    indices = []
+    for part, last in zip(parts, started, strict=True):
         ranked = []
         for k in by_task.get(part.task, []):
             shared = min(stages[k].end, part.end) - max(stages[k].start, part.start)
             if shared >= -SAME_TIME:
                 ranked.append((-round(shared, 9), stages[k].end - stages[k].start, k))
-        found.append(min(ranked)[-1] if ranked else int(last))
-    return found
+        indices.append(min(ranked)[-1] if ranked else int(last))
+    return indices
 
 
 def _parts(schedule: Schedule, stage: Stage, arms: Mapping[str, tuple[Segment, ...]]) -> StageParts:
     ends = {name: parts[-1].end for name, parts in arms.items()}
     if is_handover(arms):
-        # Both wait for the one that comes last; that the giver leaves last says nothing.
+        # Both wait for the arm that arrives last; the order of departure is irrelevant.
         ends = {name: _arrival(parts, stage) for name, parts in arms.items()}
     last = max(ends.values(), default=0.0)
     candidates = [name for name, end in ends.items() if end >= last - SAME_TIME]
-    # Of arms that end together the one that the stage itself names as its bottleneck.
+    # Among arms that end together, prefer the stated bottleneck of the stage.
     named = [name for name in candidates if _group_of(schedule, stage.bottleneck) == name]
     critical = (named or candidates or [""])[0]
     return StageParts(stage, arms, critical, _deciding_group(schedule, stage, arms, critical))
@@ -154,30 +172,30 @@ def _parts(schedule: Schedule, stage: Stage, arms: Mapping[str, tuple[Segment, .
 def _deciding_group(
     schedule: Schedule, stage: Stage, arms: Mapping[str, tuple[Segment, ...]], critical: str
 ) -> str:
-    """Return which group decides how long the critical arm's transfer takes."""
+    """Find the group that decides the duration of the critical arm's transfer."""
     if not critical:
         return _group_of(schedule, stage.bottleneck)
     if not any(part.kind in MOVES for part in arms.get(critical, ())):
         return ""
     if any(part.kind == "return" for part in arms[critical]) or not stage.arm_times:
         return _group_of(schedule, stage.bottleneck) or critical
-    own = stage.arm_times.get(critical, 0.0)
-    return PLATFORM if stage.platform_time > own else critical
+    arm_time = stage.arm_times.get(critical, 0.0)
+    return PLATFORM if stage.platform_time > arm_time else critical
 
 
 def _group_of(schedule: Schedule, joint: str) -> str:
-    """Return the group of a joint, or an empty string."""
+    """Find the group of a joint, or an empty string."""
     if joint in schedule.robot.platform:
         return PLATFORM
-    found = (name for name, arm in schedule.robot.arms.items() if joint in arm.joints)
-    return next(found, "")
+    groups = (name for name, arm in schedule.robot.arms.items() if joint in arm.joints)
+    return next(groups, "")
 
 
 def _stages_of_events(schedule: Schedule) -> tuple[Stage, ...]:
-    """Return stages of one event per arm, each as long as their dwells, and one for what follows the last."""
+    """Build stages of one event per arm, ended by dwells, and a remainder."""
     groups: list[list[Event]] = []
     for event in sorted(schedule.events, key=lambda event: (event.time, event.arm)):
-        if not groups or any(event.arm == other.arm for other in groups[-1]):
+        if not groups or any(event.arm == earlier.arm for earlier in groups[-1]):
             groups.append([])
         groups[-1].append(event)
     clock, last = float(schedule.trajectory.time[0]), float(schedule.trajectory.time[-1])
@@ -197,7 +215,7 @@ def _stage(start: float, end: float, tasks: tuple[str, ...]) -> Stage:
 
 
 def _segments_of_events(schedule: Schedule, stages: tuple[Stage, ...]) -> tuple[Segment, ...]:
-    """Return parts cut at the events: the way to an event, its dwell, and what the arm moves afterwards."""
+    """Split the motion at events: transfers, dwells, and the motion after the last."""
     segments = []
     for k, stage in enumerate(stages):
         # An event may fall on a stage's end; on its start only where there is no stage before.
@@ -226,7 +244,7 @@ def _segment(who: tuple[str, str, str], kind: str, start: float, end: float) -> 
 def _stands_from(
     trajectory: Trajectory, joints: tuple[str, ...], start: float, end: float
 ) -> float:
-    """Return from when on the joints stand where they are at `end` [s]."""
+    """Find the time from which the joints keep their positions at `end` [s]."""
     columns = [trajectory.joints.index(name) for name in joints]
     inside = trajectory.time[(trajectory.time > start) & (trajectory.time < end)]
     time = np.concatenate([[start], inside, [end]])
@@ -262,24 +280,24 @@ class Corner:
     limit: str
     """Limit that `joint` is nearest to: velocity, acceleration or jerk."""
     beside: float
-    """Largest deviation from the line, or distance from the target when passing [m].
+    """Largest deviation from the line, or distance from the target [m].
 
-    Of a line, in the part of it that need not be straight.
+    For a line: in the part that need not be straight.
     """
 
 
 @dataclass(frozen=True)
 class _Candidate:
-    """Corner that an arm passes, or stands at."""
+    """Corner at which an arm may pass in motion or stop."""
 
     time: float
     """Time at which the tool is at the corner [s]."""
     transfer: Segment
-    """The transfer beside it, of a target the one that leaves it."""
+    """Transfer at the corner; for a target the one that leaves it."""
     line: Segment | None = None
-    """The approach or retract whose outer end it is."""
+    """Approach or retract with this outer end."""
     event: Event | None = None
-    """The target of a move that it is."""
+    """Event of the target of a move."""
 
 
 def corners(schedule: Schedule, job: Job) -> list[Corner]:
@@ -287,26 +305,28 @@ def corners(schedule: Schedule, job: Job) -> list[Corner]:
 
     Args:
         schedule: a planned one.
-        job: what it was planned for, its lines whole.
+        job: the planned job, its lines whole.
     """
     model, stops = ToolModel(schedule), job.stops_by_key()
-    found = []
+    corners = []
     for arm in schedule.robot.arms:
         passed = _passed(schedule, arm)
-        speeds = _speeds(schedule, model, arm, [one.time for one in passed])
-        limiting = _limiting(schedule, arm, [one.transfer for one in passed])
+        speeds = _speeds(schedule, model, arm, [candidate.time for candidate in passed])
+        limiting = _limiting(schedule, arm, [candidate.transfer for candidate in passed])
         besides = _besides(schedule, model, arm, passed, stops)
-        for k, (one, speed, named) in enumerate(zip(passed, speeds, limiting, strict=True)):
-            work = one.line or one.event
+        for k, (candidate, speed, named) in enumerate(zip(passed, speeds, limiting, strict=True)):
+            work = candidate.line or candidate.event
             assert work is not None
             stop = stops.get((arm, work.task, work.action))
-            if one.line is not None:
-                kind: str = one.line.kind
+            if candidate.line is not None:
+                kind: str = candidate.line.kind
                 off = besides.get(k, 0.0)
             else:
-                kind, off = "", _off_target(one.event, stop)
-            found.append(Corner(arm, work.task, work.action, kind, one.time, speed, *named, off))
-    return sorted(found, key=lambda corner: (corner.time, corner.arm))
+                kind, off = "", _off_target(candidate.event, stop)
+            corners.append(
+                Corner(arm, work.task, work.action, kind, candidate.time, speed, *named, off)
+            )
+    return sorted(corners, key=lambda corner: (corner.time, corner.arm))
 
 
 def _passed(schedule: Schedule, arm: str) -> list[_Candidate]:
@@ -317,9 +337,9 @@ def _passed(schedule: Schedule, arm: str) -> list[_Candidate]:
         if part.kind not in ("approach", "retract"):
             continue
         out = part.kind == "retract"
-        beside = parts[k + 1 : k + 2] if out else parts[max(0, k - 1) : k]
-        if beside and beside[0].kind in MOVES:
-            near.append(_Candidate(part.end if out else part.start, beside[0], line=part))
+        neighbours = parts[k + 1 : k + 2] if out else parts[max(0, k - 1) : k]
+        if neighbours and neighbours[0].kind in MOVES:
+            near.append(_Candidate(part.end if out else part.start, neighbours[0], line=part))
     starts = [part.start for part in parts]
     for event in schedule.events:
         if (event.arm, event.action) != (arm, "move"):
@@ -329,9 +349,9 @@ def _passed(schedule: Schedule, arm: str) -> list[_Candidate]:
         begun = [part for part in parts[first:last] if part.kind in MOVES]
         if begun:
             near.append(_Candidate(event.time, begun[0], event=event))
-    velocity = schedule.trajectory.at(np.array([one.time for one in near]))[1]
+    velocity = schedule.trajectory.at(np.array([candidate.time for candidate in near]))[1]
     moves = np.abs(velocity[:, _columns(schedule, arm)]).max(axis=1) > CORNERS.at_rest
-    return [one for one, moving in zip(near, moves, strict=True) if moving]
+    return [candidate for candidate, moving in zip(near, moves, strict=True) if moving]
 
 
 def blending_rows(schedule: Schedule, job: Job) -> dict[str, Any] | None:
@@ -341,13 +361,13 @@ def blending_rows(schedule: Schedule, job: Job) -> dict[str, Any] | None:
     """
     if schedule.blend_gain is None:
         return None
-    found = corners(schedule, job)
+    passed = corners(schedule, job)
     stopping = schedule.duration + schedule.blend_gain
     return {
         "gain": schedule.blend_gain,
         "share": schedule.blend_gain / stopping if stopping > 0.0 else 0.0,
-        "largest_deviation": max((one.beside for one in found if one.line), default=0.0),
-        "corners": [field_values(corner) for corner in found],
+        "largest_deviation": max((corner.beside for corner in passed if corner.line), default=0.0),
+        "corners": [field_values(corner) for corner in passed],
     }
 
 
@@ -370,7 +390,7 @@ def _speeds(schedule: Schedule, model: ToolModel, arm: str, times: Sequence[floa
     step = 1e-5
     around = np.array(times)[:, None] + np.array([-step, step])
     _, p = model.poses(arm, schedule.trajectory.at(around.ravel())[0])
-    return [float(norm(way)) / (2.0 * step) for way in p[1::2] - p[::2]]
+    return [float(norm(step_vector)) / (2.0 * step) for step_vector in p[1::2] - p[::2]]
 
 
 def _limiting(schedule: Schedule, arm: str, parts: Sequence[Segment]) -> list[tuple[str, str]]:
@@ -378,14 +398,14 @@ def _limiting(schedule: Schedule, arm: str, parts: Sequence[Segment]) -> list[tu
     limits = schedule.robot.limits.select(schedule.robot.arms[arm].joints)
     motion = schedule.trajectory.select(limits.joints)
     # A transfer between two lines has a corner at both ends.
-    found: dict[tuple[float, float], tuple[str, str]] = {}
+    nearest: dict[tuple[float, float], tuple[str, str]] = {}
     for part in parts:
-        if (part.start, part.end) in found:
+        if (part.start, part.end) in nearest:
             continue
         low, high = np.searchsorted(motion.time, (part.start - 1e-9, part.end + 1e-9))
         rows = slice(int(low), int(high))
         rates = largest_rates(motion.time[rows], motion.velocity[rows], motion.acceleration[rows])
-        # Times: by how much the part could be played faster for each limit alone.
+        # Factors by which the segment could be faster under each limit alone.
         shares = np.stack(
             [
                 rates[0] / limits.velocity,
@@ -395,8 +415,8 @@ def _limiting(schedule: Schedule, arm: str, parts: Sequence[Segment]) -> list[tu
         )
         which, joint = divmod(int(np.argmax(shares)), shares.shape[1])
         limit = ("velocity", "acceleration", "jerk")[which]
-        found[part.start, part.end] = limits.joints[joint], limit
-    return [found[part.start, part.end] for part in parts]
+        nearest[part.start, part.end] = limits.joints[joint], limit
+    return [nearest[part.start, part.end] for part in parts]
 
 
 def _besides(
@@ -413,24 +433,28 @@ def _besides(
     Args:
         schedule: a planned one.
         model: its tools.
-        arm: whose.
+        arm: arm of the tool.
         passed: its corners.
         stops: those of the job, their lines whole.
 
     Returns:
-        Largest deviations [m] by the place among the corners, of those lines only.
+        Largest deviations [m] by the index of the corner, of those lines only.
     """
-    ended = [(k, one.line, one.transfer) for k, one in enumerate(passed) if one.line is not None]
-    found: dict[int, float] = {}
+    ended = [
+        (k, candidate.line, candidate.transfer)
+        for k, candidate in enumerate(passed)
+        if candidate.line is not None
+    ]
+    deviations: dict[int, float] = {}
     for first in range(0, len(ended), CORNERS.at_once):
-        some = ended[first : first + CORNERS.at_once]
-        out = np.array([line.kind == "retract" for _, line, _ in some])
-        spans = np.array([(line.start, line.end) for _, line, _ in some])
+        batch = ended[first : first + CORNERS.at_once]
+        out = np.array([line.kind == "retract" for _, line, _ in batch])
+        spans = np.array([(line.start, line.end) for _, line, _ in batch])
         ends = np.where(out[:, None], spans, spans[:, ::-1])
         R, p = model.poses(arm, schedule.trajectory.at(ends.ravel())[0])
         R, p = R[::2], p.reshape(-1, 2, 3)
         straight = -np.einsum("ki,kij->kj", p[:, 1] - p[:, 0], R)[:, 2]
-        for row, (k, line, transfer) in enumerate(some):
+        for row, (k, line, transfer) in enumerate(batch):
             stop = stops.get((arm, line.task, line.action))
             length = 0.0 if stop is None else getattr(stop, line.kind)
             if straight[row] >= length - CORNERS.whole:
@@ -438,7 +462,7 @@ def _besides(
             along = np.linspace(transfer.start, transfer.end, CORNERS.instants)
             places = model.poses(arm, schedule.trajectory.at(along[:: 1 if out[row] else -1])[0])[1]
             local = product(places - p[row, 0], R[row])
-            gone = np.flatnonzero(-local[:, 2] > length)
-            within = local[: gone[0] if len(gone) else None]
-            found[k] = float(np.hypot(within[:, 0], within[:, 1]).max(initial=0.0))
-    return found
+            beyond = np.flatnonzero(-local[:, 2] > length)
+            within = local[: beyond[0] if len(beyond) else None]
+            deviations[k] = float(np.hypot(within[:, 0], within[:, 1]).max(initial=0.0))
+    return deviations

@@ -13,7 +13,7 @@ from rich.console import Console
 from dualarm_cli.kinds.drawing import new_figure
 from dualarm_cli.model.study import OBJECTIVES
 from dualarm_cli.report.comparison.study_table import (
-    MOST_ROWS,
+    MAX_ROWS,
     most_time,
     rows_table,
     sensitivity_sentences,
@@ -91,15 +91,14 @@ def test_the_table_has_the_rows_with_a_plan_in_shown_units(document) -> None:
 
 
 def test_the_sentences_name_the_best_and_what_failed(document) -> None:
-    """-25 %: 3 s against 4 s of the files as they are."""
+    """-25 %: 3 s against 4 s of the unchanged files."""
     lines = sentences(document)
     assert (
-        "best cycle time: 3.000 s with =x 10 mm, [b]arm left; the files as they are: 4.000 s (-25.0%)"
+        "best cycle time: 3.000 s with =x 10 mm, [b]arm left; the unchanged files: 4.000 s (-25.0%)"
         in lines
     )
     assert (
-        "best clearance: 20.0 mm with =x 10 mm, [b]arm left; the files as they are: 10.0 mm"
-        in lines
+        "best clearance: 20.0 mm with =x 10 mm, [b]arm left; the unchanged files: 10.0 mm" in lines
     )
     assert (
         "1 point without a plan (=x 30 mm, [b]arm right): a.yaml:3:1: no plan: left: does not reach; "
@@ -111,7 +110,7 @@ def test_an_objective_that_looks_the_same_everywhere_has_no_best_row(document) -
     """21.68 and 21.71 mm are 21.7 mm both; of 20.0 and 21.7 one is best."""
     for row, clearance in zip(document["rows"], (0.02168, 0.02171, 0.02166, None), strict=True):
         row["clearance"] = clearance
-    assert "clearance: 21.7 mm in all plans; the files as they are: 10.0 mm" in sentences(document)
+    assert "clearance: 21.7 mm in all plans; the unchanged files: 10.0 mm" in sentences(document)
     document["rows"][2]["clearance"] = 0.02
     assert any(
         line.startswith("best clearance: 21.7 mm with =x 10") for line in sentences(document)
@@ -122,7 +121,7 @@ def test_files_that_have_no_plan_as_they_are_are_said_to_have_none(document) -> 
     """In the words of the other sentences."""
     document["reference"] = {"status": "infeasible"} | dict.fromkeys(("cycle_time", "clearance"))
     assert any(
-        line.endswith("; the files as they are: without a plan") for line in sentences(document)
+        line.endswith("; the unchanged files: without a plan") for line in sentences(document)
     )
 
 
@@ -134,9 +133,9 @@ def test_a_study_without_any_plan_says_so(document) -> None:
 
 def test_rows_beyond_the_most_are_counted(document) -> None:
     """The table stays on a screen."""
-    document["rows"][:3] = [_row(k, k, "left") for k in range(1, MOST_ROWS + 4)]
-    assert f"│ {MOST_ROWS} " in _shown(rows_table(document))
-    assert f"│ {MOST_ROWS + 1} " not in _shown(rows_table(document))
+    document["rows"][:3] = [_row(k, k, "left") for k in range(1, MAX_ROWS + 4)]
+    assert f"│ {MAX_ROWS} " in _shown(rows_table(document))
+    assert f"│ {MAX_ROWS + 1} " not in _shown(rows_table(document))
     assert "... and 3 more rows; --csv FILE has all" in sentences(document)
 
 

@@ -1,4 +1,4 @@
-"""The document of `dualarm compare solvers`: rows by cycle time, the winner and why it wins."""
+"""The document of `dualarm compare solvers`: rows by cycle time, the winner and the reasons."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ if TYPE_CHECKING:
     from dualarm_cli.planning.comparison import Outcome
 
 SOLVERS = ("method", "redundancy", "timing", "blend")
-"""What tells one row from another."""
+"""Fields that identify a row."""
 ORDER = ("verified", "failed", "infeasible", "not served")
-"""Rows by what came of them; each kind by cycle time."""
+"""Order of rows by status; rows of one status by cycle time."""
 LEAST_SAVING = 0.01
-"""Savings below this are not worth a word [s]."""
+"""Least saving that is reported [s]."""
 SAME = 1e-6
-"""Cycle times nearer than this have the same rank [s]."""
+"""Tolerance of equal cycle times in the ranking [s]."""
 SHOWN = 0.0005
-"""Cycle times that differ by less are the same to the printed digit [s]."""
+"""Display resolution of cycle times [s]."""
 
 
 def job_comparison(
@@ -50,14 +50,14 @@ def job_comparison(
     bound: float | None,
     assumptions: Sequence[str],
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return one task file's part of the document, and its wall-clock times apart.
+    """Build one task file's part of the document, and its wall-clock times.
 
     Args:
-        name: the task file, as the user names it.
-        job: what was planned.
-        outcomes: of all cases; schedules are measured one by one and not kept.
+        name: name of the task file in messages.
+        job: the planned job.
+        outcomes: of all cases; schedules are measured one by one and released.
         bound: lower bound of the job [s], or None.
-        assumptions: what the bound rests on.
+        assumptions: assumptions of the bound.
     """
     rows, clock = [], []
     for outcome in outcomes:
@@ -95,12 +95,12 @@ def job_comparison(
 def comparison_document(
     sections: list[dict[str, Any]], clock: list[dict[str, Any]], settings: dict[str, Any]
 ) -> dict[str, Any]:
-    """Return the whole document; what a wall clock measured is its last member, and nowhere else.
+    """Build the whole document; wall-clock times are only in its last member.
 
     Args:
         sections: of the task files.
         clock: planning times of all rows.
-        settings: what was asked for.
+        settings: requested settings.
     """
     return {
         "format": "dualarm.comparison/1",
@@ -111,7 +111,7 @@ def comparison_document(
 
 
 def _rank(row: dict[str, Any], best: float) -> tuple[int, float]:
-    # Equal to the printed digit is equally good: then the first in the registry stays first.
+    # Cycle times that print the same are tied: the order of the registry decides.
     time = row["cycle_time"]
     if time is None or abs(time - best) <= SHOWN:
         return ORDER.index(row["status"]), 0.0
@@ -119,7 +119,7 @@ def _rank(row: dict[str, Any], best: float) -> tuple[int, float]:
 
 
 def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
-    """Return one case's row; times in s, angles in rad, the travel of a platform that slides in m."""
+    """Build one case's row; times in s, angles in rad, travel of sliding platforms in m."""
     case, schedule = outcome.case, outcome.schedule
     compared = {key: rows for kind in of_kinds("measures") for key, rows in kind.compared.items()}
     row: dict[str, Any] = {
@@ -142,7 +142,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
     }
     if schedule is None:
         return row
-    found, clearance = bottlenecks(schedule), smallest_clearance(schedule)
+    shares, clearance = bottlenecks(schedule), smallest_clearance(schedule)
     return row | {
         "cycle_time": schedule.duration,
         "parts_per_hour": throughput(schedule, job),
@@ -153,15 +153,15 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
         "elbow_imbalance": elbow_imbalance(schedule),
         "platform_travel": platform_travel(schedule),
         "platform_slides": schedule.robot.platform_slides,
-        "deciding_stages": found.stages,
-        "deciding_time": found.time,
+        "deciding_stages": shares.stages,
+        "deciding_time": shares.time,
         "caveats": [] if schedule.verification is None else list(schedule.verification.caveats),
         **{key: rows(schedule, job) for key, rows in compared.items()},
     }
 
 
 def winner_sentence(rows: Sequence[dict[str, Any]]) -> str:
-    """Return one sentence: who is fastest, by how much, and what decides the stages.
+    """Compose one sentence on the fastest plan, its lead and its bottlenecks.
 
     Args:
         rows: of one task file, best first.
@@ -191,18 +191,18 @@ def winner_sentence(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _reference(winner: dict[str, Any], good: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
-    """Return the best row of `fixed`, of the winner's own timing if there is one."""
-    found = [row for row in good if row["method"] == "fixed"]
-    alike = [row for row in found if row["timing"] == winner["timing"]]
-    return next(iter(alike or found), None)
+    """Find the best row of `fixed`, preferably with the winner's timing."""
+    fixed = [row for row in good if row["method"] == "fixed"]
+    alike = [row for row in fixed if row["timing"] == winner["timing"]]
+    return next(iter(alike or fixed), None)
 
 
 def section_title(section: dict[str, Any], name: str) -> str:
-    """Return what stands above a task file's table or panel.
+    """Compose the title of a task file's table or panel.
 
     Args:
         section: one member of the document's `comparisons`.
-        name: what the task file is called there.
+        name: name of the task file there.
     """
     if section["stages"] is None:
         return f"{name}: {section['robot']}, each method with its own order"
@@ -211,13 +211,13 @@ def section_title(section: dict[str, Any], name: str) -> str:
 
 
 def share_text(value: float) -> str:
-    """Return a share in percent, with a second digit where it would be 0.0."""
+    """Format a fraction in percent, with a second digit if it would be 0.0."""
     return f"{value:.1%}" if value >= 0.001 else f"{value:.2%}"
 
 
-def _why_faster(winner: dict[str, Any], other: dict[str, Any], name: str) -> str:
-    """Return which kinds of time the winner saves."""
-    mine, theirs = (Bottlenecks({}, row["deciding_time"]) for row in (winner, other))
+def _why_faster(winner: dict[str, Any], reference: dict[str, Any], name: str) -> str:
+    """Compose the kinds of time that the winner saves."""
+    mine, theirs = (Bottlenecks({}, row["deciding_time"]) for row in (winner, reference))
     pairs = [("transfers", mine.transfers, theirs.transfers)]
     pairs += [
         (what, mine.time.get(what, 0.0), theirs.time.get(what, 0.0))
@@ -230,7 +230,7 @@ def _why_faster(winner: dict[str, Any], other: dict[str, Any], name: str) -> str
 
 
 def _deciders(row: dict[str, Any]) -> str:
-    """Return which joint groups decide how many stages, and what the time goes to."""
+    """Compose the bottlenecks of a plan's stages, and its time shares."""
     counts = [
         f"the {group_name(group)} {'' if k else 'decides '}{count}"
         for k, (group, count) in enumerate(row["deciding_stages"].items())
@@ -254,17 +254,17 @@ def _deciders(row: dict[str, Any]) -> str:
 
 
 def group_name(group: str) -> str:
-    """Return what people call a joint group."""
+    """Name a joint group for people."""
     return group if group == PLATFORM else f"{group} arm"
 
 
 def varied_solvers(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Return which solvers differ between the rows, beside the method."""
+    """List the solvers besides the method that differ between the rows."""
     return [key for key in SOLVERS[1:] if len({row[key] for row in rows}) > 1]
 
 
 def row_namer(rows: Sequence[dict[str, Any]]) -> Any:
-    """Return how a row is called: its method, and whatever else differs between the rows."""
+    """Create a function that names rows by method and varied solvers."""
     varied = varied_solvers(rows)
 
     def called(row: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""`dualarm compare solvers` for people and for spreadsheets: one table per task file, one CSV for all."""
+"""`dualarm compare solvers` as tables for the terminal and as CSV."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ COLOURS = {"verified": "green", "failed": "bold red", "infeasible": "yellow", "n
 OPEN = "yellow"
 """Colour of a verified plan whose collisions are not fully checked."""
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""First characters that make a spreadsheet run a cell."""
+"""First characters of spreadsheet formulas."""
 
 
 def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Table:
-    """Return the table of one task file.
+    """Build the table of one task file.
 
     Args:
         section: one member of the document's `comparisons`.
@@ -64,7 +64,7 @@ def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Ta
 
 
 def reason_lines(section: dict[str, Any]) -> list[str]:
-    """Return why methods have no verified plan, those with one reason together.
+    """List the reasons of missing verified plans, grouped by reason.
 
     Args:
         section: one member of the document's `comparisons`.
@@ -78,7 +78,7 @@ def reason_lines(section: dict[str, Any]) -> list[str]:
 
 
 def comparison_csv(document: dict[str, Any]) -> bytes:
-    """Return all rows as CSV; s, rad; wall-clock planning time is the last column and nowhere else.
+    """Write all rows as CSV; s, rad; wall-clock planning time in the last column only.
 
     The travel of a platform that slides is in m.
 
@@ -107,14 +107,14 @@ def comparison_csv(document: dict[str, Any]) -> bytes:
 
 
 def csv_bytes(table: list[list[str]]) -> bytes:
-    """Return rows of texts as CSV, with one newline as the end of each."""
+    """Write rows of texts as CSV, with newline line ends."""
     text = StringIO()
     csv.writer(text, lineterminator="\n").writerows(table)
     return text.getvalue().encode("utf-8", "backslashreplace")
 
 
 def cell_text(value: Any) -> str:
-    """Return a cell: numbers so that reading them gives the same double, nothing for None, no formula."""
+    """Format a cell: exact numbers, empty for None, never a formula."""
     if value is None:
         return ""
     if isinstance(value, str):

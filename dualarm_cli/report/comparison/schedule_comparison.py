@@ -1,4 +1,4 @@
-"""The document of `dualarm compare schedules`: stage by stage, what got slower and what is to blame."""
+"""The document of `dualarm compare schedules`: differences stage by stage, with causes."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.report.stage_parts import StageParts, overlap, stage_parts
 
 KINDS = (("transfer", "return"), ("approach",), ("dwell",), ("retract",), ("path",), ("seam",))
-"""Parts of an arm's work, by what they are called together."""
+"""Groups of segment kinds in an arm's work."""
 SAME_ANGLE = 1e-6
-"""Displacements nearer than this are one [rad]."""
+"""Tolerance of equal displacements [rad]."""
 
 
 @dataclass(frozen=True)
 class Version:
-    """One stage of one schedule."""
+    """A stage in one of the schedules."""
 
     schedule: Schedule
     """The schedule."""
@@ -37,22 +37,22 @@ class Version:
     @property
     def work(self) -> frozenset[tuple[str, str]]:
         """Tasks and actions of the stage; empty for a return."""
-        found = frozenset(
+        work = frozenset(
             (part.task, part.action)
             for parts in self.parts.arms.values()
             for part in parts
             if part.task
         )
-        # Work that takes no time at all has no parts, but an event.
+        # Work without duration has no segments, but an event.
         stage = self.parts.stage
-        return found or frozenset(
+        return work or frozenset(
             (event.task, event.action)
             for event in self.schedule.events
             if event.task in stage.tasks and stage.start <= event.time <= stage.end
         )
 
     def arm_for(self, work: frozenset[tuple[str, str]], name: str) -> str:
-        """Return the arm that does most of some work; the one of that name where none does any."""
+        """Find the arm that does most of the given work, by default the named one."""
         shared = {
             arm: len({(part.task, part.action) for part in parts} & work)
             for arm, parts in self.parts.arms.items()
@@ -61,7 +61,7 @@ class Version:
         return best if shared.get(best) else name
 
     def times(self, arm: str) -> dict[str, float]:
-        """Return how long an arm's parts take, and how long it waits between them [s]."""
+        """Sum an arm's times by kind of segment, and its waits between them [s]."""
         times = {kinds[0]: self.parts.length(arm, *kinds) for kinds in KINDS}
         parts = self.parts.arms.get(arm, ())
         end = parts[-1].end if parts else self.parts.stage.start
@@ -69,11 +69,11 @@ class Version:
         return times
 
     def arrival(self, arm: str) -> float:
-        """Return when an arm's transfer is over [s]."""
+        """Compute the end of an arm's transfer [s]."""
         return self.parts.arrival(arm)
 
     def displacement(self, joint: str, arm: str) -> float | None:
-        """Return how far a joint moves in an arm's transfer [rad]; None where there is no such joint."""
+        """Compute the displacement of a joint in an arm's transfer [rad], or None."""
         trajectory = self.schedule.trajectory
         if joint not in trajectory.joints:
             return None
@@ -84,7 +84,7 @@ class Version:
 
 @dataclass(frozen=True)
 class Blame:
-    """What made one version of a stage longer."""
+    """Cause of the longer version of a stage."""
 
     part: str
     """transfer, approach, dwell, retract or wait."""
@@ -95,40 +95,40 @@ class Blame:
     cause: str
     """displacement, limits or timing for a transfer; time for other parts."""
     a_time: float
-    """How long the part takes in A [s]."""
+    """Time of the part in A [s]."""
     b_time: float
-    """How long it takes in B [s]."""
+    """Time of the part in B [s]."""
     a_displacement: float | None
-    """How far the joint moves in A [rad or m]; None where no joint is to blame."""
+    """Displacement of the joint in A [rad or m]; None if no joint is the cause."""
     b_displacement: float | None
-    """How far it moves in B [rad or m]."""
+    """Displacement of the joint in B [rad or m]."""
     slides: bool = False
     """Whether the joint slides."""
 
     @property
     def name(self) -> str:
-        """The joint, or what the part is."""
+        """Name of the joint, or of the part."""
         return self.joint or self.part
 
 
 def blame(a: Version, b: Version) -> Blame:
-    """Return what made one of two versions of a stage longer.
+    """Find the cause of the longer of two versions of a stage.
 
-    The longer version lasts as long as its critical arm, whose parts add up to it, while the same arm's parts in the
-    shorter version add up to no more than that one. So some part of that arm grew at least by its share of the
-    difference; the one that grew most is to blame.
+    The parts of the critical arm add up to the longer version, while the same arm's parts in the shorter version add up
+    to no more than that one. So some part of that arm grew at least by its share of the difference; the one that
+    grew most is the cause.
 
     Args:
         a: before.
-        b: after, not equally long.
+        b: after, of a different duration.
     """
     longer, shorter = (b, a) if b.duration > a.duration else (a, b)
     arm = longer.parts.critical
-    own = frozenset((part.task, part.action) for part in longer.parts.arms.get(arm, ()))
-    other = shorter.arm_for(own - {("", "")}, arm)
-    long_times, short_times = longer.times(arm), shorter.times(other)
+    work = frozenset((part.task, part.action) for part in longer.parts.arms.get(arm, ()))
+    other_arm = shorter.arm_for(work - {("", "")}, arm)
+    long_times, short_times = longer.times(arm), shorter.times(other_arm)
     part = max(long_times, key=lambda name: long_times[name] - short_times[name])
-    arms = (other, arm) if longer is b else (arm, other)
+    arms = (other_arm, arm) if longer is b else (arm, other_arm)
     times = [version.times(name)[part] for version, name in zip((a, b), arms, strict=True)]
     joint = _slowest_joint(longer, arm) if part == "transfer" else ""
     if not joint:
@@ -140,35 +140,42 @@ def blame(a: Version, b: Version) -> Blame:
 
 
 def _slowest_joint(version: Version, arm: str) -> str:
-    """Return the joint that decides an arm's transfer: the stated one, else by its least time, else the farthest."""
+    """Find the joint that decides an arm's transfer.
+
+    The stated one has priority, then the largest minimum time, then the largest displacement.
+    """
     robot, stated = version.schedule.robot, version.parts.stage.bottleneck
-    known = robot.arms.get(arm)
-    joints = [*(robot.platform or ()), *(known.joints if known is not None else ())]
+    stated_arm = robot.arms.get(arm)
+    joints = [*(robot.platform or ()), *(stated_arm.joints if stated_arm is not None else ())]
     if stated in joints or (
         stated not in ("", DURATION, TOOL_SPEED) and not version.parts.stage.tasks
     ):
         return stated
     moved = {joint: version.displacement(joint, arm) or 0.0 for joint in joints}
-    moved = {joint: way for joint, way in moved.items() if way > SAME_ANGLE}
-    least = {joint: _least_time(version, joint, way) for joint, way in moved.items()}
+    moved = {
+        joint: displacement for joint, displacement in moved.items() if displacement > SAME_ANGLE
+    }
+    least = {
+        joint: _least_time(version, joint, displacement) for joint, displacement in moved.items()
+    }
     if any(time is None for time in least.values()):
         return max(moved, key=lambda joint: moved[joint], default="")
     return max(least, key=lambda joint: least[joint] or 0.0, default="")
 
 
-def _least_time(version: Version, joint: str, way: float | None) -> float | None:
-    """Return the closed-form time of a way under the schedule's limits [s]; None where it states none."""
+def _least_time(version: Version, joint: str, displacement: float | None) -> float | None:
+    """Compute the minimum time of a displacement under the schedule's limits [s], or None."""
     limits = version.schedule.robot.limits
-    if way is None or joint not in limits.joints:
+    if displacement is None or joint not in limits.joints:
         return None
-    one = limits.select([joint])
-    if not (np.isfinite(one.velocity[0]) and np.isfinite(one.acceleration[0])):
+    joint_limits = limits.select([joint])
+    if not (np.isfinite(joint_limits.velocity[0]) and np.isfinite(joint_limits.acceleration[0])):
         return None
-    return float(one.law.duration(np.array([way])))
+    return float(joint_limits.law.duration(np.array([displacement])))
 
 
 def _cause(a: Version, b: Version, joint: str, difference: float, moved: list[float | None]) -> str:
-    """Return what most of a transfer's difference comes from: a longer way, other limits, or other timing."""
+    """Classify a transfer's difference: longer displacement, other limits, or other timing."""
     before, between, after = (
         _least_time(a, joint, moved[0]),
         _least_time(a, joint, moved[1]),
@@ -183,26 +190,26 @@ def _cause(a: Version, b: Version, joint: str, difference: float, moved: list[fl
 
 
 SAME = 1e-6
-"""Durations nearer than this are equal [s]."""
+"""Tolerance of equal durations [s]."""
 SHOWN = 4
-"""How many names a message lists."""
+"""Maximum number of names in a message."""
 
 Pair = tuple[int | None, int | None]
 
 
 def compare_schedules(a: Schedule, b: Schedule, names: tuple[str, str]) -> dict[str, Any]:
-    """Return the comparison as a JSON-ready document; times in s, angles in rad, ways of joints that slide in m.
+    """Compare two schedules as a JSON-ready document; times in s, angles in rad, lengths in m.
 
-    Stages are matched by the tasks and actions that are done in them, whatever their places; the rest by
-    the most work in common. What has no partner stands alone, so that all differences add up to the whole.
+    Stages are matched by their tasks and actions, independent of their positions; the others by the most common work.
+    A stage without partner is a row of its own, so that all differences add up to the total.
 
     Args:
         a: before.
         b: after.
-        names: what the user calls them.
+        names: their names in messages.
 
     Raises:
-        UsageError: a schedule whose times or positions cannot be used, or two without any work in common.
+        UsageError: invalid times or positions of a schedule, or no common work.
     """
     for schedule, name in zip((a, b), names, strict=True):
         _refuse_broken(schedule, name)
@@ -248,15 +255,15 @@ def _refuse_strangers(
         listed = []
         for side, name in zip(versions, names, strict=True):
             done = [" ".join(work).strip() for v in side for work in sorted(v.work)]
-            some = ", ".join(done[:SHOWN]) + (", …" if len(done) > SHOWN else "")
-            listed.append(f"{name} does {some or 'nothing'}")
+            examples = ", ".join(done[:SHOWN]) + (", …" if len(done) > SHOWN else "")
+            listed.append(f"{name} does {examples or 'nothing'}")
         raise UsageError(
             f"no common stages: {'; '.join(listed)}; compare plans that share tasks and actions"
         )
 
 
 def _matched(a: Sequence[Version], b: Sequence[Version]) -> list[Pair]:
-    """Return which stage of A goes with which of B, in A's order, then what only B has."""
+    """Match the stages of A and B, in A's order, then those only in B."""
     free = list(range(len(b)))
     partner: dict[int, int] = {}
     for i, version in enumerate(a):
@@ -276,18 +283,18 @@ def _matched(a: Sequence[Version], b: Sequence[Version]) -> list[Pair]:
 
 
 def _row(a: Sequence[Version], b: Sequence[Version], pair: Pair) -> dict[str, Any]:
-    one = a[pair[0]] if pair[0] is not None else None
-    two = b[pair[1]] if pair[1] is not None else None
-    lengths = [0.0 if version is None else version.duration for version in (one, two)]
+    before = a[pair[0]] if pair[0] is not None else None
+    after = b[pair[1]] if pair[1] is not None else None
+    lengths = [0.0 if version is None else version.duration for version in (before, after)]
     difference = lengths[1] - lengths[0]
-    found = None
-    if one is not None and two is not None and abs(difference) > SAME:
-        found = blame(one, two)
-    if one is None or two is None:
-        match = "only in B" if one is None else "only in A"
+    cause = None
+    if before is not None and after is not None and abs(difference) > SAME:
+        cause = blame(before, after)
+    if before is None or after is None:
+        match = "only in B" if before is None else "only in A"
     else:
-        match = "same work" if one.work == two.work else "other work beside it"
-    shown = one or two
+        match = "same work" if before.work == after.work else "other work beside it"
+    shown = before or after
     return {
         "a": None if pair[0] is None else pair[0] + 1,
         "b": None if pair[1] is None else pair[1] + 1,
@@ -295,12 +302,12 @@ def _row(a: Sequence[Version], b: Sequence[Version], pair: Pair) -> dict[str, An
         if shown is not None
         else [],
         "match": match,
-        "a_duration": None if one is None else lengths[0],
-        "b_duration": None if two is None else lengths[1],
+        "a_duration": None if before is None else lengths[0],
+        "b_duration": None if after is None else lengths[1],
         "difference": difference,
-        "a_bottleneck": None if one is None else one.parts.stage.bottleneck,
-        "b_bottleneck": None if two is None else two.parts.stage.bottleneck,
-        "blame": None if found is None else asdict(found),
+        "a_bottleneck": None if before is None else before.parts.stage.bottleneck,
+        "b_bottleneck": None if after is None else after.parts.stage.bottleneck,
+        "blame": None if cause is None else asdict(cause),
     }
 
 
@@ -314,32 +321,32 @@ def _side(schedule: Schedule, name: str) -> dict[str, Any]:
 
 
 def _same_motion(a: Schedule, b: Schedule) -> bool:
-    one, two = a.trajectory, b.trajectory
-    return one.joints == two.joints and all(
-        np.array_equal(getattr(one, name), getattr(two, name))
+    motion_a, motion_b = a.trajectory, b.trajectory
+    return motion_a.joints == motion_b.joints and all(
+        np.array_equal(getattr(motion_a, name), getattr(motion_b, name))
         for name in ("time", "position", "velocity", "acceleration")
     )
 
 
 def _blamed(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the stages' differences by what is to blame, largest first; together the whole difference."""
-    found: dict[str, list[float]] = {}
+    """Sum the stages' differences by cause, largest first."""
+    differences: dict[str, list[float]] = {}
     for row in rows:
         if abs(row["difference"]) <= SAME:
             continue
         name = "stages without partner"
         if row["blame"] is not None:
             name = row["blame"]["joint"] or row["blame"]["part"]
-        found.setdefault(name, []).append(row["difference"])
+        differences.setdefault(name, []).append(row["difference"])
     listed = [
         {"name": name, "stages": len(parts), "difference": sum(parts)}
-        for name, parts in found.items()
+        for name, parts in differences.items()
     ]
     return sorted(listed, key=lambda entry: -abs(entry["difference"]))
 
 
 def _notes(a: Schedule, b: Schedule, pairs: Sequence[Pair]) -> list[str]:
-    """Return what else differs: robots, limits, settings, order, what the files do not say."""
+    """Compose notes on other differences: robots, limits, settings, order, missing data."""
     notes = []
     if a.robot.name != b.robot.name or set(a.trajectory.joints) != set(b.trajectory.joints):
         notes.append(
@@ -347,11 +354,11 @@ def _notes(a: Schedule, b: Schedule, pairs: Sequence[Pair]) -> list[str]:
             "where both robots have one of that name"
         )
     notes += _limit_notes(a, b)
-    one, two = a.provenance.settings, b.provenance.settings
+    settings_a, settings_b = a.provenance.settings, b.provenance.settings
     changed = [
-        f"{key} {one.get(key)} → {two.get(key)}"
-        for key in sorted({*one, *two})
-        if one.get(key) != two.get(key)
+        f"{key} {settings_a.get(key)} → {settings_b.get(key)}"
+        for key in sorted({*settings_a, *settings_b})
+        if settings_a.get(key) != settings_b.get(key)
     ]
     if changed:
         notes.append(f"settings differ: {', '.join(changed)}")
@@ -371,20 +378,20 @@ def _notes(a: Schedule, b: Schedule, pairs: Sequence[Pair]) -> list[str]:
 
 
 def _limit_notes(a: Schedule, b: Schedule) -> list[str]:
-    """Return which joints of both have other limits."""
-    one, two = a.robot.limits, b.robot.limits
-    both = [joint for joint in one.joints if joint in two.joints]
+    """Compose the note on joints whose limits differ."""
+    limits_a, limits_b = a.robot.limits, b.robot.limits
+    both = [joint for joint in limits_a.joints if joint in limits_b.joints]
     if not both:
         return []
-    one, two = one.select(both), two.select(both)
+    limits_a, limits_b = limits_a.select(both), limits_b.select(both)
     differ = {
         joint
         for what in ("velocity", "acceleration", "jerk")
-        for joint, x, y in zip(both, getattr(one, what), getattr(two, what), strict=True)
+        for joint, x, y in zip(both, getattr(limits_a, what), getattr(limits_b, what), strict=True)
         if x != y
     }
     if not differ:
         return []
     named = [joint for joint in both if joint in differ]
-    some = ", ".join(named[:SHOWN]) + (", …" if len(named) > SHOWN else "")
-    return [f"limits differ for {len(named)} joints: {some}"]
+    examples = ", ".join(named[:SHOWN]) + (", …" if len(named) > SHOWN else "")
+    return [f"limits differ for {len(named)} joints: {examples}"]

@@ -1,4 +1,4 @@
-"""`dualarm compare schedules` for people and for spreadsheets."""
+"""`dualarm compare schedules` as tables for the terminal and as CSV."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from dualarm_cli.report.comparison.schedule_comparison import SAME
 from dualarm_cli.report.printable import numbers
 
 NAMED = 3
-"""How many of those to blame the sentence names."""
+"""Number of causes in the sentence."""
 CAUSES = {
-    "displacement": "way",
+    "displacement": "displacement",
     "limits": "limits",
     "timing": "timing",
     "time": "",
@@ -23,7 +23,7 @@ CAUSES = {
 
 
 def schedules_table(document: dict[str, Any]) -> Table:
-    """Return the table of stages: how long before and after, and what is to blame.
+    """Build the table of stages: durations before and after, and causes.
 
     Args:
         document: of `dualarm compare schedules`.
@@ -51,7 +51,7 @@ def schedules_table(document: dict[str, Any]) -> Table:
 
 
 def schedules_sentence(document: dict[str, Any]) -> str:
-    """Return one sentence: which is faster by how much, in how many stages, and what is to blame.
+    """Compose one sentence: the faster schedule, its lead, the number of stages, the causes.
 
     Args:
         document: of `dualarm compare schedules`.
@@ -73,8 +73,8 @@ def schedules_sentence(document: dict[str, Any]) -> str:
             text += f" ({abs(document['relative']):.1%})"
         text += f" {word} than A ({a:.3f} s → {b:.3f} s)"
     text += f": {slower} of {len(changes)} stages slower, {faster} faster"
-    for side, other in (("A", "b"), ("B", "a")):
-        alone = sum(row[other] is None for row in document["stages"])
+    for side, other_side in (("A", "b"), ("B", "a")):
+        alone = sum(row[other_side] is None for row in document["stages"])
         text += f", {alone} only in {side}" if alone else ""
     named = [
         f"{entry['name']} ({_signed(entry['difference'])} s in {entry['stages']})"
@@ -84,7 +84,7 @@ def schedules_sentence(document: dict[str, Any]) -> str:
 
 
 def _along(document: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return what is to blame for the whole difference: only what goes the same way, unless there is none."""
+    """Select the causes that act in the direction of the total difference, or all."""
     whole = document["difference"]
     if abs(whole) <= SAME:
         return list(document["blamed"])
@@ -92,7 +92,7 @@ def _along(document: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def schedules_csv(document: dict[str, Any]) -> bytes:
-    """Return the stages as CSV; s, rad (m for joints that slide).
+    """Write the stages as CSV; s, rad (m for joints that slide).
 
     Args:
         document: of `dualarm compare schedules`.
@@ -104,38 +104,38 @@ def schedules_csv(document: dict[str, Any]) -> bytes:
     table = [[*plain, *blamed]]
     for row in document["stages"]:
         cells = {**row, "work": ", ".join(row["work"]) or "(return)"}
-        found = row["blame"] or {}
+        cause = row["blame"] or {}
         table.append(
             [cell_text(cells[name]) for name in plain]
-            + [cell_text(found.get(name)) for name in blamed]
+            + [cell_text(cause.get(name)) for name in blamed]
         )
     return csv_bytes(table)
 
 
 def cause_text(row: dict[str, Any]) -> str:
-    """Return what is to blame in a row of a comparison, or what keeps it from being compared."""
+    """Describe the cause of a row, or what prevents its comparison."""
     if row["match"] not in ("same work", "other work beside it"):
         return str(row["match"])
-    found = row["blame"]
-    if found is None:
+    cause = row["blame"]
+    if cause is None:
         return "–"
-    name = f"{found['joint'] or ''} {found['part']}".strip()
-    if not found["joint"]:
-        name = f"{found['arm']} {found['part']}"
+    name = f"{cause['joint'] or ''} {cause['part']}".strip()
+    if not cause["joint"]:
+        name = f"{cause['arm']} {cause['part']}"
     return name if row["match"] == "same work" else f"{name} ({row['match']})"
 
 
-def _change(found: dict[str, Any] | None) -> str:
-    """Return what changed: the joint's way where that is why, the part's time otherwise."""
-    if found is None:
+def _change(cause: dict[str, Any] | None) -> str:
+    """Format the change of displacement if it is the cause, else of time."""
+    if cause is None:
         return ""
-    ways = found["a_displacement"], found["b_displacement"]
-    times = f"{found['a_time']:.3f} s → {found['b_time']:.3f} s"
-    if found["cause"] == "displacement" and None not in ways:
-        if found["slides"]:
-            return " → ".join(f"{1e3 * way:.1f} mm" for way in ways)
-        return " → ".join(f"{math.degrees(way):.1f}°" for way in ways)
-    why = CAUSES[found["cause"]]
+    displacements = cause["a_displacement"], cause["b_displacement"]
+    times = f"{cause['a_time']:.3f} s → {cause['b_time']:.3f} s"
+    if cause["cause"] == "displacement" and None not in displacements:
+        if cause["slides"]:
+            return " → ".join(f"{1e3 * displacement:.1f} mm" for displacement in displacements)
+        return " → ".join(f"{math.degrees(displacement):.1f}°" for displacement in displacements)
+    why = CAUSES[cause["cause"]]
     return f"{times} ({why})" if why else times
 
 

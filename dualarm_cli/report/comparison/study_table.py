@@ -1,4 +1,4 @@
-"""`dualarm sweep` for people and for spreadsheets: rows, what failed, what matters; one CSV."""
+"""`dualarm sweep` as tables and sentences for the terminal and as CSV."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from dualarm_cli.model.verification import exceptions
 from dualarm_cli.report.comparison.comparison_table import cell_text, csv_bytes
 from dualarm_cli.report.printable import numbers
 
-MOST_ROWS = 25
-"""Most rows that the table shows; files have all."""
+MAX_ROWS = 25
+"""Maximum number of rows in the table; files have all."""
 LONGEST_REASON = 300
-"""Most characters of a reason on the terminal and in a cell."""
+"""Maximum length of a reason on the terminal and in a cell [characters]."""
 STATUS_WORDS = {
     "fails_verification": "failed verification",
     "infeasible": "without a plan",
@@ -28,19 +28,19 @@ STATUS_WORDS = {
 
 
 def parameter_label(parameter: dict[str, Any]) -> str:
-    """Return a parameter's name with its unit."""
+    """Format a parameter's name with its unit."""
     return f"{parameter['name']} [{parameter['unit']}]" if parameter["unit"] else parameter["name"]
 
 
 def value_text(value: Any) -> str:
-    """Return a parameter's value as tables show it."""
+    """Format a parameter's value for tables."""
     if isinstance(value, bool):
         return "true" if value else "false"
     return f"{value:.6g}" if isinstance(value, int | float) else str(value)
 
 
 def rows_table(document: dict[str, Any]) -> Table:
-    """Return the table of the rows that have a plan, best first, at most MOST_ROWS."""
+    """Build the table of planned rows, best first, at most MAX_ROWS."""
     named = [OBJECTIVES[entry["name"]] for entry in document["objectives"]]
     others = [objective for name, objective in OBJECTIVES.items() if objective not in named]
     rows = [row for row in document["rows"] if row["rank"] is not None]
@@ -60,7 +60,7 @@ def rows_table(document: dict[str, Any]) -> Table:
     for objective in others:
         table.add_column(objective_head(objective), justify="right", style="dim")
     table.add_column("most time", no_wrap=True)
-    for row in rows[:MOST_ROWS]:
+    for row in rows[:MAX_ROWS]:
         table.add_row(
             str(row["rank"]),
             *(["*" if row["pareto"] else ""] if pareto else []),
@@ -73,12 +73,12 @@ def rows_table(document: dict[str, Any]) -> Table:
 
 
 def objective_head(objective: Objective) -> str:
-    """Return the short head of an objective's column."""
+    """Abbreviate an objective for the head of its column."""
     return f"{objective.name.replace('_', ' ')} {objective.shown_unit}"
 
 
 def most_time(jobs: list[dict[str, Any]]) -> str:
-    """Return what most of the cycle goes to, with its share."""
+    """Describe the largest share of the cycle."""
     times: dict[str, float] = {}
     for job in jobs:
         for name, time in job["limiting"].items():
@@ -91,7 +91,7 @@ def most_time(jobs: list[dict[str, Any]]) -> str:
 
 
 def sentences(document: Mapping[str, Any], every: bool = False) -> list[str]:
-    """Return what is to be said beside the table: rows left out, the best, what failed and why.
+    """Compose the sentences with the table: omitted rows, best rows, failures.
 
     Args:
         document: of `dualarm sweep`.
@@ -102,8 +102,8 @@ def sentences(document: Mapping[str, Any], every: bool = False) -> list[str]:
     if not planned:
         points = document["counts"]["points"]
         lines.append(f"{document['study']}: none of {points} points has a plan")
-    if len(planned) > MOST_ROWS and not every:
-        lines.append(f"... and {len(planned) - MOST_ROWS} more rows; --csv FILE has all")
+    if len(planned) > MAX_ROWS and not every:
+        lines.append(f"... and {len(planned) - MAX_ROWS} more rows; --csv FILE has all")
     if len(document["objectives"]) > 1 and planned:
         titles = ", ".join(OBJECTIVES[o["name"]].title for o in document["objectives"])
         titles = " and ".join(titles.rsplit(", ", 1))
@@ -112,23 +112,23 @@ def sentences(document: Mapping[str, Any], every: bool = False) -> list[str]:
             "one of them"
         )
     lines += _best_lines(document, planned)
-    found = [{caveat for job in row["jobs"] for caveat in job["caveats"]} for row in planned]
-    for caveat in sorted(set[str]().union(*found)):
-        count = sum(caveat in caveats for caveats in found)
+    caveat_sets = [{caveat for job in row["jobs"] for caveat in job["caveats"]} for row in planned]
+    for caveat in sorted(set[str]().union(*caveat_sets)):
+        count = sum(caveat in caveats for caveats in caveat_sets)
         lines.append(f"{count} of {len(planned)} plans: verified{exceptions([caveat])}")
     rows = {row["point"]: row for row in document["rows"]}
     for failure in document["failures"]:
         many = f"{failure['count']} point{'s' * (failure['count'] > 1)}"
-        whose = "; of the first" if failure["count"] > 1 else ""
+        prefix = "; of the first" if failure["count"] > 1 else ""
         at = point_text(document, rows[failure["points"][0]])
         lines.append(
-            f"{many} {STATUS_WORDS[failure['status']]}{whose} ({at}): {one_line_reason(failure['example'])}"
+            f"{many} {STATUS_WORDS[failure['status']]}{prefix} ({at}): {one_line_reason(failure['example'])}"
         )
     return lines
 
 
 def one_line_reason(reason: str) -> str:
-    """Return a reason on one line, cut where it is long; the files have all of it."""
+    """Shorten a reason to one line; the files have all of it."""
     text = ""
     for line in reason.splitlines():
         joint = " " if text.endswith(":") else "; "
@@ -137,32 +137,34 @@ def one_line_reason(reason: str) -> str:
 
 
 def _best_lines(document: Mapping[str, Any], planned: list[dict[str, Any]]) -> list[str]:
-    """Return a sentence per objective: its best row, against the files as they are."""
+    """Compose a sentence per objective: its best row, compared with the unchanged files."""
     lines = []
     for entry in document["objectives"]:
         objective = OBJECTIVES[entry["name"]]
-        known = [row for row in planned if row[objective.name] is not None]
-        if not known:
+        rated = [row for row in planned if row[objective.name] is not None]
+        if not rated:
             if planned:
-                lines.append(f"{objective.title}: not known of any plan")
+                lines.append(f"{objective.title}: unknown for all plans")
             continue
-        best = min(known, key=lambda row: objective.cost(row[objective.name]))
-        many = f" ({entry['together']} of {len(document['tasks'])} jobs)" * bool(entry["together"])
+        best = min(rated, key=lambda row: objective.cost(row[objective.name]))
+        of_jobs = f" ({entry['together']} of {len(document['tasks'])} jobs)" * bool(
+            entry["together"]
+        )
         best_text = _shown(objective, best[objective.name])
         against = _against(objective, best[objective.name], document["reference"])
-        if len(known) > 1 and {_shown(objective, row[objective.name]) for row in known} == {
+        if len(rated) > 1 and {_shown(objective, row[objective.name]) for row in rated} == {
             best_text
         }:
-            lines.append(f"{objective.title}{many}: {best_text} in all plans{against}")
+            lines.append(f"{objective.title}{of_jobs}: {best_text} for all plans{against}")
         else:
             lines.append(
-                f"best {objective.title}{many}: {best_text} with {point_text(document, best)}{against}"
+                f"best {objective.title}{of_jobs}: {best_text} with {point_text(document, best)}{against}"
             )
     return lines
 
 
 def point_text(document: Mapping[str, Any], row: Mapping[str, Any]) -> str:
-    """Return the values of a row's parameters."""
+    """Format the parameter values of a row."""
     return ", ".join(
         f"{p['name']} {value_text(row['values'][p['name']])}{' ' * bool(p['unit'])}{p['unit']}"
         for p in document["parameters"]
@@ -174,32 +176,32 @@ def _shown(objective: Objective, value: float) -> str:
 
 
 def _against(objective: Objective, value: float, reference: dict[str, Any]) -> str:
-    """Return how much better that is than the files as they are."""
+    """Format the improvement over the unchanged files."""
     base = reference[objective.name]
     if base is None:
-        return f"; the files as they are: {STATUS_WORDS[reference['status']]}"
+        return f"; the unchanged files: {STATUS_WORDS[reference['status']]}"
     if objective.name == "cycle_time" and base > 0.0:
         change = value / base - 1.0
-        return f"; the files as they are: {_shown(objective, base)} ({change:+.1%})"
-    return f"; the files as they are: {_shown(objective, base)}"
+        return f"; the unchanged files: {_shown(objective, base)} ({change:+.1%})"
+    return f"; the unchanged files: {_shown(objective, base)}"
 
 
 def sensitivity_table(document: dict[str, Any]) -> Table:
-    """Return the table of how much each parameter matters for each objective."""
+    """Build the table of each parameter's effect on each objective."""
     figures = numbers("main effect", "share", "slope", "rank corr.", no_wrap=True)
     first = Column("objective", no_wrap=True)
     table = Table(first, "parameter", *figures, title="what matters", title_justify="left")
     for section in document["sensitivity"]:
         objective = OBJECTIVES[section["objective"]]
-        for k, one in enumerate(section["parameters"]):
-            effect = one["main_effect"]
+        for k, parameter in enumerate(section["parameters"]):
+            effect = parameter["main_effect"]
             table.add_row(
                 objective.title if k == 0 else "",
-                escape(one["name"]),
+                escape(parameter["name"]),
                 "–" if effect is None else _shown(objective, effect),
-                _percent(one["share"]),
-                _signed(one["slope"]),
-                _signed(one["rank_correlation"]),
+                _percent(parameter["share"]),
+                _signed(parameter["slope"]),
+                _signed(parameter["rank_correlation"]),
                 end_section=k == len(section["parameters"]) - 1,
             )
     return table
@@ -209,11 +211,11 @@ SENSITIVITY_WORDS = (
     "main effect: largest minus least mean over the parameter's values; share: of the variance; "
     "slope: standardised regression; rank corr.: Spearman"
 )
-"""What the columns of the table are."""
+"""Legend of the table's columns."""
 
 
 def sensitivity_sentences(document: dict[str, Any]) -> list[str]:
-    """Return how far the numbers can be relied on, and which parameters act together."""
+    """Compose sentences on the reliability of the sensitivities, and on interactions."""
     noted: dict[str, list[str]] = {}
     for section in document["sensitivity"]:
         for note in section["notes"]:
@@ -241,7 +243,7 @@ def _signed(value: float | None) -> str:
 
 
 def study_csv(document: dict[str, Any]) -> bytes:
-    """Return all rows as CSV: best first, those without a plan last; SI units, parameters in theirs."""
+    """Write all rows as CSV: best first, unplanned last; SI units, parameters in theirs."""
     jobs = document["tasks"] if len(document["tasks"]) > 1 else []
     table = [
         [
@@ -257,8 +259,8 @@ def study_csv(document: dict[str, Any]) -> bytes:
         ]
     ]
     for row in document["rows"]:
-        own = [row["values"][parameter["name"]] for parameter in document["parameters"]]
-        cells = [row["rank"], row["status"], int(row["pareto"]), *own]
+        values = [row["values"][parameter["name"]] for parameter in document["parameters"]]
+        cells = [row["rank"], row["status"], int(row["pareto"]), *values]
         cells += [row[name] for name in OBJECTIVES]
         cells += [job["cycle_time"] for job in row["jobs"]] if jobs else []
         planned = row["rank"] is not None

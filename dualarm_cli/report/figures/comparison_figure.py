@@ -1,4 +1,4 @@
-"""The figure of `dualarm compare solvers`: what each method's cycle is made of, and the bound below all."""
+"""The figure of `dualarm compare solvers`: components of each cycle time, and the bound."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dualarm_cli.report.comparison.comparison import (
     section_title,
     share_text,
 )
-from dualarm_cli.report.measures import DWELLS, LINES, NO_TRANSFERS, OTHER
+from dualarm_cli.report.measures import DWELLS, LINES, NO_TRANSFERS, REMAINDER
 from dualarm_cli.report.stage_parts import PLATFORM
 
 
@@ -28,7 +28,7 @@ class ComparisonStyle:
     curves: float = 3.2
     """Height of the row of a path's curves [inch]."""
     not_fully: str = "#b26a00"
-    """Amber of plans whose pass leaves something open, in a bar's outline and text."""
+    """Amber of plans with open checks, in a bar's outline and text."""
 
 
 STYLE = ComparisonStyle()
@@ -42,16 +42,16 @@ COLOURS = {
     DWELLS: "#d3d3d3",
     "paths": "#8a5fb0",
     "seams": "#d98c2b",
-    OTHER: "#f0e0a0",
+    REMAINDER: "#f0e0a0",
 }
-"""By what decides the time; the arms as in every other figure."""
+"""Colours by deciding group; the arms as in every other figure."""
 
 
 def draw_comparison(document: dict[str, Any], kind: str) -> bytes:
-    """Return the figure as PNG, SVG or PDF: one panel per task file, one bar per plan, best first.
+    """Draw the figure as PNG, SVG or PDF: a panel per task file, a bar per plan.
 
     Args:
-        document: of `dualarm compare solvers`; wall-clock times are not drawn, so that the bytes stay the same.
+        document: of `dualarm compare solvers`; wall-clock times are not drawn, which keeps the bytes reproducible.
         kind: one of FIGURE_KINDS.
 
     Raises:
@@ -88,25 +88,29 @@ def draw_comparison(document: dict[str, Any], kind: str) -> bytes:
 
 
 def _compared_paths(section: dict[str, Any]) -> list[str]:
-    """Return the paths of a task file that several plans follow."""
+    """List the paths of a task file that several plans follow."""
     rows = [row["path_curves"] for row in section["rows"] if row["path_curves"]]
     return [path["task"] for path in rows[0]] if len(rows) > 1 else []
 
 
 def _draw_curves(part: Any, section: dict[str, Any], task: str) -> None:
-    """Draw one path by every method: contraction force ([Choi2020] Fig. 11), manipulability ([Zhang2024] Fig. 4)."""
+    """Draw one path by every method.
+
+    Panels are the contraction force ([Choi2020] Fig. 11) and the manipulability ([Zhang2024] Fig.
+    4).
+    """
     called = row_namer(section["rows"])
-    found = [
+    curves = [
         (called(row), path)
         for row in section["rows"]
         for path in row["path_curves"]
         if path["task"] == task
     ]
-    sprung = any(path["force"] for _, path in found)
+    sprung = any(path["force"] for _, path in curves)
     panels = part.subplots(1, 3 if sprung else 2)
-    for k, (name, path) in enumerate(found):
-        # What lies on another curve is thinner than that.
-        look = {"color": f"C{k % 10}", "linewidth": 1.0 + 0.5 * (len(found) - 1 - k)}
+    for k, (name, path) in enumerate(curves):
+        # Later curves are thinner, so that those below them stay visible.
+        look = {"color": f"C{k % 10}", "linewidth": 1.0 + 0.5 * (len(curves) - 1 - k)}
         panels[-1].plot(path["time"], path["manipulability_together"], **look, label=name)
         for panel, values in zip(
             panels, [*[path["force"]] * sprung, path["manipulability"]], strict=False
@@ -132,12 +136,12 @@ def _labels() -> list[str]:
 
 def _label(name: str) -> str:
     if name in NO_TRANSFERS:
-        return "waiting" if name == OTHER else name
+        return "waiting" if name == REMAINDER else name
     return f"transfers, {group_name(name)} decides"
 
 
 def _draw_section(panel: Any, section: dict[str, Any], name: str) -> dict[str, Any]:
-    """Draw one task file's panel; returns one drawn thing per label."""
+    """Draw one task file's panel; return one artist per label."""
     rows, called = section["rows"], row_namer(section["rows"])
     drawn: dict[str, Any] = {}
     best = next((row["cycle_time"] for row in rows if row["status"] == "verified"), None)
@@ -182,7 +186,7 @@ def _draw_section(panel: Any, section: dict[str, Any], name: str) -> dict[str, A
 
 
 def _draw_bar(panel: Any, place: int, row: dict[str, Any]) -> dict[str, Any]:
-    """Draw what one plan's length is made of; a plan that failed is hatched."""
+    """Draw the components of one plan's duration; a failed plan is hatched."""
     drawn: dict[str, Any] = {}
     if row["status"] == "failed":
         bar = panel.barh(
@@ -218,13 +222,13 @@ def _is_best(row: dict[str, Any], best: float | None) -> bool:
 
 
 def _short(reason: str) -> str:
-    """Return the first line of a reason, cut where it would leave the panel."""
+    """Shorten a reason to its first line and the panel's width."""
     line = reason.split("\n", maxsplit=1)[0]
     return line if len(line) <= 90 else f"{line[:89]}…"
 
 
 def _short_names(names: list[str]) -> list[str]:
-    """Return names by which a reader tells the task files apart: folders where the files are named alike."""
+    """Distinguish task files by name, or by folder for equal names."""
     paths = [PurePath(name) for name in names]
     for shorten in (
         lambda path: path.parent.name if path.stem == "tasks" and path.parent.name else path.stem,

@@ -23,41 +23,40 @@ from dualarm_cli.report.report import plan_title, relative_gap
 
 @dataclass(frozen=True)
 class GanttStyle:
-    """Sizes of the figure, and thresholds of what it shows."""
+    """Sizes and thresholds of the figure."""
 
     most_fit: float = 0.95
-    """Share of the words that must fit, or all are shortened."""
+    """Fraction of words that must fit; otherwise all are shortened."""
     still: float = 1e-7
-    """Platform joints that are slower than this stand [rad/s or m/s]."""
+    """Speed below which platform joints are at rest [rad/s or m/s]."""
     short: float = 1e-3
-    """Shortest time in which a way counts by itself [s]."""
+    """Shortest platform move that is shown by itself [s]."""
     whole: float = 0.05
-    """Angles nearer than this to whole degrees are written as such [°]."""
+    """Tolerance of whole degrees [°]."""
     width: float = 15.0
     left: float = 0.75
     right: float = 0.15
-    """Width of the figure and of what is free beside its axes [inch]."""
+    """Width of the figure and of its margins [inch]."""
     lane: float = 0.36
     above: float = 0.13
     below: float = 0.22
     between: float = 0.08
     title: float = 0.36
     legend: float = 0.42
-    """Heights: of a lane, of a row's stage numbers, of its time axis, of what is free between rows, of the
-    title, of the legend [inch]."""
+    """Heights of a lane, stage numbers, time axis, row gap, title and legend [inch]."""
     columns: int = 10
     line: float = 0.2
     """Names in a line of the legend, and the height of every further line [inch]."""
     bar: float = 0.76
-    """Height of a bar, as a share of its lane."""
+    """Height of a bar relative to its lane."""
     least: float = 1e-3
     """Shortest time axis [s]."""
     rounding: float = 1e-6
-    """Shorter parts are not drawn [s]."""
+    """Shortest part that is drawn [s]."""
     word_sizes: tuple[float, float, float] = (8.0, 7.0, 6.0)
-    """Sizes in which words are tried [points]."""
+    """Font sizes of words, in order of preference [points]."""
     padding: float = 3.0
-    """What is free beside a word in its bar, both sides together [points]."""
+    """Horizontal margin of a word in its bar, both sides together [points]."""
     inks: tuple[str, str] = ("0.15", "white")
     """Colours of words on bright and on dark bars."""
     number_size: float = 6.5
@@ -76,67 +75,67 @@ DARK = ("transfer", "return", "path", "seam")
 
 @dataclass(frozen=True)
 class Label:
-    """One word, centred."""
+    """A centred word."""
 
     time: float
-    """Where it is [s]."""
+    """Time of its centre [s]."""
     lane: int
-    """In which lane."""
+    """Index of its lane."""
     text: str
-    """What it says."""
+    """The text."""
     size: float
-    """Its size [points]."""
+    """Font size [points]."""
     colour: str
-    """Its colour."""
+    """Colour."""
 
 
 @dataclass(frozen=True)
 class Bar:
-    """A place for a word."""
+    """A bar that can hold a word."""
 
     rank: int
     """Preference: bars of lower rank first, among equals the longest."""
     start: float
-    """Where it begins [s]."""
+    """Start [s]."""
     end: float
-    """Where it ends [s]."""
+    """End [s]."""
     dark: bool
-    """Whether words on it are bright."""
+    """Whether the bar is dark, and its word bright."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """A word, and the bars in which it may be written."""
+    """A word and its candidate bars."""
 
     text: str
-    """What it says."""
+    """The text."""
     lane: int
-    """In which lane."""
+    """Index of the lane."""
     bars: tuple[Bar, ...]
-    """Where; the best of those that hold it is taken."""
+    """Candidate bars; the best that holds the word is used."""
     whole: bool
-    """Whether nothing of them is cut off at the end of a row."""
+    """Whether no bar is cut at the end of a row."""
     short: str = ""
-    """A shorter word that says the same beside the others; empty for none."""
+    """Shorter, still unambiguous form; empty for none."""
     number: bool = False
-    """Whether it is a number, which must not lose digits."""
+    """Whether it is a number, which must keep its digits."""
 
 
 def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float) -> list[Wanted]:
-    """Return the ids of tasks for a row: one for each stop, in its transfer rather than in another bar.
+    """List the task ids of a row: one for each stop, preferably in its transfer.
 
     Args:
         schedule: with segments.
-        arms: the lanes.
+        arms: names of the arms, by lane.
         start: of the row [s].
         end: of the row [s].
     """
     words = []
     for lane, arm in enumerate(arms):
         shared = _shared_begin({s.task for s in schedule.segments if s.arm == arm and s.task})
-        own = [s for s in schedule.segments if s.arm == arm and s.end > start and s.start < end]
-        own.sort(key=lambda part: part.start)
-        for (task, action), run in groupby(own, key=lambda part: (part.task, part.action)):
+        row = [s for s in schedule.segments if s.arm == arm and s.end > start and s.start < end]
+        row.sort(key=lambda part: part.start)
+        for (task, action), run in groupby(row, key=lambda part: (part.task, part.action)):
             parts = [part for part in run if part.kind != "wait"]
             bars = tuple(
                 Bar(p.kind not in MOVES, max(p.start, start), min(p.end, end), p.kind in DARK)
@@ -144,14 +143,14 @@ def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float
             )
             if task and bars:
                 whole = parts[0].start >= start and parts[-1].end <= end
-                # What a tool is changed for is seen from what follows.
+                # The purpose of a tool change is visible in the next task.
                 text = task.split(" (")[0] if action in AT_STANDS else task
                 words.append(Wanted(text, lane, bars, whole, text.removeprefix(shared)))
     return words
 
 
 def _shared_begin(ids: Collection[str]) -> str:
-    """Return what all ids begin with, up to a sign that parts words, and zeros: `left-0` of left-01 and left-02."""
+    """Find the common prefix of ids up to a separator and zeros: `left-0` of left-01 and left-02."""
     if len(ids) < 2:
         return ""
     begin = re.match(r".*[^A-Za-z0-9]", commonprefix(list(ids)))  # noqa: RUF071 (letters, no paths)
@@ -164,20 +163,20 @@ def _shared_begin(ids: Collection[str]) -> str:
 
 
 def labels(words: Sequence[Wanted], inch: float) -> list[Label]:
-    """Return the words in their bars, all of one size: the largest in which nearly all of them fit.
+    """Place the words in their bars, at the largest common size in which nearly all fit.
 
-    Where even the smallest size is too large for many, they are shortened: to what differs from the others, then to
-    the letters that fit.
+    If even the smallest size is too large for many, they are shortened: to the part that differs from the others, then
+    to the letters that fit.
 
     Args:
         words: of all rows.
-        inch: how long a second is [inch].
+        inch: length of a second [inch].
     """
-    asked = sum(word.whole for word in words)
+    required = sum(word.whole for word in words)
     for size in STYLE.word_sizes:
         placed = [_place(word.text, word, inch, size) for word in words]
         fit = sum(w.whole and bar is not None for w, bar in zip(words, placed, strict=True))
-        if fit >= STYLE.most_fit * asked:
+        if fit >= STYLE.most_fit * required:
             break
     shown = [_longest(word, inch, size) for word in words]
     return [
@@ -188,14 +187,14 @@ def labels(words: Sequence[Wanted], inch: float) -> list[Label]:
 
 
 def _place(text: str, word: Wanted, inch: float, size: float) -> Bar | None:
-    """Return the best of a word's bars that holds a text of a size, or None."""
+    """Find the best of a word's bars that holds a text of a size, or None."""
     room = text_width(text) * size + STYLE.padding
     large = [bar for bar in word.bars if (bar.end - bar.start) * inch * POINTS >= room]
     return min(large, key=lambda bar: (bar.rank, round(bar.start - bar.end, 6)), default=None)
 
 
 def _longest(word: Wanted, inch: float, size: float) -> tuple[str, Wanted, Bar | None]:
-    """Return the longest form of a word that fits into one of its bars, and that bar; None where none does."""
+    """Find the longest form of a word that fits into a bar, and that bar or None."""
     short = word.short or word.text
     counts = () if word.number else range(len(short) - 1, 0, -1)
     for form in (word.text, short, *(f"{short[:count]}…" for count in counts)):
@@ -207,16 +206,16 @@ def _longest(word: Wanted, inch: float, size: float) -> tuple[str, Wanted, Bar |
 
 @lru_cache(maxsize=4096)
 def text_width(text: str) -> float:
-    """Return how wide a text is in size 1 [points]."""
+    """Compute the width of a text at size 1 [points]."""
     from matplotlib.textpath import TextPath
 
-    # Dollars would be taken for formulas.
+    # Matplotlib parses text between dollars as a formula.
     box = TextPath((0.0, 0.0), text.replace("$", "S"), size=100.0).get_extents()
     return float(box.x1) / 100.0 if text.strip() else 0.0
 
 
 def platform_moves(schedule: Schedule) -> list[tuple[float, float]]:
-    """Return when any joint of the platform moves, as spans [s] with standing between them."""
+    """Find the time spans of platform moves [s], separated by rests."""
     trajectory = schedule.trajectory
     columns = [trajectory.joints.index(name) for name in schedule.robot.platform]
     if not columns:
@@ -239,21 +238,21 @@ def platform_moves(schedule: Schedule) -> list[tuple[float, float]]:
 
 
 def _stops(velocity: FloatArray, knot: int) -> bool:
-    """Return whether the platform comes to rest at a knot between two moves."""
+    """Check whether the platform stops at a knot between two moves."""
     return bool((np.abs(velocity[knot]) <= STYLE.still).all())
 
 
 def platform_words(
     schedule: Schedule, moves: Sequence[tuple[float, float]], lane: int, start: float, end: float
 ) -> list[Wanted]:
-    """Return where the platform stands for a row, wherever it stands.
+    """List the platform positions of a row, at each rest.
 
     Args:
         schedule: the schedule.
-        moves: when the platform moves [s].
-        lane: its lane.
-        start: of the row [s].
-        end: of the row [s].
+        moves: spans of platform moves [s].
+        lane: index of its lane.
+        start: start of the row [s].
+        end: end of the row [s].
     """
     trajectory = schedule.trajectory
     columns = [trajectory.joints.index(name) for name in schedule.robot.platform]
@@ -273,7 +272,7 @@ def platform_words(
 
 
 def place_text(value: float, slides: bool) -> str:
-    """Return where a joint stands: an angle [rad] in degrees, to a tenth where it is not whole; a way [m] in mm."""
+    """Format a joint position: degrees, with a tenth if not whole, or mm."""
     shown = value * 1e3 if slides else math.degrees(value)
     digits = 0 if slides or abs(shown - round(shown)) < STYLE.whole else 1
     text = f"{round(shown, digits) + 0.0:.{digits}f}".replace("-", "−")
@@ -291,9 +290,9 @@ KINDS = {
     "seam": ("seam", "#d45087"),
     "return": ("return", "#8a97a8"),
 }
-"""What bars are called in the legend, and their colours; a dwell's by its action."""
+"""Names of bars in the legend, and their colours; a dwell's by its action."""
 PICKS: Mapping[str, str] = {"pick": "pick", "take": "pick", "place": "place", "give": "place"}
-"""What the dwells of actions are drawn as; others as `dwell`."""
+"""Dwell styles by action; other actions are drawn as `dwell`."""
 REASONS = {
     "platform": ("waits: platform", "#d9d9d9", "////"),
     "partner": ("waits: partner", "#dbe9f6", "\\\\\\\\"),
@@ -305,14 +304,14 @@ REASONS = {
     "end": ("waits: work is done", "#f4f4f4", "...."),
     "": ("waits", "#efefef", ""),
 }
-"""The same of waits, with their hatches."""
+"""Names of waits in the legend, with colours and hatches."""
 TURNS = ("platform moves", "#5a5a5a")
-"""The same of the platform."""
+"""Name of platform moves in the legend, with their colour."""
 
 
 @dataclass(frozen=True)
 class _Style:
-    """How bars of one sort look."""
+    """Look of one kind of bars."""
 
     name: str
     colour: str
@@ -320,14 +319,14 @@ class _Style:
 
 
 def draw_gantt(schedule: Schedule, job: Job, kind: str) -> bytes:
-    """Return the figure of who does what when: arms and platform as bars over time, in up to MOST_ROWS rows.
+    """Draw the activities of arms and platform as bars over time, in several rows.
 
-    Waits are hatched by what they are for. Where they fit, bars bear the ids of their tasks, and the platform's lane
-    the angle at which it stands.
+    Waits are hatched by their reason. Bars have the ids of their tasks if these fit, and the platform's lane has its
+    angle at rest.
 
     Args:
         schedule: with segments.
-        job: what it was planned for.
+        job: the planned job.
         kind: one of FIGURE_KINDS.
     """
     lanes = [*schedule.robot.arms, *(["platform"] if schedule.robot.platform else [])]
@@ -339,7 +338,7 @@ def draw_gantt(schedule: Schedule, job: Job, kind: str) -> bytes:
     legend = STYLE.legend + STYLE.line * max(0, math.ceil(len(present) / STYLE.columns) - 1)
     height = STYLE.title + count * row + (count - 1) * STYLE.between + legend
     figure = new_figure(STYLE.width, height)
-    # Axes are placed by hand: only then is it known beforehand which words fit into which bars.
+    # Axes are placed by hand, because the fit of words in bars must be known in advance.
     figure.set_layout_engine("none")
     inch = (STYLE.width - STYLE.left - STYLE.right) / span
     starts = [number * span for number in range(count)]
@@ -363,7 +362,7 @@ def draw_gantt(schedule: Schedule, job: Job, kind: str) -> bytes:
 
 
 def row_count(schedule: Schedule) -> int:
-    """Return into how many rows the time axis is broken: more where an arm has more stops."""
+    """Compute the number of rows of the time axis: more stops need more rows."""
     stops = [
         len({(s.task, s.action) for s in schedule.segments if s.arm == arm and s.task})
         for arm in schedule.robot.arms
@@ -372,7 +371,7 @@ def row_count(schedule: Schedule) -> int:
 
 
 def _bars(schedule: Schedule, lanes: Sequence[str]) -> dict[tuple[int, _Style], list[Any]]:
-    """Return spans (start, length) [s] by lane and look."""
+    """Collect spans (start, length) [s] by lane and look."""
     bars: dict[tuple[int, _Style], list[Any]] = {}
     for part in schedule.segments:
         if part.arm in lanes and part.end - part.start > STYLE.rounding:
@@ -393,7 +392,7 @@ def _style(part: Segment) -> _Style:
 def _draw_row(
     axes: Any, bars: dict[tuple[int, _Style], list[Any]], start: float, end: float, last: float
 ) -> None:
-    """Draw what of the bars lies in a row; an axis that goes beyond the end of the motion is grey there."""
+    """Draw the bars of a row; time after the end of the motion is grey."""
     for (lane, style), spans in bars.items():
         inside = [span for span in spans if span[0] < end and sum(span) > start]
         axes.broken_barh(
@@ -424,7 +423,7 @@ def _write(axes: Any, words: Sequence[Label]) -> None:
 
 
 def _number_stages(axes: Any, schedule: Schedule, start: float, end: float, inch: float) -> None:
-    """Draw where stages begin, with their numbers, where both arms begin them together."""
+    """Draw numbered stage starts if both arms start stages together."""
     free_from = start
     for number, stage in enumerate(schedule.stages, 1):
         if stage.arm or not start <= stage.start < end:
@@ -438,7 +437,7 @@ def _number_stages(axes: Any, schedule: Schedule, start: float, end: float, inch
 
 
 def _dress(axes: Any, lanes: Sequence[str], schedule: Schedule, start: float, end: float) -> None:
-    """Set a row's axes: lanes from top to bottom, time in s."""
+    """Format a row's axes: lanes from top to bottom, time in s."""
     axes.set_xlim(start, end)
     axes.set_ylim(len(lanes) - 0.5, -0.5)
     axes.set_yticks(range(len(lanes)), lanes)
@@ -490,7 +489,7 @@ def _title_and_legend(figure: Any, heading: str, present: dict[str, _Style], hei
 
 
 def title(schedule: Schedule, job: Job) -> str:
-    """Return the figure's heading: job, robot, time, and bound and gap where the bound says something."""
+    """Compose the figure's heading: job, robot, time, and a meaningful bound and gap."""
     what = "cycle time" if job.returns else "duration"
     names = dict.fromkeys((plan_title(schedule), schedule.robot.name))
     text = f"{', '.join(names)}: {what} {schedule.duration:.3f} s"

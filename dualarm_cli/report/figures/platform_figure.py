@@ -25,21 +25,21 @@ from dualarm_cli.platform_angle.problem import (
 from dualarm_cli.platform_angle.table import MethodRow
 
 COLOURS = ("#1f5fbf", "#c23b22")
-"""Arm 1 and arm 2."""
+"""Colours of arm 1 and arm 2."""
 BALANCE = "#2a7f3f"
 REACH = {"left": ("#1f5fbf", "Blues"), "right": ("#c23b22", "Reds"), "both": ("#2a7f3f", "Greens")}
-"""Colours by the arms that reach a point, and scales for how much of the platform's way does."""
+"""Colours by reaching arms, and colour scales for the number of platform positions."""
 
 
 def draw_move(
     problem: PlatformProblem, rows: list[MethodRow], start: FloatArray, kind: str
 ) -> bytes:
-    """Return the figure of one move as PNG, SVG or PDF: the same bytes for the same input.
+    """Draw one move as PNG, SVG or PDF, with reproducible bytes.
 
     For the paper's input its panels are Figures 2 to 5 of [Bottin2021].
 
     Args:
-        problem: one move.
+        problem: the move.
         rows: candidates of all methods.
         start: wrist centres before the move in the platform's axis frame [m], shape (2, 3).
         kind: one of FIGURE_KINDS.
@@ -73,24 +73,24 @@ def draw_move(
         axes[name].set_xlabel("x [m]")
     axes["before"].set_ylabel("y [m]")
     axes["one"].set_ylabel("y [m]")
-    # One legend below everything, so that it hides nothing.
+    # One legend below all panels, which hides no curve.
     named = [axes[name].get_legend_handles_labels() for name in ("one", "equation", "elbows")]
-    found = {
+    entries = {
         label: line for lines, labels in named for line, label in zip(lines, labels, strict=True)
     }
-    figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=5)
+    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=5)
     return rendered(figure, kind)
 
 
 def _draw_shoulder_before(ax: Any, problem: PlatformProblem, angle: float) -> None:
-    """Draw where the first shoulder is before the move, in green as in Figure 5 of [Bottin2021]."""
+    """Draw the first shoulder before the move, in green as in Figure 5 of [Bottin2021]."""
     azimuth, radius = angle + problem.offset[0, 0], problem.radius[0, 0]
     x, y = radius * np.cos(azimuth), radius * np.sin(azimuth)
     ax.plot([0.0, x], [0.0, y], color=BALANCE, linewidth=2, label="first shoulder before the move")
 
 
 def _shown(rows: list[MethodRow]) -> list[MethodRow]:
-    """Return the two candidates drawn: the paper's first root and the one it chooses.
+    """Select the two drawn candidates: the paper's first root and its choice.
 
     For the paper's input these are numbers 1 and 3 of its Table 2, as in its Figure 5.
     """
@@ -103,7 +103,7 @@ def _shown(rows: list[MethodRow]) -> list[MethodRow]:
 def _draw_arms(
     ax: Any, problem: PlatformProblem, wrist: FloatArray, angle: float, faint: bool = False
 ) -> None:
-    """Draw platform, shoulders and both arms seen along the platform's axis."""
+    """Draw platform, shoulders and both arms along the platform's axis."""
     style = {"alpha": 0.3, "linestyle": "--"} if faint else {"linestyle": "-"}
     turn = np.linspace(0.0, TURN, 181)
     # Both elbows point away from the other arm.
@@ -125,7 +125,7 @@ def _draw_arms(
 def _elbow(
     problem: PlatformProblem, arm: int, shoulder: FloatArray, wrist: FloatArray, side: float
 ) -> FloatArray:
-    """Return the elbow seen from above for a level arm plane, left (1) or right (-1) of the arm."""
+    """Compute the elbow in top view for a level arm plane, left (1) or right (-1)."""
     flat = wrist[:2] - shoulder
     rise = wrist[2] - problem.height[0, arm]
     reach = float(np.hypot(np.linalg.norm(flat), rise))
@@ -144,7 +144,7 @@ def _draw_targets(ax: Any, problem: PlatformProblem) -> None:
 
 
 def _turns(problem: PlatformProblem) -> tuple[FloatArray, FloatArray]:
-    """Return turns over half a turn either way [deg] and the platform angles there [rad]."""
+    """Sample turns up to half a turn in both directions [deg], and platform angles [rad]."""
     turn = np.linspace(-np.pi, np.pi, 1441)
     return np.degrees(turn), problem.angle_0[0] + turn
 
@@ -159,14 +159,14 @@ def _mark(ax: Any, rows: list[MethodRow], method: str) -> None:
 
 
 def _draw_equation(ax: Any, problem: PlatformProblem, rows: list[MethodRow]) -> None:
-    """Draw both functions of Eq. 5, each over its largest absolute value."""
+    """Draw both functions of Eq. 5, each normalised by its largest absolute value."""
     degrees, angle = _turns(problem)
     u, v, w = np.moveaxis(cosine_coefficients(problem)[0], -1, 0)
     x = u[:, None] + v[:, None] * np.cos(angle) + w[:, None] * np.sin(angle)
     gain = x - np.cos(problem.elbow_0[0])[:, None]
     for sign, label, colour in (
-        (1.0, "elbows turn the same way", "#7a3fa0"),
-        (-1.0, "elbows turn opposite ways", "#e08a1e"),
+        (1.0, "elbows turn in the same direction", "#7a3fa0"),
+        (-1.0, "elbows turn in opposite directions", "#e08a1e"),
     ):
         value = gain[0] - sign * gain[1]
         ax.plot(degrees, value / np.abs(value).max(), color=colour, label=label)
@@ -178,7 +178,7 @@ def _draw_equation(ax: Any, problem: PlatformProblem, rows: list[MethodRow]) -> 
 
 
 def _draw_elbows(ax: Any, problem: PlatformProblem, rows: list[MethodRow]) -> None:
-    """Draw both elbow displacements and the difference of their sizes."""
+    """Draw both elbow displacements and the difference of their magnitudes."""
     degrees, angle = _turns(problem)
     x = elbow_cosine(problem, angle[None])[0]
     delta = np.degrees(np.arccos(np.clip(x, -1, 1)) - problem.elbow_0[0])
@@ -227,17 +227,17 @@ def draw_reach(document: Mapping[str, Any], cell: Cell, kind: str) -> bytes:
         _draw_cell(panel, document, cell)
         figure.legend(loc="outside lower center", ncols=4, frameon=False)
         return rendered(figure, kind)
-    names = [f"map {one}" for one in who]
+    names = [f"map {arm}" for arm in who]
     panels = figure.subplot_mosaic([names, ["areas"] * len(names)], height_ratios=[2.0, 1.0])
     scale, unit = (1000.0, "mm") if document["platform_unit"] == "m" else (math.degrees(1.0), "deg")
     places = scale * np.array(document["platform"])
     step = float(places[1] - places[0]) if len(places) > 1 else 0.0
-    for one, name in zip(who, names, strict=True):
+    for arm, name in zip(who, names, strict=True):
         panel = panels[name]
-        amount = np.array(document["positions"][one]) * step
-        drawn = _mesh(panel, document, np.where(amount > 0, amount, np.nan), _scale(REACH[one][1]))
+        amount = np.array(document["positions"][arm]) * step
+        drawn = _mesh(panel, document, np.where(amount > 0, amount, np.nan), _scale(REACH[arm][1]))
         drawn.set_clim(0.0, max(float(amount.max()), step, 1.0))
-        panel.set_title("both arms, from one platform position" if one == "both" else f"{one} arm")
+        panel.set_title("both arms, from one platform position" if arm == "both" else f"{arm} arm")
         _draw_cell(panel, document, cell)
         figure.colorbar(
             drawn,
@@ -246,14 +246,14 @@ def draw_reach(document: Mapping[str, Any], cell: Cell, kind: str) -> bytes:
             shrink=0.9,
             label=f"platform positions [{unit}]",
         )
-    for one in who:
+    for arm in who:
         panels["areas"].plot(
             places,
-            document["area"][one],
-            color=REACH[one][0],
+            document["area"][arm],
+            color=REACH[arm][0],
             marker="o",
             markersize=3,
-            label="both arms" if one == "both" else f"{one} arm",
+            label="both arms" if arm == "both" else f"{arm} arm",
         )
     panels["areas"].set_xlabel(f"platform [{unit}]")
     panels["areas"].set_ylabel("reached [m²]")
@@ -268,22 +268,22 @@ def _scale(name: str) -> Any:
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
 
-    # The lightest quarter is left out: a point that one platform position reaches has the lower end's colour.
+    # The lightest quarter is omitted, so that points reached from a single platform position stay visible.
     return ListedColormap(colormaps[name](np.linspace(0.25, 1.0, 128)))
 
 
 def _draw_sides(panel: Any, document: Mapping[str, Any]) -> None:
-    """Draw what each arm and both reach, each in one colour."""
+    """Draw the reach of each arm and of both, each in one colour."""
     from matplotlib.colors import ListedColormap
 
-    for one in document["positions"]:
-        reached = np.array(document["positions"][one]) > 0
+    for arm in document["positions"]:
+        reached = np.array(document["positions"][arm]) > 0
         shown = reached
-        if one in ("left", "right") and "both" in document["positions"]:
+        if arm in ("left", "right") and "both" in document["positions"]:
             shown = reached & ~(np.array(document["positions"]["both"]) > 0)
-        _mesh(panel, document, np.where(shown, 1.0, np.nan), ListedColormap([REACH[one][0]]))
-        label = {"both": "both arms"}.get(one, f"{one} arm")
-        panel.plot([], [], "s", color=REACH[one][0], alpha=0.7, label=label)
+        _mesh(panel, document, np.where(shown, 1.0, np.nan), ListedColormap([REACH[arm][0]]))
+        label = {"both": "both arms"}.get(arm, f"{arm} arm")
+        panel.plot([], [], "s", color=REACH[arm][0], alpha=0.7, label=label)
 
 
 def _mesh(panel: Any, document: Mapping[str, Any], values: Any, colours: Any) -> Any:
@@ -295,7 +295,7 @@ def _mesh(panel: Any, document: Mapping[str, Any], values: Any, colours: Any) ->
 
 
 def _draw_cell(panel: Any, document: Mapping[str, Any], cell: Cell) -> None:
-    """Draw where the robot stands, boxes seen from above, and frames; x to the right, y up."""
+    """Draw the robot's base, boxes in top view, and frames; x to the right, y up."""
     from matplotlib.patches import Polygon
 
     for obstacle in cell.obstacles:
@@ -312,7 +312,9 @@ def _draw_cell(panel: Any, document: Mapping[str, Any], cell: Cell) -> None:
         x, y, _ = pose.translation
         panel.plot(x, y, "k.", markersize=4)
         panel.annotate(name, (x, y), fontsize=7, xytext=(3, 3), textcoords="offset points")
-    reached = np.any([np.array(one) > 0 for one in document["positions"].values()], axis=0)
+    reached = np.any(
+        [np.array(positions) > 0 for positions in document["positions"].values()], axis=0
+    )
     if reached.any():
         iy, ix = np.nonzero(reached)
         for limit, side, k, at in (

@@ -1,4 +1,4 @@
-"""The figures of `dualarm sweep`: what can be had together (Pareto), and what each parameter does (sensitivity)."""
+"""Figures of `dualarm sweep`: trade-offs (Pareto set) and effects of parameters (sensitivity)."""
 
 from __future__ import annotations
 
@@ -14,37 +14,37 @@ from dualarm_cli.report.comparison.study_table import parameter_label, value_tex
 
 @dataclass(frozen=True)
 class StudyStyle:
-    """Sizes and numbers of a study's figure."""
+    """Sizes and limits of a study's figure."""
 
     most_panels: int = 5
-    """Most parameters that have a panel each in the figure of sensitivity: those that matter most."""
+    """Maximum number of parameters with a panel, those with the largest effect."""
     most_labels: int = 10
-    """Most points of the Pareto set that carry their rank."""
+    """Maximum number of points of the Pareto set with a label."""
     most_ticks: int = 7
-    """Most values of a parameter that are all written below an axis."""
+    """Maximum number of parameter values written below an axis."""
     least_steps: int = 10
     """Smallest span of an axis, in steps of its objective.
 
     Small differences do not fill the figure.
     """
     wide: float = 8.0
-    """Width from which a title has one line [in]."""
+    """Minimum width for a title in one line [inch]."""
     longest: int = 24
-    """Longest name in a figure [characters]."""
+    """Maximum length of a name [characters]."""
     best: str = "#c23b22"
-    other: str = "#9a9a9a"
+    neutral: str = "#9a9a9a"
     reference: str = "black"
     colours: tuple[str, ...] = ("#1f5fbf", "#2a7f3f", "#c23b22", "#8a5fb0")
-    """By objective."""
+    """Colours by objective."""
     words: tuple[str, ...] = ("#1f5fbf", "#d98c2b", "#2a7f3f", "#8a5fb0", "#5fb0a8", "#8f6f4f")
-    """By value of a parameter that is a word."""
+    """Colours by value of a parameter with words."""
 
 
 STYLE = StudyStyle()
 
 
 def draw_pareto(document: dict[str, Any], kind: str) -> bytes:
-    """Return the figure of what can be had together: one panel for the first objective with each other one.
+    """Draw the trade-offs: one panel for the first objective with each other one.
 
     Args:
         document: of `dualarm sweep`, with two objectives or more.
@@ -54,7 +54,7 @@ def draw_pareto(document: dict[str, Any], kind: str) -> bytes:
         MissingDependencyError: matplotlib is not installed.
     """
     objectives = [OBJECTIVES[entry["name"]] for entry in document["objectives"]]
-    pairs = [(objectives[0], other) for other in objectives[1:]]
+    pairs = [(objectives[0], objective) for objective in objectives[1:]]
     figure = new_figure(6.2 * len(pairs), 5.0)
     panels = figure.subplots(1, len(pairs), squeeze=False)[0]
     drawn: dict[str, Any] = {}
@@ -81,7 +81,7 @@ def _draw_pair(
     colour: dict[str, Any] | None,
     drawn: dict[str, Any],
 ) -> Any:
-    """Draw all rows by two objectives; returns what a colour bar is made of, if anything."""
+    """Draw all rows by two objectives; return the source of a colour bar, if any."""
     x, y = pair
     rows = [
         row for row in document["rows"] if row["rank"] and None not in (row[x.name], row[y.name])
@@ -98,7 +98,7 @@ def _draw_pair(
         _label(panel, best, pair)
     reference = document["reference"]
     if None not in (reference[x.name], reference[y.name]):
-        drawn["the files as they are"] = panel.scatter(
+        drawn["the unchanged files"] = panel.scatter(
             _column([reference], x), _column([reference], y), s=70, marker="x", color=STYLE.reference,
             linewidths=1.8, zorder=4,
         )  # fmt: skip
@@ -115,7 +115,7 @@ def _draw_pair(
 
 
 def _widen(panel: Any, axis: str, objective: Objective) -> None:
-    """Let an axis span at least `least_steps` steps of its objective, about the same middle."""
+    """Widen an axis about its middle to `least_steps` steps of its objective."""
     low, high = getattr(panel, f"get_{axis}lim")()
     least = STYLE.least_steps * objective.step * objective.shown_factor
     if high - low < least:
@@ -130,11 +130,16 @@ def _draw_rows(
     colour: dict[str, Any] | None,
     drawn: dict[str, Any],
 ) -> Any:
-    """Draw a point per row, coloured by a parameter: numbers by a scale, which is returned, words by a colour each."""
+    """Draw a point per row, coloured by a parameter.
+
+    Numbers use a colour scale, which is returned; words use one colour each.
+    """
     x, y = pair
     if colour is None or not rows:
         if rows:
-            drawn["plans"] = panel.scatter(_column(rows, x), _column(rows, y), s=34, c=STYLE.other)
+            drawn["plans"] = panel.scatter(
+                _column(rows, x), _column(rows, y), s=34, c=STYLE.neutral
+            )
         return None
     name = colour["name"]
     if colour["numeric"]:
@@ -143,19 +148,24 @@ def _draw_rows(
             _column(rows, x), _column(rows, y), s=34, c=hues, cmap="viridis", linewidths=0, zorder=2
         )
     for k, value in enumerate(colour["values"]):
-        own = [row for row in rows if row["values"][name] == value]
+        matching = [row for row in rows if row["values"][name] == value]
         label = _short(f"{name}: {value_text(value)}")
         drawn[label] = panel.scatter(
-            _column(own, x), _column(own, y), s=34, color=STYLE.words[k], linewidths=0, zorder=2
+            _column(matching, x),
+            _column(matching, y),
+            s=34,
+            color=STYLE.words[k],
+            linewidths=0,
+            zorder=2,
         )
     return None
 
 
 def _draw_front(panel: Any, best: list[dict[str, Any]], pair: tuple[Objective, Objective]) -> None:
-    """Draw the border of what can be had: steps through the Pareto set."""
+    """Draw the boundary of the Pareto set as steps."""
     x, y = pair
     rows = sorted(best, key=lambda row: (row[x.name], row[y.name]))
-    # Between two points the worse of both is had in y: with x rising, y as it was reached before.
+    # Between two points only the worse y of both is reachable: with rising x, the previous y.
     where = "post" if x.sense == "minimise" else "pre"
     panel.step(
         _column(rows, x), _column(rows, y), where=where, color=STYLE.best, linewidth=1.0, alpha=0.6
@@ -163,7 +173,7 @@ def _draw_front(panel: Any, best: list[dict[str, Any]], pair: tuple[Objective, O
 
 
 def _label(panel: Any, best: list[dict[str, Any]], pair: tuple[Objective, Objective]) -> None:
-    """Write ranks beside points, the same place once."""
+    """Label points with their ranks, each position once."""
     x, y = pair
     places: dict[tuple[float, float], list[str]] = {}
     for row in best[: STYLE.most_labels]:
@@ -182,14 +192,14 @@ def _column(rows: list[dict[str, Any]], objective: Objective) -> list[float]:
 
 
 def _colour_parameter(document: dict[str, Any]) -> dict[str, Any] | None:
-    """Return the parameter that matters most for the first objective, of those that colours can tell apart."""
-    known = {parameter["name"]: parameter for parameter in document["parameters"]}
-    ordered = [known[one["name"]] for one in document["sensitivity"][0]["parameters"]]
+    """Find the parameter with the largest effect that colours can distinguish."""
+    by_name = {parameter["name"]: parameter for parameter in document["parameters"]}
+    ordered = [by_name[effect["name"]] for effect in document["sensitivity"][0]["parameters"]]
     return next((p for p in ordered if p["numeric"] or len(p["values"]) <= len(STYLE.words)), None)
 
 
 def draw_sensitivity(document: dict[str, Any], kind: str) -> bytes:
-    """Return the figure of what each parameter does: a row per objective, with shares and main effects.
+    """Draw the effects of parameters: a row per objective, with shares and main effects.
 
     Args:
         document: of `dualarm sweep`.
@@ -199,7 +209,7 @@ def draw_sensitivity(document: dict[str, Any], kind: str) -> bytes:
         MissingDependencyError: matplotlib is not installed.
     """
     sections = document["sensitivity"]
-    order = [one["name"] for one in sections[0]["parameters"]][: STYLE.most_panels]
+    order = [effect["name"] for effect in sections[0]["parameters"]][: STYLE.most_panels]
     width = 2.9 + 2.7 * len(order)
     figure = new_figure(width, 0.5 + 2.7 * len(sections))
     grid = figure.subplots(
@@ -208,22 +218,22 @@ def draw_sensitivity(document: dict[str, Any], kind: str) -> bytes:
         squeeze=False,
         width_ratios=[1.1, *([1.0] * len(order))],
     )
-    known = {parameter["name"]: parameter for parameter in document["parameters"]}
+    by_name = {parameter["name"]: parameter for parameter in document["parameters"]}
     for k, (section, panels) in enumerate(zip(sections, grid, strict=True)):
         objective = OBJECTIVES[section["objective"]]
         rows = [r for r in document["rows"] if r["rank"] and r[objective.name] is not None]
         colour = STYLE.colours[k % len(STYLE.colours)]
         _draw_shares(panels[0], section, objective, colour)
         for panel, name in zip(panels[1:], order, strict=True):
-            _draw_effect(panel, rows, known[name], objective, colour)
+            _draw_effect(panel, rows, by_name[name], objective, colour)
             if panel is not panels[1]:
                 panel.sharey(panels[1])
                 panel.tick_params(labelleft=False)
-            panel.set_xlabel(_short(parameter_label(known[name])))
+            panel.set_xlabel(_short(parameter_label(by_name[name])))
         panels[1].set_ylabel(objective.label)
         _widen(panels[1], "y", objective)
-    left = len(sections[0]["parameters"]) - len(order)
-    more = f"; the {left} that matter least have no panel" if left else ""
+    omitted = len(sections[0]["parameters"]) - len(order)
+    more = f"; the {omitted} with the smallest effect have no panel" if omitted else ""
     figure.suptitle(
         f"what matters: shares of the variance;{' ' if width >= STYLE.wide else chr(10)}"
         f"every plan (points) with the means per value (bars){more}",
@@ -233,11 +243,11 @@ def draw_sensitivity(document: dict[str, Any], kind: str) -> bytes:
 
 
 def _draw_shares(panel: Any, section: dict[str, Any], objective: Objective, colour: str) -> None:
-    """Draw bars of the variance's shares, with interactions where they are known."""
-    bars = [(_short(one["name"]), one["share"], colour) for one in section["parameters"]]
+    """Draw bars of the variance's shares, with interactions if known."""
+    bars = [(_short(effect["name"]), effect["share"], colour) for effect in section["parameters"]]
     together = sum(pair["share"] for pair in section["interactions"])
     if section["interactions"]:
-        bars.append(("pairs together", together, STYLE.other))
+        bars.append(("pairs together", together, STYLE.neutral))
     names = [bar[0] for bar in bars]
     panel.barh(
         range(len(bars)), [bar[1] or 0.0 for bar in bars], 0.62, color=[bar[2] for bar in bars]
@@ -263,12 +273,15 @@ def _draw_effect(
 ) -> None:
     """Draw an objective over one parameter: every plan, and the mean of each value."""
     values = parameter["values"]
-    own = [row["values"][parameter["name"]] for row in rows]
-    x = np.array(own if parameter["numeric"] else [values.index(v) for v in own], dtype=np.float64)
+    row_values = [row["values"][parameter["name"]] for row in rows]
+    x = np.array(
+        row_values if parameter["numeric"] else [values.index(v) for v in row_values],
+        dtype=np.float64,
+    )
     y = np.array(_column(rows, objective))
     panel.scatter(x, y, s=16, color=colour, alpha=0.45, linewidths=0)
     centres, means = _means(x, y, None if values is None else len(values))
-    # Words have no order: nothing lies between them.
+    # Words have no order, so no line connects them.
     width = 1.6 if parameter["numeric"] else 0.0
     panel.plot(
         centres, means, color=colour, linewidth=width, marker="_", markersize=13, markeredgewidth=2
@@ -284,7 +297,7 @@ def _draw_effect(
 
 
 def _means(x: Any, y: Any, levels: int | None) -> tuple[Any, Any]:
-    """Return the means of y at each value of x, or over up to four parts of a range without steps."""
+    """Compute the means of y at each value of x, or in up to four bins."""
     if not len(x):
         return [], []
     if levels is not None:
@@ -301,6 +314,6 @@ def _means(x: Any, y: Any, levels: int | None) -> tuple[Any, Any]:
 
 
 def _short(text: str) -> str:
-    """Return a name that is not too long, and no formula."""
+    """Shorten a name and escape formulas."""
     short = text if len(text) <= STYLE.longest else f"{text[: STYLE.longest - 1]}…"
     return short.replace("$", r"\$")
