@@ -1,1 +1,1 @@
-"""The command line: the only layer that prints, and the one place where errors become exit codes."""
+"""Command line: the only layer that prints, where errors become exit codes."""

@@ -1,4 +1,4 @@
-"""`dualarm calibrate`: where one robot stands from another, from points that both have touched."""
+"""`dualarm calibrate`: relative pose of two robots, from points that both have touched."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Reading(StrEnum):
-    """What is taken of a point that has both."""
+    """Reading to use for a point with both kinds."""
 
     joints = "joints"
     xyz = "xyz"
@@ -57,13 +57,15 @@ def calibrate_command(
         str | None,
         typer.Option(
             "--fit",
-            help="What else to estimate: tool, base_height or tool,base_height.",
+            help="Further estimated parameters: tool, base_height or tool,base_height.",
             show_default=False,
         ),
     ] = None,
     use: Annotated[
         Reading,
-        typer.Option("--use", help="What to use where a point has both readings and coordinates."),
+        typer.Option(
+            "--use", help="Reading to use if a point has both joint readings and coordinates."
+        ),
     ] = Reading.joints,
     out: Annotated[
         Path | None,
@@ -77,9 +79,9 @@ def calibrate_command(
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Find where the right robot's base stands in the left one's, from points that both have touched.
+    """Estimate the pose of the right robot's base in the left one's from touched points.
 
-    Two points, points on a line, and readings that leave the transform open end with exit code 3: nothing is written.
+    Exit code 3, without a file, for two points, points on a line, and readings that do not determine the transform.
     """
     refuse_two_documents(out, json_output)
     from dualarm_cli.calibration import CALIBRATION_SOLVERS
@@ -111,26 +113,26 @@ def calibrate_command(
 
 
 def _with_options(touches: Touches, origin: str | None, fit: str | None) -> Touches:
-    """Return the points with what the options say in place of the file's."""
+    """Replace values of the file by those of the options."""
     from dataclasses import replace
 
     if origin is not None:
-        known = list(touches.names[:3])
-        if origin not in known:
+        points = list(touches.names[:3])
+        if origin not in points:
             raise UsageError(
-                f"--origin {origin}: must be one of the first three points: {', '.join(known)}"
+                f"--origin {origin}: must be one of the first three points: {', '.join(points)}"
             )
-        touches = replace(touches, origin=known.index(origin))
+        touches = replace(touches, origin=points.index(origin))
     if fit is not None:
-        known_fits: dict[str, Fitted] = {"tool": "tool", "base_height": "base_height"}
+        fits: dict[str, Fitted] = {"tool": "tool", "base_height": "base_height"}
         words = [word.strip() for word in fit.split(",") if word.strip()]
         for word in words:
-            if word not in known_fits:
-                hint = did_you_mean(word, list(known_fits)) or ";"
+            if word not in fits:
+                hint = did_you_mean(word, list(fits)) or ";"
                 raise UsageError(
                     f"--fit {fit}: there is no '{word}'{hint} known: tool, base_height"
                 )
-        touches = replace(touches, fit=tuple(known_fits[word] for word in dict.fromkeys(words)))
+        touches = replace(touches, fit=tuple(fits[word] for word in dict.fromkeys(words)))
     return touches
 
 

@@ -1,4 +1,4 @@
-"""`dualarm check`: input files of every kind validated, every error at once, nothing planned."""
+"""`dualarm check`: validation of input files of every kind, without planning."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def check_command(
 ) -> None:
     """Validate input files of every kind, all errors at once, without planning.
 
-    Of a job also what makes it impossible: a start that collides, targets out of reach, tools and parts in obstacles.
+    For a job, infeasible inputs are errors too: a colliding start, unreachable targets, tools or parts in obstacles.
     """
     from dualarm_cli.files.source.diagnostics import render
 
@@ -49,7 +49,7 @@ def check_command(
                 for note in result["notes"]:
                     _echo(f"note: {_shown(note)}")
     if diagnostics:
-        raise typer.Exit(3 if all(_is_infeasible(one) for one in diagnostics) else 2)
+        raise typer.Exit(3 if all(_is_infeasible(diagnostic) for diagnostic in diagnostics) else 2)
 
 
 def _is_infeasible(diagnostic: Diagnostic) -> bool:
@@ -60,13 +60,13 @@ def _is_infeasible(diagnostic: Diagnostic) -> bool:
 
 
 def _echo(text: str) -> None:
-    """Print text; a stdout that is not UTF-8 gets escapes for what it cannot show."""
+    """Print text; characters that stdout cannot encode are escaped."""
     encoding = sys.stdout.encoding or "utf-8"
     typer.echo(text.encode(encoding, "backslashreplace").decode(encoding))
 
 
 def _check_one(file: str) -> dict[str, Any]:
-    """Return what became of one file."""
+    """Check one file."""
     from dualarm_cli.errors import InputError
     from dualarm_cli.files.checking import load_file
     from dualarm_cli.model.job import Job
@@ -75,8 +75,8 @@ def _check_one(file: str) -> dict[str, Any]:
     try:
         loaded = load_file(file)
     except InputError as error:
-        found: dict[str, Any] = {"file": file, "kind": None, "summary": "", "notes": []}
-        return found | {"diagnostics": error.diagnostics}
+        result: dict[str, Any] = {"file": file, "kind": None, "summary": "", "notes": []}
+        return result | {"diagnostics": error.diagnostics}
     kind, summary = _describe(loaded)
     wrong = [*_geometry(loaded), *_paths(loaded)] or _impossible(loaded)
     notes = cell_notes(loaded) if isinstance(loaded, Job) else []
@@ -84,7 +84,7 @@ def _check_one(file: str) -> dict[str, Any]:
 
 
 def _geometry(loaded: Loaded) -> list[Diagnostic]:
-    """Return what is wrong with the geometry: arms that are not what they are called."""
+    """Check the geometry of arms against their kinds."""
     from dualarm_cli.kinematics.cell_model import find_false_kinds
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
@@ -97,7 +97,7 @@ def _geometry(loaded: Loaded) -> list[Diagnostic]:
 
 
 def _paths(loaded: Loaded) -> list[Diagnostic]:
-    """Return what paths and seams ask for that there is not: methods, torque limits, too much time."""
+    """Check the requirements of paths and seams: methods, torque limits, duration."""
     from dualarm_cli.kinds.planning import kinds_of
     from dualarm_cli.model.job import Job
 
@@ -116,14 +116,14 @@ def _impossible(loaded: Loaded) -> list[Diagnostic]:
     if not isinstance(loaded, Job):
         return []
     return [
-        Diagnostic(*one.place.order, codes()[one.what], one.advised, about=one.about)
-        for one in job_faults(loaded.blended())
-        if one.place is not None
+        Diagnostic(*fault.place.order, codes()[fault.what], fault.advised, about=fault.about)
+        for fault in job_faults(loaded.blended())
+        if fault.place is not None
     ]
 
 
 def _describe(loaded: Loaded) -> tuple[str, str]:
-    """Return the kind of a file and what is in it."""
+    """Describe the kind and content of a file."""
     from dualarm_cli.files.calibration.points import Base
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
@@ -167,12 +167,12 @@ def _count(number: int, what: str) -> str:
 
 
 def _shown(file: str) -> str:
-    """Return a file's name fit for a terminal."""
+    """Format a file's name for a terminal."""
     return "".join(c if c.isprintable() else "\N{MIDDLE DOT}" for c in file)
 
 
 def _document(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the outcome of all files as one JSON document."""
+    """Build the JSON document of all files."""
     return {
         "format": "dualarm.check/1",
         "passed": not any(result["diagnostics"] for result in results),

@@ -95,14 +95,14 @@ def solvers_command(
         bool,
         typer.Option(
             "--page",
-            help="Write comparison.html as well: each method's plan in motion beside the fastest one.",
+            help="Write comparison.html as well: each method's plan in motion next to the fastest one.",
         ),
     ] = False,
     force: ForceOption = False,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Plan the same work by every method: cycle time, gap to the bound, planning time, and who wins why.
+    """Plan the same work by every method: cycle time, gap to the bound, planning time, and the winner.
 
     --out writes comparison.json, comparison.csv and comparison.png. Wall-clock times are in the JSON's last member and
     the CSV's last column only. Exit code 1 if the verifier fails a plan, 3 if a job has no plan by any method.
@@ -128,7 +128,7 @@ def solvers_command(
 
 
 def _refuse(out: str | None, plot: Path | None, page: bool, force: bool) -> None:
-    """Raise before any work is done where results could not be written anyway."""
+    """Raise before planning if results could not be written."""
     if page:
         refuse_page(out, SOLVERS_PAGE)
     if out is not None:
@@ -138,7 +138,7 @@ def _refuse(out: str | None, plot: Path | None, page: bool, force: bool) -> None
 
 
 def refuse_page(out: str | None, name: str) -> None:
-    """Raise where a page has no folder, or this installation cannot make one.
+    """Raise if a page has no folder, or this installation cannot build one.
 
     Args:
         out: the folder.
@@ -156,7 +156,7 @@ def refuse_page(out: str | None, name: str) -> None:
 
 
 def _jobs(paths: list[Path]) -> dict[str, Job]:
-    """Return the jobs by what the user calls them; everything wrong with any of them comes at once."""
+    """Load the jobs by their names; all errors are raised at once."""
     from dualarm_cli.errors import Diagnostic, InputError
     from dualarm_cli.files.source.bundled import bundled_tasks
     from dualarm_cli.files.tasks.tasks import load_job
@@ -183,7 +183,7 @@ def _compare(
     plans: dict[PlanKey, dict[str, Any]] | None,
     quiet: bool,
 ) -> dict[str, Any]:
-    """Return the document of all jobs; the data of the plans' pages are added to `plans`, where there is one."""
+    """Build the document of all jobs; add the data of the plans' pages to `plans`, if given."""
     from functools import partial
 
     from dualarm_cli.interface import compare_solvers
@@ -223,7 +223,7 @@ def _write(
     plot: Path | None,
     quiet: bool,
 ) -> None:
-    """Write the folder and the figure asked for, and says so unless told to be quiet."""
+    """Write the folder and the requested figure, and report it unless quiet."""
     say: Callable[[str], None] = (lambda _: None) if quiet else print_message
     from dualarm_cli.errors import MissingDependencyError
     from dualarm_cli.exporting.whole_files import write_file
@@ -266,13 +266,13 @@ def _print(document: dict[str, Any]) -> None:
 
 
 def _exit_code(document: dict[str, Any]) -> int:
-    """Return 1 if a plan fails its verification, 3 if some job has no plan, 2 if no method serves any job."""
-    found = [{row["status"] for row in section["rows"]} for section in document["comparisons"]]
-    if any("failed" in statuses for statuses in found):
+    """Compute the exit code: 1 failed verification, 3 job without plan, 2 unsupported job."""
+    sections = [{row["status"] for row in section["rows"]} for section in document["comparisons"]]
+    if any("failed" in statuses for statuses in sections):
         return 1
-    if any("verified" not in statuses and "infeasible" in statuses for statuses in found):
+    if any("verified" not in statuses and "infeasible" in statuses for statuses in sections):
         return 3
-    return 2 if all(statuses == {"not served"} for statuses in found) else 0
+    return 2 if all(statuses == {"not served"} for statuses in sections) else 0
 
 
 @compare_app.command("schedules", short_help="Compare two plans stage by stage.")
@@ -291,17 +291,17 @@ def schedules_command(
     page: Annotated[
         bool,
         typer.Option(
-            "--page", help="Write schedules.html as well: both plans in motion on one clock."
+            "--page", help="Write schedules.html as well: both plans in motion, synchronised."
         ),
     ] = False,
     force: ForceOption = False,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Compare two schedules stage by stage: what got slower, and which joint did it.
+    """Compare two schedules stage by stage: which became slower, and by which joint.
 
-    Schedules made elsewhere are read too. --out writes schedules.json and schedules.csv. A slower schedule is a result,
-    not a failure: the exit code is 0.
+    Schedules of other programs are read too. --out writes schedules.json and schedules.csv. A slower schedule is a
+    result, not a failure: the exit code is 0.
     """
     from dualarm_cli.exporting.schedule_reader import read_schedule
     from dualarm_cli.interface import compare
@@ -337,7 +337,7 @@ def schedules_command(
 def _page_of_both(
     plans: tuple[Schedule, Schedule], paths: tuple[Path, Path], document: dict[str, Any]
 ) -> bytes:
-    """Return the page of two plans on one clock; each is verified anew with the task file that it was made of."""
+    """Build the page of two synchronised plans; each is verified again with its task file."""
     from dualarm_cli.cli.report import tasks_of
     from dualarm_cli.interface import Plan, load
     from dualarm_cli.page.page_data import page_data

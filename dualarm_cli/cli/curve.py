@@ -1,4 +1,4 @@
-"""`dualarm curve`: the curves of coordinate tasks as a controller needs them, and how good their points are."""
+"""`dualarm curve`: points of the curves of coordinate tasks for a controller, and their quality."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from dualarm_cli.report.curve_report import CurveReport
 
 INTERVAL = "4 ms"
-"""Interval of the points by default."""
+"""Default interval of the points."""
 
 
 def curve_command(
@@ -38,7 +38,7 @@ def curve_command(
     ],
     task: Annotated[
         str | None,
-        typer.Option("--task", help="The task whose curve is written.  [default: all of them]"),
+        typer.Option("--task", help="Task whose curve is written.  [default: all]"),
     ] = None,
     step: Annotated[
         str | None,
@@ -66,8 +66,8 @@ def curve_command(
 ) -> None:
     """Discretise the curves of coordinate tasks: points and frames at constant tool speed.
 
-    The last step is shorter where the curve is not a whole number of steps long. Beside it stands the forward Euler
-    step that Qin et al. (2024) print, Eq. 14 to 17.
+    The last step is shorter if the length of the curve is not a multiple of the step. For comparison, the forward Euler
+    step of Qin et al. (2024), Eq. 14 to 17, is shown.
     """
     from dualarm_cli.files.tasks.tasks import load_job
 
@@ -76,7 +76,9 @@ def curve_command(
     refuse_two_documents(out, json_output)
     interval, distance = _steps(step, spacing)
     job = load_job(tasks)
-    seams = _chosen({one.id: one.seam for one in job.tasks if one.seam is not None}, task, tasks)
+    seams = _chosen(
+        {entry.id: entry.seam for entry in job.tasks if entry.seam is not None}, task, tasks
+    )
     if out is not None and len(seams) > 1:
         raise UsageError(f"--out {out}: holds one curve; choose with --task: {', '.join(seams)}")
     reports = [_report(name, work, interval, distance) for name, work in seams.items()]
@@ -106,7 +108,7 @@ def _steps(step: str | None, spacing: str | None) -> tuple[float | None, float |
 
 
 def _chosen(seams: dict[str, SeamWork], task: str | None, file: Path) -> dict[str, SeamWork]:
-    """Return the seams that are asked for by their tasks."""
+    """Select the requested seams by their tasks."""
     if not seams:
         raise UsageError(
             f"{file}: has no coordinate task, so there is no curve; name a task file with one"
@@ -124,7 +126,7 @@ def _chosen(seams: dict[str, SeamWork], task: str | None, file: Path) -> dict[st
 def _report(
     name: str, work: SeamWork, interval: float | None, distance: float | None
 ) -> CurveReport:
-    """Return the points of one task's curve, after refusing steps that make no sense."""
+    """Compute the points of one task's curve; refuse invalid steps."""
     from dualarm_cli.model.curves.discretisation import CURVE_STEPS
     from dualarm_cli.report.curve_report import curve_report
 

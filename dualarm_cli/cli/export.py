@@ -1,4 +1,4 @@
-"""`dualarm export`: a plan in formats that other programs read."""
+"""`dualarm export`: a plan in formats of other programs."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from dualarm_cli.formats.sampling import JointLoss
 
 REPORT = "export.json"
-"""What was exported and what was lost, beside the files."""
+"""File that lists the exported files and the losses."""
 RATE = 100.0
-"""Samples per second by default [1/s]."""
+"""Default sampling rate [Hz]."""
 
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ else:
 
 
 class PlatformGroup(StrEnum):
-    """Whose controller moves the platform."""
+    """Arm whose controller moves the platform."""
 
     own = "own"
     both = "both"
@@ -69,14 +69,15 @@ def export_command(
         ReceiverInterpolation,
         typer.Option(
             "--interpolation",
-            help="What the receiver does between points; a JointTrajectory has velocities for cubic, and "
+            help="Interpolation of the receiver between points; a JointTrajectory has velocities for cubic, and "
             "accelerations for quintic.",
         ),
     ] = ReceiverInterpolation.cubic,
     platform: Annotated[
         PlatformGroup,
         typer.Option(
-            "--platform-with", help="Whose controller moves the platform; own: one of its own."
+            "--platform-with",
+            help="Arm whose controller moves the platform; own: a separate controller.",
         ),
     ] = PlatformGroup.own,
     uniform: Annotated[
@@ -91,7 +92,7 @@ def export_command(
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Write a plan for ROS 2, Foxglove, NumPy and others, and say what is lost between samples.
+    """Export a plan to ROS 2, Foxglove, NumPy and others, with its loss between samples.
 
     Exit code 1 if the plan fails its verification; the files are written.
     """
@@ -134,37 +135,37 @@ def export_command(
     refuse_folder(str(folder) if out is None else out, (REPORT,), force)
     files = export(to.value, request)
     refuse_folder(str(folder), tuple(files), force)
-    found = ExportLoss.of(form.motion, request) if form.motion else None
+    loss = ExportLoss.of(form.motion, request) if form.motion else None
     document: dict[str, Any] = {"format": "dualarm.export/1", "to": to.value}
     document["files"] = list(files)
-    if found is not None:
-        document |= {"rate": rate, "interpolation": found.interpolation}
+    if loss is not None:
+        document |= {"rate": rate, "interpolation": loss.interpolation}
         document["trajectories"] = {
             group: {
                 "samples": count,
-                "joints": {row.joint: _row(row) for row in found.joints[group]},
+                "joints": {row.joint: _row(row) for row in loss.joints[group]},
             }
-            for group, count in found.samples.items()
+            for group, count in loss.samples.items()
         }
     replace_all(folder, {**files, REPORT: [json_bytes(document)]})
     if json_output:
         print_json(document)
     elif not quiet:
-        if found is not None:
-            rows = found.worst()
-            stdout_console().print(_table(rows, found.interpolation, schedule.robot.sliding))
+        if loss is not None:
+            rows = loss.worst()
+            stdout_console().print(_table(rows, loss.interpolation, schedule.robot.sliding))
             over = [row.joint for row in rows if not row.within_limits]
-            # Samples and scenes are for people and programs, not for controllers.
+            # Samples and scenes are not meant for controllers.
             if over and form.motion == "trajectories":
-                knots = uniform and found.interpolation == "cubic"
+                knots = uniform and loss.interpolation == "cubic"
                 advice = f"raise --rate{', or leave out --uniform' if knots else ''}"
                 print_message(
-                    f"warning: beyond limits under {found.interpolation} interpolation: {', '.join(over)}; {advice}"
+                    f"warning: beyond limits under {loss.interpolation} interpolation: {', '.join(over)}; {advice}"
                 )
         print_message(f"written: {folder}: {', '.join((*files, REPORT))}")
     if not judged.passed:
         failed = ", ".join(check.name for check in judged.failures)
-        print_message(f"verification: FAILED: {failed}; `dualarm verify` tells more")
+        print_message(f"verification: FAILED: {failed}; `dualarm verify` has details")
         raise typer.Exit(1)
 
 

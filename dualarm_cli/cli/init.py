@@ -1,4 +1,4 @@
-"""`dualarm init`: a project that plans at once, for a robot of one's own or a bundled one."""
+"""`dualarm init`: a project that can be planned at once, for a bundled or an imported robot."""
 
 from __future__ import annotations
 
@@ -68,6 +68,6 @@ NEXT = (
     ("dualarm robot reach {folder}/cell.yaml", "where else the tools reach"),
     ("dualarm sweep {folder}/study.yaml", "how high the table should stand"),
 )
-"""What to run then."""
+"""Commands for the next steps, with their purpose."""
 WIDTH = 32
-"""Of the column of commands, without the folder's name."""
+"""Width of the column of commands, without the folder's name."""

@@ -1,4 +1,4 @@
-"""Commands that list what this version knows: `solvers`, `explain` and `schema`."""
+"""Commands that list features: `solvers`, `explain` and `schema`."""
 
 from __future__ import annotations
 
@@ -51,28 +51,28 @@ def explain_command(
     from dualarm_cli.errors import UsageError, did_you_mean
     from dualarm_cli.explanations import explanations
 
-    wanted, known = code.strip().upper(), explanations()
-    if wanted and wanted not in known:
-        guess = did_you_mean(wanted, list(known)) or ";"
+    wanted, all_codes = code.strip().upper(), explanations()
+    if wanted and wanted not in all_codes:
+        guess = did_you_mean(wanted, list(all_codes)) or ";"
         raise UsageError(
             f"there is no error code '{code}'{guess} `dualarm explain` lists all codes"
         )
-    chosen = {wanted: known[wanted]} if wanted else known
+    chosen = {wanted: all_codes[wanted]} if wanted else all_codes
     if json_output:
-        codes = [{"code": name} | asdict(one) for name, one in chosen.items()]
+        codes = [{"code": name} | asdict(entry) for name, entry in chosen.items()]
         print_json({"format": "dualarm.explanations/1", "codes": codes})
         return
     if not wanted:
-        for name, one in chosen.items():
-            typer.echo(f"{name}  {one.title}")
+        for name, entry in chosen.items():
+            typer.echo(f"{name}  {entry.title}")
         return
-    one = chosen[wanted]
-    lines = [f"{wanted}: {one.title}", "", "Why:", *(f"  - {text}" for text in one.causes)]
-    lines += ["", "What to do:", *(f"  - {text}" for text in one.remedies)]
-    if one.example:
-        lines += ["", f"Example: {one.example}"]
-    if one.page:
-        lines += ["", f"More: {one.page} of the documentation"]
+    entry = chosen[wanted]
+    lines = [f"{wanted}: {entry.title}", "", "Why:", *(f"  - {text}" for text in entry.causes)]
+    lines += ["", "What to do:", *(f"  - {text}" for text in entry.remedies)]
+    if entry.example:
+        lines += ["", f"Example: {entry.example}"]
+    if entry.page:
+        lines += ["", f"More: {entry.page} of the documentation"]
     typer.echo("\n".join(lines))
 
 
@@ -104,8 +104,8 @@ def schema_command(
         return
     if kind not in KINDS:
         guess = did_you_mean(kind, list(KINDS)) or ";"
-        known = ", ".join(KINDS)
-        raise UsageError(f"there is no kind of file '{kind}'{guess} there are {known}")
+        kinds = ", ".join(KINDS)
+        raise UsageError(f"there is no kind of file '{kind}'{guess} there are {kinds}")
     if out is None or str(out) == STDOUT:
         typer.echo(schema_text(kind), nl=False)
         return

@@ -1,4 +1,4 @@
-"""`dualarm plan`: cell and tasks in, verified joint schedule and report out."""
+"""`dualarm plan`: verified joint schedule and report from cell and tasks."""
 
 from __future__ import annotations
 
@@ -52,11 +52,14 @@ if TYPE_CHECKING:
     from dualarm_cli.model.settings import PlanSettings
 
 MAX_ROWS = 1_000_000
-"""Most rows of the CSV file: about a gigabyte for fifteen joints."""
+"""Maximum number of rows in the CSV file: about a gigabyte for fifteen joints."""
 PRELOADED = ("dualarm_cli.interface", "dualarm_cli.page.page", "ruckig", "highspy")
-"""What nearly every plan needs, besides what kinds of work add to it."""
+"""Modules of nearly every plan, besides those of kinds of work."""
 STOP_LASTS = 30.0
-"""Longer than any stop with its transfer, of jobs whose length is looked at beforehand [s]."""
+"""Upper bound on the time of a stop with its transfer [s].
+
+It estimates the length of jobs in advance.
+"""
 
 
 def plan_command(
@@ -174,7 +177,7 @@ def plan_command(
             with allow_workers(usable_cores() > 1):
                 plan.write(folder, rate=rate, columns=chosen, page=page, force=force)
         except PageNotBuiltError as error:
-            # The plan is whole without it.
+            # The plan is complete without it.
             print_message(f"no {PAGE}: {error}")
     for file, draw in figures.items():
         write_file(file, draw(schedule, job, file.suffix.lower().lstrip(".")), force=True)
@@ -201,7 +204,7 @@ def figures_of(plot: Path, job: Job) -> dict[Path, Draw]:
 
 
 def refuse_rate(job: Job, rate: float) -> None:
-    """Raise before a job is planned where even the quickest plan that there could be has too many rows."""
+    """Raise before planning if even the fastest possible plan has too many rows."""
     from dualarm_cli.bound.job_bound import job_bound
 
     most = MAX_ROWS / rate
@@ -216,7 +219,7 @@ def refuse_rate(job: Job, rate: float) -> None:
 
 
 def served_rate(duration: float, rate: float) -> tuple[float, list[str]]:
-    """Return the rate that the CSV is written with [Hz], and a note where it is less than the one asked for."""
+    """Limit the rate of the CSV [Hz], with a note if it is reduced."""
     if duration * rate <= MAX_ROWS:
         return rate, []
     less = MAX_ROWS / duration
@@ -226,14 +229,14 @@ def served_rate(duration: float, rate: float) -> tuple[float, list[str]]:
 
 
 def refuse_existing(folder: Path, force: bool) -> None:
-    """Raise before any work is done where results could not be written anyway."""
+    """Raise before planning if results could not be written."""
     from dualarm_cli.exporting.files import check_writable
 
     check_writable(folder, force)
 
 
 def _read(tasks: Path) -> Job:
-    """Return the job of a task file. With two cores a copy of this process reads it while this one loads the planner.
+    """Read the job of a task file, in a worker process if possible.
 
     Raises:
         InputError: all that is wrong with the files.
@@ -241,7 +244,7 @@ def _read(tasks: Path) -> Job:
     from dualarm_cli.background import BackgroundCall, allow_workers, usable_cores
     from dualarm_cli.kinds import of_kinds
 
-    # Both need it: loaded by each, it would take the time of two.
+    # Both processes need it, so load it once before the fork.
     import_module("dualarm_cli.model.job")
 
     def read() -> Job | list[Diagnostic]:
@@ -260,10 +263,10 @@ def _read(tasks: Path) -> Job:
                 import_module(name)
             for name in ("planning", "checks"):
                 of_kinds(name)
-        found = reading.result()
-    if isinstance(found, list):
-        raise InputError(found)
-    return found
+        job_or_errors = reading.result()
+    if isinstance(job_or_errors, list):
+        raise InputError(job_or_errors)
+    return job_or_errors
 
 
 def _plan_watched(job: Job, settings: PlanSettings, quiet: bool) -> Plan:

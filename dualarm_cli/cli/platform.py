@@ -1,4 +1,4 @@
-"""`dualarm platform`: one move's platform angles by every method, a table and a figure."""
+"""`dualarm platform`: platform angles of one move by every method, as table and figure."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def platform_command(
 
 
 def _refuse_contradictions(tasks: Path | None, stage: int, given: list[str]) -> None:
-    """Refuse options that the other ones would make void."""
+    """Refuse options that have no effect with the other ones."""
     if tasks is not None and given:
         raise UsageError(f"--{given[0]} describes a planar robot; {tasks} has its own")
     if tasks is None and stage != 1:
@@ -108,7 +108,7 @@ def _write_figure(
 def _planar(
     radius: str, alpha: str, links: str, angle: str, start: str, goal: str
 ) -> tuple[PlatformProblem, FloatArray]:
-    """Return the move of a planar robot and its wrists before."""
+    """Build the move of a planar robot and its wrists before."""
     import numpy as np
 
     from dualarm_cli.files.source.quantities import ANGLE, LENGTH
@@ -134,7 +134,7 @@ def _planar(
 
 
 def _numbers(option: str, text: str, quantity: Any, shape: tuple[int, ...]) -> FloatArray:
-    """Return the quantities in `text`, separated by commas and semicolons, in SI units."""
+    """Parse quantities separated by commas and semicolons, in SI units."""
     import numpy as np
 
     words = [word.strip() for word in text.replace(";", ",").split(",")]
@@ -144,7 +144,10 @@ def _numbers(option: str, text: str, quantity: Any, shape: tuple[int, ...]) -> F
 
 
 def _stage(tasks: Path, stage: int) -> tuple[PlatformProblem, FloatArray]:
-    """Return the move into one stage of a task file, planned so far, and its wrists before."""
+    """Plan the move into one stage of a task file.
+
+    The second result has the wrists before the move.
+    """
     from dualarm_cli.files.tasks.tasks import load_job
     from dualarm_cli.stages.platform_moves import stage_move
 
@@ -176,13 +179,15 @@ def _table(rows: list[MethodRow]) -> Any:
 
 
 def _printed_difference(row: MethodRow) -> str:
-    """Return the difference of the two printed displacements, as the paper's table has it."""
-    one, two = (None if value is None else round(math.degrees(value), 2) for value in row.delta)
-    return "–" if one is None or two is None else f"{abs(two) - abs(one) + 0.0:.2f}"
+    """Compute the difference of the two printed displacements, as in the paper's table."""
+    first, second = (
+        None if value is None else round(math.degrees(value), 2) for value in row.delta
+    )
+    return "–" if first is None or second is None else f"{abs(second) - abs(first) + 0.0:.2f}"
 
 
 def _degrees(value: float | None) -> str:
-    """Return an angle in degrees with the paper's two decimals; a dash for none."""
+    """Format an angle in degrees with the paper's two decimals; a dash for None."""
     # Adding zero turns -0.00 into 0.00.
     return "–" if value is None else f"{round(math.degrees(value), 2) + 0.0:.2f}"
 

@@ -1,4 +1,4 @@
-"""`dualarm report`: the page of a plan that exists."""
+"""`dualarm report`: the page of an existing plan."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dualarm_cli.model.schedule import Schedule
 
 PAGE = "report.html"
-"""Name of the page beside a schedule."""
+"""Name of the page next to a schedule."""
 
 
 def report_command(
@@ -29,7 +29,7 @@ def report_command(
     open_page: Annotated[bool, typer.Option("--open", help="Show it in the browser.")] = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Write the page of a plan: report.html, in which the cell moves. The plan is verified anew."""
+    """Write the page of a plan: report.html, in which the cell moves. The plan is verified again."""
     from dualarm_cli.exporting.schedule_reader import read_schedule
     from dualarm_cli.interface import Plan, load
     from dualarm_cli.model.schedule import ScheduleRobot
@@ -41,7 +41,7 @@ def report_command(
     job = load(file)
     if (robot := check_robot(schedule, job)).verdict == "failed":
         raise UsageError(f"{plan}: is of another robot than {file}: {robot.detail}")
-    # What the file leaves out, the job has.
+    # Data that the file omits comes from the job.
     judged = Plan.judged(job, replace(schedule, robot=ScheduleRobot.of_job(job)))
     assert judged.schedule.verification is not None
     failures = judged.schedule.verification.failures
@@ -56,14 +56,14 @@ def report_command(
         webbrowser.open(page.absolute().as_uri())
     if not judged.verified:
         failed = ", ".join(check.name for check in failures)
-        print_message(f"verification: FAILED: {failed}; `dualarm verify` tells more")
+        print_message(f"verification: FAILED: {failed}; `dualarm verify` has details")
         raise typer.Exit(1)
 
 
 def tasks_of(schedule: Schedule, folder: Path) -> Path:
-    """Return the task file that a schedule was made of.
+    """Find the original task file of a schedule.
 
-    It is looked for by its name within the project, here, above and around the plan, and among the bundled jobs.
+    It is searched by its name within the project, here, above and around the plan, and among the bundled jobs.
 
     Raises:
         UsageError: it is not there, or has been changed since.
@@ -76,12 +76,12 @@ def tasks_of(schedule: Schedule, folder: Path) -> Path:
         raise UsageError(
             "the task file of the plan is not found: its name leads elsewhere; name it with --tasks"
         )
-    here, there = Path.cwd(), folder.absolute()
-    places = (here, *here.parents, there, *there.parents)
-    found = [place / name for place in places if name and (place / name).is_file()]
-    for file in (*found, *bundled_tasks().values()):
+    current, plan_folder = Path.cwd(), folder.absolute()
+    places = (current, *current.parents, plan_folder, *plan_folder.parents)
+    files = [place / name for place in places if name and (place / name).is_file()]
+    for file in (*files, *bundled_tasks().values()):
         with suppress(InputError):
             if hashlib.sha256(read_bytes(file, name)).hexdigest() == digest:
                 return file
-    why = f"{found[0]} has changed since" if found else f"there is no {name or 'task file'} here"
+    why = f"{files[0]} has changed since" if files else f"there is no {name or 'task file'} here"
     raise UsageError(f"the task file of the plan is not found: {why}; name it with --tasks")

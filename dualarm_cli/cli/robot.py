@@ -1,4 +1,4 @@
-"""`dualarm robot`: the bundled robots, what is known of one, its URDF, and import from a URDF."""
+"""`dualarm robot`: the bundled robots, their properties, their URDF, and import from a URDF."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ FAMILIES = {
     "two_steps": "axes 1 and 2 meet or are parallel",
     "quartic": "its first three axes have no special arrangement",
 }
-"""What the closed forms of an arm with a spherical wrist build on."""
+"""Descriptions of the closed forms of an arm with a spherical wrist."""
 RobotName = Annotated[
     str,
     typer.Argument(help="A bundled robot's name, or a robot file.", autocompletion=complete_robot),
@@ -207,11 +207,11 @@ def import_command(
         for option, value in alone.items():
             if value is not None:
                 raise UsageError(f"{option}: is of one robot; import that robot by itself")
-        one, other = (
+        left_request, right_request = (
             ImportRequest(file, None, joint_limits, tips, None, packages, seed)
             for file in (left, right)
         )
-        imported, main = import_pair(one, other), "cell.yaml"
+        imported, main = import_pair(left_request, right_request), "cell.yaml"
     else:
         raise UsageError("give one URDF, or --left URDF and --right URDF for two robots in a cell")
     folder = out if out is not None else imported.folder
@@ -224,14 +224,14 @@ def import_command(
         return
     for reason in imported.reasons:
         print_message(reason)
-    uses = f"task files beside it use it: `cell: {main}`"
+    uses = f"task files next to it use it: `cell: {main}`"
     if main == "robot.yaml":
-        uses = f"a cell file beside that folder uses it: `robot: {Path(folder).name}/robot.yaml`"
+        uses = f"a cell file next to that folder uses it: `robot: {Path(folder).name}/robot.yaml`"
     print_message(f"written: {file}; {uses}")
 
 
 def _asked_for_tips(tips: Sequence[str]) -> dict[str, str]:
-    """Ask on the terminal which rows of joints are the arms, and returns their last links by side."""
+    """Prompt for the last links of the arms, by side."""
     from dualarm_cli.robot_import.structure import NO_TIP
 
     print_message(f"The tree has {len(tips)} rows of joints that may be arms: {', '.join(tips)}.")
@@ -246,7 +246,7 @@ def _asked_for_tips(tips: Sequence[str]) -> dict[str, str]:
 
 
 def _one_of(names: Sequence[str]) -> Callable[[str], str]:
-    """Return a function that takes one of some names and asks again for anything else."""
+    """Create a prompt parser that accepts only the given names."""
 
     def named(answer: str) -> str:
         if answer not in names:
@@ -260,7 +260,7 @@ robot_app.command("reach")(reach_command)
 
 
 def describe_robot(robot: Robot) -> dict[str, Any]:
-    """Return everything known of a robot as a JSON-ready document; angles in rad, ways of joints that slide in m.
+    """Describe a robot as a JSON-ready document; angles in rad, lengths in m.
 
     Args:
         robot: of the data model.
@@ -306,7 +306,7 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
 
 
 def _describe_srs(geometry: SrsGeometry, exact: bool) -> dict[str, Any]:
-    """Return the measured geometry of an arm that is called srs."""
+    """Describe the measured geometry of an arm of kind srs."""
     x, y, z = (float(v) for v in geometry.shoulder)
     radius, azimuth = math.hypot(x, y), math.atan2(y, x)
     summary = (
@@ -330,7 +330,7 @@ def _describe_srs(geometry: SrsGeometry, exact: bool) -> dict[str, Any]:
 
 
 def _describe_general(measured: MeasuredRobot, arm: Arm) -> dict[str, Any]:
-    """Return what serves an arm that is not called srs, and by how much it is not what it might be."""
+    """Describe the inverse kinematics of an arm of another kind, and its deviations."""
     from dualarm_cli.errors import UnsupportedError
     from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE
     from dualarm_cli.kinematics.serial_chain import LEAST_JOINTS
@@ -341,44 +341,44 @@ def _describe_general(measured: MeasuredRobot, arm: Arm) -> dict[str, Any]:
     except UnsupportedError as error:
         summary = f"kind {arm.kind}, {n} axes; not planned: {error}"
         return {"inverse_kinematics": None, "summary": summary}
-    found: dict[str, Any] = {"inverse_kinematics": "numeric", "wrist_gap": general.wrist_gap}
+    facts: dict[str, Any] = {"inverse_kinematics": "numeric", "wrist_gap": general.wrist_gap}
     if general.slides:
         what = f"joint {arm.joints[general.slides[0]]} slides"
     elif n == 7:
         geometry = measured.srs(arm)
-        found["is_srs"] = geometry.is_srs(SRS_TOLERANCE)
-        found["deviation"] = str(geometry.deviation)
+        facts["is_srs"] = geometry.is_srs(SRS_TOLERANCE)
+        facts["deviation"] = str(geometry.deviation)
         what = f"not spherical-revolute-spherical: {geometry.deviation}"
-        if found["is_srs"]:
+        if facts["is_srs"]:
             what = "spherical-revolute-spherical by measurement: kind srs has closed forms for it"
     elif general.wrist_gap <= SRS_TOLERANCE:
         what = "its last three axes meet in a point"
-        return found | _describe_closed(general, arm.kind, "spherical_wrist", what)
+        return facts | _describe_closed(general, arm.kind, "spherical_wrist", what)
     elif n == LEAST_JOINTS and general.parallel_deviation <= SRS_TOLERANCE:
-        found["parallel_deviation"] = general.parallel_deviation
+        facts["parallel_deviation"] = general.parallel_deviation
         what = "its axes 2, 3 and 4 are parallel"
-        return found | _describe_closed(general, arm.kind, "parallel_axes", what)
+        return facts | _describe_closed(general, arm.kind, "parallel_axes", what)
     else:
         what = f"its last three axes miss a common point by {general.wrist_gap * 1000:.3g} mm"
         if n == LEAST_JOINTS:
-            found["parallel_deviation"] = general.parallel_deviation
+            facts["parallel_deviation"] = general.parallel_deviation
             what += (
                 f", its axes 2, 3 and 4 are not parallel by {general.parallel_deviation:.3g} rad"
             )
     summary = f"kind {arm.kind}, {n} axes; {what}; inverse kinematics: numeric (many starts)"
-    return found | {"summary": summary}
+    return facts | {"summary": summary}
 
 
 def _describe_closed(
     general: GeneralArm, kind: str, measured: ArmKind, what: str
 ) -> dict[str, Any]:
-    """Return what serves an arm of six axes that closed forms may serve, by the kind that it is measured to be."""
+    """Describe the closed forms of an arm of six axes, by its measured kind."""
     from dualarm_cli.kinematics.cell_model import CLOSED_ARMS
     from dualarm_cli.kinematics.closed_arm import with_closed_forms
 
-    found = with_closed_forms(CLOSED_ARMS[measured], general)
+    closed = with_closed_forms(CLOSED_ARMS[measured], general)
     numeric = "inverse kinematics: numeric (many starts)"
-    if not found.facts:
+    if not closed.facts:
         summary = (
             f"kind {kind}, 6 axes; {what}, but no closed form is known for its axes; {numeric}"
         )
@@ -386,10 +386,10 @@ def _describe_closed(
     if kind != measured:
         advice = f"kind {measured} has closed forms for it"
         return {"summary": f"kind {kind}, 6 axes; {what}: {advice}; {numeric}"}
-    if shoulder := found.facts.get("shoulder"):
+    if shoulder := closed.facts.get("shoulder"):
         what += f", {FAMILIES[shoulder]}"
     summary = f"kind {kind}, 6 axes; {what}; inverse kinematics: closed form (eight branches)"
-    return {**found.facts, "summary": summary}
+    return {**closed.facts, "summary": summary}
 
 
 def _finite(value: float) -> float | None:
@@ -397,7 +397,7 @@ def _finite(value: float) -> float | None:
 
 
 def _posture_line(robot: Robot, name: str) -> str:
-    """Return a posture's joints that are not at 0, in degrees, and in mm where they slide."""
+    """Format the non-zero joints of a posture, in degrees or mm."""
     values = [
         f"{joint} {1e3 * q:.4g} mm" if joint in robot.sliding else f"{joint} {math.degrees(q):.4g}°"
         for joint, q in zip(robot.joints, robot.postures[name], strict=True)
@@ -407,7 +407,7 @@ def _posture_line(robot: Robot, name: str) -> str:
 
 
 def _limits_table(robot: Robot) -> Any:
-    """Return the table of joint limits in degrees, as a robot's data sheet has them; of joints that slide in mm."""
+    """Build the table of joint limits in degrees, or mm for prismatic joints."""
     from rich.table import Table
 
     figures = numbers("lower °", "upper °", "velocity °/s", "acceleration °/s²", "jerk °/s³")

@@ -1,4 +1,4 @@
-"""`dualarm robot reach`: which part of a table each arm and both arms reach, and from which platform positions."""
+"""`dualarm robot reach`: the part of a table that each arm and both arms reach."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from dualarm_cli.model.cell import Cell
 
 MOST_NODES = 400_000
-"""Points over all platform angles that are looked at at most."""
-MOST_TILT = 90.0
-"""[deg]"""
+"""Maximum number of points over all platform angles."""
+MAX_TILT = 90.0
+"""Largest tilt [deg]."""
 
 
 def reach_command(
@@ -39,11 +39,11 @@ def reach_command(
     ] = None,
     tilt: Annotated[
         str,
-        typer.Option("--tilt", help="How far the tool leans from straight down, its tip outwards."),
+        typer.Option("--tilt", help="Tilt of the tool from straight down, its tip outwards."),
     ] = "0 deg",
     step: Annotated[
         str | None,
-        typer.Option("--step", help="Distance of the points.", show_default="by the robot's size"),
+        typer.Option("--step", help="Spacing of the points.", show_default="by the robot's size"),
     ] = None,
     out: Annotated[
         Path | None,
@@ -52,7 +52,7 @@ def reach_command(
     force: Annotated[bool, typer.Option("--force", help="Overwrite the picture.")] = False,
     json_output: JsonOption = False,
 ) -> None:
-    """Show which part of a table each arm and both arms reach, tools down, and from which platform angles."""
+    """Show the part of a table that each arm and both arms reach, tools down."""
     import math
 
     import numpy as np
@@ -66,8 +66,8 @@ def reach_command(
     if out is not None:
         refuse_plot(out, force, "--out")
     leaning = read_quantity("--tilt", tilt, ANGLE)
-    if not abs(leaning) <= math.radians(MOST_TILT):
-        raise UsageError(f"--tilt {tilt}: must be between -{MOST_TILT:g} and {MOST_TILT:g} deg")
+    if not abs(leaning) <= math.radians(MAX_TILT):
+        raise UsageError(f"--tilt {tilt}: must be between -{MAX_TILT:g} and {MAX_TILT:g} deg")
     spacing = None if step is None else read_quantity("--step", step, LENGTH)
     level = None if height is None else read_quantity("--height", height, LENGTH)
     cell, notes = _cell(robot)
@@ -108,7 +108,7 @@ def reach_command(
 
 
 def _cell(robot: str) -> tuple[Cell, list[str]]:
-    """Return the cell of an argument, and what is assumed of it."""
+    """Load the cell of an argument, with notes on assumptions."""
     from dualarm_cli.files.cells.cells import load_cell
     from dualarm_cli.files.robots.robots import load_robot
     from dualarm_cli.files.source.bundled import ROBOT_FILE, bundled_robots
@@ -130,8 +130,8 @@ def _cell(robot: str) -> tuple[Cell, list[str]]:
     if any(tool.shapes or not tool.tcp.isIdentity() for tool in cell.tools.values()):
         return cell, []
     cell, tools = with_tools(cell)
-    told = [
+    tool_notes = [
         f"{arm}: along {tool.axis} of the flange, {(tool.start + tool.length) * 1000:.3g} mm long"
         for arm, tool in tools.items()
     ]
-    return cell, [f"tools are assumed, no cell file names them: {'; '.join(told)}"]
+    return cell, [f"tools are assumed, no cell file names them: {'; '.join(tool_notes)}"]

@@ -33,7 +33,7 @@ class _TerminatedError(BaseException):
 
 
 _arrived: list[int] = []
-"""Exit codes of the signals that arrived: a library may make another error of what they raise."""
+"""Exit codes of the signals that arrived, because a library may convert their errors."""
 
 
 def _terminate(_signal: int, _frame: FrameType | None) -> None:
@@ -66,7 +66,7 @@ def run(arguments: list[str]) -> int:
         sys.stdout.flush()
         return code
     except BrokenPipeError:
-        # The reader has gone: nothing more can be said, not even by the interpreter at exit.
+        # The reader has closed the pipe: nothing can be printed, not even by the interpreter at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return PIPE_EXIT
     except SystemExit as error:
@@ -101,13 +101,13 @@ def run(arguments: list[str]) -> int:
 
 
 def _explained(*codes: str) -> str:
-    """Return the last line of an error: where to read more about its codes."""
+    """Compose the last line of an error: where its codes are explained."""
     commands = ", ".join(f"`dualarm explain {code}`" for code in codes)
     return f"More about it: {commands}"
 
 
 def _unexpected(error: Exception, arguments: list[str]) -> int:
-    """Return the exit code of an error that nobody raised on purpose, after saying what it is."""
+    """Report an unexpected error and return its exit code."""
     if lacks_memory(error):
         text = (
             f"error: not enough memory ({type(error).__name__}); close other programs, allow this one more "
@@ -125,7 +125,7 @@ def _unexpected(error: Exception, arguments: list[str]) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Give a process that was started without stdout or stderr somewhere to write."""
+    """Open a null device in place of closed stdout or stderr."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             # Kept open on purpose: it lasts as long as the process.
@@ -141,7 +141,7 @@ def _run_command(arguments: list[str]) -> int:
 
 
 def _report(text: str, code: int, arguments: list[str]) -> int:
-    """Say what went wrong on stderr, and on stdout as a document where JSON was asked for."""
+    """Report an error on stderr, and on stdout as a JSON document if requested."""
     sys.stderr.write(text + "\n")
     if "--json" in arguments:
         from dualarm_cli.cli.parts.output import print_json
@@ -168,7 +168,7 @@ COMMANDS: Mapping[str, str] = {
     "explain": "lists.explain_command",
     "schema": "lists.schema_command",
 }
-"""Modules and names of commands and of groups of commands, in the order of the help."""
+"""Modules and names of commands and groups, in the order of the help."""
 
 
 def command_line(only: str = "") -> typer.Typer:

@@ -87,9 +87,9 @@ def score_command(
 ) -> None:
     """Plan many cells and compare them with a baseline and their budgets, for CI.
 
-    Exit code 1 if a cycle time got longer than allowed, a case is missing, misses its budget, fails its verification
+    Exit code 1 if a cycle time rose more than allowed, a case is missing, misses its budget, fails its verification
     or takes too long; 3 if one has no feasible plan, 2 if a file is wrong, 4 if one ended in a bug; the most severe
-    of these in the order 4, 2, 3, 1. The other cases are planned all the same.
+    of these in the order 4, 2, 3, 1. The other cases are planned anyway.
     """
     from dualarm_cli.cli.parts.score_files import refuse_report, refuse_same_file, write_reports
     from dualarm_cli.evaluation.request import Request, other_machine
@@ -130,15 +130,15 @@ def score_command(
     former = _former(baseline, settings, update_baseline, subset, force)
     store = open_store(cache, no_cache)
     with evaluators(jobs, scheduler, limit) as run:
-        found = _evaluate(requests, run, store, quiet)
+        evaluations = _evaluate(requests, run, store, quiet)
     verdicts = judge_all(
-        found,
+        evaluations,
         None if former is None else former.cases,
         math.inf if update_baseline else allowed,
         subset=subset or update_baseline,
         elsewhere="" if former is None else other_machine(former.made_on),
     )
-    # Where the baseline is written anew, or is not there yet, nothing is compared with it.
+    # A baseline that is replaced or missing is not compared with.
     compared = baseline if former is not None and not update_baseline else None
     write_reports(verdicts, allowed, compared is not None, junit, markdown, github)
     if pages is not None:
@@ -153,7 +153,7 @@ def score_command(
 def _former(
     path: Path | None, settings: dict[str, object], update: bool, subset: bool, force: bool
 ) -> Baseline | None:
-    """Return the baseline to compare with, or None.
+    """Read the baseline to compare with, or None.
 
     Raises:
         InputError: it cannot be used.
@@ -168,48 +168,48 @@ def _former(
         return former
     if update and not subset:
         return None
-    other = ", ".join(
+    differences = ", ".join(
         f"{name} {former.settings.get(name, 'not stated')} there, {settings.get(name, 'not stated')} here"
         for name in dict.fromkeys([*settings, *former.settings])
         if former.settings.get(name) != settings.get(name)
     )
     raise UsageError(
-        f"--baseline {path}: was made with other settings ({other}); use the same settings, or --update-baseline"
+        f"--baseline {path}: was made with other settings ({differences}); use the same settings, or --update-baseline"
     )
 
 
 def _evaluate(
     requests: list[Request], run: Run, store: Store | None, quiet: bool
 ) -> dict[str, Evaluation]:
-    """Return what every case came to; `run` plans what the store does not know."""
+    """Evaluate all cases; `run` plans those that the store does not have."""
     from dualarm_cli.cli.parts.score_files import score_progress
     from dualarm_cli.evaluation.answers import answers
 
-    def checked(some: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
+    def checked(batch: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
         doubted = False
-        for index, evaluation in run(some):
+        for index, evaluation in run(batch):
             if evaluation.status == "bad_input" and not doubted:
                 doubted = True
-                _refuse_settings(some[index])
+                _refuse_settings(batch[index])
             yield index, evaluation
 
-    found: dict[str, Evaluation] = {}
-    known = 0
-    with score_progress(len(requests), quiet) as tell:
+    evaluations: dict[str, Evaluation] = {}
+    cached = 0
+    with score_progress(len(requests), quiet) as report:
         for answer in answers(requests, checked, store):
-            found[requests[answer.index].case] = answer.evaluation
-            known += answer.known
-            tell(answer.evaluation, answer.known)
+            evaluations[requests[answer.index].case] = answer.evaluation
+            cached += answer.known
+            report(answer.evaluation, answer.known)
     if store is not None and not quiet:
-        print_message(f"unchanged and not planned again: {known} of {len(requests)}")
+        print_message(f"unchanged and not planned again: {cached} of {len(requests)}")
     say_unkept(store)
-    return found
+    return evaluations
 
 
 def _refuse_settings(request: Request) -> None:
-    """Raise where a solver that was named is none, instead of every single case saying so.
+    """Raise if a named solver does not exist, once for all cases.
 
-    Not asked before there is a reason: methods take a second to load, in which all processes could plan.
+    It is checked only after a failure, because methods take a second to load.
     """
     from dualarm_cli.evaluation.evaluate import settings_of
 
@@ -225,7 +225,7 @@ def _tell(
     json_output: bool,
     quiet: bool,
 ) -> None:
-    """Print the result; failures go to stderr where stdout has no table."""
+    """Print the result; failures go to stderr if stdout has no table."""
     from dualarm_cli.scoring.document import score_document
     from dualarm_cli.scoring.markdown import github_commands
     from dualarm_cli.scoring.messages import reason_lines
@@ -266,7 +266,7 @@ def _print(verdicts: list[Verdict], allowed: float, compared: bool) -> None:
 def _write_pages(
     folder: Path, verdicts: list[Verdict], allowed: float, compared: bool, quiet: bool
 ) -> None:
-    """Write the pages of all cases that have a plan, and their index."""
+    """Write the pages of all cases with a plan, and their index."""
     from dualarm_cli.page.index_page import page_names
     from dualarm_cli.scoring.index import score_index
 
@@ -294,7 +294,7 @@ def _update(
 
 
 def _end(verdicts: list[Verdict]) -> None:
-    """End the process with the most severe of its cases."""
+    """End the process with the exit code of the most severe case."""
     from dualarm_cli.scoring.verdict import exit_code
 
     if code := exit_code(verdicts):

@@ -1,4 +1,4 @@
-"""`dualarm sweep`: layout studies: parameters of cells over ranges, planned, ranked, explained."""
+"""`dualarm sweep`: layout studies: cells with varied parameters, planned, ranked and explained."""
 
 from __future__ import annotations
 
@@ -39,22 +39,22 @@ if TYPE_CHECKING:
 
 @contextmanager
 def _study_progress(total: int, quiet: bool) -> Iterator[Callable[[Progress], None]]:
-    """Yield what tells of every finished point.
+    """Yield a function that reports every finished point.
 
     Args:
-        total: how many points there are.
+        total: number of points.
         quiet: whether to show nothing.
     """
     with progress_bar("planning", total, quiet) as show:
 
-        def tell(progress: Progress) -> None:
-            known = [f"{progress.known} known already"] if progress.known else []
+        def report(progress: Progress) -> None:
+            cached = [f"{progress.known} known already"] if progress.known else []
             time = None if progress.best is None else progress.best.figures["cycle_time"]
             best = [] if time is None else [f"best {time:.3f} s"]
             if show is not None:
-                show(progress.done, ", ".join([*best, *known]))
+                show(progress.done, ", ".join([*best, *cached]))
 
-        yield tell
+        yield report
 
 
 DOCUMENT, TABLE, PARETO, EFFECTS = "study.json", "table.csv", "pareto.png", "sensitivity.png"
@@ -62,7 +62,7 @@ FILES = (DOCUMENT, TABLE, PARETO, EFFECTS)
 
 
 def refuse_results(out: str | None, csv: Path | None, force: bool) -> None:
-    """Raise before any work is done where results could not be written anyway."""
+    """Raise before planning if results could not be written."""
     if out is not None:
         refuse_folder(out, FILES, force)
     if csv is None:
@@ -76,7 +76,10 @@ def refuse_results(out: str | None, csv: Path | None, force: bool) -> None:
 
 
 def refuse_inputs(out: str | None, csv: Path | None, inputs: Iterable[str]) -> None:
-    """Raise where a result would replace a file that the study was read from, or another result: no --force does."""
+    """Raise if a result would replace an input of the study or another result.
+
+    This holds with --force, too.
+    """
     read = {os.path.realpath(name) for name in inputs}
     results = {os.path.realpath(Path(out) / name): name for name in FILES} if out else {}
     named = [(f"--out {out}: its {name}", path) for path, name in results.items()]
@@ -90,7 +93,7 @@ def refuse_inputs(out: str | None, csv: Path | None, inputs: Iterable[str]) -> N
 
 
 def write_results(document: dict[str, Any], out: str | None, csv: Path | None, quiet: bool) -> None:
-    """Write the files asked for, and says so unless told to be quiet."""
+    """Write the requested files, and report it unless quiet."""
     from dualarm_cli.errors import MissingDependencyError
     from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.report.comparison.study_table import study_csv
@@ -114,7 +117,7 @@ def write_results(document: dict[str, Any], out: str | None, csv: Path | None, q
     except MissingDependencyError as error:
         _say(f"{PARETO} and {EFFECTS} are not drawn: {error}", quiet)
     for name in {PARETO, EFFECTS} - set(files):
-        # Of an earlier study: it would not go with this one.
+        # A figure of an earlier study would contradict this one.
         (Path(out) / name).unlink(missing_ok=True)
     write_folder(out, files | {DOCUMENT: json_bytes(document)})
     _say(f"written: {out}", quiet)
@@ -126,9 +129,9 @@ def _say(text: str, quiet: bool) -> None:
 
 
 DEFAULT_BUDGET = 40
-"""Points that --optimise tries by default."""
+"""Default number of points of --optimise."""
 DEFAULT_BEST = 10
-"""Points that get a page by default."""
+"""Default number of points with a page."""
 
 
 def sweep_command(
@@ -146,7 +149,7 @@ def sweep_command(
             "--budget",
             min=1,
             max=100_000,
-            help="Points that --optimise tries at most.",
+            help="Maximum number of points of --optimise.",
             show_default=str(DEFAULT_BUDGET),
         ),
     ] = None,
@@ -186,10 +189,10 @@ def sweep_command(
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Plan a cell's tasks over ranges of its parameters: what is best, what can be had together, what matters.
+    """Plan a cell's tasks over ranges of its parameters: best layouts, trade-offs, sensitivities.
 
-    Finished plans are kept in a cache: a run that was ended goes on where it was. Points without a plan do not stop
-    others. Exit code 4 if this program failed at one, 2 if one's input was bad, 3 if none has a plan, 1 if the
+    Finished plans are cached: an interrupted run continues. Points without a plan do not stop
+    others. Exit code 4 after an internal error, 2 after a bad input, 3 if no point has a plan, 1 if the
     verifier fails a plan.
     """
     from dualarm_cli.files.source.text_source import recorded_reads
@@ -235,7 +238,7 @@ def sweep_command(
 
 
 def _search_options(optimise: bool, budget: int | None, seed: int | None) -> dict[str, Any] | None:
-    """Return how to search, None for enumerating.
+    """Read the settings of the search, None for enumeration.
 
     Raises:
         UsageError: an option that goes with --optimise only.
@@ -260,7 +263,7 @@ def _search_options(optimise: bool, budget: int | None, seed: int | None) -> dic
 def _points(
     study: Study, search: dict[str, Any] | None, quiet: bool
 ) -> tuple[list[Point] | None, dict[str, Any]]:
-    """Return the points to plan, None where they are searched for, and what the document says of the method."""
+    """Select the points to plan, None for a search, with the document's method section."""
     from dualarm_cli.studies.search import study_points, whole_grid
 
     if search is None:
@@ -284,7 +287,7 @@ def _carry_out(
     desk: Desk,
     quiet: bool,
 ) -> tuple[list[StudyRow], StudyRow]:
-    """Return all rows and the one of the files as they are; says how far it is."""
+    """Plan all points and the unchanged files; return their rows and report progress."""
     from dualarm_cli.studies.search import search
 
     total = method["budget"] if points is None else len(points)
@@ -307,7 +310,7 @@ def _carry_out(
 
 
 def _best_rows(document: dict[str, Any], rows: list[StudyRow], count: int) -> list[StudyRow]:
-    """Return the rows of the best points that have a plan, the Pareto set first."""
+    """Select the rows of the best planned points, the Pareto set first."""
     planned = [row["point"] for row in document["rows"] if row["rank"] is not None]
     places = {row.number: row for row in rows}
     return [places[number] for number in planned[:count]]
@@ -321,7 +324,7 @@ def _write_pages(
     folder: Path,
     quiet: bool,
 ) -> None:
-    """Plan points once more for their pages, and writes these with an index of all points."""
+    """Plan points again for their pages, and write these with an index of all points."""
     from dualarm_cli.page.index_page import page_names, page_title, study_index
 
     before = desk.planned
@@ -339,8 +342,8 @@ def _write_pages(
 
 
 def _plans(desk: Desk) -> str:
-    known = f", {desk.known} known already" if desk.known else ""
-    return f"{desk.planned} job{'s' * (desk.planned != 1)} planned{known}"
+    cached = f", {desk.known} known already" if desk.known else ""
+    return f"{desk.planned} job{'s' * (desk.planned != 1)} planned{cached}"
 
 
 def _print(document: dict[str, Any]) -> None:
@@ -365,7 +368,7 @@ def _print(document: dict[str, Any]) -> None:
 
 
 def exit_code(document: dict[str, Any]) -> int:
-    """Return what the process ends with: the most severe of 4, 2, 3, 1, 0.
+    """Compute the exit code: the most severe of 4, 2, 3, 1, 0.
 
     4 if this program failed at a point, 2 if the input of one was bad, 3 if none has a plan, 1 if the verifier fails
     one. Points without a plan among others that have one are a result.

@@ -1,6 +1,6 @@
-"""`dualarm verify`: the independent judge of any schedule in our format, and of motions that were driven.
+"""`dualarm verify`: independent verification of schedules, and of recorded motions.
 
-`dualarm verify LOG --plan PLAN`: what a controller logged, compared with the plan.
+`dualarm verify LOG --plan PLAN` compares a recorded motion with its plan.
 """
 
 from __future__ import annotations
@@ -40,9 +40,7 @@ def refuse_logged(path: Path) -> None:
         with path.open("rb") as file:
             logged = b'"joint_names"' in file.read(4096)
     if logged:
-        raise UsageError(
-            f"{path} is no schedule but a motion; name the plan that it is compared with: --plan PLAN"
-        )
+        raise UsageError(f"{path} is a motion, not a schedule; name its plan: --plan PLAN")
 
 
 def judged_log(
@@ -179,7 +177,7 @@ def verify_command(
     schedule: Annotated[
         Path,
         typer.Argument(
-            help="Folder of a plan, or a schedule file; with --plan a motion that was driven: JointTrajectory or CSV.",
+            help="Folder of a plan, or a schedule file; with --plan a recorded motion: JointTrajectory or CSV.",
             show_default=False,
         ),
     ],
@@ -201,15 +199,13 @@ def verify_command(
     ] = None,
     plan: Annotated[
         Path | None,
-        typer.Option(
-            "--plan", help="Plan that a driven motion is compared with.", show_default=False
-        ),
+        typer.Option("--plan", help="Plan of the recorded motion.", show_default=False),
     ] = None,
     interpolation: Annotated[
         ReceiverInterpolation,
         typer.Option(
             "--interpolation",
-            help="How the robot moved between the samples of a driven motion; cubic needs velocities, quintic also "
+            help="Interpolation between the samples of a recorded motion; cubic needs velocities, quintic also "
             "accelerations.",
         ),
     ] = ReceiverInterpolation.cubic,
@@ -218,7 +214,7 @@ def verify_command(
         typer.Option(
             "--tracking-error",
             metavar="ANGLE",
-            help="Allowed error of driven joints without their delay.",
+            help="Allowed tracking error of joints without their delay.",
         ),
     ] = "0.1 deg",
     tool_error: Annotated[
@@ -226,23 +222,23 @@ def verify_command(
         typer.Option(
             "--tool-error",
             metavar="LENGTH",
-            help="Allowed distance of driven tools at events, and of sliding joints.",
+            help="Allowed tracking error of tools at events, and of prismatic joints.",
         ),
     ] = "1 mm",
     delay: Annotated[
-        str, typer.Option("--delay", metavar="DURATION", help="Allowed delay of driven joints.")
+        str, typer.Option("--delay", metavar="DURATION", help="Allowed delay of joints.")
     ] = "2 ms",
     as_planned: Annotated[
         bool,
         typer.Option(
             "--unlogged-as-planned",
-            help="Take joints that are not in the log as driven as planned; without it such a log fails.",
+            help="Assume that joints missing in the log moved as planned; without it such a log fails.",
         ),
     ] = False,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Judge a schedule, also one edited by hand or made elsewhere; or compare what was driven with its plan."""
+    """Verify a schedule of any origin, or compare a recorded motion with its plan."""
     if plan is not None:
         from dualarm_cli.cli.report import tasks_of
         from dualarm_cli.exporting.schedule_reader import read_schedule
@@ -295,8 +291,8 @@ def _show(
     judged = replace(judged, checks=checks)
     if json_output:
         document = {"format": "dualarm.verification/1", **(verification_document(judged) or {})}
-        own = {} if tracking is None else {"tracking": tracking_document(tracking)}
-        print_json(document | own)
+        members = {} if tracking is None else {"tracking": tracking_document(tracking)}
+        print_json(document | members)
     elif not quiet:
         console = stdout_console()
         for table in (*([] if tracking is None else tracking_tables(tracking)), _table(judged)):

@@ -231,8 +231,7 @@ class _Chains:
     passing: tuple[_Line, ...]
     """Transfers that begin or end in motion."""
     fixed: Mapping[str, FloatArray]
-    """Time independent of limits, such as dwells, by arm [s], shape (s,); minus infinity without work. In a hand-over
-    the first arm has all time after both have arrived."""
+    """Time independent of limits, such as dwells, by arm [s], (s,); -inf without work, all of a hand-over's in the first arm's."""
     returns: BoolArray
     """Mask of returns and of stages without work: all joints arrive together, shape (s,)."""
     recorded: FloatArray

@@ -16,40 +16,42 @@ def _begun(names: Iterable[str], incomplete: str) -> list[str]:
 
 
 def _yaml_files(incomplete: str) -> list[str]:
-    """Return YAML files and folders whose paths begin as what is typed, as the user writes them."""
+    """List matching YAML files and folders, as the user writes them."""
     folder = incomplete.rpartition("/")[0]
     start = f"{folder}/" if "/" in incomplete else ""
     try:
         entries = sorted(Path(start or ".").iterdir())
     except OSError:
         return []
-    found = [
+    paths = [
         f"{start}{entry.name}{'/' * entry.is_dir()}"
         for entry in entries
         if entry.is_dir() or entry.suffix in (".yaml", ".yml")
     ]
     hidden = incomplete[len(start) :].startswith(".")
     return [
-        one for one in _begun(found, incomplete) if hidden or not one[len(start) :].startswith(".")
+        path
+        for path in _begun(paths, incomplete)
+        if hidden or not path[len(start) :].startswith(".")
     ]
 
 
 def complete_job(incomplete: str) -> list[str]:
-    """Return bundled jobs and YAML files."""
+    """List bundled jobs and YAML files."""
     from dualarm_cli.files.source.bundled import bundled_tasks
 
     return [*_begun(bundled_tasks(), incomplete), *_yaml_files(incomplete)]
 
 
 def complete_robot(incomplete: str) -> list[str]:
-    """Return bundled robots and YAML files."""
+    """List bundled robots and YAML files."""
     from dualarm_cli.files.source.bundled import bundled_robots
 
     return [*_begun(bundled_robots(), incomplete), *_yaml_files(incomplete)]
 
 
 def complete_solver(*names: str) -> Callable[[str], list[str]]:
-    """Return what completes the names of solvers.
+    """Create a completion function for solver names.
 
     Args:
         names: of their families, such as timing.
@@ -57,20 +59,22 @@ def complete_solver(*names: str) -> Callable[[str], list[str]]:
 
     def complete(incomplete: str) -> list[str]:
         named = [family for family in families() if family.family in names]
-        return _begun(dict.fromkeys(one.name for family in named for one in family), incomplete)
+        return _begun(
+            dict.fromkeys(solver.name for family in named for solver in family), incomplete
+        )
 
     return complete
 
 
 def complete_code(incomplete: str) -> list[str]:
-    """Return error codes."""
+    """List error codes."""
     from dualarm_cli.explanations import explanations
 
     return _begun(explanations(), incomplete)
 
 
 def complete_kind(incomplete: str) -> list[str]:
-    """Return kinds of files that have a schema."""
+    """List kinds of files that have a schema."""
     from dualarm_cli.schemas import KINDS
 
     return _begun(KINDS, incomplete)

@@ -1,4 +1,4 @@
-"""Sources of many jobs' plans: processes or a cluster, and the store of answers."""
+"""Evaluation of many jobs: processes or a cluster, and the cache of answers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def progress_bar(
     title: str, total: int, quiet: bool
 ) -> Iterator[Callable[[int, str], None] | None]:
-    """Show a bar on a terminal; yield what updates its count and words, or None without a bar."""
+    """Show a progress bar on a terminal; yield its update function, or None without a bar."""
     console = None if quiet else stderr_console()
     if console is None or not console.is_terminal:
         yield None
@@ -38,7 +38,7 @@ def progress_bar(
 
 
 def open_store(cache: Path | None, no_cache: bool) -> Store | None:
-    """Return the store of answers, None for none."""
+    """Open the store of answers, or return None."""
     from dualarm_cli.evaluation.store import DEFAULT_FOLDER, Store
 
     return None if no_cache else Store(cache or Path(DEFAULT_FOLDER))
@@ -46,7 +46,9 @@ def open_store(cache: Path | None, no_cache: bool) -> Store | None:
 
 @contextmanager
 def evaluators(jobs: int | None, scheduler: str | None, timeout: float | None) -> Iterator[Run]:
-    """Yield what evaluates requests: processes of this machine, or a cluster, opened with the first requests.
+    """Yield a function that evaluates requests, on this machine or a cluster.
+
+    Processes or cluster are opened with the first requests.
 
     Args:
         jobs: processes on this machine, started when there is work for them; None for one per core.
@@ -77,7 +79,7 @@ def _open(jobs: int | None, scheduler: str | None, timeout: float | None) -> Cre
 
 
 def say_unkept(store: Store | None) -> None:
-    """Say once that answers could not be kept, if that is so."""
+    """Warn once if answers could not be cached."""
     if store is not None and store.problem:
         print_message(
             f"warning: results could not be cached in {store.folder}: {store.problem}; the results are complete, but "

@@ -1,4 +1,4 @@
-"""Tables on consoles of any width: nothing in them is cut off, and no column says the same words in every row."""
+"""Tables on consoles of any width, without cut-off text or constant columns."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 UNLIMITED = 10_000
-"""Wider than any table [characters]."""
+"""Width without limit [characters]."""
 NOTHING = ("", "–")
-"""What cells hold that say nothing."""
+"""Texts of empty cells."""
 
 
 def fitted(table: Table, console: Console) -> Table:
-    """Return a table as a console shows it; what is left out because it is the same in every row stands below.
+    """Fit a table to a console; constant columns move below it.
 
-    Words that are the same in every row are left out. Where the table is too wide, heads get several lines, then
+    Columns with the same words in every row are removed. Where the table is too wide, heads get several lines, then
     numbers that are the same go, the last column first. If need be, words move to the next line, or the lines between
     columns go.
     """
@@ -53,23 +53,25 @@ def _is_number(column: Column) -> bool:
 
 
 def _same_in_all_rows(table: Table) -> dict[int, str]:
-    """Return the one text of columns that hold no other, by their places; the first column names the rows."""
+    """Find the text of constant columns, by index; the first column names the rows."""
     if table.row_count < 2:
         return {}
     texts = {k: {str(cell) for cell in column.cells} for k, column in enumerate(table.columns)}
-    return {k: next(iter(found)) for k, found in texts.items() if k and len(found) == 1}
+    return {k: next(iter(values)) for k, values in texts.items() if k and len(values) == 1}
 
 
 def _without(table: Table, out: list[int]) -> Table:
-    """Return a table without some columns; what they hold in every row stands below it."""
+    """Remove columns from a table and list their constant values below it."""
     if not out:
         return table
     kept = [column for k, column in enumerate(table.columns) if k not in out]
     new = Table(title=table.title, title_justify=table.title_justify, caption_justify="left")
-    told = [(table.columns[k].header, next(iter(table.columns[k].cells))) for k in sorted(out)]
-    told = [(str(head).replace("\n", " "), text) for head, text in told if text not in NOTHING]
-    if told:
-        new.caption = f"in every row: {', '.join(f'{head} {text}' for head, text in told)}"
+    constants = [(table.columns[k].header, next(iter(table.columns[k].cells))) for k in sorted(out)]
+    constants = [
+        (str(head).replace("\n", " "), text) for head, text in constants if text not in NOTHING
+    ]
+    if constants:
+        new.caption = f"in every row: {', '.join(f'{head} {text}' for head, text in constants)}"
     for column in kept:
         new.add_column(
             column.header, justify=column.justify, style=column.style, no_wrap=column.no_wrap
@@ -82,19 +84,19 @@ def _without(table: Table, out: list[int]) -> Table:
 
 
 def _fits(table: Table, console: Console) -> bool:
-    """Return whether a table needs no more room than there is."""
+    """Check whether a table fits the console."""
     options = console.options.update(width=UNLIMITED)
     return Measurement.get(console, options, table).maximum <= console.width
 
 
 def _fits_without_lines(table: Table, console: Console) -> bool:
-    """Return whether a table fits once nothing but a space stands between its columns."""
+    """Check whether a table fits with only spaces between its columns."""
     widths = [max(map(_length, _lines(column))) for column in table.columns]
     return sum(widths) + len(widths) - 1 <= console.width
 
 
 def _share_room(table: Table, room: int) -> bool:
-    """Give columns of words the room that numbers leave, and returns whether no word must be folded.
+    """Distribute the width left by numbers to columns of words; check that none is folded.
 
     Args:
         table: whose columns get their widths.
@@ -120,7 +122,7 @@ def _share_room(table: Table, room: int) -> bool:
 
 
 def _lines(column: Column) -> list[str]:
-    """Return the lines of a column's head and cells, as they are read."""
+    """List the displayed lines of a column's head and cells."""
     texts = [Text.from_markup(str(text)).plain for text in (column.header, *column.cells)]
     return [line for text in texts for line in text.split("\n")]
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Effort(StrEnum):
-    """How hard to try: more time for a smaller gap."""
+    """Search effort: more time for a smaller gap."""
 
     quick = "quick"
     normal = "normal"
@@ -24,14 +24,14 @@ class Effort(StrEnum):
 
 
 class Blend(StrEnum):
-    """Where tools do not stop."""
+    """Places that tools pass without stop."""
 
     lines = "lines"
     none = "none"
 
 
 class ReceiverInterpolation(StrEnum):
-    """How a receiver moves between samples."""
+    """Interpolation of a receiver between samples."""
 
     linear = "linear"
     cubic = "cubic"
@@ -39,11 +39,9 @@ class ReceiverInterpolation(StrEnum):
 
 
 EffortOption = Annotated[
-    Effort, typer.Option("--effort", help="How hard to try: more planning time for a faster plan.")
+    Effort, typer.Option("--effort", help="Search effort: more planning time for a faster plan.")
 ]
-SeedOption = Annotated[
-    int, typer.Option("--seed", min=0, max=2**32 - 1, help="Seed of all randomness.")
-]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**32 - 1, help="Random seed.")]
 
 PlatformOption = Annotated[
     str | None,
@@ -58,8 +56,8 @@ RedundancyOption = Annotated[
     str | None,
     typer.Option(
         "--redundancy",
-        help="Redundancy solver of stops, or of paths.",
-        show_default="arm_angle, numeric where an arm is not SRS; for paths the file's",
+        help="Redundancy solver of stops or paths.",
+        show_default="arm_angle, numeric for arms that are not SRS; for paths the file's",
         autocompletion=complete_solver("redundancy", "path follower"),
     ),
 ]
@@ -71,7 +69,7 @@ BlendOption = Annotated[
     Blend,
     typer.Option(
         "--blend",
-        help="Where tools do not stop: at the outer ends of approaches and retracts, or nowhere.",
+        help="Places that tools pass without stop: the outer ends of approaches and retracts (lines), or none.",
     ),
 ]
 TimeLimitOption = Annotated[
@@ -79,7 +77,7 @@ TimeLimitOption = Annotated[
     typer.Option(
         "--time-limit",
         metavar="DURATION",
-        help="Longest search for orders (30, '30 s', '2 min'). The result then depends on the machine.",
+        help="Time limit of the search for orders (30, '30 s', '2 min'). The result then depends on the machine.",
         show_default="as long as --effort says",
     ),
 ]
@@ -87,20 +85,20 @@ PlanTasksOption = Annotated[
     Path | None,
     typer.Option(
         "--tasks",
-        help="Task file of the plan; by default the one that it was made of, if it is found unchanged.",
+        help="Task file of the plan; default: its original task file, if it is found unchanged.",
         show_default=False,
     ),
 ]
 ColumnsOption = Annotated[
     str,
-    typer.Option("--columns", help="What schedule.csv tells of each joint."),
+    typer.Option("--columns", help="Columns of each joint in schedule.csv."),
 ]
 COLUMNS = "position,velocity,acceleration"
-"""All of them."""
+"""All columns."""
 
 
 def read_duration(option: str, text: str | None) -> float | None:
-    """Read the duration that an option gives, above 0 [s], or None where it is not given."""
+    """Read the duration of an option, above 0 [s], or None if not given."""
     from dualarm_cli.files.source.quantities import TIME
 
     return None if text is None else read_positive(option, text, TIME, "30 or '2 min'")
@@ -136,12 +134,12 @@ def read_quantity(option: str, text: str, dimension: Dimension, example: str = "
 
 
 def refuse_plot(plot: Path, force: bool, option: str = "--plot") -> None:
-    """Raise before any work is done where a figure could not be written anyway.
+    """Raise before planning if a figure could not be written.
 
     Args:
         plot: the figure.
         force: whether a file is replaced.
-        option: that names it.
+        option: its option.
 
     Raises:
         UsageError: the name or the folder is wrong, or the file already exists.

@@ -21,13 +21,13 @@ QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors o
 
 
 PIPE_WIDTH = 120
-"""Width of tables where stdout is no terminal [characters]."""
+"""Width of tables if stdout is not a terminal [characters]."""
 STDOUT = "-"
-"""What `--out` takes for standard output."""
+"""Name of standard output in `--out`."""
 
 
 def refuse_two_documents(out: object, json_output: bool) -> None:
-    """Raise where standard output would get both a result and a JSON document."""
+    """Raise if standard output would get both a result and a JSON document."""
     if str(out) == STDOUT and json_output:
         raise UsageError("--json does not go with --out -: both print on standard output; keep one")
 
@@ -48,45 +48,48 @@ def write_out(out: Path, parts: Iterable[bytes], force: bool) -> None:
 
 
 def text_console(out: object) -> Console:
-    """Return the console for what people read: stderr where standard output gets the result itself."""
+    """Return the console for text: stderr if standard output gets the result."""
     return stderr_console() if str(out) == STDOUT else stdout_console()
 
 
 def stdout_console() -> Console:
-    """Return a console for results; plain text where stdout is no terminal."""
+    """Create a console for results; plain text if stdout is not a terminal."""
     from rich.console import Console as RichConsole
     from rich.table import Table
 
     from dualarm_cli.cli.parts.fitting import fitted
 
     class Console(RichConsole):
-        """A console whose tables fit; a closed pipe is left to the one place that knows its exit code."""
+        """A console with fitted tables.
+
+        A closed pipe is handled in `cli.run`, which has its exit code.
+        """
 
         def print(self, *objects: Any, **options: Any) -> None:
-            """Print as rich does."""
-            shown = [fitted(one, self) if isinstance(one, Table) else one for one in objects]
+            """Print with fitted tables."""
+            shown = [fitted(item, self) if isinstance(item, Table) else item for item in objects]
             super().print(*shown, **options)
 
         def on_broken_pipe(self) -> None:
-            """Pass the error on instead of ending the process with 1."""
+            """Re-raise the error instead of ending the process with 1."""
             raise BrokenPipeError
 
     if isinstance(sys.stdout, TextIOWrapper):
-        # A stdout that is not UTF-8 gets escapes for what it cannot show, not a traceback.
+        # A stdout that is not UTF-8 gets escapes for unsupported characters, not a traceback.
         sys.stdout.reconfigure(errors="backslashreplace")
     console = Console(highlight=False, soft_wrap=False)
     return console if console.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
 
 
 def stderr_console() -> Console:
-    """Return a console for sentences and progress."""
+    """Create a console for sentences and progress."""
     from rich.console import Console
 
     return Console(stderr=True, highlight=False)
 
 
 def print_json(document: dict[str, Any]) -> None:
-    """Print one JSON document on stdout, in its own order; refuses NaN."""
+    """Print one JSON document on stdout in its own order; refuse NaN."""
     ascii_only = (sys.stdout.encoding or "").lower().replace("-", "") != "utf8"
     text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=ascii_only)
     sys.stdout.write(text + "\n")

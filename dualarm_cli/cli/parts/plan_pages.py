@@ -25,10 +25,10 @@ PagesOption = Annotated[
 
 
 def refuse_pages(folder: Path | None, force: bool) -> None:
-    """Raise before any work is done where pages could not be written, or would replace what is no index.
+    """Raise before planning if pages could not be written, or would replace other files.
 
     Args:
-        folder: for the pages; None where none are asked for.
+        folder: folder of the pages, or None.
         force: whether anything may be replaced.
 
     Raises:
@@ -57,7 +57,7 @@ def refuse_pages(folder: Path | None, force: bool) -> None:
 def write_pages(
     folder: Path, index: bytes, plans: Mapping[str, tuple[str, str]], quiet: bool
 ) -> None:
-    """Write an index and the pages that it leads to, the index last; those of the index before it go.
+    """Write an index and its pages, the index last; remove pages of the earlier index.
 
     Args:
         folder: made if need be.

@@ -1,4 +1,4 @@
-"""Folders of results that are no schedules: refused early, written file by file, each whole or not at all."""
+"""Folders of results other than schedules: refused early, with every file written atomically."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dualarm_cli.errors import OutputError, UsageError
 
 
 def refuse_folder(out: str, names: tuple[str, ...], force: bool) -> None:
-    """Raise where a folder cannot be made, or holds one of the files already.
+    """Raise if a folder cannot be made, or has one of the files already.
 
     Raises:
         OutputError: with what to do.
@@ -22,7 +22,7 @@ def refuse_folder(out: str, names: tuple[str, ...], force: bool) -> None:
     if out == "":
         raise UsageError("--out '': name a folder, or leave the option out")
     folder = Path(out)
-    # A schedule that is there stays as it is; only our own files would be replaced.
+    # An existing schedule stays unchanged; only our own files would be replaced.
     check_writable(folder, force=True)
     for name in names:
         if place_in(folder, name).exists() and not force:
@@ -43,6 +43,6 @@ def write_folder(out: str, files: dict[str, bytes]) -> None:
 
 
 def json_bytes(document: dict[str, Any]) -> bytes:
-    """Return a document as it is written to a file."""
+    """Encode a document as the content of a file."""
     text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     return text.encode("utf-8", "backslashreplace")

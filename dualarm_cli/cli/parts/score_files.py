@@ -1,4 +1,6 @@
-"""Files that `dualarm score` writes: none over somebody else's, each whole or not at all.
+"""Files that `dualarm score` writes: atomic, and never over files of other programs.
+
+Progress is a bar on a terminal, otherwise a line for each finished case, on stderr.
 
 How far a score has come: a bar on a terminal, otherwise a line for each case that is done; on stderr.
 """
@@ -24,12 +26,12 @@ if TYPE_CHECKING:
 
 
 def refuse_report(option: str, path: Path | None, mark: bytes, force: bool) -> None:
-    """Raise before any work is done where a report could not be written, or would replace what is none.
+    """Raise before planning if a report cannot be written, or would replace a file.
 
     Args:
-        option: that names it.
-        path: the file, None where none is asked for.
-        mark: what a report of ours begins with: it may be replaced by the next one.
+        option: its option.
+        path: the file, or None.
+        mark: first bytes of our reports, which may be replaced.
         force: whether anything may be replaced.
 
     Raises:
@@ -59,10 +61,10 @@ def refuse_report(option: str, path: Path | None, mark: bytes, force: bool) -> N
 
 
 def refuse_same_file(named: Mapping[str, Path | None]) -> None:
-    """Raise where two options name one file: the second one would replace what the first one wrote.
+    """Raise if two options name the same file.
 
     Args:
-        named: files by option; None where there is none.
+        named: files by option, or None.
 
     Raises:
         UsageError: with both.
@@ -76,10 +78,10 @@ def refuse_same_file(named: Mapping[str, Path | None]) -> None:
 
 
 def read_former(path: Path, update: bool, force: bool) -> Baseline | None:
-    """Return the baseline to compare with; None where a new one is to be written and there is none yet.
+    """Read the baseline to compare with; None if it is to be created.
 
     Raises:
-        InputError: it is missing or damaged, and nobody asked for a new one in its place.
+        InputError: it is missing or damaged, and no new one was requested.
     """
     from dualarm_cli.scoring.baseline import read_baseline
 
@@ -106,7 +108,7 @@ def write_reports(
     markdown: Path | None,
     github: bool,
 ) -> None:
-    """Write the reports that are asked for, and what GitHub shows of the step.
+    """Write the requested reports, and GitHub's summary of the step.
 
     Raises:
         OutputError: one cannot be written.
@@ -137,13 +139,13 @@ def write_reports(
 def write_baseline(
     path: Path, verdicts: Sequence[Verdict], former: Baseline | None, settings: dict[str, object]
 ) -> bool:
-    """Write the baseline anew, unless some case has no plan: then it stays as it is.
+    """Write the new baseline, unless a case has no plan.
 
     Args:
         path: its file.
-        verdicts: on the cases that are to be in it.
-        former: whose other cases stay in it; None for none.
-        settings: what was planned by.
+        verdicts: verdicts on its cases.
+        former: baseline whose other cases stay in it, or None.
+        settings: settings of planning.
 
     Returns:
         Whether it was written.
@@ -166,22 +168,22 @@ def write_baseline(
 
 @contextmanager
 def score_progress(cases: int, quiet: bool) -> Iterator[Callable[[Evaluation, bool], None]]:
-    """Yield what tells of each finished case, and of whether it was known already.
+    """Yield a function that reports each finished case, cached or not.
 
     Args:
-        cases: how many there are.
+        cases: number of cases.
         quiet: whether to say nothing.
     """
     done = count(1)
     with progress_bar("scoring", cases, quiet) as show:
 
-        def tell(evaluation: Evaluation, known: bool) -> None:
+        def report(evaluation: Evaluation, cached: bool) -> None:
             number, name, time = next(done), one_line(evaluation.case), evaluation.cycle_time
             if show is not None:
                 show(number, name)
             elif not quiet:
                 figure = "" if time is None else f", {time:.3f} s"
                 what = f"{evaluation.status.replace('_', ' ')}{figure}"
-                print_message(f"[{number}/{cases}] {name}: {what}{' (unchanged)' * known}")
+                print_message(f"[{number}/{cases}] {name}: {what}{' (unchanged)' * cached}")
 
-        yield tell
+        yield report

@@ -1,4 +1,4 @@
-"""Options of `dualarm score`, and which of them go together."""
+"""Options of `dualarm score`, and their valid combinations."""
 
 from __future__ import annotations
 
@@ -12,11 +12,14 @@ from dualarm_cli.cli.parts.options import read_quantity
 from dualarm_cli.errors import UsageError
 
 DEFAULT_REGRESSION = 1e-3
-"""By what share a cycle time may be longer where nobody says: plans are the same every time."""
+"""Default allowed relative increase of a cycle time.
+
+Plans are reproducible, so it can be small.
+"""
 MOST_JOBS = 1024
-"""Most processes that may be asked for."""
+"""Maximum number of processes."""
 _ADDRESS = re.compile(r"((tcp|tls|ucx|wss?)://)?(\[[0-9A-Fa-f:.%]+\]|[^\s:/\[\]]+):[0-9]{1,5}/?")
-"""Host and port, with the protocol if need be."""
+"""Host and port, with an optional protocol."""
 
 CasesArgument = Annotated[
     list[str],
@@ -37,17 +40,17 @@ RegressionOption = Annotated[
     typer.Option(
         "--max-regression",
         metavar="SHARE",
-        help="By how much a cycle time may be longer than in the baseline (2%, 0.02); 1 ms is always allowed.",
+        help="Allowed increase of a cycle time over the baseline (2%, 0.02); 1 ms is always allowed.",
         show_default="0.1%",
     ),
 ]
 UpdateOption = Annotated[
     bool,
-    typer.Option("--update-baseline", help="Replace the baseline by the present results."),
+    typer.Option("--update-baseline", help="Replace the baseline by the new results."),
 ]
 SubsetOption = Annotated[
     bool,
-    typer.Option("--subset", help="Ignore cases of the baseline that are not named here."),
+    typer.Option("--subset", help="Ignore cases of the baseline that are not given here."),
 ]
 JobsOption = Annotated[
     int | None,
@@ -55,7 +58,7 @@ JobsOption = Annotated[
         "--jobs",
         min=1,
         max=MOST_JOBS,
-        help="Processes that plan at the same time.",
+        help="Number of parallel processes.",
         show_default="all usable cores",
     ),
 ]
@@ -64,7 +67,7 @@ TimeoutOption = Annotated[
     typer.Option(
         "--timeout",
         metavar="DURATION",
-        help="Longest time for one plan (60, '60 s', '5 min'). Each plan is tried twice.",
+        help="Time limit for one plan (60, '60 s', '5 min'). Each plan is tried twice.",
         show_default="no limit",
     ),
 ]
@@ -81,7 +84,7 @@ CacheOption = Annotated[
     Path | None,
     typer.Option(
         "--cache",
-        help="Cache folder, used for nothing else: unchanged cells are not planned again.",
+        help="Cache folder, for this purpose only: unchanged cells are not planned again.",
         show_default=".dualarm-cache",
     ),
 ]
@@ -104,10 +107,10 @@ GithubOption = Annotated[
 
 
 def read_regression(text: str | None) -> float:
-    """Return by what share a cycle time may be longer.
+    """Read the allowed relative increase of a cycle time.
 
     Raises:
-        UsageError: it is no share, or negative, or a number above 1 that may be meant as percent.
+        UsageError: not a fraction, negative, or a number above 1 that may be meant as percent.
     """
     from dualarm_cli.files.source.quantities import FRACTION
 
@@ -117,7 +120,7 @@ def read_regression(text: str | None) -> float:
     if share < 0.0:
         raise UsageError(f"--max-regression {text}: must be 0 or more; write one such as 2%")
     if share >= 1.0 and "%" not in text:
-        # Taken as it stands, it would leave the gate wide open.
+        # Taken literally, it would accept any increase.
         raise UsageError(
             f"--max-regression {text}: is {share * 100:g} %; write {share:g}% or {share * 100:g}%"
         )
@@ -135,7 +138,7 @@ def refuse_combinations(
     cache: Path | None,
     no_cache: bool,
 ) -> None:
-    """Raise where options do not go together: none of them is passed over in silence.
+    """Raise if options exclude each other; none of them is ignored silently.
 
     Raises:
         UsageError: with both, and what to do.
@@ -173,7 +176,7 @@ def refuse_combinations(
 
 
 def _belongs_to_others(folder: Path) -> bool:
-    """Return whether a folder holds something, but no cache."""
+    """Check whether a folder has files but no cache."""
     try:
         names = {path.name for path in folder.iterdir()}
     except OSError:

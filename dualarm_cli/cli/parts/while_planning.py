@@ -32,15 +32,17 @@ STOPPING = "stopping: the best found so far is planned and verified (Ctrl-C agai
 
 
 class Interrupts:
-    """Within its `with` block Ctrl-C ends a search that has found something; any other one is a KeyboardInterrupt.
+    """Context in which Ctrl-C ends a search that has a result.
 
-    Once there is a plan, or an order that can be planned, only the second one gives up.
+    Without a result it raises KeyboardInterrupt.
 
-    Where SIGINT is ignored, as in the background of a shell script, it stays so.
+    With a plan, or an order that can be planned, only the second Ctrl-C gives up.
+
+    If SIGINT is ignored, as in the background of a shell script, it stays ignored.
     """
 
     def __init__(self, watch: Watch, *, quiet: bool) -> None:
-        """Prepare for a search.
+        """Store the search to interrupt.
 
         Args:
             watch: of the search; its `enough` is set.
@@ -51,7 +53,7 @@ class Interrupts:
         self._former = signal.getsignal(signal.SIGINT)
 
     def __enter__(self) -> Interrupts:
-        """Take over SIGINT."""
+        """Install the handler of SIGINT."""
         self.watch.enough = lambda: self.asked
         if self._former is not signal.SIG_IGN:
             signal.signal(signal.SIGINT, self._interrupt)
@@ -63,7 +65,7 @@ class Interrupts:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Give SIGINT back."""
+        """Restore the previous handler of SIGINT."""
         if self._former is not signal.SIG_IGN:
             signal.signal(signal.SIGINT, self._former)
 
@@ -107,12 +109,12 @@ class StatusLine:
     """
 
     def __init__(self, watch: Watch, doing: str) -> None:
-        """Begin with what is being done first; the watch tells what comes then."""
+        """Start with the first activity; the watch reports the next ones."""
         self.watch, self.doing = watch, doing
         watch.report = self.tell
 
     def tell(self, doing: str) -> None:
-        """Something else is being done from now on."""
+        """Change the displayed activity."""
         self.doing = doing
 
     def words(self) -> str:
@@ -120,14 +122,14 @@ class StatusLine:
         watch = self.watch
         if not watch.searching:
             return self.doing
-        known = []
+        figures = []
         if watch.best is not None:
-            known.append(f"best {watch.best:.2f} s")
+            figures.append(f"best {watch.best:.2f} s")
         if watch.bound is not None:
-            known.append(f"bound {watch.bound:.2f} s")
+            figures.append(f"bound {watch.bound:.2f} s")
         limit = "" if watch.limit is None else f" of {watch.limit:g} s"
-        known.append(f"{watch.elapsed():.0f} s{limit}")
-        return f"{self.doing}: {', '.join(known)}"
+        figures.append(f"{watch.elapsed():.0f} s{limit}")
+        return f"{self.doing}: {', '.join(figures)}"
 
     def __rich__(self) -> Text:
         """Return the line as rich text."""
@@ -161,16 +163,16 @@ def keep_planning(tasks: Path, page: Path, plan: Callable[[], None]) -> None:
 
     require_built()
     file, _ = task_file(tasks)
-    live, known = LivePage(), frozenset[Path]()
+    live, files = LivePage(), frozenset[Path]()
     print_message(f"watching {file}: its plan is shown at {live.address}; Ctrl-C ends")
     try:
         while True:
-            known = _inputs(file, known)
-            seen = stamps(known)
+            files = _inputs(file, files)
+            seen = stamps(files)
             _plan_once(live, page, plan)
-            while stamps(known) == seen:
+            while stamps(files) == seen:
                 time.sleep(PAUSE)
-            while (now := stamps(known)) != seen:
+            while (now := stamps(files)) != seen:
                 seen = now
                 time.sleep(STILL)
     except KeyboardInterrupt:
@@ -181,36 +183,36 @@ def keep_planning(tasks: Path, page: Path, plan: Callable[[], None]) -> None:
 
 def stamps(files: Collection[Path]) -> dict[Path, tuple[int, int]]:
     """Read modification time [ns] and size [B] of the files that exist."""
-    found = {}
+    stamps = {}
     for path in files:
         with suppress(OSError):
             state = path.stat()
-            found[path] = (state.st_mtime_ns, state.st_size)
-    return found
+            stamps[path] = (state.st_mtime_ns, state.st_size)
+    return stamps
 
 
-def _inputs(tasks: Path, known: frozenset[Path]) -> frozenset[Path]:
+def _inputs(tasks: Path, previous: frozenset[Path]) -> frozenset[Path]:
     """List the files of a job and those next to its task file.
 
-    While the job cannot be read, the files that were known before stay in the list.
+    While the job cannot be read, the previous files stay in the list.
     """
     from dualarm_cli.files.source.projects import Project
     from dualarm_cli.files.tasks.tasks import load_job
 
-    beside = {path for path in tasks.parent.iterdir() if path.suffix.lower() in KINDS}
+    neighbours = {path for path in tasks.parent.iterdir() if path.suffix.lower() in KINDS}
     try:
         names = load_job(tasks).inputs
     except DualArmError:
-        return known | beside
-    return frozenset(beside | {Project.of(tasks).folder / name for name in names})
+        return previous | neighbours
+    return frozenset(neighbours | {Project.of(tasks).folder / name for name in names})
 
 
 def _plan_once(live: LivePage, page: Path, plan: Callable[[], None]) -> None:
-    """Plan, and shows the plan's page or what is wrong."""
+    """Plan, and show the plan's page or the error."""
     from dualarm_cli.files.source.diagnostics import render
 
     try:
-        # The verifier fails a plan, or it is over its budget: its page says so.
+        # A plan that fails verification or misses its budget has a page that reports it.
         with suppress(typer.Exit):
             plan()
     except DualArmError as error:

@@ -194,7 +194,7 @@ def _place(text: str, word: Wanted, inch: float, size: float) -> Bar | None:
 
 
 def _longest(word: Wanted, inch: float, size: float) -> tuple[str, Wanted, Bar | None]:
-    """Find the longest form of a word that fits into a bar, and that bar or None."""
+    """Find the longest form of a word that fits, and its bar or None."""
     short = word.short or word.text
     counts = () if word.number else range(len(short) - 1, 0, -1)
     for form in (word.text, short, *(f"{short[:count]}…" for count in counts)):
