@@ -78,7 +78,7 @@ def test_a_study_is_planned_ranked_and_written(folder, here, capsys) -> None:
     out, err = capsys.readouterr()
     assert "study.yaml: 6 of 6 points have a plan" in out
     assert "what matters" in out
-    assert "6 jobs planned, 1 known already" in err
+    assert "6 jobs planned, 1 cached" in err
     document = json.loads((folder / "out" / "study.json").read_text())
     rows = document["rows"]
     assert document["counts"]["planned"] == len(rows) == 6
@@ -98,7 +98,7 @@ def test_a_study_is_planned_ranked_and_written(folder, here, capsys) -> None:
     # Again: nothing is planned, and all files are the same to the byte, by this process as by two others.
     here()
     assert run(["sweep", "study.yaml", "--out", "again"]) == 0
-    assert "0 jobs planned, 7 known already" in capsys.readouterr().err
+    assert "0 jobs planned, 7 cached" in capsys.readouterr().err
     for name in ("study.json", "table.csv", "pareto.png", "sensitivity.png"):
         assert (folder / "out" / name).read_bytes() == (folder / "again" / name).read_bytes()
     assert run(["sweep", "study.yaml", "--no-cache", "--json", "-q"]) == 0
