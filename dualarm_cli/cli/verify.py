@@ -60,7 +60,7 @@ def judged_log(
         tasks: task file of the plan.
         between: the interpolation.
         allowed: what the motion may be off, and whether clearance is proven.
-        as_planned: whether joints that were not logged count as driven as planned.
+        as_planned: whether joints missing in the log count as moved as planned.
 
     Raises:
         InputError: a file cannot be read.
@@ -250,7 +250,7 @@ def verify_command(
         tracking = judged_log(
             schedule, planned, file, interpolation.value, allowed, as_planned=as_planned
         )
-        _show(tracking.verification, "driven motion", json_output, quiet, tracking)
+        _show(tracking.verification, "recorded motion", json_output, quiet, tracking)
         return
     refuse_logged(schedule)
     from dualarm_cli.interface import load, verify
@@ -278,10 +278,10 @@ def _show(
 
     Args:
         judged: all checks.
-        what: is judged: verification, or driven motion.
+        what: is judged: verification, or recorded motion.
         json_output: whether it is printed as JSON.
         quiet: whether nothing is printed.
-        tracking: of a driven motion.
+        tracking: tracking of a recorded motion.
         skew: sentence on tolerated delays.
     """
     from dualarm_cli.model.verification import exceptions

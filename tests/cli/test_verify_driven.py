@@ -54,7 +54,7 @@ def test_a_late_joint_that_is_off_fails_and_is_named(planned, tmp_path, capsys):
     assert run(command) == 1
     printed = capsys.readouterr().out
     assert "right_b 0.5 deg" in printed
-    assert "driven motion: FAILED" in printed
+    assert "recorded motion: FAILED" in printed
     wide = ["--delay", "10 ms", "--tracking-error", "0.6 deg", "--tool-error", "5 mm"]
     assert run([*command, *wide, "-q"]) == 0
 
