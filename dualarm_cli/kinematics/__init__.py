@@ -1,1 +1,1 @@
-"""Joints to poses and back: the platform's chain and arms in closed form."""
+"""Forward and inverse kinematics of platforms and arms."""

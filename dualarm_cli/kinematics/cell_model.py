@@ -23,23 +23,25 @@ from dualarm_cli.model.robot import Arm, Robot
 from dualarm_cli.records import dataclass
 
 ROUNDED_ANGLE = 1e-4
-"""Deviations below this are what rounded angles in a URDF leave [m and rad]."""
+"""Largest deviation that rounded angles in a URDF cause [m and rad]."""
 CLOSED_ARMS: Mapping[str, type[ClosedArm]] = {
     "spherical_wrist": WristArm,
     "parallel_axes": ParallelArm,
 }
-"""Closed forms of six axes by the kind of arm that they serve."""
+"""Closed forms of six axes by kind of arm."""
 
 
 @dataclass(frozen=True)
 class ArmModel:
-    """One arm: its kinematics in the carried frame, and its tool."""
+    """Kinematics of an arm in the carried frame, and its tool."""
 
     arm: Arm
-    """In the data model."""
+    """Arm of the data model."""
     kinematics: PostureSource
-    """Forward and inverse kinematics in the frame that carries the arms: a SrsArm if it is of kind srs, one of
-    CLOSED_ARMS if it is of such a kind and has closed forms."""
+    """Forward and inverse kinematics in the carried frame.
+
+    A SrsArm for kind srs, and one of CLOSED_ARMS for its kinds if the arm has closed forms.
+    """
     columns: list[int]
     """Columns of its joints within the robot's joints."""
     T_flange_tcp: pin.SE3
@@ -47,13 +49,17 @@ class ArmModel:
 
     @property
     def closed_form(self) -> SrsArm:
-        """Its closed forms over the arm angle (UnsupportedError where it has none)."""
+        """Closed forms over the arm angle.
+
+        Raises:
+            UnsupportedError: the arm has none.
+        """
         return closed_form(self.kinematics)
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRobot:
-    """A robot's URDF, read once, on which its arms are measured."""
+    """Robot model from a URDF, on which arms are measured."""
 
     robot: Robot
     """Robot of the data model."""
@@ -77,7 +83,7 @@ class MeasuredRobot:
         return cls(robot, model, platform, platform.T_world_carried.inverse() * base)
 
     def kinematics(self, arm: Arm, numeric: bool) -> PostureSource:
-        """Measure an arm: in closed form if it is called srs (and is) or of CLOSED_ARMS, else as a general one."""
+        """Measure an arm, in closed form if its kind has one."""
         if numeric or arm.kind != "srs":
             general, family = self.general(arm), CLOSED_ARMS.get(arm.kind)
             return general if family is None else with_closed_forms(family, general)
@@ -128,7 +134,7 @@ class MeasuredRobot:
         )
 
     def why_false(self, arm: Arm) -> str:
-        """Return why an arm is not of the kind it is called, or an empty string."""
+        """Explain why an arm is not of its stated kind, or return an empty string."""
         if arm.kind == "srs":
             geometry = self.srs(arm)
             return "" if geometry.is_srs(SRS_TOLERANCE) else self._false_srs(arm, geometry)
@@ -136,20 +142,20 @@ class MeasuredRobot:
             return ""
         general = self.general(arm)
         if arm.kind == "spherical_wrist":
-            off, unit = general.wrist_gap, "m"
-            what = f"its last three axes miss a common point by {off * 1000:.3g} mm"
+            deviation, unit = general.wrist_gap, "m"
+            fault = f"its last three axes miss a common point by {deviation * 1000:.3g} mm"
         else:
-            off, unit = general.parallel_deviation, "rad"
-            what = f"its axes 2, 3 and 4 are not parallel by {off:.3g} rad"
-        if off <= SRS_TOLERANCE:
+            deviation, unit = general.parallel_deviation, "rad"
+            fault = f"its axes 2, 3 and 4 are not parallel by {deviation:.3g} rad"
+        if deviation <= SRS_TOLERANCE:
             return ""
         return (
-            f"arm {arm.name} of {self.robot.name} has kind: {arm.kind}, but {what} "
+            f"arm {arm.name} of {self.robot.name} has kind: {arm.kind}, but {fault} "
             f"(allowed: {SRS_TOLERANCE:g} {unit}); correct the URDF, or use kind: general"
         )
 
     def _false_srs(self, arm: Arm, geometry: SrsGeometry) -> str:
-        """Return what is wrong with an arm that is called srs, with what was measured."""
+        """Describe the deviations of an arm that is stated as srs."""
         hint = ""
         if geometry.deviation.largest < ROUNDED_ANGLE:
             hint = " (angles that are rounded, such as 1.5708 for pi/2, do this: write 1.5707963267948966)"
@@ -165,7 +171,7 @@ class CellModel:
     """A cell ready for kinematics."""
 
     cell: Cell
-    """In the data model."""
+    """Cell of the data model."""
     platform: PlatformChain
     """Joints that carry the arms."""
     platform_columns: list[int]
@@ -175,14 +181,14 @@ class CellModel:
 
     @classmethod
     def from_cell(cls, cell: Cell, *, numeric: bool = False) -> CellModel:
-        """Measures the robot's kinematics.
+        """Measure the robot's kinematics.
 
         Args:
             cell: of the data model.
-            numeric: whether closed forms over the arm angle are left aside where an arm has them.
+            numeric: whether closed forms over the arm angle are ignored.
 
         Raises:
-            InputError: an arm is called srs and is not.
+            InputError: an arm is stated as srs and is not.
             UnsupportedError: an arm has fewer than six joints.
         """
         robot, measured = cell.robot, MeasuredRobot.of(cell.robot, cell.base)
@@ -209,11 +215,11 @@ class CellModel:
             position: all joints of the robot [rad], shape (n,).
         """
         column, limits = self.platform_columns[0], self.cell.robot.limits
-        here, lower, upper = (float(x[column]) for x in (position, limits.lower, limits.upper))
-        return here, *self.platform.around(here, lower, upper)
+        present, lower, upper = (float(x[column]) for x in (position, limits.lower, limits.upper))
+        return present, *self.platform.around(present, lower, upper)
 
     def carried_frame(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the frame that carries the arms: rotations (..., 3, 3), translations (..., 3).
+        """Compute the frame that carries the arms: rotations (..., 3, 3), positions (..., 3).
 
         Args:
             position: all joints of the robot [rad], shape (..., n).
@@ -221,37 +227,37 @@ class CellModel:
         return self.platform.pose(position[..., self.platform_columns])
 
     def platform_angle(self, position: FloatArray) -> float | None:
-        """Returns the angle of a platform of one joint [rad], all joints (n,) given; None for any other one."""
+        """Return the angle of a platform of one joint at joints (n,) [rad], or None."""
         angles = position[self.platform_columns]
         return float(angles[0]) if len(angles) == 1 else None
 
     def tool_position(self, arm: str, position: FloatArray) -> FloatArray:
-        """Returns the tool centre point in the world [m], shape (..., 3).
+        """Compute the tool centre point in the world [m], shape (..., 3).
 
         Args:
             arm: name of the arm.
             position: all joints of the robot [rad], shape (..., n).
         """
-        found: FloatArray = self.tool_positions([arm], position)[0]
-        return found
+        position_of_tool: FloatArray = self.tool_positions([arm], position)[0]
+        return position_of_tool
 
     def tool_positions(self, arms: Sequence[str], position: FloatArray) -> FloatArray:
-        """Returns several arms' tool centre points in the world [m], shape (a, ..., 3).
+        """Compute tool centre points of arms in the world [m], shape (a, ..., 3).
 
         Args:
             arms: names of a arms.
             position: all joints of the robot [rad], shape (..., n).
         """
         R_world, p_world = self.carried_frame(position)
-        found = []
+        positions = []
         for model in (self.arms[arm] for arm in arms):
             R, p = model.kinematics.forward(position[..., model.columns])
             tip = p + product(R, model.T_flange_tcp.translation)
-            found.append(p_world + product(R_world, tip[..., None])[..., 0])
-        return np.array(found)
+            positions.append(p_world + product(R_world, tip[..., None])[..., 0])
+        return np.array(positions)
 
     def tool_pose(self, arm: str, position: FloatArray) -> pin.SE3:
-        """Returns the tool centre point's pose in the world at one configuration (n,)."""
+        """Compute the tool centre point's pose in the world at one configuration (n,)."""
         model = self.arms[arm]
         R_world, p_world = self.carried_frame(position)
         R, p = model.kinematics.forward(position[model.columns])
@@ -274,17 +280,17 @@ def find_false_kinds(robot: Robot) -> list[Diagnostic]:
     Args:
         robot: of the data model.
     """
-    measured, false = MeasuredRobot.of(robot, pin.SE3.Identity()), []
+    measured, diagnostics = MeasuredRobot.of(robot, pin.SE3.Identity()), []
     for arm in robot.arms:
         try:
             message = measured.why_false(arm)
         except UnsupportedError as error:
             message = str(error)
         if message:
-            false.append(_false_kind(arm, message))
-    return false
+            diagnostics.append(_false_kind(arm, message))
+    return diagnostics
 
 
 def _false_kind(arm: Arm, message: str) -> Diagnostic:
-    """Returns the diagnostic of an arm that is not of its kind, where that kind is written."""
+    """Create the diagnostic of an arm that is not of its stated kind."""
     return Diagnostic(arm.place.file, arm.place.line, arm.place.column, "E400", message)

@@ -1,4 +1,4 @@
-"""Six-axis arms whose inverse kinematics is closed: all branches of a pose, and the turns that limits allow."""
+"""Six-axis arms with closed-form inverse kinematics: branches, and turns within limits."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ class ClosedArmSettings:
     """Tolerances and branches of arms with a closed form."""
 
     exact: float = 1e-12
-    """A geometry within this of its family needs no polish [m and rad]; what is polished comes nearer than this."""
+    """Deviation of a geometry from its family below which no polish is needed [m and rad]."""
     branches: int = 8
-    """Postures of a pose at most, whole turns apart."""
+    """Maximum number of postures of a pose, modulo whole turns."""
     singular: float = 1e-4
-    """Singular value of the Jacobian, lengths divided by the arm's, below which a pose's postures are unknown."""
-    most_turns: int = 3
+    """Singular value of the normalised Jacobian below which postures are unknown."""
+    max_turns: int = 3
     """Number of turns within limits from which a joint may be anywhere."""
     spread: int = 8
-    """Postures that stand for all where a joint is free."""
+    """Number of samples of a free joint."""
     aligned: float = 1e-12
-    """Sine of the angle of a wrist's outer axes below which only the sum or difference of their turns counts."""
+    """Sine of the angle of a wrist's outer axes below which they are aligned."""
     slack: float = 1e-12
-    """Excess of a wrist's angle over what its axes allow, by rounding [rad]."""
+    """Rounding tolerance of a wrist's angle [rad]."""
     least_angle: float = 1e-6
     """Least sine of the angle of neighbouring wrist axes."""
 
@@ -50,27 +50,27 @@ CLOSED = ClosedArmSettings()
 
 @dataclass(frozen=True)
 class PoseSolutions:
-    """All postures of many flange poses."""
+    """Postures of flange poses, all branches."""
 
     q: FloatArray
-    """Joints [rad] in (-pi, pi], shape (..., 8, 6); zeros where there is none."""
+    """Joints [rad] in (-pi, pi], shape (..., 8, 6), zeros out of reach."""
     reachable: BoolArray
-    """Which branches reach the pose, joint limits apart, shape (..., 8)."""
+    """Flags of branches that reach the pose, without joint limits, shape (..., 8)."""
     singular: BoolArray
-    """Where a joint is free and took its reference, shape (..., 8)."""
+    """Flags of postures with a free joint at its reference, shape (..., 8)."""
 
 
 @dataclass(frozen=True)
 class ClosedArm(GeneralArm):
-    """A GeneralArm of six axes of which every pose has up to eight postures, known in closed form."""
+    """Six-axis arm with up to eight postures of a pose in closed form."""
 
     solves_by_search = False
 
     def __post_init__(self) -> None:
-        """Freezes the arrays.
+        """Freeze the arrays.
 
         Raises:
-            UnsupportedError: the arm does not have six revolute axes, or not these.
+            UnsupportedError: the arm does not have six revolute axes of this family.
         """
         super().__post_init__()
         if self.axes != LEAST_JOINTS:
@@ -86,38 +86,38 @@ class ClosedArm(GeneralArm):
 
     @classmethod
     def of(cls, arm: GeneralArm) -> Self:
-        """Returns an arm with closed forms.
+        """Create the closed forms of an arm.
 
         Args:
-            arm: of six axes that lie as these closed forms need it.
+            arm: a six-axis arm of this family.
 
         Raises:
-            UnsupportedError: it is another one.
+            UnsupportedError: the arm is not of this family.
         """
         return cls(*(getattr(arm, field.name) for field in fields(GeneralArm)))
 
     @abstractmethod
     def _problem(self) -> str:
-        """Returns why the six axes have no such closed forms, or nothing."""
+        """Explain why the axes have no closed forms of this family, or return ''."""
 
     @property
     @abstractmethod
     def exact(self) -> bool:
-        """Whether the closed forms need no polish."""
+        """Flag of closed forms that need no polish."""
 
     @abstractmethod
     def _postures(self, R: FloatArray, p: FloatArray, reference: FloatArray) -> PoseSolutions:
-        """Returns all branches before they are polished; those that do not reach their poses have any joints.
+        """Compute all branches before polishing; out of reach joints are arbitrary.
 
         Args:
             R: flange rotations in the frame that carries the arm, shape (b, 3, 3).
             p: flange positions [m], shape (b, 3).
-            reference: joints where one is free [rad], shape (b, 6).
+            reference: values of free joints [rad], shape (b, 6).
         """
 
     @abstractmethod
     def _miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
-        """Returns what poses without a posture within limits are missed by, distance [m] and angle [rad], (b, 2)."""
+        """Compute the miss of poses without posture, distance [m] and angle [rad], (b, 2)."""
 
     @property
     def facts(self) -> Mapping[str, Any]:
@@ -127,13 +127,13 @@ class ClosedArm(GeneralArm):
     def solve(
         self, R: FloatArray, p: FloatArray, reference: FloatArray | None = None
     ) -> PoseSolutions:
-        """Returns all eight branches.
+        """Solve for all eight branches of flange poses.
 
         Args:
             R: flange rotations in the frame that carries the arm, shape (..., 3, 3).
             p: flange positions [m], shape (..., 3), broadcast against R.
-            reference: joints where one is free [rad], shape (..., 6), broadcast with the poses; the middle of the
-                limits without.
+            reference: values of free joints [rad], shape (..., 6), broadcast with the poses; None takes the middle of
+                the limits.
         """
         R, p = np.asarray(R, dtype=np.float64), np.asarray(p, dtype=np.float64)
         free = self.middle if reference is None else np.asarray(reference, dtype=np.float64)
@@ -141,64 +141,66 @@ class ClosedArm(GeneralArm):
         R = np.broadcast_to(R, (*shape, 3, 3)).reshape(-1, 3, 3)
         p = np.broadcast_to(p, (*shape, 3)).reshape(-1, 3)
         free = np.broadcast_to(free, (*shape, 6)).reshape(-1, 6)
-        found = self._postures(R, p, free)
-        reachable = found.reachable
-        q = np.where(reachable[..., None], found.q, 0.0)
+        solutions = self._postures(R, p, free)
+        reachable = solutions.reachable
+        q = np.where(reachable[..., None], solutions.q, 0.0)
         if not self.exact:
             q, reachable = self._polish(q, reachable, R, p)
         return PoseSolutions(
             q.reshape(*shape, CLOSED.branches, 6),
             reachable.reshape(*shape, CLOSED.branches),
-            (found.singular & reachable).reshape(*shape, CLOSED.branches),
+            (solutions.singular & reachable).reshape(*shape, CLOSED.branches),
         )
 
     def _polish(
         self, q: FloatArray, reachable: BoolArray, R: FloatArray, p: FloatArray
     ) -> tuple[FloatArray, BoolArray]:
-        """Returns postures (b, 8, 6) after Newton steps where rounding or the geometry left something over.
+        """Polish postures (b, 8, 6) by Newton steps, and drop those that miss their poses.
 
-        What then does not meet its pose is none: right at a singularity rounding decides whether there is one.
+        Right at a singularity rounding decides whether a posture exists.
         """
         row, branch = np.nonzero(reachable)
-        some = q[row, branch]
-        R_now, p_now = self.forward(some)
+        joints = q[row, branch]
+        R_now, p_now = self.forward(joints)
         error = np.abs(pose_error(R_now, p_now, R[row], p[row])).max(axis=1)
-        off = np.flatnonzero(error > CLOSED.exact)
-        if not len(off):
+        inexact = np.flatnonzero(error > CLOSED.exact)
+        if not len(inexact):
             return q, reachable
-        row, branch = row[off], branch[off]
-        better, left = polished(self.without_limits, R[row], p[row], some[off])
-        met = np.asarray((left <= INVERSE.residual).all(axis=1))
-        found, reached = q.copy(), reachable.copy()
-        found[row, branch] = np.where(met[:, None], srs_limits.wrap(better), 0.0)
+        row, branch = row[inexact], branch[inexact]
+        better, error_left = polished(self.without_limits, R[row], p[row], joints[inexact])
+        met = np.asarray((error_left <= INVERSE.residual).all(axis=1))
+        polished_q, reached = q.copy(), reachable.copy()
+        polished_q[row, branch] = np.where(met[:, None], srs_limits.wrap(better), 0.0)
         reached[row, branch] = met
-        return found, reached
+        return polished_q, reached
 
     def branch(self, q: FloatArray) -> IntArray:
-        """Returns the branch of postures (..., 6), shape (...): the solution of their poses that they are."""
+        """Find the branch of postures (..., 6), shape (...)."""
         q = np.asarray(q, dtype=np.float64)
-        found = self.solve(*self.forward(q), reference=q)
-        away = np.abs(srs_limits.wrap(found.q - q[..., None, :])).max(axis=-1)
-        return np.asarray(np.where(found.reachable, away, np.inf).argmin(axis=-1), dtype=np.int64)
+        solutions = self.solve(*self.forward(q), reference=q)
+        distance = np.abs(srs_limits.wrap(solutions.q - q[..., None, :])).max(axis=-1)
+        return np.asarray(
+            np.where(solutions.reachable, distance, np.inf).argmin(axis=-1), dtype=np.int64
+        )
 
     def postures(
         self, R: FloatArray, p: FloatArray, *, first_only: bool = False, thorough: bool = True
     ) -> ReachedPostures:
-        """Compute all postures within limits that reach poses; where a joint is free, samples of them."""
-        found = self.solve(R, p)
-        q = self.nearest_turns(found.q, self.middle)
-        good = found.reachable & self.within_limits(q)
-        pose, branch = np.nonzero(good)
+        """Compute all postures within limits that reach poses, with samples of free joints."""
+        solutions = self.solve(R, p)
+        q = self.nearest_turns(solutions.q, self.middle)
+        is_valid = solutions.reachable & self.within_limits(q)
+        pose, branch = np.nonzero(is_valid)
         parts = [(pose, branch, q[pose, branch])]
-        free = np.flatnonzero(found.singular.any(axis=1))
+        free = np.flatnonzero(solutions.singular.any(axis=1))
         if len(free):
             parts.append(self._spread(R[free], p[free], free))
         pose, branch, joints = (np.concatenate(part) for part in zip(*parts, strict=True))
         order = np.lexsort((branch, pose))
         miss = np.zeros((len(p), 2))
-        none = np.flatnonzero(np.bincount(pose, minlength=len(p)) == 0)
-        if len(none):
-            miss[none] = self._miss(R[none], p[none])
+        missed = np.flatnonzero(np.bincount(pose, minlength=len(p)) == 0)
+        if len(missed):
+            miss[missed] = self._miss(R[missed], p[missed])
         return ReachedPostures(pose[order], joints[order], branch[order], miss)
 
     def follow_lines(
@@ -217,7 +219,7 @@ class ClosedArm(GeneralArm):
     def enclosure(
         self, R: FloatArray, p: FloatArray, slack: float, free_last: bool
     ) -> Enclosure | None:
-        """Compute boxes about all postures of a pose; None where it is singular, or nearly."""
+        """Compute boxes about all postures of a pose, or None near a singularity."""
         postures = self.solve(R, p)
         branch = np.flatnonzero(postures.reachable)
         q = postures.q[branch]
@@ -230,7 +232,7 @@ class ClosedArm(GeneralArm):
         low, high = q - slack, q + slack
         for joint in range(self.axes):
             bottom, top = self.lower[joint], self.upper[joint]
-            wide = not top - bottom < CLOSED.most_turns * TURN
+            wide = not top - bottom < CLOSED.max_turns * TURN
             if wide or (free_last and joint == self.axes - 1):
                 low[:, joint], high[:, joint] = bottom, top
                 continue
@@ -245,7 +247,7 @@ class ClosedArm(GeneralArm):
         return (branch, low, high) if len(low) else None
 
     def proven_miss(self, R: FloatArray, p: FloatArray) -> tuple[float, float] | None:
-        """Compute the least miss of poses; None where one is reached or a joint is free."""
+        """Compute the least miss of poses, or None if one is reached or a joint is free."""
         # Of a free joint only samples are known, which prove nothing.
         if self.solve(R, p).singular.any():
             return None
@@ -256,32 +258,32 @@ class ClosedArm(GeneralArm):
     def _spread(
         self, R: FloatArray, p: FloatArray, pose: IntArray
     ) -> tuple[IntArray, IntArray, FloatArray]:
-        """Returns poses, branches and postures with free joints all over their limits."""
+        """Sample postures with free joints over their limits: poses, branches, joints."""
         low = np.maximum(self.lower, self.middle - np.pi)
         high = np.minimum(self.upper, self.middle + np.pi)
-        share = ((np.arange(CLOSED.spread) + 0.5) / CLOSED.spread)[:, None, None]
-        found = self.solve(R, p, low + share * (high - low))
-        q = self.nearest_turns(found.q, self.middle)
-        good: BoolArray = np.logical_and(found.singular, self.within_limits(q))
-        _, row, branch = np.nonzero(good)
-        return pose[row], branch, q[good]
+        fraction = ((np.arange(CLOSED.spread) + 0.5) / CLOSED.spread)[:, None, None]
+        solutions = self.solve(R, p, low + fraction * (high - low))
+        q = self.nearest_turns(solutions.q, self.middle)
+        is_valid: BoolArray = np.logical_and(solutions.singular, self.within_limits(q))
+        _, row, branch = np.nonzero(is_valid)
+        return pose[row], branch, q[is_valid]
 
     def _clipped_miss(
-        self, q: FloatArray, tried: BoolArray, R: FloatArray, p: FloatArray
+        self, q: FloatArray, candidates: BoolArray, R: FloatArray, p: FloatArray
     ) -> FloatArray:
-        """Returns what the best of tried branches (b, 8, 6), set back to their limits, miss poses by, shape (b, 2)."""
+        """Compute the least miss of branches (b, 8, 6) clipped to their limits, shape (b, 2)."""
         R_now, p_now = self.forward(np.clip(q, self.lower, self.upper))
         e = pose_error(R_now, p_now, R[:, None], p[:, None])
         error = np.stack([norm(e[..., :3], axis=-1), norm(e[..., 3:], axis=-1)], axis=-1)
-        best = np.where(tried, error.sum(axis=-1), np.inf).argmin(axis=1)
+        best = np.where(candidates, error.sum(axis=-1), np.inf).argmin(axis=1)
         return np.asarray(error[np.arange(len(p)), best])
 
 
 def with_closed_forms(family: type[ClosedArm], arm: GeneralArm) -> GeneralArm:
-    """Returns an arm with closed forms of a family if it has them, and as it is otherwise.
+    """Give an arm the closed forms of a family if it has them.
 
     Args:
-        family: of closed forms.
+        family: family of closed forms.
         arm: any arm.
     """
     try:

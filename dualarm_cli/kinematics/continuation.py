@@ -15,21 +15,21 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class ContinuationSettings:
-    """Numbers that steer the following of lines."""
+    """Settings of the following of lines."""
 
     newton_steps: int = 6
-    """Steps of Newton's method within which a sample of a line must be met."""
+    """Maximum number of Newton steps for a sample of a line."""
     bend: float = 0.6
-    """Largest deviation from the extrapolated sample, as a share of the step."""
+    """Largest deviation from the extrapolated sample, as a fraction of the step."""
     bend_slack: float = 0.02
     """Constant part of the largest deviation from the extrapolated sample [rad]. It adds to `bend`; a larger deviation
     is a jump."""
     least_pivot: float = 1e-5
-    """A system whose determinant, in metres and rad, is smaller has met a singularity."""
+    """Determinant below which a posture is singular [m and rad]."""
     points_in_sequence: int = 16
-    """Largest number of steps between poses that are solved in sequence; those between them are solved at once."""
+    """Maximum number of poses solved in sequence; the others are interpolated and solved at once."""
     skeleton: int = 17
-    """Samples of a line that are found one after the other; more are filled in between all at once."""
+    """Maximum number of samples solved in sequence; further ones are solved at once."""
 
 
 CONTINUATION = ContinuationSettings()
@@ -46,14 +46,14 @@ class Crossing:
     false_positions: int = 8
     """Steps of false position to a singularity between two samples."""
     left: float = 1e-6
-    """Share of the determinant's change between the samples below which the singularity is found."""
+    """Fraction of the determinant's change below which a singularity is located."""
 
 
 CROSSING = Crossing()
 
 
 def spare_directions(arm: SerialChain, q: FloatArray) -> FloatArray:
-    """Returns orthonormal directions of self-motion, shape (b, s, n) with s spare joints.
+    """Compute orthonormal directions of self-motion, shape (b, s, n), s redundant joints.
 
     The sign is such that the largest component is positive.
 
@@ -85,12 +85,12 @@ class JointPlanes:
 
 @dataclass(frozen=True)
 class Course:
-    """Joints of b postures along something."""
+    """Joint paths of b postures, with feasibility."""
 
     q: FloatArray
-    """At its samples [rad], the first one given, shape (s, b, n)."""
+    """Joints at the samples [rad], the start first, shape (s, b, n)."""
     ok: BoolArray
-    """Whether all of it can be followed, shape (b,)."""
+    """Flags of paths that are feasible at every sample, shape (b,)."""
     singular: BoolArray
     """Flags of lines that only a singularity blocks, shape (b,)."""
 
@@ -104,52 +104,51 @@ class FlangeLines:
     p: FloatArray
     """Flange positions at the beginning [m], shape (b, 3)."""
     shift: FloatArray
-    """From the lines' beginnings to their ends [m], shape (b, 3)."""
+    """Vectors from start to end of the lines [m], shape (b, 3)."""
 
     def positions(self, samples: int) -> FloatArray:
-        """Return flange positions at equidistant shares of the lines [m], shape (samples, b, 3)."""
+        """Return flange positions at equidistant samples [m], shape (samples, b, 3)."""
         return self.p + np.linspace(0.0, 1.0, samples)[:, None, None] * self.shift
 
 
 @dataclass(frozen=True)
 class LineFollowing:
-    """Flanges that are shifted along b straight lines without turning, from given postures on.
+    """Following of b straight flange lines without rotation, from given postures.
 
-    Where joints are spare, the flange's pose at a share u of the line leaves open where on its self-motion the arm
-    is. That is decided by planes: W (q(u) - q(0)) = (u drift, 0, ...), W the directions of self-motion at the start. So
-    joints at a share depend on the start alone and not on how finely a line is sampled; drift [rad] is the way along
-    the self-motion that comes with the line, as the change of the arm angle is for a spherical-revolute-spherical arm.
-    Our own derivation.
+    With redundant joints the flange's pose at a fraction u of the line leaves the self-motion open. Planes decide it:
+    W (q(u) - q(0)) = (u drift, 0, ...), W the directions of self-motion at the start. So joints depend on the start
+    alone, not on the sampling of the line; drift [rad] is the distance along the self-motion over the whole line, as
+    the change of the arm angle is for an SRS arm. Our own derivation.
 
-    Continuity is checked and not hoped for: a line is dropped where Newton's method from the extrapolated sample does
-    not arrive, where its result is far from that in relation to the step, where the determinant of the system changes
-    its sign or nearly vanishes (a singularity), or where a limit is passed. Of an arm with closed forms all postures of
-    all samples are known at once, and the one next to the extrapolated sample is taken in place of Newton's method.
-    Where nothing but a singularity ends a line, it is tried straight through that (`_crossed`).
+    Continuity is checked: a line is dropped if Newton's method from the extrapolated sample does not converge, if its
+    result is far from that in relation to the step, if the determinant of the system changes its sign or nearly
+    vanishes (a singularity), or if a limit is passed. An arm with closed forms takes the posture next to the
+    extrapolated sample in place of Newton's method. A line that only a singularity blocks is followed straight through
+    it if possible (`_crossed`).
     """
 
     arm: SerialChain
     """Kinematics and limits."""
     start: FloatArray
-    """Joints where the lines begin [rad], shape (b, n)."""
+    """Joints at the start of the lines [rad], shape (b, n)."""
     lines: FlangeLines
     """Lines of the flanges."""
     W: FloatArray
     """Directions of self-motion at the start, shape (b, s, n)."""
     ahead: FloatArray
-    """Coordinates along these directions that come with the lines [rad], shape (b, s)."""
+    """Coordinates along the directions at the ends of the lines [rad], shape (b, s)."""
 
     @classmethod
     def of(
         cls, arm: SerialChain, start: FloatArray, lines: FlangeLines, drift: FloatArray
     ) -> LineFollowing:
-        """Prepare lines.
+        """Prepare the following of lines.
 
         Args:
             arm: kinematics and limits.
-            start: joints where the lines begin [rad], shape (b, n).
-            lines: of the flanges.
-            drift: way along the self-motion [rad], shape (b,); of no effect without a spare joint.
+            start: joints at the start of the lines [rad], shape (b, n).
+            lines: lines of the flanges.
+            drift: distance along the self-motion [rad], shape (b,); without effect if no joint is redundant.
         """
         ahead = np.zeros((len(start), arm.spare))
         ahead[:, :1] = drift[:, None]
@@ -159,91 +158,93 @@ class LineFollowing:
         """Follow the lines by Newton's method at equidistant shares.
 
         Args:
-            samples: number of them.
-            skeleton: largest number that is solved in sequence, the others from between these.
+            samples: number of samples.
+            skeleton: largest number that is solved in sequence; the others are interpolated first.
         """
-        course = self._followed(min(samples, skeleton))
+        course = self._solve_in_sequence(min(samples, skeleton))
         if samples > skeleton:
-            course = self._filled(course, samples)
+            course = self._refine_samples(course, samples)
         return self._crossed(course)
 
     def by_branches(self, postures: FloatArray, reachable: BoolArray) -> Course:
-        """Follow the lines on known postures: of each sample that nearest to the extrapolated one.
+        """Follow the lines on given postures, the nearest to each extrapolated sample.
 
         Args:
-            postures: at equidistant shares [rad], shape (samples, b, k, n).
-            reachable: which of them there are, shape (samples, b, k).
+            postures: at equidistant samples [rad], shape (samples, b, k, n).
+            reachable: flags of postures that exist, shape (samples, b, k).
         """
         arm, samples = self.arm, len(postures)
         q = np.empty((samples, *self.start.shape))
         q[0] = self.start
-        ok, sign = self._starts()
+        ok, sign = self._start_state()
         every = np.arange(len(ok))
         for k in range(1, samples):
             guess = 2.0 * q[k - 1] - q[k - 2] if k > 1 else q[0]
             off = arm.less_turns(postures[k] - guess[:, None])
-            away = np.where(reachable[k], np.abs(off).max(axis=2), np.inf)
-            best = away.argmin(axis=1)
-            here = guess + off[every, best]
-            step = np.abs(here - q[k - 1]).max(axis=1)
-            ok &= (step <= LARGEST_STEP) & np.isfinite(away[every, best])
+            distance = np.where(reachable[k], np.abs(off).max(axis=2), np.inf)
+            best = distance.argmin(axis=1)
+            joints = guess + off[every, best]
+            step = np.abs(joints - q[k - 1]).max(axis=1)
+            ok &= (step <= LARGEST_STEP) & np.isfinite(distance[every, best])
             if k > 1:
-                ok &= away[every, best] <= CONTINUATION.bend * step + CONTINUATION.bend_slack
-            q[k] = np.where(ok[:, None], here, q[k - 1])
+                ok &= distance[every, best] <= CONTINUATION.bend * step + CONTINUATION.bend_slack
+            q[k] = np.where(ok[:, None], joints, q[k - 1])
         _, _, J = arm.linearised(q[1:].reshape(-1, arm.axes))
         det = determinant(J).reshape(samples - 1, -1)
         same = _same_side(det, sign).all(axis=0)
         ok &= arm.within_limits(q).all(axis=0)
         return self._crossed(Course(q, ok & same, ok & ~same))
 
-    def _followed(self, samples: int) -> Course:
+    def _solve_in_sequence(self, samples: int) -> Course:
         """Solve for the joints sample by sample, starting from extrapolated guesses."""
         q = np.empty((samples, *self.start.shape))
         q[0] = self.start
-        ok, sign = self._starts()
+        ok, sign = self._start_state()
         singular, every = np.zeros_like(ok), np.arange(len(ok))
-        for k, share in enumerate(np.linspace(0.0, 1.0, samples)[1:], start=1):
+        for k, progress in enumerate(np.linspace(0.0, 1.0, samples)[1:], start=1):
             guess = 2.0 * q[k - 1] - q[k - 2] if k > 1 else q[0]
-            found, good, det = self._met(guess, np.full(len(guess), share), every)
-            step = np.abs(found - q[k - 1]).max(axis=1)
+            solved, good, det = self._solve_samples(guess, np.full(len(guess), progress), every)
+            step = np.abs(solved - q[k - 1]).max(axis=1)
             ok &= good & (step <= LARGEST_STEP)
             if k > 1:
                 ok &= (
-                    np.abs(found - guess).max(axis=1)
+                    np.abs(solved - guess).max(axis=1)
                     <= CONTINUATION.bend * step + CONTINUATION.bend_slack
                 )
             same = _same_side(det, sign)
             singular |= ok & ~same
             ok &= same
-            q[k] = np.where(ok[:, None], found, q[k - 1])
+            q[k] = np.where(ok[:, None], solved, q[k - 1])
         return Course(q, ok, singular)
 
-    def _filled(self, course: Course, samples: int) -> Course:
-        """Returns the joints at more samples, all at once from between those of a course."""
+    def _refine_samples(self, course: Course, samples: int) -> Course:
+        """Solve for further samples at once, from guesses between those of a course."""
         coarse, b = len(course.q) - 1, len(self.start)
         shares = np.linspace(0.0, 1.0, samples)
-        at = np.minimum((shares * coarse).astype(np.int64), coarse - 1)
-        part = (shares * coarse - at)[:, None, None]
-        guess = (1.0 - part) * course.q[at] + part * course.q[at + 1]
-        _, sign = self._starts()
+        interval = np.minimum((shares * coarse).astype(np.int64), coarse - 1)
+        fraction = (shares * coarse - interval)[:, None, None]
+        guess = (1.0 - fraction) * course.q[interval] + fraction * course.q[interval + 1]
+        _, sign = self._start_state()
         row = np.tile(np.arange(b), samples)
-        share = np.repeat(shares, b)
-        found, good, det = self._met(guess.reshape(-1, self.arm.axes), share, row)
+        progress = np.repeat(shares, b)
+        solved, good, det = self._solve_samples(guess.reshape(-1, self.arm.axes), progress, row)
         good &= _same_side(det, sign[row])
-        q = found.reshape(samples, b, -1)
+        q = solved.reshape(samples, b, -1)
         q[0] = self.start
-        # Samples lie between those of the course: what has gone elsewhere is farther away than these from each other.
-        width = np.abs(np.diff(course.q, axis=0)).max(axis=2)[at]
-        near = np.abs(q - guess).max(axis=2) <= CONTINUATION.bend * width + CONTINUATION.bend_slack
-        ok = course.ok & (good.reshape(samples, b) & near).all(axis=0)
+        # Samples lie between those of the course: one on another branch is farther away than these from each other.
+        width = np.abs(np.diff(course.q, axis=0)).max(axis=2)[interval]
+        is_near = (
+            np.abs(q - guess).max(axis=2) <= CONTINUATION.bend * width + CONTINUATION.bend_slack
+        )
+        ok = course.ok & (good.reshape(samples, b) & is_near).all(axis=0)
         return Course(q, ok, course.singular)
 
     def _crossed(self, course: Course) -> Course:
-        """Return a course whose singular lines go straight through singularities, where that is possible.
+        """Follow singular lines straight through their singularities if possible.
 
-        A path passes a singularity smoothly where the line meets it exactly: the determinant changes its sign and no
-        joint jumps. Damped steps find the samples on both sides. A line that passes beside a singularity would have to
-        turn a joint at once: at the zero of the determinant it is missed, and dropped.
+        A path passes a singularity smoothly if the line meets it exactly: the determinant changes its sign and no joint
+        jumps. Damped steps find the samples on both sides. A line that passes near a singularity would have to turn a
+        joint at once: at the zero of the determinant it has a miss, and is dropped.
         """
         if not course.singular.any():
             return course
@@ -255,28 +256,32 @@ class LineFollowing:
             np.zeros((len(shares), len(rows))),
         )
         q[0], ok = self.start[rows], np.ones(len(rows), dtype=np.bool_)
-        for k, share in enumerate(shares.tolist()):
+        for k, progress in enumerate(shares.tolist()):
             before = q[max(k - 1, 0)]
             guess = 2.0 * before - q[k - 2] if k > 1 else before
-            found, good, det[k] = self._met(guess, np.full(len(rows), share), rows, CROSSING)
-            step = np.abs(found - before).max(axis=1)
+            solved, good, det[k] = self._solve_samples(
+                guess, np.full(len(rows), progress), rows, CROSSING
+            )
+            step = np.abs(solved - before).max(axis=1)
             ok &= good & (step <= LARGEST_STEP)
             if k > 1:
                 ok &= (
-                    np.abs(found - guess).max(axis=1)
+                    np.abs(solved - guess).max(axis=1)
                     <= CONTINUATION.bend * step + CONTINUATION.bend_slack
                 )
-            q[k] = np.where(ok[:, None], found, before)
+            q[k] = np.where(ok[:, None], solved, before)
         for k in range(len(shares) - 1):
             crossing = np.flatnonzero(ok & (det[k] * det[k + 1] < 0.0))
             if len(crossing):
                 part = slice(k, k + 2), crossing
-                ok[crossing] = self._passes(q[part], det[part], shares[k : k + 2], rows[crossing])
+                ok[crossing] = self._locate_singularities(
+                    q[part], det[part], shares[k : k + 2], rows[crossing]
+                )
         path, good = np.array(course.q), np.array(course.ok)
         path[:, rows], good[rows] = q[::finer], ok
         return Course(path, good, course.singular)
 
-    def _passes(
+    def _locate_singularities(
         self, q: FloatArray, det: FloatArray, shares: FloatArray, row: IntArray
     ) -> BoolArray:
         """Locate singularities between samples by false position; return whether met, shape (l,).
@@ -287,25 +292,27 @@ class LineFollowing:
             shares: of both samples, shape (2,).
             row: the lines, shape (l,).
         """
-        share, change, every = (
+        progress, change, every = (
             np.tile(shares[:, None], len(row)),
             np.ptp(det, axis=0),
             np.arange(len(row)),
         )
         for _ in range(CROSSING.false_positions):
             part = det[0] / (det[0] - det[1])
-            here = share[0] + part * (share[1] - share[0])
-            found, good, d = self._met(q[0] + part[:, None] * (q[1] - q[0]), here, row, CROSSING)
+            zero = progress[0] + part * (progress[1] - progress[0])
+            solved, good, d = self._solve_samples(
+                q[0] + part[:, None] * (q[1] - q[0]), zero, row, CROSSING
+            )
             end = (det[0] * d <= 0.0).astype(np.int64)
-            q[end, every], det[end, every], share[end, every] = found, d, here
+            q[end, every], det[end, every], progress[end, every] = solved, d, zero
         return good & (np.abs(d) <= CROSSING.left * change)
 
-    def _starts(self) -> tuple[BoolArray, FloatArray]:
-        """Returns which lines begin within limits, and the signs of their determinants."""
+    def _start_state(self) -> tuple[BoolArray, FloatArray]:
+        """Flag lines that begin within limits, and return the signs of their determinants."""
         _, _, J = self.arm.linearised(self.start)
         return self.arm.within_limits(self.start), np.sign(_determinant(J, self.W))
 
-    def _met(
+    def _solve_samples(
         self, guess: FloatArray, share: FloatArray, row: IntArray, through: Crossing | None = None
     ) -> tuple[FloatArray, BoolArray, FloatArray]:
         """Solve for joints of lines (rows) at shares, with flags and determinants."""
@@ -328,14 +335,14 @@ def moved_along(
     p: FloatArray,
     along: FloatArray,
 ) -> tuple[FloatArray, BoolArray]:
-    """Returns the postures (b, n) that reach poses a way along the self-motion from others, and which of them do.
+    """Move postures along the self-motion to given poses, and flag those that arrive.
 
     Args:
         arm: the arm.
         start: postures that reach nearly the same poses [rad], shape (b, n).
         R: flange rotations, shape (b, 3, 3).
         p: flange positions [m], shape (b, 3).
-        along: how far [rad], shape (b,).
+        along: distances along the self-motion [rad], shape (b,).
     """
     W = spare_directions(arm, start)
     planes = JointPlanes.through(W, start)
@@ -356,7 +363,7 @@ def newton(
 ) -> tuple[FloatArray, BoolArray, FloatArray]:
     """Solve for postures at poses and on planes of the joint space.
 
-    Where lines may go through singularities, steps are damped and a miss is allowed.
+    With `through`, lines may cross singularities: steps are damped and a miss is allowed.
     """
     q, W, det = guess, planes.W, np.zeros(len(guess))
     met = np.zeros(len(guess), dtype=np.bool_)
@@ -377,7 +384,7 @@ def newton(
             gram = np.einsum("bij,bkj->bik", A, A)
             gram[:, diagonal, diagonal] += through.damping * through.damping
             step = np.einsum("bij,bi->bj", A, solve(gram, left[..., None])[..., 0])
-        # A step so long leads nowhere near; what is cut does not arrive and is dropped.
+        # A longer step leaves the neighbourhood; a posture whose steps are cut does not converge and is dropped.
         longest = np.abs(step).max(axis=1, keepdims=True)
         q = q + step * np.minimum(1.0, 1.0 / np.maximum(longest, 1e-300))
     if through is not None:
@@ -399,7 +406,7 @@ class PointFollowing:
     arm: SerialChain
     """Kinematics and limits."""
     R: FloatArray
-    """Rotation of the flange at all poses, shape (3, 3)."""
+    """Constant rotation of the flange, shape (3, 3)."""
     W: FloatArray
     """Directions of self-motion at the target, shape (s, n)."""
     start: FloatArray
@@ -427,11 +434,11 @@ class PointFollowing:
     def outward(self, points: FloatArray, drift: FloatArray) -> tuple[FloatArray, bool]:
         """Solve for joints (m, n) [rad] along flange positions, beginning at the target.
 
-        The flag tells whether they are continuous and within limits.
+        The flag is True if they are continuous and within limits.
 
         Args:
             points: positions of the flange [m], the first one the target, shape (m, 3).
-            drift: ways along the self-motion [rad], shape (m,).
+            drift: distances along the self-motion [rad], shape (m,).
         """
         q = np.tile(self.start, (len(points), 1))
         last = len(points) - 1
@@ -442,22 +449,22 @@ class PointFollowing:
             back, here = q[few[k - 1]], few[k : k + 1]
             ratio = (few[k] - few[k - 1]) / (few[k - 1] - few[k - 2]) if k > 1 else 0.0
             guess = back + ratio * (back - q[few[k - 2]]) if k > 1 else back
-            joints, good = self._solved(points[here], drift[here], guess[None])
+            joints, good = self._solve_points(points[here], drift[here], guess[None])
             ok &= good and bool(np.abs(joints[0] - back).max() <= LARGEST_STEP)
             q[few[k]] = joints[0]
         between = np.setdiff1d(np.arange(last + 1), few)
         if ok and len(between):
             guess = np.column_stack([np.interp(between, few, column) for column in q[few].T])
-            q[between], good = self._solved(points[between], drift[between], guess)
+            q[between], good = self._solve_points(points[between], drift[between], guess)
             ok &= good and bool(np.abs(np.diff(q, axis=0)).max() <= LARGEST_STEP)
         return q, ok
 
-    def _solved(
+    def _solve_points(
         self, points: FloatArray, drift: FloatArray, guess: FloatArray
     ) -> tuple[FloatArray, bool]:
         """Solve for joints at flange positions from guesses.
 
-        The flag tells whether all of them are on the branch and within limits.
+        The flag is True if all of them are on the branch and within limits.
         """
         ahead = np.zeros((len(points), self.arm.spare))
         ahead[:, :1] = drift[:, None]

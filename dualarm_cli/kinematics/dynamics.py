@@ -1,4 +1,4 @@
-"""Pinocchio's model of a robot; its mass matrix and torques, where its URDF has inertias and torque limits."""
+"""Rigid-body dynamics of a robot by pinocchio: mass matrix and torques."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from dualarm_cli.model.robot import Robot
 
 
 class JointCoordinates:
-    """Pinocchio's model of a robot, and its coordinates by the positions of the robot's joints.
+    """Pinocchio's model of a robot, and its coordinates at joint positions.
 
-    Sines of the machine's C library depend on the processor. So joints that turn are unbounded ones for pinocchio: it
-    takes them by cosine and sine, and these are the project's own.
+    Sines of the machine's C library depend on the processor. So revolute joints are unbounded ones for pinocchio: it
+    takes their cosine and sine, and these are the project's own.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -43,7 +43,7 @@ class Dynamics:
     """Rigid-body dynamics; configurations are in the order of the robot's joints."""
 
     def __init__(self, cell: Cell) -> None:
-        """Builds the model; a tool's mass sits at its tool centre point.
+        """Build the model, with a tool's mass at its tool centre point.
 
         Args:
             cell: robot, base and tools.
@@ -60,7 +60,7 @@ class Dynamics:
                 model.appendBodyToJoint(flange.parentJoint, inertia, flange.placement * tool.tcp)
         self._model, self._data = model, model.createData()
         self.limit: FloatArray = np.array(model.upperEffortLimit)[self._back]
-        """Largest torque of every joint [N m], 0 where the URDF has none, shape (n,)."""
+        """Largest torque of every joint [N m], 0 if the URDF has none, shape (n,)."""
         masses = np.array([model.inertias[k].mass for k in range(1, model.njoints)])
         self._unknown = [
             robot.joints[j]
@@ -74,7 +74,7 @@ class Dynamics:
         return self._unknown
 
     def at(self, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns mass matrix (n, n) and torques at no acceleration (n,) [N m].
+        """Compute the mass matrix (n, n) and torques without acceleration (n,) [N m].
 
         Args:
             q: positions [rad], shape (n,).
@@ -83,5 +83,5 @@ class Dynamics:
         q, qd = self._coordinates.of(q), qd[self._coordinates.order]
         M = pin.crba(self._model, self._data, q)
         M = np.triu(M) + np.triu(M, 1).T
-        rest = pin.nonLinearEffects(self._model, self._data, q, qd)
-        return M[np.ix_(self._back, self._back)], rest[self._back]
+        bias = pin.nonLinearEffects(self._model, self._data, q, qd)
+        return M[np.ix_(self._back, self._back)], bias[self._back]

@@ -1,4 +1,4 @@
-"""Arms without closed forms: postures by numeric inverse kinematics, and proofs that poses are out of reach."""
+"""Arms without closed forms: numeric inverse kinematics, and proofs of reach."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from dualarm_cli.records import dataclass
 CIRCLE_STEP = np.radians(6.0)
 """Spacing of points examined on the circle about the last axis [rad]."""
 LINE_SAMPLES = 17
-"""Samples of the line from where a posture was chosen to where it is followed from."""
+"""Samples of the line from a posture's pose to the start of a path."""
 CANDIDATES = 6
-"""Poses whose least distance is searched for: the first by miss, and as many by distance from the first axis."""
+"""Number of poses whose least distance is searched, by miss and by distance from axis 1."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,8 @@ class GeneralArm(SerialChain, PostureSource):
         Args:
             R: flange rotations in the carried frame, shape (m, 3, 3).
             p: flange positions [m], shape (m, 3).
-            first_only: whether a pose is left alone as soon as it has a solution.
-            thorough: whether many solutions are searched for, or a first idea of them will do.
+            first_only: whether the search of a pose ends with its first solution.
+            thorough: whether many solutions are searched, or few.
         """
         return solve_poses(self, R, p, first_only=first_only, thorough=thorough)
 
@@ -66,14 +66,14 @@ class GeneralArm(SerialChain, PostureSource):
         samples: int,
         skeleton: int = CONTINUATION.skeleton,
     ) -> Course:
-        """Follow flanges that are shifted along straight lines without turning, see `LineFollowing`.
+        """Follow straight flange lines without rotation, see `LineFollowing`.
 
         Args:
-            start: joints where the lines begin [rad], shape (b, n).
-            lines: of the flanges.
-            drift: way along the self-motion [rad], shape (b,); of no effect without a spare joint.
-            samples: number of samples, at equidistant shares.
-            skeleton: largest number that is solved in sequence, the others from between these.
+            start: joints at the start of the lines [rad], shape (b, n).
+            lines: lines of the flanges.
+            drift: distance along the self-motion [rad], shape (b,); without effect if no joint is redundant.
+            samples: number of equidistant samples.
+            skeleton: largest number that is solved in sequence; the others are interpolated first.
         """
         return LineFollowing.of(self, start, lines, drift).by_newton(samples, skeleton)
 
@@ -85,8 +85,8 @@ class GeneralArm(SerialChain, PostureSource):
     def follow_line(
         self, posture: Posture, pose: ToolPose, length: float, psi_end: float, samples: int
     ) -> FloatArray:
-        """Follow a straight line of the tool by continuation; `psi_end` is the way along the self-motion."""
-        # Continuity was checked in SKELETON samples at least: the same path is followed however few are wanted.
+        """Follow a straight tool line by continuation; `psi_end` is along the self-motion."""
+        # Continuity is checked at `skeleton` samples or more: the path is the same for any number of samples.
         finer = -(-(CONTINUATION.skeleton - 1) // (samples - 1))
         R, p, z = (x[None] for x in pose)
         lines, drift = FlangeLines(R, p, -z * length), np.array([psi_end])
@@ -109,7 +109,7 @@ class GeneralArm(SerialChain, PostureSource):
         return q, ok
 
     def reached(self, R: FloatArray, p: FloatArray) -> tuple[BoolArray, FloatArray]:
-        """Test which poses some posture within limits reaches, and measure the miss of the others.
+        """Flag poses that a posture within limits reaches, and measure the others' miss.
 
         The miss is the least distance found with the required rotation. If no pose is reached, it is searched for at
         the nearest candidates only, and infinite elsewhere.
@@ -128,7 +128,7 @@ class GeneralArm(SerialChain, PostureSource):
         return feasible.reshape(p.shape[:-1]), miss.reshape(p.shape[:-1])
 
     def why_missed(self, miss: float) -> str:
-        """Return the key of the refusal for a miss [m], infinite where no rotation was met."""
+        """Return the key of the refusal for a miss [m], infinite if no rotation was met."""
         return "flange_not_there" if np.isfinite(miss) else "point_not_turned"
 
     def fixed_point(self, R: FloatArray, p: FloatArray) -> FloatArray:
@@ -170,25 +170,25 @@ class GeneralArm(SerialChain, PostureSource):
         v = product(point - self.p_parent_joint[0], self.R_parent_joint[0])
         x, y, z = self.p_parent_joint[1].tolist()
         low, high = self._arc(0)
-        away = arctan2(v[..., 1], v[..., 0]) - float(arctan2(y, x)) - 0.5 * (low + high)
-        away = np.abs(away - TURN * np.round(away / TURN))
-        bend = np.maximum(0.0, away - 0.5 * (high - low))
-        radius, far = float(norm(np.array([x, y]))), norm(v[..., :2], axis=-1)
-        along = far - radius * cos(bend)
+        angle_off = arctan2(v[..., 1], v[..., 0]) - float(arctan2(y, x)) - 0.5 * (low + high)
+        angle_off = np.abs(angle_off - TURN * np.round(angle_off / TURN))
+        bend = np.maximum(0.0, angle_off - 0.5 * (high - low))
+        radius, radial = float(norm(np.array([x, y]))), norm(v[..., :2], axis=-1)
+        along = radial - radius * cos(bend)
         squared = np.square(along) + np.square(radius * sin(bend)) + np.square(v[..., 2] - z)
         return np.asarray(np.sqrt(squared))
 
     def _arc(self, joint: int) -> tuple[float, float]:
-        """Return a joint's limits [rad], one whole turn where it has more."""
+        """Return a joint's limits [rad], at most one whole turn."""
         low, high = float(self.lower[joint]), float(self.upper[joint])
         return (low, high) if high - low < TURN else (-np.pi, np.pi)
 
 
 def numeric_form(arm: PostureSource) -> GeneralArm:
-    """Return an arm whose postures are solved for pose by pose, without an arm angle.
+    """Return an arm with numeric inverse kinematics, without an arm angle.
 
     Raises:
-        UnsupportedError: the arm was measured in closed form over the arm angle.
+        UnsupportedError: the arm is modelled in closed form over the arm angle.
     """
     if not isinstance(arm, GeneralArm):
         raise UnsupportedError(

@@ -1,4 +1,4 @@
-"""Manipulability of all tools together, its gradient and the gradient's rate, in closed form from joint screws."""
+"""Manipulability of all tools, its gradient and the gradient's rate, from joint screws."""
 
 from __future__ import annotations
 
@@ -14,46 +14,45 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class ManipulabilityRates:
-    """The logarithm of the manipulability at one configuration, and how it changes."""
+    """Logarithm of the manipulability at one configuration, with derivatives."""
 
     logarithm: float
-    """log M."""
+    """Value of log M."""
     gradient: FloatArray
     """d log M / dq [1/rad], shape (n,)."""
     inner: FloatArray
-    """The part of the gradient that moves no tool [1/rad], shape (n,)."""
+    """Part of the gradient that moves no tool [1/rad], shape (n,)."""
     rate: FloatArray
     """d gradient / dt at the given velocity [1/(rad s)], shape (n,)."""
 
 
 def manipulability(J: FloatArray) -> FloatArray:
-    """Returns M = sqrt(det(J J^T)) of Jacobians (..., r, n), shape (...) ([Zhang2024] Eq. 10).
+    """Compute M = sqrt(det(J J^T)) of Jacobians (..., r, n), see [Zhang2024] Eq. 10.
 
     Its unit is m^3/rad^3 for one tool (three singular directions in m/rad, three in rad/rad), the product for two. M of
     [Zhang2024]'s J_G, whose rows are the mean of both tools' and right minus left (Eq. 4; the print of J_r has the
-    signs turned), and of [J_R; J_L] are equal, as the one is the other times a matrix of determinant ±1.
+    signs turned), and of [J_R; J_L] are equal, because they differ by a factor of determinant ±1.
     """
-    found: FloatArray = np.sqrt(np.maximum(determinant(product(J, np.swapaxes(J, -1, -2))), 0.0))
-    return found
+    values: FloatArray = np.sqrt(np.maximum(determinant(product(J, np.swapaxes(J, -1, -2))), 0.0))
+    return values
 
 
 def manipulability_rates(
     body: WholeBody, S: FloatArray, qd: FloatArray, follows: BoolArray | None = None
 ) -> ManipulabilityRates:
-    """Returns log M with gradient and rate; M is that of all tools' Jacobians on top of one another.
+    """Compute log M of the stacked Jacobians of tools, with gradient and rate.
 
-    M does not depend on the points of the tools that the Jacobians are for, so the world's origin will do: then the
-    columns are the screws themselves, and their derivatives are Lie brackets, dS_j/dq_i = [S_i, S_j] for a joint i that
+    M does not depend on the points of the tools that the Jacobians are for, so they are for the world's origin: then the columns are the screws themselves, and their derivatives are Lie brackets, dS_j/dq_i = [S_i, S_j] for a joint i that
     carries joint j and 0 else (the kinematic Hessian in closed form). With the pseudo-inverse J+ of n rows W_j,
     d log M / dq_i = tr(dJ/dq_i J+) (half of [Zhang2024] Eq. 11's first line, which is twice the true derivative)
     = S_i . sum over j carried by i of P_j, P_j = -ad(S_j)^T W_j. The rate is its total derivative, with dJ+/dt of
     Eq. 16.
 
     Args:
-        body: which joint moves what.
+        body: kinematics of the robot.
         S: screws, shape (n, 6).
         qd: joint velocities [rad/s], shape (n,).
-        follows: which arms' tools count, shape (a,); None for all.
+        follows: flags of arms whose tools count, shape (a,); None for all.
 
     Raises:
         SingularMatrixError: the Jacobian is singular to the last digit.
@@ -81,12 +80,12 @@ def manipulability_rates(
 
 
 def _stacked(S: FloatArray, moves: BoolArray) -> FloatArray:
-    """Returns the tools' Jacobians for the world's origin on top of one another, shape (6 a, n)."""
+    """Stack the tools' Jacobians for the world's origin, shape (6 a, n)."""
     stacked: FloatArray = (moves[:, None, :] * S.T).reshape(-1, len(S))
     return stacked
 
 
 def _folded(plus: FloatArray, moves: BoolArray) -> FloatArray:
-    """Returns the rows of J+ (n, 6 a), summed over the tools that the joint moves, shape (n, 6)."""
+    """Sum the rows of J+ (n, 6 a) over the tools that each joint moves, shape (n, 6)."""
     folded: FloatArray = (plus.reshape(len(plus), len(moves), 6) * moves.T[:, :, None]).sum(axis=1)
     return folded

@@ -1,4 +1,4 @@
-"""The platform's joints: where the frame that carries both arms stands, for many positions at once."""
+"""Kinematics of the platform: the frame that carries both arms, at many positions."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.records import dataclass
 
 LEVER = 0.5
-"""How far a sliding platform moves where a turning one turns by a radian: about as far as shoulders then do [m]."""
+"""Travel of a sliding platform equivalent to a turn, as shoulders move [m/rad]."""
 LEAST_PLACES = 4
-"""Spacings into which the range of a sliding platform is divided at least."""
+"""Minimum number of spacings over the range of a sliding platform."""
 
 
 @dataclass(frozen=True)
 class PlatformChain:
-    """None, one or two joints between the world and the frame that carries the arms.
+    """Joints between the world and the frame that carries the arms: none, one or two.
 
     Every joint frame is turned so that its axis is z. With one joint the carried frame is the axis frame
     turned by the platform angle, so that an arm's shoulder has a fixed radius, azimuth and height in it; or, where the
@@ -32,20 +32,20 @@ class PlatformChain:
     p_parent_joint: FloatArray
     """Constant translation before each joint's motion [m], shape (k, 3)."""
     revolute: tuple[bool, ...]
-    """Whether a joint turns (else it slides along z)."""
+    """Flags of joints that turn; others slide along z."""
     T_world_carried: pin.SE3
-    """The carried frame with all joints at zero; the root link's pose where there is no joint."""
+    """Carried frame with all joints at zero, or the root link's pose without joints."""
     held: bool = False
-    """Whether it stands where it starts, whatever it could do."""
+    """Flag of a platform that stays at its start position."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         object.__setattr__(self, "R_parent_joint", readonly(self.R_parent_joint))
         object.__setattr__(self, "p_parent_joint", readonly(self.p_parent_joint))
 
     @classmethod
     def from_model(cls, model: pin.Model, joints: tuple[str, ...], base: pin.SE3) -> PlatformChain:
-        """Measures the chain on a pinocchio model.
+        """Measure the chain on a pinocchio model.
 
         Args:
             model: the whole robot, one position per joint.
@@ -78,24 +78,24 @@ class PlatformChain:
 
     @property
     def is_chosen(self) -> bool:
-        """Whether it is one joint, so that its position can be chosen stage by stage."""
+        """Flag of a platform of one joint, whose position is chosen stage by stage."""
         return len(self.joints) == 1 and not self.held
 
     @property
     def is_turntable(self) -> bool:
-        """Whether that joint turns, so that a platform angle can be chosen."""
+        """Flag of a chosen platform that turns."""
         return self.is_chosen and self.revolute[0]
 
     @property
     def is_rail(self) -> bool:
-        """Whether that joint slides."""
+        """Flag of a chosen platform that slides."""
         return self.is_chosen and not self.revolute[0]
 
     def around(self, here: float, lower: float, upper: float) -> tuple[float, float]:
-        """Returns the positions that are looked at [rad or m]: half a turn to either side, or all of a rail's.
+        """Return the scanned range [rad or m]: half a turn to either side, or a whole rail.
 
         Args:
-            here: where its one joint is [rad or m].
+            here: position of its one joint [rad or m].
             lower: its lower limit [rad or m].
             upper: its upper limit [rad or m].
         """
@@ -104,10 +104,10 @@ class PlatformChain:
         return max(lower, here - np.pi), min(upper, here + np.pi)
 
     def spacing(self, step: float, lower: float, upper: float) -> float:
-        """Returns the spacing of positions [rad or m] that is as fine as one of platform angles.
+        """Convert a spacing of platform angles to positions [rad or m].
 
-        Of a rail it is that times LEVER; finer on a short one, and on a long one so that there are no more positions
-        than angles around a circle.
+        A rail's spacing is LEVER times the step. It is finer on a short rail; a long one has no more positions than a
+        circle has angles.
 
         Args:
             step: spacing of the angles [rad].
@@ -120,10 +120,10 @@ class PlatformChain:
         return max(finest, (upper - lower) * step / TURN)
 
     def shifted(self, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns where the carried frame is seen from itself as it is after a further move of its one joint.
+        """Compute the transform of carried points by a further move of its one joint.
 
         Args:
-            moved: how far [rad or m], shape (...).
+            moved: displacements [rad or m], shape (...).
 
         Returns:
             Rotations (..., 3, 3) and translations (..., 3) [m] that take points of the carried frame before the move
@@ -136,7 +136,7 @@ class PlatformChain:
         return np.broadcast_to(np.eye(3), (*np.shape(moved), 3, 3)), back
 
     def pose(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the carried frame in the world: rotations (..., 3, 3), translations (..., 3) [m].
+        """Compute the carried frame in the world: rotations (..., 3, 3), positions (..., 3) [m].
 
         Args:
             position: joint positions [rad or m], shape (..., k).
@@ -158,7 +158,7 @@ class PlatformChain:
 
 
 def rotation_z(angle: FloatArray) -> FloatArray:
-    """Returns rotations about z, shape (..., 3, 3), for angles [rad] of shape (...)."""
+    """Compute rotations about z, shape (..., 3, 3), by angles (...) [rad]."""
     c, s = cos(angle), sin(angle)
     R = np.zeros((*np.shape(angle), 3, 3))
     R[..., 0, 0] = R[..., 1, 1] = c
@@ -167,10 +167,10 @@ def rotation_z(angle: FloatArray) -> FloatArray:
 
 
 def align_z(axis: FloatArray) -> FloatArray:
-    """Returns a rotation that takes z to the unit vector `axis`; the identity where it is z."""
+    """Compute a rotation that takes z to the unit vector `axis`, the identity for z."""
     if np.array_equal(axis, [0.0, 0.0, 1.0]):
         return np.eye(3)
-    # Any frame with that z axis will do; the coordinate axis farthest from it spans the first one.
+    # Any frame with that z axis is valid; the coordinate axis farthest from it spans x.
     x = np.cross(np.eye(3)[np.argmin(np.abs(axis))], axis)
     x /= norm(x)
     return np.column_stack([x, np.cross(axis, x), axis])

@@ -1,7 +1,7 @@
 """Interface of arms: forward kinematics, postures of poses and limits, whatever the family.
 
-Come here to see what code outside `kinematics` may ask of an arm, or to add a family: derive from `PostureSource`, or
-from `ClosedArm` where six axes have closed forms.
+Come here for the methods of arms that other code uses, or to add a family: derive from `PostureSource`, or from
+`ClosedArm` if six axes have closed forms.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from dualarm_cli.kinematics.srs import srs_limits
 from dualarm_cli.records import dataclass
 
 LARGEST_STEP = 0.7
-"""A joint that turns more between two samples has jumped [rad]."""
+"""Largest joint step between two samples; a larger one is a jump [rad]."""
 PROVEN_MISS = 1e-6
-"""Distance [m] or angle [rad] up to which a miss may be rounding and proves nothing."""
+"""Distance [m] or angle [rad] up to which a miss may be rounding."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class ReachedPostures:
     q: FloatArray
     """Joints [rad], the turns nearest to the middle of the limits, shape (k, n)."""
     branch: IntArray
-    """Their branches, shape (k,)."""
+    """Branches of the postures, shape (k,)."""
     miss: FloatArray
-    """Miss of each pose: distance [m] and angle [rad], shape (m, 2). It is 0 where a pose is reached."""
+    """Miss of each pose: distance [m] and angle [rad], shape (m, 2). It is 0 if the pose is reached."""
 
 
 ToolPose = tuple[FloatArray, FloatArray, FloatArray]
@@ -47,7 +47,7 @@ Enclosure = tuple[IntArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class Posture:
-    """A posture of an arm, and what tells it from others of the same pose."""
+    """Posture of an arm, with branch and arm angle."""
 
     q: FloatArray
     """Joints [rad], shape (n,)."""
@@ -58,7 +58,7 @@ class Posture:
 
 
 class LimitedJoints:
-    """Joints with limits of position, some of which may slide."""
+    """Joints with position limits, revolute or sliding."""
 
     lower: FloatArray
     """Lowest joint positions [rad], shape (n,), -inf allowed."""
@@ -69,7 +69,7 @@ class LimitedJoints:
 
     @cached_property
     def middle(self) -> FloatArray:
-        """Middle of each joint's range [rad], 0 where it has no end, shape (n,)."""
+        """Middle of each joint's range [rad], 0 without limits, shape (n,)."""
         bounded = np.isfinite(self.lower) & np.isfinite(self.upper)
         low, high = np.where(bounded, self.lower, 0.0), np.where(bounded, self.upper, 0.0)
         return readonly(0.5 * (low + high))
@@ -142,13 +142,15 @@ class PostureSource(LimitedJoints, ABC):
         Args:
             R: flange rotations in the carried frame, shape (m, 3, 3).
             p: flange positions [m], shape (m, 3).
-            first_only: whether a search leaves a pose alone as soon as it has a solution.
-            thorough: whether many solutions are wanted, or a first idea of them will do.
+            first_only: whether the search of a pose ends with its first solution.
+            thorough: whether many solutions are computed, or few.
         """
 
     @abstractmethod
     def neighbour(self, posture: Posture, R: FloatArray, p: FloatArray) -> FloatArray | None:
-        """Solve for the joints (n,) [rad] next to a posture that reach a pose; None if there are none within limits.
+        """Solve for joints (n,) [rad] near a posture that reach a pose, or None.
+
+        None means that no such joints are within limits.
 
         Args:
             posture: at a pose near this one.
@@ -165,8 +167,8 @@ class PostureSource(LimitedJoints, ABC):
         Args:
             posture: at the target.
             pose: flange and tool at the target.
-            length: how far the tool is drawn back [m].
-            psi_end: arm angle at the outer end, or way along the self-motion from the target to there [rad].
+            length: length of the line [m].
+            psi_end: arm angle at the outer end, or distance along the self-motion from the target [rad].
             samples: number of equidistant samples, at least 2.
         """
 
@@ -174,19 +176,21 @@ class PostureSource(LimitedJoints, ABC):
     def follow_points(
         self, posture: Posture, R: FloatArray, p: FloatArray, drift: FloatArray, target: int
     ) -> tuple[FloatArray, bool]:
-        """Compute joints (m, n) [rad] along flange poses, and whether they are continuous and within limits.
+        """Compute joints (m, n) [rad] along flange poses, and whether they are feasible.
+
+        Feasible joints are continuous and within limits.
 
         Args:
-            posture: to be near to at the target; it may be for another place of it.
+            posture: posture near the one at the target.
             R: flange rotation throughout, shape (3, 3).
             p: flange positions [m], shape (m, 3).
-            drift: change of the arm angle, or ways along the self-motion, from the target [rad], shape (m,).
+            drift: change of the arm angle, or distance along the self-motion, from the target [rad], shape (m,).
             target: number of the pose that is the target.
         """
 
     @abstractmethod
     def reached(self, R: FloatArray, p: FloatArray) -> tuple[BoolArray, FloatArray]:
-        """Test which poses some posture within limits reaches, and measure the miss of the others.
+        """Flag poses that a posture within limits reaches, and measure the others' miss.
 
         Args:
             R: flange rotations in the carried frame, shape (a, y, 3, 3).
@@ -219,7 +223,7 @@ class PostureSource(LimitedJoints, ABC):
         """
 
     def signed_miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
-        """Compute the distance beyond reach [m], negative where poses are too near the shoulder, shape (...)."""
+        """Compute the distance beyond reach [m], negative if too near the shoulder, (...)."""
         return self.reach_miss(R, p)
 
     def may_bend(
@@ -227,7 +231,7 @@ class PostureSource(LimitedJoints, ABC):
     ) -> BoolArray:
         """Test whether joints may be within limits near poses (k,).
 
-        The answer is yes where this family cannot prove the contrary.
+        The answer is yes if this family cannot prove the contrary.
 
         Args:
             R: flange rotations, shape (k, 3, 3).
@@ -238,16 +242,16 @@ class PostureSource(LimitedJoints, ABC):
         return np.ones(len(p), dtype=np.bool_)
 
     def proven_miss(self, R: FloatArray, p: FloatArray) -> tuple[float, float] | None:
-        """Compute the least miss of poses (y,), distance [m] and angle [rad]; None if one may be reached.
+        """Compute the least miss of poses (y,), distance [m] and angle [rad], or None.
 
-        Zeros say that the poses are in reach, but that limits leave no posture.
+        None means that a pose may be reached; zeros, that the poses are in reach but limits leave no posture.
         """
         return None
 
     def enclosure(
         self, R: FloatArray, p: FloatArray, slack: float, free_last: bool
     ) -> Enclosure | None:
-        """Compute boxes of joints about all postures within limits of a pose; None where they are unknown.
+        """Compute boxes of joints about all postures of a pose within limits, or None.
 
         Args:
             R: flange rotation in the carried frame, shape (3, 3).

@@ -1,4 +1,4 @@
-"""Self-motions of arms with one spare joint, and which postures they connect: branches."""
+"""Self-motions of arms with one redundant joint, and the branches that they connect."""
 
 from __future__ import annotations
 
@@ -11,85 +11,89 @@ from dualarm_cli.kinematics.serial_chain import SerialChain
 CURVE_STEP = 0.25
 """Distance of samples along a self-motion [rad]."""
 CURVE_SAMPLES = 40
-"""Samples each way: a length of ten radians."""
+"""Number of samples in each direction: a length of ten radians."""
 SAME_CURVE = 0.02
-"""A posture nearer than this to the chord of two samples of a self-motion lies on it [rad]: at CURVE_STEP a curve
-that bends by 2 rad per rad leaves its chord by 0.016."""
+"""Distance from a chord of samples up to which a posture is on the curve [rad].
+
+At CURVE_STEP a curve that bends by 2 rad per rad leaves its chord by 0.016.
+"""
 
 
 def self_motions(arm: SerialChain, q: FloatArray, R: FloatArray, p: FloatArray) -> FloatArray:
-    """Returns samples of the self-motions of seven-axis postures, CURVE_STEP apart, both ways, shape (s, b, n).
+    """Sample the self-motions of seven-axis postures in both directions, shape (s, b, n).
 
-    In the order of the curves, the given postures in the middle; samples beyond a limit, or after a curve has come to a
-    singularity, are nan. A curve that closes is run through more than once.
+    Samples are CURVE_STEP apart, the given postures in the middle; beyond a limit or a singularity they are nan. A
+    closed curve may be traversed more than once.
 
     Args:
-        arm: an arm with one spare joint.
+        arm: an arm with one redundant joint.
         q: postures that reach the poses [rad], shape (b, n).
         R: flange rotations, shape (b, 3, 3).
         p: flange positions [m], shape (b, 3).
     """
     W = spare_directions(arm, q)
-    both = np.concatenate([W, -W])
-    here = np.concatenate([q, q])
+    directions = np.concatenate([W, -W])
+    current = np.concatenate([q, q])
     R2, p2 = np.concatenate([R, R]), np.concatenate([p, p])
-    found = np.full((CURVE_SAMPLES + 1, *here.shape), np.nan)
-    found[0] = here
-    going = np.arange(len(here))
+    samples = np.full((CURVE_SAMPLES + 1, *current.shape), np.nan)
+    samples[0] = current
+    active = np.arange(len(current))
     for k in range(1, CURVE_SAMPLES + 1):
-        W, old = both[going], here[going]
+        W, old = directions[active], current[active]
         guess = old + CURVE_STEP * W[:, 0]
         planes = JointPlanes.through(W, guess)
-        new, met, _ = newton(arm, guess, R2[going], p2[going], planes)
+        new, met, _ = newton(arm, guess, R2[active], p2[active], planes)
         met &= arm.within_limits(new) & (np.abs(new - guess).max(axis=1) <= CURVE_STEP)
-        going, new = going[met], new[met]
-        if not len(going):
+        active, new = active[met], new[met]
+        if not len(active):
             break
-        here[going], found[k, going] = new, new
-        both[going] = _carried(arm, new, W[met])
+        current[active], samples[k, active] = new, new
+        directions[active] = _aligned_directions(arm, new, W[met])
     n = len(q)
-    return np.concatenate([found[:0:-1, n:], found[:, :n]])
+    return np.concatenate([samples[:0:-1, n:], samples[:, :n]])
 
 
 def branches(arm: SerialChain, pose: IntArray, q: FloatArray, curves: FloatArray) -> IntArray:
-    """Returns the branch of each of k seven-axis postures, shape (k,): numbers from 0 within each pose.
+    """Number the branches of seven-axis postures, from 0 within each pose, shape (k,).
 
     Postures are of one branch if self-motion within limits leads from one to the other: if one lies on the traced
-    curve of the other. That is sound where curves do not come nearer to each other than SAME_CURVE, which they do
-    only close to a singularity where branches meet.
+    curve of the other. That is sound if curves do not come nearer to each other than SAME_CURVE, as they
+    do only near a singularity at which branches meet.
 
     Args:
         arm: the arm.
-        pose: which pose each of them reaches, ascending, shape (k,).
+        pose: number of the pose that each posture reaches, ascending, shape (k,).
         q: the postures [rad], shape (k, n).
-        curves: samples of their self-motions, shape (s, k, n), nan where there is none.
+        curves: samples of their self-motions, shape (s, k, n), nan if missing.
     """
     branch = np.arange(len(pose))
     first = np.searchsorted(pose, pose)
     for d in range(1, len(pose)):
-        one, other = np.arange(len(pose) - d), np.arange(d, len(pose))
-        alike = pose[one] == pose[other]
+        first_row, second_row = np.arange(len(pose) - d), np.arange(d, len(pose))
+        alike = pose[first_row] == pose[second_row]
         if not alike.any():
             break
-        one, other = one[alike], other[alike]
-        met = _on_curve(arm, q[other], curves[:, one]) | _on_curve(arm, q[one], curves[:, other])
-        for i, j in zip(one[met].tolist(), other[met].tolist(), strict=True):
+        first_row, second_row = first_row[alike], second_row[alike]
+        met = _on_curve(arm, q[second_row], curves[:, first_row]) | _on_curve(
+            arm, q[first_row], curves[:, second_row]
+        )
+        for i, j in zip(first_row[met].tolist(), second_row[met].tolist(), strict=True):
             branch[branch == branch[j]] = branch[i]
     return branch - first
 
 
 def _on_curve(arm: SerialChain, q: FloatArray, curves: FloatArray) -> BoolArray:
-    """Returns which postures (k, n) are nearer than SAME_CURVE to chords of samples (s, k, n)."""
+    """Flag postures (k, n) nearer than SAME_CURVE to chords of samples (s, k, n)."""
     a, chord = curves[:-1], np.diff(curves, axis=0)
-    away = arm.less_turns(q - a)
+    offset = arm.less_turns(q - a)
     squared = np.maximum((chord * chord).sum(axis=2), 1e-300)
-    share = np.clip((away * chord).sum(axis=2) / squared, 0.0, 1.0)
-    distance = np.abs(away - share[..., None] * chord).max(axis=2)
+    fraction = np.clip((offset * chord).sum(axis=2) / squared, 0.0, 1.0)
+    distance = np.abs(offset - fraction[..., None] * chord).max(axis=2)
     return np.asarray((np.where(np.isnan(distance), np.inf, distance) < SAME_CURVE).any(axis=0))
 
 
-def _carried(arm: SerialChain, q: FloatArray, W: FloatArray) -> FloatArray:
-    """Returns the directions of self-motion (b, 1, n) at postures (b, n) on the side of those before."""
+def _aligned_directions(arm: SerialChain, q: FloatArray, W: FloatArray) -> FloatArray:
+    """Compute self-motion directions (b, 1, n) at postures, aligned with previous ones."""
     new = spare_directions(arm, q)
     same = np.einsum("bsn,bsn->bs", new, W)
     return new * np.where(same < 0.0, -1.0, 1.0)[..., None]

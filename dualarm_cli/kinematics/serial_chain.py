@@ -1,4 +1,4 @@
-"""Forward kinematics and Jacobians of any serial arm, for many postures at once."""
+"""Forward kinematics and Jacobians of serial arms, for many postures at once."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from dualarm_cli.kinematics.posture_source import LimitedJoints
 from dualarm_cli.records import dataclass
 
 LEAST_JOINTS = 6
-"""Joints that an arm needs to hold a tool in any pose."""
+"""Minimum number of joints to hold a tool in any pose."""
 FEW = 64
-"""Up to so many postures their chains are products of matrices (measured)."""
+"""Number of postures up to which products of matrices are faster (measured)."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class SerialChain(LimitedJoints):
 
     Every joint frame is turned so that its axis is z: frame k is R_parent_joint[k], p_parent_joint[k] in frame k - 1,
     then turned about z by joint k, or shifted along it where the joint slides. Positions of joints that slide are in m,
-    also where only rad is named; a metre counts like a radian.
+    even if only rad is stated; a metre counts like a radian.
     """
 
     R_parent_joint: FloatArray
@@ -52,7 +52,7 @@ class SerialChain(LimitedJoints):
     """Numbers of the joints that slide, from 0."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays.
+        """Freeze the arrays.
 
         Raises:
             UnsupportedError: fewer than six joints.
@@ -73,7 +73,7 @@ class SerialChain(LimitedJoints):
         T_carried_root: pin.SE3,
         limits: tuple[FloatArray, FloatArray],
     ) -> Self:
-        """Measures an arm on a pinocchio model.
+        """Measure an arm on a pinocchio model.
 
         Args:
             model: the whole robot, one position per joint.
@@ -123,7 +123,7 @@ class SerialChain(LimitedJoints):
 
     @property
     def spare(self) -> int:
-        """Number of joints beyond the six that a pose asks for: dimension of the self-motion."""
+        """Number of redundant joints: the dimension of the self-motion."""
         return self.axes - LEAST_JOINTS
 
     @cached_property
@@ -148,8 +148,8 @@ class SerialChain(LimitedJoints):
         It is measured from the first axis' origin.
         """
         slides = list(self.slides)
-        ways = np.maximum(np.abs(self.lower[slides]), np.abs(self.upper[slides]))
-        return self.length + float(ways.sum())
+        travel = np.maximum(np.abs(self.lower[slides]), np.abs(self.upper[slides]))
+        return self.length + float(travel.sum())
 
     def forward(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Compute flange poses.
@@ -249,14 +249,14 @@ class SerialChain(LimitedJoints):
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         n, b = q.shape[1], len(q)
         c, s = (x.T for x in self._turned(q))
-        # Columns of the frame so far, each (3, b), and where it is.
+        # Columns of the present frame, each (3, b), and its origin.
         frame = np.repeat(np.eye(3)[:, :, None], b, axis=2)
         p = np.zeros((3, b))
         z, origin = np.empty((3, n, b)), np.empty((3, n, b))
         for k, step in enumerate(self._steps):
-            # Columns of the next frame and the way to it are combinations of the columns so far.
-            x, y, z_next, way = product(step[:3].T, frame.reshape(3, -1)).reshape(4, 3, b)
-            p = p + way
+            # Columns of the next frame and the step to it are combinations of the present columns.
+            x, y, z_next, step_to_next = product(step[:3].T, frame.reshape(3, -1)).reshape(4, 3, b)
+            p = p + step_to_next
             if k == n:
                 break
             if k in self.slides:
@@ -268,7 +268,7 @@ class SerialChain(LimitedJoints):
 
     @cached_property
     def meeting_point(self) -> FloatArray:
-        """The point nearest to the last three axes, all joints at zero [m], shape (3,)."""
+        """Point nearest to the last three axes, all joints at zero [m], shape (3,)."""
         _, points, across = self._last_axes
         # Three parallel axes leave the place along them open.
         center: FloatArray = least_squares(
@@ -285,12 +285,12 @@ class SerialChain(LimitedJoints):
 
     @cached_property
     def parallel_deviation(self) -> float:
-        """Largest sine of the angles of axes 2, 3 and 4: 0 where the three are parallel."""
+        """Largest sine of the angles of axes 2, 3 and 4, 0 if parallel."""
         return parallel_deviation(self._chain(np.zeros((1, self.axes)))[2][:, :, 0].T)
 
     @cached_property
     def _last_axes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The last three axes, points on them [m], and projections across them, all joints at zero."""
+        """Last three axes, points on them [m] and projections across them, joints at zero."""
         _, _, z, origin = self._chain(np.zeros((1, self.axes)))
         axes, points = z[:, -3:, 0].T, origin[:, -3:, 0].T
         return axes, points, np.eye(3) - axes[:, :, None] * axes[:, None, :]

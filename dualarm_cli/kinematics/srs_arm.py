@@ -1,4 +1,4 @@
-"""Closed-form forward and inverse kinematics of a spherical-revolute-spherical arm."""
+"""Closed-form kinematics of spherical-revolute-spherical (SRS) arms."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ from dualarm_cli.kinematics.srs.srs_canonical import SrsCanonical
 from dualarm_cli.records import dataclass
 
 ARM_ANGLES = 36
-"""Arm angles around the circle at which postures are computed."""
+"""Number of arm angles around the circle at which postures are computed."""
 ELBOWS, TINY = 60, 1e-9
-"""Elbows examined on their circle, and least divisor [m]."""
+"""Number of elbows examined on their circle, and least divisor [m]."""
 
 
 @dataclass(frozen=True)
 class SrsSolutions:
-    """All postures of many targets."""
+    """Postures of targets, all branches."""
 
     q: FloatArray
-    """Joints [rad] in (-pi, pi], shape (..., 8, 7); zeros where out of reach."""
+    """Joints [rad] in (-pi, pi], shape (..., 8, 7), zeros out of reach."""
     reachable: BoolArray
-    """Whether the target is within reach, joint limits apart, shape (...)."""
+    """Flags of targets within reach, without joint limits, shape (...)."""
 
 
 @dataclass(frozen=True)
 class SrsArm(PostureSource):
     """Forward and inverse kinematics of one arm in its base frame.
 
-    The arm angle psi says where the elbow is on its circle about the line from shoulder to wrist.
+    The arm angle psi is the position of the elbow on its circle about the line from shoulder to wrist.
     It is counted from a direction that is carried along from the first axis by the smallest
     rotation (`reference_directions`): continuous everywhere but where the wrist lies behind the
     shoulder on the first axis. All eight branches of one psi have their elbow at the same place.
@@ -75,7 +75,7 @@ class SrsArm(PostureSource):
     reach_step = np.radians(1.0)
 
     def __post_init__(self) -> None:
-        """Freezes the arrays.
+        """Freeze the arrays.
 
         Raises:
             UnsupportedError: the geometry is not SRS.
@@ -91,41 +91,48 @@ class SrsArm(PostureSource):
 
     @cached_property
     def canonical(self) -> SrsCanonical:
-        """Signs, offsets and frames that make the arm a chain Z Y Z Y Z Y Z."""
+        """Canonical form of the arm: a chain Z Y Z Y Z Y Z."""
         return SrsCanonical.of(self.geometry)
 
     @cached_property
     def numbers(self) -> FloatArray:
-        """The arm for the compiled functions: `Arm` of `compiled/src/srs.c`."""
-        own, geometry = self.canonical, self.geometry
-        parts = (own.B.ravel(), own.C.ravel(), geometry.shoulder, geometry.p_flange_wrist)
+        """Numbers of the arm for compiled functions: `Arm` of `compiled/src/srs.c`."""
+        canonical, geometry = self.canonical, self.geometry
+        parts = (
+            canonical.B.ravel(),
+            canonical.C.ravel(),
+            geometry.shoulder,
+            geometry.p_flange_wrist,
+        )
         links = [geometry.upper, geometry.fore]
         return readonly(
-            np.concatenate([*parts, links, own.sign, own.offset, self.lower, self.upper])
+            np.concatenate(
+                [*parts, links, canonical.sign, canonical.offset, self.lower, self.upper]
+            )
         )
 
     @cached_property
     def chain(self) -> tuple[FloatArray, BoolArray]:
-        """Constant steps from joint to joint, shape (8, 3, 4), and that no joint slides, shape (7,).
+        """Constant transforms between joints, (8, 3, 4), and flags of sliding joints, (7,).
 
         Rotation and position [m] of each joint at zero in the one before, and of the flange in the last one. All turn
         about their z axes: Y(q + offset) of the canonical form is M Z(q + offset) M^T.
         """
-        own, geometry = self.canonical, self.geometry
+        canonical, geometry = self.canonical, self.geometry
         # M takes z to y; a half turn about x reverses the turn about z.
         M, reverse = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.diag([1.0, -1.0, -1.0])
-        ways = {3: geometry.upper, 5: geometry.fore}
-        steps, before = np.zeros((8, 3, 4)), own.B
+        link_lengths = {3: geometry.upper, 5: geometry.fore}
+        steps, before = np.zeros((8, 3, 4)), canonical.B
         steps[0, :, 3] = geometry.shoulder
-        for k, (sign, offset) in enumerate(zip(own.sign, own.offset, strict=True)):
+        for k, (sign, offset) in enumerate(zip(canonical.sign, canonical.offset, strict=True)):
             swap = M if k % 2 else np.eye(3)
             half = reverse if sign < 0.0 else np.eye(3)
             steps[k, :, :3] = product(before, swap, half)
-            if k in ways:
-                steps[k, :, 3] = product(before, np.array([0.0, 0.0, ways[k]]))
+            if k in link_lengths:
+                steps[k, :, 3] = product(before, np.array([0.0, 0.0, link_lengths[k]]))
             c, s = cos(offset), sin(offset)
             before = product(half, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), swap.T)
-        steps[7, :, :3] = product(before, own.C)
+        steps[7, :, :3] = product(before, canonical.C)
         steps[7, :, 3] = product(-steps[7, :, :3], geometry.p_flange_wrist)
         return readonly(steps), np.zeros(7, dtype=np.bool_)
 
@@ -155,7 +162,7 @@ class SrsArm(PostureSource):
         return least, most
 
     def forward(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns flange rotations (..., 3, 3) and positions (..., 3) [m] for joints (..., 7)."""
+        """Compute flange rotations (..., 3, 3) and positions (..., 3) [m] of joints (..., 7)."""
         q = np.asarray(q, dtype=np.float64)
         shape = q.shape[:-1]
         columns, upper, fore, _ = self.canonical.chain(q)
@@ -166,7 +173,7 @@ class SrsArm(PostureSource):
         return R.T.reshape(*shape, 3, 3), p.T.reshape(*shape, 3)
 
     def wrist_center(self, R: FloatArray, p: FloatArray) -> FloatArray:
-        """Returns the wrist centre [m], shape (..., 3), of flange poses (..., 3, 3), (..., 3)."""
+        """Compute the wrist centre [m], shape (..., 3), of flange poses."""
         return p + product(R, self.geometry.p_flange_wrist)
 
     fixed_point = wrist_center
@@ -181,7 +188,7 @@ class SrsArm(PostureSource):
         return direction, self.geometry.p_flange_wrist
 
     def elbow(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the elbow [m] and the axis of joint 4 through it, base frame, (..., 3) each, of joints (..., 7)."""
+        """Compute the elbow [m] and the axis of joint 4 in the base frame, (..., 3) each."""
         _, upper, _, normal = self.canonical.chain(q)
         bend = self.canonical.sign[3] * q[..., 3] + self.canonical.offset[3]
         turned = np.where(sin(bend) < 0.0, -1.0, 1.0)[..., None]
@@ -192,7 +199,7 @@ class SrsArm(PostureSource):
         return self.geometry.shoulder + self.geometry.upper * upper, turned * normal
 
     def elbow_interior_angle(self, q4: FloatArray) -> FloatArray:
-        """Returns the angle between upper arm and forearm [rad], pi where stretched, shape (...).
+        """Compute the angle between upper arm and forearm [rad], pi if stretched, (...).
 
         Args:
             q4: joint 4 [rad], shape (...).
@@ -200,7 +207,7 @@ class SrsArm(PostureSource):
         return np.pi - np.abs(srs_limits.wrap(np.asarray(q4) + self.canonical.offset[3]))
 
     def reach_miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
-        """Returns how far flange poses are beyond `reach` [m], shape (...); 0 within.
+        """Compute the distance of flange poses beyond `reach` [m], shape (...), 0 within.
 
         Args:
             R: flange rotations in the base frame, shape (..., 3, 3).
@@ -214,8 +221,8 @@ class SrsArm(PostureSource):
 
         Where joint i meets a limit L, one equation A sin psi + B cos psi + C = 0 holds: for joints 1,
         3, 5, 7 num(psi) cos L - den(psi) sin L = 0, for joints 2 and 6 cos theta(psi) = cos(L +
-        offset); all eight branches share them. Their roots cut the circle into arcs on each of which
-        every joint is either within or beyond its limits: the midpoint decides exactly. [Shimizu2008]
+        offset); all eight branches share them. Their roots cut the circle into arcs, and on an arc
+        each joint is either within or beyond its limits: the midpoint decides exactly. [Shimizu2008]
         has the idea; arcs instead of case distinctions, whole turns and exact singularities are our
         own.
 
@@ -235,7 +242,7 @@ class SrsArm(PostureSource):
         )
 
     def curves(self, R: FloatArray, p: FloatArray) -> ArmAngleCurves:
-        """Returns the joints of targets (...) as functions of the arm angle.
+        """Compute the joints of targets (...) as functions of the arm angle.
 
         Args:
             R: flange rotations in the base frame, shape (..., 3, 3).
@@ -254,7 +261,7 @@ class SrsArm(PostureSource):
         return ArmAngleCurves.of(self.canonical, plane)
 
     def solve(self, R: FloatArray, p: FloatArray, psi: FloatArray | float) -> SrsSolutions:
-        """Returns all eight branches.
+        """Solve for all eight branches of flange poses.
 
         Args:
             R: flange rotations in the base frame, shape (..., 3, 3).
@@ -268,7 +275,7 @@ class SrsArm(PostureSource):
     def solve_branch(
         self, R: FloatArray, p: FloatArray, psi: FloatArray | float, branch: IntArray
     ) -> tuple[FloatArray, BoolArray]:
-        """Returns joints (..., 7) of one branch per element and whether it is within reach (...).
+        """Solve for joints (..., 7) of one branch per element, with flags of reach (...).
 
         Args:
             R: flange rotations in the base frame, shape (..., 3, 3).
@@ -284,7 +291,7 @@ class SrsArm(PostureSource):
     def postures(
         self, R: FloatArray, p: FloatArray, *, first_only: bool = False, thorough: bool = True
     ) -> ReachedPostures:
-        """Compute postures within limits at many arm angles, or in the middle of each feasible interval."""
+        """Compute postures within limits, at many arm angles or one per feasible interval."""
         if thorough:
             psi = np.linspace(-np.pi, np.pi, ARM_ANGLES, endpoint=False)[:, None]
             every = np.arange(8, dtype=np.int64)
@@ -312,7 +319,7 @@ class SrsArm(PostureSource):
     def follow_line(
         self, posture: Posture, pose: ToolPose, length: float, psi_end: float, samples: int
     ) -> FloatArray:
-        """Compute the joints along a straight line of the tool; `psi_end` is the arm angle at its end."""
+        """Compute joints along a straight tool line; `psi_end` is the arm angle at its end."""
         R, p, z = (x[None] for x in pose)
         psi, lengths = np.array([[posture.psi, psi_end, psi_end]]), np.array([[0.0, length]])
         lines = compiled.LinePair(
@@ -345,7 +352,7 @@ class SrsArm(PostureSource):
     def signed_miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
         """Compute the wrist's signed distance beyond `reach` [m], shape (...).
 
-        It is negative where the wrist is too near the shoulder, and 0 within reach.
+        It is negative if the wrist is too near the shoulder, and 0 within reach.
         """
         least, most = self.reach
         distance = norm(self.wrist_center(R, p) - self.geometry.shoulder, axis=-1)
@@ -362,19 +369,19 @@ class SrsArm(PostureSource):
     ) -> BoolArray:
         """Return whether joints 2 and 6 may be within limits near poses (k,).
 
-        The elbow is on a circle about the line from shoulder to wrist; both joints bend by what its place says.
+        The elbow is on a circle about the line from shoulder to wrist; its position decides how far both joints bend.
 
         Args:
             R: flange rotations, shape (k, 3, 3).
             p: flange positions [m], shape (k, 3).
-            moved: how far the wrist may be from there [m], shape (k,).
-            turned: how far the flange may be turned from there [rad], shape (k,).
+            moved: largest distance of the wrist from there [m], shape (k,).
+            turned: largest turn of the flange from there [rad], shape (k,).
         """
         upper, fore = self.geometry.upper, self.geometry.fore
         to_wrist = self.wrist_center(R, p) - self.geometry.shoulder
         distance = np.maximum(norm(to_wrist, axis=1), TINY)
         along = to_wrist / distance[:, None]
-        # The circle's middle on the line, its radius, and how far the wrist's motion shifts and widens it.
+        # The circle's middle on the line, its radius, and its shift and widening by the wrist's motion.
         links = upper * upper - fore * fore
         middle = 0.5 * (distance + links / distance)
         radius = np.sqrt(np.maximum(0.0, upper * upper - middle * middle))
@@ -409,12 +416,12 @@ class SrsArm(PostureSource):
         return float(np.abs(ends - TURN * np.round(ends / TURN)).max())
 
     def branch(self, q: FloatArray) -> IntArray:
-        """Returns the branch of postures (..., 7), shape (...)."""
+        """Compute the branch of postures (..., 7), shape (...)."""
         bits = [srs_limits.wrap(q[..., i] + self.canonical.offset[i]) < 0.0 for i in (3, 1, 5)]
         return np.asarray(4 * bits[0] + 2 * bits[1] + bits[2], dtype=np.int64)
 
     def arm_angle(self, q: FloatArray) -> FloatArray:
-        """Returns the arm angle [rad] of postures (..., 7), shape (...).
+        """Compute the arm angle [rad] of postures (..., 7), shape (...).
 
         It follows from the elbow's axis, so that the stretched and the folded arm have one too.
         """
@@ -433,7 +440,9 @@ class SrsArm(PostureSource):
 def _targets(
     R: FloatArray, p: FloatArray, psi: FloatArray | float, also: tuple[int, ...] = ()
 ) -> tuple[tuple[FloatArray, FloatArray], tuple[IntArray, FloatArray], tuple[int, ...]]:
-    """Returns flange poses in a row, pose and arm angle of every element in a row, and the shape of all elements.
+    """Flatten flange poses, and the pose and arm angle of each element.
+
+    The last result is the shape of the elements.
 
     Args:
         R: flange rotations, shape (..., 3, 3).
@@ -441,21 +450,21 @@ def _targets(
         psi: arm angles, shape (...); all three are broadcast.
         also: a further shape to broadcast against.
     """
-    own = np.broadcast_shapes(np.shape(R)[:-2], np.shape(p)[:-1])
-    shape = np.broadcast_shapes(own, np.shape(psi), also)
+    pose_shape = np.broadcast_shapes(np.shape(R)[:-2], np.shape(p)[:-1])
+    shape = np.broadcast_shapes(pose_shape, np.shape(psi), also)
     poses = (
-        np.broadcast_to(R, (*own, 3, 3)).reshape(-1, 3, 3),
-        np.broadcast_to(p, (*own, 3)).reshape(-1, 3),
+        np.broadcast_to(R, (*pose_shape, 3, 3)).reshape(-1, 3, 3),
+        np.broadcast_to(p, (*pose_shape, 3)).reshape(-1, 3),
     )
-    index = np.broadcast_to(np.arange(len(poses[0])).reshape(own), shape).ravel()
+    index = np.broadcast_to(np.arange(len(poses[0])).reshape(pose_shape), shape).ravel()
     return poses, (index, np.broadcast_to(psi, shape).astype(np.float64).ravel()), shape
 
 
 def closed_form(arm: PostureSource) -> SrsArm:
-    """Returns an arm if it is spherical-revolute-spherical.
+    """Return an arm if it is spherical-revolute-spherical.
 
     Raises:
-        UnsupportedError: it is another one.
+        UnsupportedError: the arm is of another family.
     """
     if not isinstance(arm, SrsArm):
         raise UnsupportedError(

@@ -43,7 +43,7 @@ class CurveTolerances:
     singular: float = 1e-12
     """Sine of a middle joint below which its triple counts as singular: its first joint is then 0."""
     slack: float = 1e-11
-    """How far a wrist centre may be out of reach by rounding [m]."""
+    """Rounding tolerance of a wrist centre's reach [m]."""
 
 
 CURVES = CurveTolerances()
@@ -75,13 +75,13 @@ class ArmPlane:
     bend: FloatArray
     """Angle between upper arm and forearm [rad], 0 when stretched, shape (...)."""
     reachable: BoolArray
-    """Whether the links reach, shape (...)."""
+    """Flags of targets that the links reach, shape (...)."""
     R: FloatArray
     """Canonical flange rotation, shape (3, 3, ...), broadcast against the vectors."""
 
     @classmethod
     def of(cls, w: FloatArray, R: FloatArray, upper: float, fore: float) -> ArmPlane:
-        """Returns the arm planes of wrist centres.
+        """Compute the arm planes of wrist centres.
 
         The law of cosines gives the bend; sine by Heron's product, so that no digits are lost near
         the stretched and the folded arm. Directions follow from the bend, not from |w|, so that
@@ -137,7 +137,7 @@ class ArmPlane:
         )
 
     def select(self, chosen: BoolArray) -> ArmPlane:
-        """Returns the planes of the chosen elements, one after the other.
+        """Select the planes of the chosen elements, one after the other.
 
         Args:
             chosen: mask of a shape that this broadcasts to.
@@ -156,7 +156,7 @@ class ArmPlane:
         )
 
     def triples(self, sin: FloatArray, cos: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the rotations of shoulder and wrist triple, (3, 3, ...), for a positive bend.
+        """Compute the rotations of shoulder and wrist triple, (3, 3, ...), for a positive bend.
 
         Args:
             sin: sine of the arm angle, shape (...).
@@ -176,14 +176,14 @@ class ArmPlane:
 
 
 def _chosen(values: NDArray[Scalar], leading: int, chosen: BoolArray) -> NDArray[Scalar]:
-    """Returns the chosen elements of values with a number of component axes in front."""
+    """Select elements of values behind a number of component axes."""
     head, tail = values.shape[:leading], values.shape[leading:]
     padded = values.reshape((*head, *(1,) * (chosen.ndim - len(tail)), *tail))
     return np.broadcast_to(padded, (*head, *chosen.shape))[..., chosen]
 
 
 def reference_directions(u: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns r and t = u × r, (3, ...) each: where psi = 0 and psi = pi/2 point, seen along u.
+    """Compute the directions r (psi = 0) and t = u × r (psi = pi/2), (3, ...) each.
 
     r is the base's x axis carried along by the smallest rotation that takes z (the first axis) to
     u. It is continuous for all u but one, -z: no reference can do better, as there is no continuous
@@ -215,17 +215,17 @@ class ArmAngleCurves:
     """
 
     plane: ArmPlane
-    """What the coefficients were made of."""
+    """Arm planes of the targets."""
     canonical: SrsCanonical
-    """Signs and offsets."""
+    """Signs and offsets of the arm."""
     turning: FloatArray
-    """Shape (4, 2, 3, ...)."""
+    """Coefficients of the arc-tangent joints, shape (4, 2, 3, ...)."""
     bending: FloatArray
-    """Shape (2, 3, ...)."""
+    """Coefficients of the arc-cosine joints, shape (2, 3, ...)."""
 
     @classmethod
     def of(cls, canonical: SrsCanonical, plane: ArmPlane) -> ArmAngleCurves:
-        """Returns the curves of targets (...)."""
+        """Compute the curves of targets (...)."""
         (x, y, z), (rx, ry, rz), (tx, ty, tz) = plane.u, plane.r, plane.t
         ca, sa, cf, sf = plane.cos_a, plane.sin_a, plane.cos_f, plane.sin_f
         (k0u, k1u, k2u), (k0r, k1r, k2r), (k0t, k1t, k2t) = plane.R_plane
@@ -254,7 +254,7 @@ class ArmAngleCurves:
         return cls(plane, canonical, turning, bending)
 
     def pairs(self, sin: FloatArray, cos: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-        """Returns both values of joints 1 to 7 in (-pi, pi] [rad]: as it is, and flipped.
+        """Compute both values of joints 1 to 7 in (-pi, pi] [rad]: plain and flipped.
 
         `flips` says which of the two a branch has.
 
@@ -278,7 +278,7 @@ class ArmAngleCurves:
         return pairs
 
     def angles(self, sin: FloatArray, cos: FloatArray) -> list[FloatArray]:
-        """Returns joints 1 to 7 [rad], each (...), of the branch with theta2, theta6 >= 0.
+        """Compute joints 1 to 7 [rad], each (...), of the branch with theta2, theta6 >= 0.
 
         Joints 1, 3, 5, 7 in (-pi, pi]; for 2, 4, 6 the canonical theta in [0, pi].
 
@@ -318,7 +318,7 @@ class ArmAngleCurves:
         q: list[FloatArray],
         middle: list[FloatArray],
     ) -> None:
-        """Overwrites a triple's outer joints where its middle joint is all but 0 or pi.
+        """Overwrite a triple's outer joints if its middle joint is nearly 0 or pi.
 
         The outer joints are each ill-determined there, their sum (or difference) is not: the last
         one is computed from the first, which is set to 0 where nothing determines it.
@@ -343,7 +343,7 @@ class ArmAngleCurves:
 
 
 def flips(joint: int, branch: IntArray) -> BoolArray:
-    """Returns whether branches (...) take the second of a joint's two values, shape (...).
+    """Return whether branches (...) take the second of a joint's two values, shape (...).
 
     Args:
         joint: counted from 0.
@@ -355,7 +355,7 @@ def flips(joint: int, branch: IntArray) -> BoolArray:
 
 
 def _settle(canonical: SrsCanonical, plane: ArmPlane, turning: FloatArray) -> None:
-    """Overwrites the curves of triples that are singular at every arm angle: a stretched arm.
+    """Overwrite the curves of triples that are singular at each arm angle: a stretched arm.
 
     Their outer joints turn about one line: the first is 0 and the last has all of the turn.
     """
@@ -382,7 +382,7 @@ def _settle(canonical: SrsCanonical, plane: ArmPlane, turning: FloatArray) -> No
 def _overwrite(
     turning: FloatArray, chosen: BoolArray, rows: list[list[FloatArray]], theta: float
 ) -> None:
-    """Writes a constant first joint and the given rows of the last one where chosen."""
+    """Set a constant first joint and the given rows of the last one for chosen elements."""
     # Short, so that the sine of the middle joint, which is their length, stays next to nothing.
     first = np.square(CURVES.singular) * np.array([elementary.sin(theta), elementary.cos(theta)])
     for k in range(2):
@@ -398,7 +398,7 @@ def _set(
 
 
 def _at(row: FloatArray, sin: FloatArray, cos: FloatArray) -> FloatArray:
-    """Returns A sin + B cos + C."""
+    """Compute A sin + B cos + C."""
     value: FloatArray = row[0] * sin
     value = value + row[1] * cos
     value += row[2]

@@ -25,12 +25,12 @@ class ArmAngleIntervals:
     """First arm angle of each interval in [-pi, pi], ascending [rad], shape (..., 8, k); NaN where
     there are fewer."""
     end: FloatArray
-    """Last arm angle, greater than `start` by at most a full turn [rad], shape (..., 8, k)."""
+    """Last arm angle of each interval, within a turn of `start` [rad], shape (..., 8, k)."""
     count: IntArray
     """Number of intervals, shape (..., 8)."""
 
     def contains(self, psi: FloatArray) -> BoolArray:
-        """Returns whether each branch holds arm angles, shape (..., 8).
+        """Return whether arm angles are in an interval of each branch, shape (..., 8).
 
         Args:
             psi: arm angles [rad], broadcast against (...).

@@ -11,14 +11,14 @@ from dualarm_cli.geometry.products import norm, product
 from dualarm_cli.records import dataclass
 
 ZERO = 1e-12
-"""Offsets below this are rounding of the robot description and count as none [rad]."""
+"""Offset below which a joint has none, by rounding of the URDF [rad]."""
 LEANING = 1e-9
-"""An outer axis this close to a right angle with its link keeps the sign it has."""
+"""Cosine between an outer axis and its link below which the sign stays."""
 
 
 @dataclass(frozen=True)
 class SrsCanonical:
-    """Joints theta = sign q + offset, with which the flange rotation is B Z Y Z Y Z Y Z C.
+    """Canonical form of an SRS arm: flange rotation B Z Y Z Y Z Y Z C, theta = sign q + offset.
 
     Z(theta1) Y(theta2) Z(theta3) orients the upper arm, Y(theta4) bends the elbow, and the last
     triple is the wrist; each link lies along the z axis before it, so that theta4 = 0 is the
@@ -39,13 +39,13 @@ class SrsCanonical:
     """Flange in the last canonical frame, shape (3, 3)."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("sign", "offset", "B", "C"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
     @classmethod
     def of(cls, geometry: SrsGeometry) -> SrsCanonical:
-        """Returns the canonical form of an SRS geometry.
+        """Compute the canonical form of an SRS geometry.
 
         Args:
             geometry: of an SRS arm; deviations are absorbed link by link, so that all frames stay
@@ -73,7 +73,7 @@ class SrsCanonical:
         return cls(sign, offset, B, product(frame.T, geometry.R_flange))
 
     def chain(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Returns flange columns (3, 3, n), directions of upper arm and forearm, and elbow normal.
+        """Compute flange columns (3, 3, n), directions of upper arm and forearm, elbow normal.
 
         Everything is in the canonical base frame; the flange is column by column: [:, j] is column
         j. The normal is joint 4's axis, turned over where theta4 < 0, shape (3, n) like the
@@ -102,21 +102,21 @@ def _turn_bend(
     s_bend: FloatArray,
     c_bend: FloatArray,
 ) -> tuple[FloatArray, ...]:
-    """Returns the columns of frame · Z(turn) · Y(bend), (3, n) each."""
+    """Compute the columns of frame · Z(turn) · Y(bend), (3, n) each."""
     x, y, z = frame
     x, y = c_turn * x + s_turn * y, c_turn * y - s_turn * x
     return c_bend * x - s_bend * z, y, s_bend * x + c_bend * z
 
 
 def _swing(frame: FloatArray, direction: FloatArray) -> tuple[FloatArray, float]:
-    """Returns the frame turned about its y until z points along a direction, and the angle."""
+    """Turn a frame about its y until z points along a direction; return frame and angle."""
     angle = float(arctan2(product(direction, frame[:, 0]), product(direction, frame[:, 2])))
     c, s = cos(angle), sin(angle)
     return product(frame, np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])), angle
 
 
 def _twist(frame: FloatArray, direction: FloatArray) -> tuple[FloatArray, float]:
-    """Returns the frame turned about its z until y points along a direction, and the angle."""
+    """Turn a frame about its z until y points along a direction; return frame and angle."""
     angle = float(arctan2(-product(direction, frame[:, 0]), product(direction, frame[:, 1])))
     c, s = cos(angle), sin(angle)
     return product(frame, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])), angle

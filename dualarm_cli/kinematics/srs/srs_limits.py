@@ -1,4 +1,4 @@
-"""Joint angles modulo whole turns, and which turn of an angle lies within joint limits."""
+"""Joint angles modulo whole turns, and turns within joint limits."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.elementary import TURN
 
 LIMIT_SLACK = 1e-10
-"""How far an angle may pass a limit by rounding [rad]."""
+"""Rounding tolerance of position limits [rad]."""
 
 
 def wrap(angle: FloatArray) -> FloatArray:
-    """Returns angles in (-pi, pi], shape (...).
+    """Wrap angles to (-pi, pi], shape (...).
 
     Args:
         angle: [rad], shape (...).
@@ -24,7 +24,7 @@ def wrap(angle: FloatArray) -> FloatArray:
 
 
 def within_limits(q: FloatArray, lower: FloatArray, upper: FloatArray) -> BoolArray:
-    """Returns whether all joints are within their limits as they stand, shape (...).
+    """Return whether all joints are within their limits, shape (...).
 
     Args:
         q: joints [rad], shape (..., n).
@@ -38,7 +38,7 @@ def within_limits(q: FloatArray, lower: FloatArray, upper: FloatArray) -> BoolAr
 
 
 def some_turn_within(angle: FloatArray, lower: float, upper: float) -> BoolArray:
-    """Returns whether an angle, whole turns added, can lie within limits, shape (...).
+    """Return whether an angle modulo whole turns can lie within limits, shape (...).
 
     Args:
         angle: [rad], shape (...).
@@ -54,7 +54,7 @@ def some_turn_within(angle: FloatArray, lower: float, upper: float) -> BoolArray
 def nearest_turns(
     q: FloatArray, reference: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
-    """Returns q with whole turns added: nearest to the reference among those within limits.
+    """Add whole turns to q: nearest to the reference among those within limits.
 
     A joint that no turn brings within its limits keeps its value.
 
