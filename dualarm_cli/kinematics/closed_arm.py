@@ -247,7 +247,7 @@ class ClosedArm(GeneralArm):
         return (branch, low, high) if len(low) else None
 
     def proven_miss(self, R: FloatArray, p: FloatArray) -> tuple[float, float] | None:
-        """Compute the least miss of poses, or None if one is reached or a joint is free."""
+        """Compute the least miss of poses, or None if reached or singular."""
         # Of a free joint only samples are known, which prove nothing.
         if self.solve(R, p).singular.any():
             return None

@@ -42,8 +42,9 @@ def manipulability_rates(
 ) -> ManipulabilityRates:
     """Compute log M of the stacked Jacobians of tools, with gradient and rate.
 
-    M does not depend on the points of the tools that the Jacobians are for, so they are for the world's origin: then the columns are the screws themselves, and their derivatives are Lie brackets, dS_j/dq_i = [S_i, S_j] for a joint i that
-    carries joint j and 0 else (the kinematic Hessian in closed form). With the pseudo-inverse J+ of n rows W_j,
+    M does not depend on the points of the tools that the Jacobians are for. Here that is the world's origin, so that
+    the columns are the screws themselves, and their derivatives are Lie brackets, dS_j/dq_i = [S_i, S_j] for a joint i
+    that carries joint j and 0 else (the kinematic Hessian in closed form). With the pseudo-inverse J+ of n rows W_j,
     d log M / dq_i = tr(dJ/dq_i J+) (half of [Zhang2024] Eq. 11's first line, which is twice the true derivative)
     = S_i . sum over j carried by i of P_j, P_j = -ad(S_j)^T W_j. The rate is its total derivative, with dJ+/dt of
     Eq. 16.
@@ -86,6 +87,6 @@ def _stacked(S: FloatArray, moves: BoolArray) -> FloatArray:
 
 
 def _folded(plus: FloatArray, moves: BoolArray) -> FloatArray:
-    """Sum the rows of J+ (n, 6 a) over the tools that each joint moves, shape (n, 6)."""
+    """Sum the rows of J+ (n, 6 a) over each joint's tools, shape (n, 6)."""
     folded: FloatArray = (plus.reshape(len(plus), len(moves), 6) * moves.T[:, :, None]).sum(axis=1)
     return folded

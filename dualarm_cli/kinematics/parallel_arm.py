@@ -1,4 +1,7 @@
-"""Closed-form inverse kinematics of six-axis arms whose axes 2, 3 and 4 are parallel, as those of Universal Robots."""
+"""Closed-form inverse kinematics of six-axis arms with parallel axes 2, 3 and 4.
+
+Arms of Universal Robots are of this family.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +55,7 @@ class ParallelArmTolerances:
     reach_slack: float = 1e-11
     """Rounding tolerance of the reachability test [m]."""
     tiny: float = 1e-12
-    """A point nearer to an axis than this does not tell the angle about it [m]."""
+    """Distance from an axis below which a point has no angle about it [m]."""
 
 
 PARALLEL = ParallelArmTolerances()
@@ -63,21 +66,21 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class _FirstTurns:
-    """Four values of joint 1 for each of b poses, each with one of the two values of joint 5."""
+    """Four values of joint 1 for each of b poses, with solutions of joint 5."""
 
     q1: FloatArray
     """Joint 1 [rad], finite everywhere, shape (b, 4)."""
-    way: IntArray
-    """Which of the turns of `three_turns`, shape (b, 4)."""
+    solution: IntArray
+    """Number of the solution of `three_turns`, shape (b, 4)."""
     reachable: BoolArray
-    """Which of them exist, shape (b, 4)."""
+    """Flags of values that exist, shape (b, 4)."""
     free: BoolArray
-    """Where joint 1 took its reference, shape (b, 4)."""
+    """Flags of a free joint 1 at its reference, shape (b, 4)."""
 
 
 @dataclass(frozen=True)
 class ParallelArm(ClosedArm):
-    """A ClosedArm whose axes 2, 3 and 4 are parallel.
+    """Six-axis arm whose axes 2, 3 and 4 are parallel.
 
     The direction n of these axes turns with joint 1 alone, seen from the base, and with joints 5 and 6 alone, seen from
     the tool; and joints 2, 3, 4 do not move anything along it. So with a point P of axis 6 and that axis' direction w,
@@ -90,7 +93,7 @@ class ParallelArm(ClosedArm):
 
     Branch = 2 * slot + elbow. Elbow is 1 where the second link is turned clockwise about axis 2 against the first one.
     Where axes 5 and 6 meet, slot is 2 * (joint 1 beyond its middle) + (joint 5 on the negative side of where axes 4 and
-    6 are nearest to each other); elsewhere joint 1 tells, as joint 3 does in `point_postures`.
+    6 are nearest to each other); otherwise joint 1 decides, as joint 3 does in `point_postures`.
 
     A joint is free, and takes its reference, where P is on axis 1 (joint 1) and, with equal links, where axes 2 and 4
     coincide (joint 2). Where axes 4 and 6 are aligned the sum of joints 2 to 4, with signs, is that of the reference,
@@ -98,7 +101,7 @@ class ParallelArm(ClosedArm):
     """
 
     def _problem(self) -> str:
-        """Returns why there are no closed forms, or nothing."""
+        """Explain why the axes have no closed forms of this family, or return ''."""
         if self.parallel_deviation > SRS_TOLERANCE:
             return (
                 f"its axes 2, 3 and 4 are not parallel by {self.parallel_deviation:.3g} rad "
@@ -118,22 +121,22 @@ class ParallelArm(ClosedArm):
 
     @cached_property
     def signs(self) -> tuple[float, float]:
-        """Whether axes 3 and 4 point as axis 2 does (1) or against it (-1)."""
+        """Signs of axes 3 and 4 along axis 2."""
         third = 1.0 if self.R_parent_joint[2][2, 2] > 0.0 else -1.0
         return third, third * (1.0 if self.R_parent_joint[3][2, 2] > 0.0 else -1.0)
 
     @cached_property
     def _feet(self) -> tuple[float, FloatArray]:
-        """Foot of the common normal of axes 5 and 6 along axis 5 [m], and the normal in frame 5 [m], shape (3,)."""
+        """Common normal of axes 5 and 6: offset along axis 6 [m], foot in frame 5 [m]."""
         across, p = self.R_parent_joint[5][:, 2], self.p_parent_joint[5]
         shift = -float(product(p[:2], across[:2])) / float(product(across[:2], across[:2]))
-        # Along axis 6 by `shift`: what is left across axis 5 is the normal.
+        # After a shift along axis 6 the remainder across axis 5 is the normal.
         foot = p + shift * across
         return shift, readonly(foot)
 
     @cached_property
     def _normal(self) -> FloatArray:
-        """Common normal from axis 5 to axis 6 in frame 5, joint 6 at zero [m], shape (3,)."""
+        """Common normal from axis 5 to axis 6 in frame 5 [m], shape (3,)."""
         foot = self._feet[1]
         return readonly(np.array([foot[0], foot[1], 0.0]))
 
@@ -143,20 +146,23 @@ class ParallelArm(ClosedArm):
 
     @cached_property
     def _chain_of_links(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Steps from axis 2 to 3, 3 to 4, and 4 to the foot on axis 5, in frame 2, joints at zero [m], (3,) each."""
+        """Steps between axes 2, 3, 4 and foot on axis 5, in frame 2 [m].
+
+        Three vectors (3,). All joints are at zero.
+        """
         R23, R34, R45 = self.R_parent_joint[2:5]
         foot = self.p_parent_joint[4] + R45[:, 2] * self._feet[1][2]
         return self.p_parent_joint[2], product(R23, self.p_parent_joint[3]), product(R23, R34, foot)
 
     @cached_property
     def _links(self) -> tuple[complex, complex, complex]:
-        """The same across axis 2, as complex numbers [m]."""
+        """Steps between the axes across axis 2, as complex numbers [m]."""
         a, b, c = (complex(step[0], step[1]) for step in self._chain_of_links)
         return a, b, c
 
     @cached_property
     def _height(self) -> float:
-        """The same along axis 2, together [m]."""
+        """Sum of the steps between the axes along axis 2 [m]."""
         return float(sum(step[2] for step in self._chain_of_links))
 
     @cached_property
@@ -168,18 +174,18 @@ class ParallelArm(ClosedArm):
 
     @cached_property
     def _tool(self) -> tuple[FloatArray, FloatArray]:
-        """The foot on axis 6 [m], and this axis, in the flange frame, shape (3,) each."""
+        """Foot on axis 6 [m] and direction of axis 6, in the flange frame, (3,) each."""
         R = self.R_last_flange.T
         foot = product(R, np.array([0.0, 0.0, self._feet[0]]) - self.p_last_flange)
         return readonly(foot), readonly(R[:, 2])
 
     @cached_property
     def exact(self) -> bool:
-        """Whether the closed forms need no polish."""
+        """Flag of closed forms that need no polish."""
         return max(self.parallel_deviation, self._normal_length) < CLOSED.exact
 
     def _postures(self, R: FloatArray, p: FloatArray, reference: FloatArray) -> PoseSolutions:
-        """Returns all branches before they are polished; where a pose is out of reach, those that come near it."""
+        """Compute all branches before polishing; out of reach, those that come near."""
         foot, axis = self._tool
         place = product(p + product(R, foot) - self.p_parent_joint[0], self.R_parent_joint[0])
         first = self._first_turns(place, product(R, axis, self.R_parent_joint[0]), reference[:, :1])
@@ -190,12 +196,12 @@ class ParallelArm(ClosedArm):
         M = product(back, product(self.R_parent_joint[0].T, R, self.R_last_flange.T)[:, None])
         u = product(back, place[:, None, :, None])[..., 0] - product(R12.T, p12)
         w = u[..., 0] + 1j * u[..., 1]
-        turns, last = self._last_turns(M, np.broadcast_to(total, w.shape), first.way)
+        turns, last = self._last_turns(M, np.broadcast_to(total, w.shape), first.solution)
         if turns.aligned.any():
-            total = self._reaching(total, w, last)
-            turns, last = self._last_turns(M, total, first.way)
+            total = self._reachable_sums(total, w, last)
+            turns, last = self._last_turns(M, total, first.solution)
         theta, q5, q6 = last
-        # Where axis 4 is to be, in frame 2 across axis 2.
+        # Required place of axis 4, in frame 2 across axis 2.
         v = w - complex_product(unit_complex(theta), self._last_link(q5))
         l2, l3, _ = self._links
         bend, reachable = _bends(v, l2, l3)
@@ -217,21 +223,24 @@ class ParallelArm(ClosedArm):
         )
 
     def _last_turns(
-        self, M: FloatArray, total: FloatArray, way: IntArray
+        self, M: FloatArray, total: FloatArray, solution: IntArray
     ) -> tuple[Turns, FloatArray]:
-        """Returns the turns about n and axes 5 and 6, and those of the ways that are taken, shape (3, b, 4)."""
+        """Solve for angles about n, axis 5 and axis 6, and select solutions (3, b, 4)."""
         turns = three_turns(self._R25, self.R_parent_joint[5], M, total)
-        last = np.take_along_axis(turns.q, way[..., None, None], axis=2)[:, :, 0]
+        last = np.take_along_axis(turns.q, solution[..., None, None], axis=2)[:, :, 0]
         return turns, np.moveaxis(last, -1, 0)
 
     def _last_link(self, q5: FloatArray) -> ComplexArray:
-        """Returns the step from axis 4 to the foot on axis 6 across axis 2 [m], joints 2 to 4 at zero, shape (...)."""
-        normal = product(rotation_z(q5), self._normal, self._R25.T)
-        found: ComplexArray = self._links[2] + normal[..., 0] + 1j * normal[..., 1]
-        return found
+        """Compute steps across axis 2 from axis 4 to the foot on axis 6 [m].
 
-    def _reaching(self, total: FloatArray, w: ComplexArray, last: FloatArray) -> FloatArray:
-        """Returns sums of joints 2 to 4 [rad], (b, 4), nearest to given ones at which the two links reach.
+        Joints 2 to 4 are at zero.
+        """
+        normal = product(rotation_z(q5), self._normal, self._R25.T)
+        step: ComplexArray = self._links[2] + normal[..., 0] + 1j * normal[..., 1]
+        return step
+
+    def _reachable_sums(self, total: FloatArray, w: ComplexArray, last: FloatArray) -> FloatArray:
+        """Adapt sums of joints 2 to 4 [rad], (b, 4), so that the two links reach.
 
         Args:
             total: given sums [rad], broadcast against (b, 4).
@@ -247,28 +256,28 @@ class ParallelArm(ClosedArm):
         least, most = (arccos(np.clip((both - end) / size, -1.0, 1.0)) for end in ends)
         middle = angle_of(w) - angle_of(link)
         between = wrap(total - middle)
-        found: FloatArray = middle + np.copysign(np.clip(np.abs(between), least, most), between)
-        return found
+        sums: FloatArray = middle + np.copysign(np.clip(np.abs(between), least, most), between)
+        return sums
 
     def _first_turns(
         self, place: FloatArray, axis: FloatArray, reference: FloatArray
     ) -> _FirstTurns:
-        """Returns joint 1.
+        """Solve for joint 1.
 
         Args:
             place: the foot on axis 6 in frame 1 [m], shape (b, 3).
-            axis: axis 6 there, shape (b, 3).
-            reference: joint 1 where it is free [rad], shape (b, 1).
+            axis: direction of axis 6 in frame 1, shape (b, 3).
+            reference: value of a free joint 1 [rad], shape (b, 1).
         """
         n = self.R_parent_joint[1][:, 2]
         across = complex(n[0], n[1])
         w = place[:, 0] + 1j * place[:, 1]
-        # n·P less what it is of axis 2's origin and of the links: n_z P_z + |n||w| cos(arg w - arg n - q1) - height.
-        rest = float(product(n, self.p_parent_joint[1])) + self._height - n[2] * place[:, 2]
+        # n·P without the parts of axis 2's origin and of the links: n_z P_z + |n||w| cos(arg w - arg n - q1) - height.
+        offset = float(product(n, self.p_parent_joint[1])) + self._height - n[2] * place[:, 2]
         if self._normal_length > PARALLEL.meeting:
-            return self._first_turns_apart(w, rest, axis)
+            return self._first_turns_apart(w, offset, axis)
         size = modulus(w) * abs(across)
-        over, under = size + rest, size - rest
+        over, under = size + offset, size - offset
         half = 2.0 * arctan2(np.sqrt(np.maximum(under, 0.0)), np.sqrt(np.maximum(over, 0.0)))
         side = np.array([1.0, 1.0, -1.0, -1.0])
         free = np.broadcast_to((modulus(w) < PARALLEL.tiny)[:, None], (len(w), 4))
@@ -276,13 +285,16 @@ class ParallelArm(ClosedArm):
             free, reference, (angle_of(w) - angle_of(across))[:, None] + half[:, None] * side
         )
         reachable = (np.minimum(over, under) >= -PARALLEL.reach_slack)[:, None]
-        way = np.broadcast_to(np.array([0, 1, 0, 1]), free.shape)
-        return _FirstTurns(q1, way, np.broadcast_to(reachable, free.shape), free)
+        solution = np.broadcast_to(np.array([0, 1, 0, 1]), free.shape)
+        return _FirstTurns(q1, solution, np.broadcast_to(reachable, free.shape), free)
 
     def _first_turns_apart(
-        self, w: ComplexArray, rest: FloatArray, axis: FloatArray
+        self, w: ComplexArray, offset: FloatArray, axis: FloatArray
     ) -> _FirstTurns:
-        """Returns joint 1 where axes 5 and 6 are apart: the squares of joint 5's cosine and sine add up to 1."""
+        """Solve for joint 1 if axes 5 and 6 do not meet.
+
+        The squares of cosine and sine of joint 5 add up to 1.
+        """
         n, R25, R56 = self.R_parent_joint[1][:, 2], self._R25, self.R_parent_joint[5]
         # n·w over joint 5 is level + wide cos(phi), n·normal is deep sin(phi), phi from where axes 4 and 6 are nearest.
         level = R25[2, 2] * R56[2, 2]
@@ -298,31 +310,31 @@ class ParallelArm(ClosedArm):
             return np.stack([constant, turning.real, turning.imag], axis=1) / scale
 
         cosine = linear(n[2] * axis[:, 2] - level, spin, wide)
-        sine = linear(-rest, w, deep)
+        sine = linear(-offset, w, deep)
         polynomial = first_order_square(cosine) + first_order_square(sine)
         polynomial[:, 0] -= 1.0
         zeros = real_zeros(polynomial)
         rises = polynomial_value(derivative(polynomial), zeros.angle) >= 0.0
-        q1, found = np.zeros((len(w), 4)), np.zeros((len(w), 4), dtype=np.bool_)
-        for some, first, step in ((rises & zeros.exists, 0, 1), (~rises & zeros.exists, 3, -1)):
-            row, column = np.nonzero(some)
-            slot = first + step * (np.cumsum(some, axis=1)[row, column] - 1)
-            q1[row, slot], found[row, slot] = zeros.angle[row, column], True
+        q1, exists = np.zeros((len(w), 4)), np.zeros((len(w), 4), dtype=np.bool_)
+        for selected, first, step in ((rises & zeros.exists, 0, 1), (~rises & zeros.exists, 3, -1)):
+            row, column = np.nonzero(selected)
+            slot = first + step * (np.cumsum(selected, axis=1)[row, column] - 1)
+            q1[row, slot], exists[row, slot] = zeros.angle[row, column], True
         c, s = cos(q1), sin(q1)
         clockwise = sine[:, :1] + sine[:, 1:2] * c + sine[:, 2:] * s < 0.0
-        return _FirstTurns(q1, clockwise.astype(np.int64), found, np.zeros_like(found))
+        return _FirstTurns(q1, clockwise.astype(np.int64), exists, np.zeros_like(exists))
 
     def _miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
-        """Returns what the branches that come nearest miss poses by, set back to their limits, shape (b, 2)."""
-        found = self._postures(R, p, np.broadcast_to(self.middle, (len(p), 6)))
-        q = self.nearest_turns(found.q, self.middle)
-        return self._clipped_miss(q, np.ones_like(found.reachable), R, p)
+        """Compute the miss of poses by the nearest branches within limits, shape (b, 2)."""
+        solutions = self._postures(R, p, np.broadcast_to(self.middle, (len(p), 6)))
+        q = self.nearest_turns(solutions.q, self.middle)
+        return self._clipped_miss(q, np.ones_like(solutions.reachable), R, p)
 
 
 def _bends(v: ComplexArray, l2: complex, l3: complex) -> tuple[FloatArray, BoolArray]:
-    """Returns the angles from the first of two links to the second that reach points (...), and whether they do.
+    """Solve for the angles between two links that reach points (...), with flags.
 
-    Both of shape (..., 2); both factors vanish exactly where the arm is stretched or folded.
+    Both have shape (..., 2); both factors vanish exactly if the arm is stretched or folded.
     """
     d, a, b = modulus(v), abs(l2), abs(l3)
     out, in_ = a + b - d, d - abs(a - b)

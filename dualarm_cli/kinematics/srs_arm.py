@@ -188,7 +188,7 @@ class SrsArm(PostureSource):
         return direction, self.geometry.p_flange_wrist
 
     def elbow(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute the elbow [m] and the axis of joint 4 in the base frame, (..., 3) each."""
+        """Compute elbow [m] and axis of joint 4 in the base frame, (..., 3) each."""
         _, upper, _, normal = self.canonical.chain(q)
         bend = self.canonical.sign[3] * q[..., 3] + self.canonical.offset[3]
         turned = np.where(sin(bend) < 0.0, -1.0, 1.0)[..., None]

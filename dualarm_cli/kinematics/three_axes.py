@@ -1,4 +1,4 @@
-"""The first three axes of an arm and the point that they carry: measured, its reach, and its postures."""
+"""First three axes of an arm and the point that they carry: reach and postures."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ThreeAxesSettings:
     parallel: float = 1e-7
     """Sine of the angle of two axes below which they count as parallel."""
     meeting: float = 1e-9
-    """Distance of two axes below which they meet [m]; first harmonics below it are none [m, m²]."""
+    """Distance of two axes below which they meet, and least first harmonics [m, m²]."""
     least_link: float = 1e-6
     """Shortest link of an elbow [m]."""
     least_product: float = 1e-3
@@ -42,9 +42,9 @@ class ThreeAxesSettings:
     reach_slack: float = 1e-11
     """Rounding tolerance of the reach of a point [m]."""
     tiny: float = 1e-12
-    """A point nearer to an axis than this does not tell the angle about it [m]."""
+    """Distance from an axis below which a point has no angle about it [m]."""
     coarse: int = 32
-    """Samples of joints 2 and 3 from which the nearest places are looked for."""
+    """Samples of joints 2 and 3 on the grid of places."""
     valleys: int = 4
     """Number of local minima of the grid that Newton's method refines."""
     steps: int = 60
@@ -52,9 +52,9 @@ class ThreeAxesSettings:
     largest_step: float = 0.3
     """Longest Newton step of a joint [rad]."""
     still: float = 1e-10
-    """Steps shorter than this are the last ones [rad]."""
+    """Length of a Newton step at convergence [rad]."""
     block: int = 500
-    """Places that are looked at together."""
+    """Number of places that are solved together."""
 
 
 AXES = ThreeAxesSettings()
@@ -62,7 +62,9 @@ AXES = ThreeAxesSettings()
 
 @dataclass(frozen=True)
 class ThreeAxes:
-    """Three revolute axes and a point beyond the third, in frames whose z is the axis (as in GeneralArm).
+    """Three revolute axes and a point beyond the third, in frames along the axes.
+
+    The z axes of the frames are the joints' axes, as in GeneralArm.
 
     The origins of frames 1 and 2 are moved along their axes to the feet of the common normal of axes 1 and 2, so that
     R12^T p12 is the normal itself: across both axes, of the length of their distance.
@@ -71,31 +73,31 @@ class ThreeAxes:
     R1: FloatArray
     """Frame 1 in the frame that carries the arm, joint 1 at zero, shape (3, 3)."""
     p1: FloatArray
-    """Its origin [m], shape (3,)."""
+    """Origin of frame 1 [m], shape (3,)."""
     R12: FloatArray
     """Frame 2, joint 2 at zero, in frame 1, shape (3, 3)."""
     p12: FloatArray
-    """Its origin in frame 1 [m]: across axis 1, shape (3,)."""
+    """Origin of frame 2 in frame 1 [m], across axis 1, shape (3,)."""
     R23: FloatArray
     """Frame 3, joint 3 at zero, in frame 2, shape (3, 3)."""
     p23: FloatArray
-    """Its origin in frame 2 [m], shape (3,)."""
+    """Origin of frame 3 in frame 2 [m], shape (3,)."""
     point: FloatArray
-    """What is carried, in frame 3 [m], shape (3,)."""
+    """Carried point in frame 3 [m], shape (3,)."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in self.__dataclass_fields__:
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
     @classmethod
     def of(cls, R: FloatArray, p: FloatArray, point: FloatArray) -> ThreeAxes:
-        """Measures axes.
+        """Move the frames of three axes to their common normal.
 
         Args:
             R: constant rotation before each joint's motion, shape (3, 3, 3).
             p: constant translation before each joint's motion [m], shape (3, 3).
-            point: what is carried, in frame 3 [m], shape (3,).
+            point: carried point in frame 3 [m], shape (3,).
         """
         across = R[1][:2, 2]
         sine2 = float(product(across, across))
@@ -110,18 +112,21 @@ class ThreeAxes:
 
     @cached_property
     def axis1(self) -> complex:
-        """The part of axis 1 across axis 2, in frame 2 as a complex number: its modulus is the sine of their angle."""
+        """Part of axis 1 across axis 2 in frame 2, as a complex number.
+
+        Its modulus is the sine of the axes' angle.
+        """
         return complex(self.R12[2, 0], self.R12[2, 1])
 
     @cached_property
     def normal(self) -> complex:
-        """The common normal of axes 1 and 2, in frame 2 as a complex number [m]."""
+        """Common normal of axes 1 and 2 in frame 2, as a complex number [m]."""
         u = product(self.R12.T, self.p12)
         return complex(u[0], u[1])
 
     @cached_property
     def circle(self) -> FloatArray:
-        """The point in frame 2, joint 2 at zero, over joint 3: rows times (1, cos, sin) [m], shape (3, 3)."""
+        """Point in frame 2 over joint 3: rows times (1, cos, sin) [m], shape (3, 3)."""
         x, y, z = self.point
         R = self.R23
         return readonly(
@@ -130,13 +135,13 @@ class ThreeAxes:
 
     @cached_property
     def squared(self) -> FloatArray:
-        """Squared distance of the point from frame 2's origin, over joint 3: times (1, cos, sin) [m²], shape (3,)."""
+        """Squared distance from frame 2's origin over joint 3: times (1, cos, sin) [m²], (3,)."""
         c, a, b = self.circle
         return readonly([product(c, c) + product(a, a), product(2.0 * c, a), product(2.0 * c, b)])
 
     @cached_property
     def family(self) -> Family | None:
-        """Which closed form serves; None for axes that do not carry the point through a volume.
+        """Family of the closed form; None if the point does not move through a volume.
 
         elbow: axes 2 and 3 parallel. two_steps: axes 1 and 2 meet or are parallel, so that joint 3 follows by itself.
         quartic: any other three ([Pieper1968]) whose axes 1 and 2 do not nearly meet or are nearly parallel: None too.
@@ -151,12 +156,12 @@ class ThreeAxes:
         if abs(self.normal) <= AXES.meeting:
             return "two_steps" if float(np.hypot(*self.squared[1:])) > AXES.meeting else None
         moves = np.abs(self.circle[1:, 2]).max() + np.abs(self.squared[1:]).max()
-        told = abs(self.normal) * abs(self.axis1) >= AXES.least_product
-        return "quartic" if told and float(moves) > AXES.meeting else None
+        is_accurate = abs(self.normal) * abs(self.axis1) >= AXES.least_product
+        return "quartic" if is_accurate and float(moves) > AXES.meeting else None
 
     @cached_property
     def neglected(self) -> float:
-        """What the family takes for 0 and is not quite [m or rad]; inf where zeros are not computed to rounding."""
+        """Deviation from the family [m or rad], inf if zeros are not exact to rounding."""
         if self.family == "elbow":
             return float(np.hypot(*self.R23[:2, 2]))
         if self.family == "two_steps":
@@ -164,7 +169,7 @@ class ThreeAxes:
         return np.inf
 
     def place(self, q: FloatArray) -> FloatArray:
-        """Returns where the point is with joint 1 at zero, in frame 1 [m], shape (..., 3).
+        """Compute the point in frame 1 with joint 1 at zero [m], shape (..., 3).
 
         Args:
             q: joints 2 and 3 [rad], shape (..., 2).
@@ -173,18 +178,21 @@ class ThreeAxes:
         f = self.circle[0] + c[..., 1:] * self.circle[1] + s[..., 1:] * self.circle[2]
         x = c[..., 0] * f[..., 0] - s[..., 0] * f[..., 1]
         y = s[..., 0] * f[..., 0] + c[..., 0] * f[..., 1]
-        found: FloatArray = product(np.stack([x, y, f[..., 2]], axis=-1), self.R12.T) + self.p12
-        return found
+        places: FloatArray = product(np.stack([x, y, f[..., 2]], axis=-1), self.R12.T) + self.p12
+        return places
 
     def section(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Returns how far the point is from axis 1 and along it [m], (b, 2), with derivatives (b, 2, 2), (b, 2, 2, 2).
+        """Compute the point's distance from axis 1 and position along it, with derivatives.
 
         Args:
             q: joints 2 and 3 [rad], shape (b, 2).
+
+        Returns:
+            Values [m], shape (b, 2), first derivatives (b, 2, 2) and second derivatives (b, 2, 2, 2).
         """
         c, s = elementary.cos(q), elementary.sin(q)
-        own, a, b = self.circle
-        f = own + c[:, 1:] * a + s[:, 1:] * b
+        constant, a, b = self.circle
+        f = constant + c[:, 1:] * a + s[:, 1:] * b
         df, ddf = c[:, 1:] * b - s[:, 1:] * a, -(c[:, 1:] * a + s[:, 1:] * b)
         # Rows of Rz(q2) and its derivatives on f and its derivatives: place, then by (2), (3), (2, 2), (2, 3), (3, 3).
         x, y, z = np.stack([f, f, df, f, df, ddf]).transpose(2, 0, 1)
@@ -196,7 +204,7 @@ class ThreeAxes:
         r = np.maximum(np.hypot(h[0, :, 0], h[0, :, 1]), 1e-12)
         toward = h[0, :, :2] / r[:, None]
         radial = (h[1:, :, :2] * toward).sum(axis=-1)
-        # The radius bends by what goes across it as well.
+        # Motion across the radius bends it as well.
         aside = h[1:3, :, 1] * toward[:, 0] - h[1:3, :, 0] * toward[:, 1]
         bent = (
             radial[2:]
@@ -213,22 +221,22 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class PointPostures:
-    """The four postures of three joints for each of b places."""
+    """Four postures of three joints for each of b places."""
 
     q: FloatArray
     """Joints in (-pi, pi] [rad], finite everywhere, shape (b, 4, 3)."""
     reachable: BoolArray
-    """Which of them carry the point to its place, shape (b, 4)."""
+    """Flags of postures that reach their place, shape (b, 4)."""
     singular: BoolArray
-    """Where joint 1 or 2 is free and took its reference, shape (b, 4)."""
+    """Flags of a free joint 1 or 2 at its reference, shape (b, 4)."""
 
 
 Turns = tuple[ComplexArray, FloatArray, BoolArray]
-"""The point across axis 2 (b, 4), joint 3 (b, 4), and which exist (b, 4)."""
+"""Point across axis 2, joint 3, and flags of solutions that exist, (b, 4) each."""
 
 
 def point_postures(axes: ThreeAxes, p: FloatArray, reference: FloatArray) -> PointPostures:
-    """Returns the postures that carry the point to places.
+    """Solve for the postures that carry the point to places.
 
     Slots of the family elbow: 2 * shoulder + elbow. Shoulder is 0 where the point is on the side of axis 1 to which the
     common normal of axes 1 and 2 points (where they meet: to which axis 2 x axis 1 does), elbow is 1 where the
@@ -240,7 +248,7 @@ def point_postures(axes: ThreeAxes, p: FloatArray, reference: FloatArray) -> Poi
     Args:
         axes: with a family.
         p: places in the frame that carries the arm [m], shape (b, 3).
-        reference: joints 1 to 3 where they are free [rad], shape (b, 3).
+        reference: values of free joints 1 to 3 [rad], shape (b, 3).
     """
     place = product(p - axes.p1, axes.R1)
     w, z = place[:, 0] + 1j * place[:, 1], place[:, 2]
@@ -259,7 +267,7 @@ def point_postures(axes: ThreeAxes, p: FloatArray, reference: FloatArray) -> Poi
 
 
 def _elbow(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
-    """Returns postures of axes 2 and 3 parallel: a circle meets a plane twice, and two links reach each point twice."""
+    """Solve for postures of parallel axes 2 and 3: circle and plane, then two links."""
     P, omega = complex(*axes.p23[:2]), complex(*axes.point[:2])
     sign = 1.0 if axes.R23[2, 2] > 0.0 else -1.0
     height = float(axes.p23[2] + sign * axes.point[2])
@@ -298,7 +306,7 @@ def _inner(in_: FloatArray, d: FloatArray, L2: float, L3: float) -> FloatArray:
 
 
 def _two_steps(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
-    """Returns postures of axes 1 and 2 that meet or are parallel: joint 3 first, then a line meets a circle."""
+    """Solve for postures of axes 1 and 2 that meet or are parallel, joint 3 first."""
     meets = abs(axes.axis1) > AXES.parallel
     if meets:
         # |f(q3)| is the distance from where axes 1 and 2 meet.
@@ -331,7 +339,7 @@ def _two_steps(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
 
 
 def _quartic(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
-    """Returns postures of any three axes: |v|² = |f_xy|², of second order in joint 3."""
+    """Solve for postures of any three axes: |v|² = |f_xy|², of second order in joint 3."""
     u, e = axes.normal, axes.axis1
     f, b = axes.circle.T, len(r)
     # Both right sides over (1, cos, sin) of joint 3.
@@ -339,16 +347,19 @@ def _quartic(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
     first[:, 0] += 0.5 * (r * r + z * z - np.square(abs(u)))
     second = np.broadcast_to(-axes.R12[2, 2] * f[2], (b, 3)).copy()
     second[:, 0] += z
-    # The normal is across axis 1: v is known by its parts along either.
+    # The normal is across axis 1: v follows from its parts along either.
     along, across = first / abs(u), second / abs(e)
     polynomial = first_order_square(along) + first_order_square(across)
     polynomial -= first_order_square(f[:1]) + first_order_square(f[1:2])
     zeros = real_zeros(polynomial)
     rises = polynomial_value(derivative(polynomial), zeros.angle) >= 0.0
     q3, ok = np.zeros((b, 4)), np.zeros((b, 4), dtype=np.bool_)
-    for some, first_slot, way in ((rises & zeros.exists, 0, 1), (~rises & zeros.exists, 3, -1)):
-        row, column = np.nonzero(some)
-        slot = first_slot + way * (np.cumsum(some, axis=1)[row, column] - 1)
+    for selected, first_slot, direction in (
+        (rises & zeros.exists, 0, 1),
+        (~rises & zeros.exists, 3, -1),
+    ):
+        row, column = np.nonzero(selected)
+        slot = first_slot + direction * (np.cumsum(selected, axis=1)[row, column] - 1)
         q3[row, slot], ok[row, slot] = zeros.angle[row, column], True
     x = _first_order(along, q3)
     y = _first_order(across, q3)
@@ -356,27 +367,27 @@ def _quartic(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
 
 
 def _over(rows: FloatArray, q3: FloatArray) -> FloatArray:
-    """Returns coordinates that are (1, cos, sin) q3 times rows (3, k), shape (k, ...)."""
+    """Compute coordinates (1, cos, sin) q3 times rows (3, k), shape (k, ...)."""
     c, s = elementary.cos(q3), elementary.sin(q3)
     return np.stack([k + a * c + b * s for k, a, b in rows.T])
 
 
 def _first_order(rows: FloatArray, q3: FloatArray) -> FloatArray:
-    """Returns first-order polynomials (b, 3) at angles (b, 4)."""
-    found: FloatArray = (
+    """Evaluate first-order trigonometric polynomials (b, 3) at angles (b, 4)."""
+    values: FloatArray = (
         rows[:, :1] + rows[:, 1:2] * elementary.cos(q3) + rows[:, 2:] * elementary.sin(q3)
     )
-    return found
+    return values
 
 
 def point_miss(axes: ThreeAxes, p: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Returns the distance of places from the nearest one that the point reaches [m], shape (b,).
+    """Compute the distance of places from the nearest point in reach [m], shape (b,).
 
     Joint 1 turns a place about axis 1 and is taken as free, so that distances from axis 1 and along it are compared,
     over joints 2 and 3: on a grid, then by Newton's method from its valleys. Our own derivation.
 
     Args:
-        axes: what carries the point.
+        axes: axes that carry the point.
         p: places in the frame that carries the arm [m], shape (b, 3).
         lower: lowest positions of joints 2 and 3 [rad], shape (2,), -inf allowed.
         upper: highest positions [rad], shape (2,), inf allowed.
@@ -390,16 +401,16 @@ def point_miss(axes: ThreeAxes, p: FloatArray, lower: FloatArray, upper: FloatAr
     reached = axes.section(grid)[0]
     local = product(p - axes.p1, axes.R1)
     wanted = np.stack([np.hypot(local[:, 0], local[:, 1]), local[:, 2]], axis=1)
-    # What is free goes on beyond the ends of its turn.
+    # Free joints may move beyond the ends of one turn.
     low, high = np.where(free, -np.inf, low), np.where(free, np.inf, high)
-    found = np.empty(len(p))
+    distances = np.empty(len(p))
     for first in range(0, len(p), AXES.block):
-        some = wanted[first : first + AXES.block]
-        away = np.hypot(*np.moveaxis(reached - some[:, None], -1, 0))
+        block = wanted[first : first + AXES.block]
+        away = np.hypot(*np.moveaxis(reached - block[:, None], -1, 0))
         q = grid[_valleys(away.reshape(-1, AXES.coarse, AXES.coarse))].reshape(-1, 2)
-        least = _descended(axes, q, np.repeat(some, AXES.valleys, axis=0), low, high)
-        found[first : first + AXES.block] = least.reshape(-1, AXES.valleys).min(axis=1)
-    return found
+        least = _descend(axes, q, np.repeat(block, AXES.valleys, axis=0), low, high)
+        distances[first : first + AXES.block] = least.reshape(-1, AXES.valleys).min(axis=1)
+    return distances
 
 
 def _valleys(distance: FloatArray) -> IntArray:
@@ -421,23 +432,23 @@ def _valleys(distance: FloatArray) -> IntArray:
     return np.argsort(height, axis=1, kind="stable")[:, : AXES.valleys]
 
 
-def _descended(
+def _descend(
     axes: ThreeAxes, q: FloatArray, wanted: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Returns the least distances (b,) that Newton's method with trust in its steps finds from joints (b, 2)."""
+    """Minimise distances from joints (b, 2) by Newton's method with a trust region, (b,)."""
     active = np.arange(len(q))
     least = np.hypot(*(axes.section(q)[0] - wanted).T)
     trust = np.full(len(q), AXES.largest_step)
     for _ in range(AXES.steps):
-        here = q[active]
-        step = _newton_step(axes, here, wanted[active], low, high)
+        current = q[active]
+        step = _newton_step(axes, current, wanted[active], low, high)
         longest = np.abs(step).max(axis=1)
         step *= np.minimum(1.0, trust[active] / np.maximum(longest, 1e-300))[:, None]
-        tried = np.clip(here + step, low, high)
-        away = np.hypot(*(axes.section(tried)[0] - wanted[active]).T)
-        better = away < least[active]
-        q[active[better]], least[active[better]] = tried[better], away[better]
-        size = np.abs(tried - here).max(axis=1)
+        candidate = np.clip(current + step, low, high)
+        distance = np.hypot(*(axes.section(candidate)[0] - wanted[active]).T)
+        better = distance < least[active]
+        q[active[better]], least[active[better]] = candidate[better], distance[better]
+        size = np.abs(candidate - current).max(axis=1)
         trust[active] = np.where(
             better, np.minimum(2.0 * trust[active], AXES.largest_step), 0.25 * size
         )
@@ -450,20 +461,23 @@ def _descended(
 def _newton_step(
     axes: ThreeAxes, q: FloatArray, wanted: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Returns steps (b, 2) downhill on half the squared distance; joints that a limit stops are held."""
+    """Compute Newton steps (b, 2) on half the squared distance, with joints at limits fixed."""
     at, slope, bend = axes.section(q)
     e = at - wanted
     gradient = (slope * e[:, :, None]).sum(axis=1)
     H = product(np.swapaxes(slope, 1, 2), slope) + (bend * e[:, :, None, None]).sum(axis=1)
-    held = ((q <= low) & (gradient > 0.0)) | ((q >= high) & (gradient < 0.0))
-    gradient = np.where(held, 0.0, gradient)
-    H[held[:, 0] | held[:, 1], 0, 1] = H[held[:, 0] | held[:, 1], 1, 0] = 0.0
+    is_fixed = ((q <= low) & (gradient > 0.0)) | ((q >= high) & (gradient < 0.0))
+    gradient = np.where(is_fixed, 0.0, gradient)
+    H[is_fixed[:, 0] | is_fixed[:, 1], 0, 1] = H[is_fixed[:, 0] | is_fixed[:, 1], 1, 0] = 0.0
     # Axes of curvature: the first is turned by half the angle of (difference, 2 x mixed) of the second derivatives.
-    mean, apart = 0.5 * (H[:, 0, 0] + H[:, 1, 1]), 0.5 * (H[:, 0, 0] - H[:, 1, 1])
-    turn, most = 0.5 * elementary.arctan2(H[:, 0, 1], apart), np.hypot(H[:, 0, 1], apart)
+    mean, half_difference = 0.5 * (H[:, 0, 0] + H[:, 1, 1]), 0.5 * (H[:, 0, 0] - H[:, 1, 1])
+    turn, radius = (
+        0.5 * elementary.arctan2(H[:, 0, 1], half_difference),
+        np.hypot(H[:, 0, 1], half_difference),
+    )
     c, s = elementary.cos(turn), elementary.sin(turn)
     vectors = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
-    # Where it curves downwards the step goes downhill all the same.
-    values = np.maximum(np.abs(np.stack([mean + most, mean - most], axis=1)), 1e-9)
+    # The absolute curvature gives a descent direction even if the curvature is negative.
+    values = np.maximum(np.abs(np.stack([mean + radius, mean - radius], axis=1)), 1e-9)
     along = product(gradient[:, None], vectors)[:, 0] / values
     return -product(vectors, along[..., None])[..., 0]

@@ -1,4 +1,4 @@
-"""Closed-form inverse kinematics of six-axis arms whose last three axes meet in a point."""
+"""Closed-form inverse kinematics of six-axis arms with a spherical wrist."""
 
 from __future__ import annotations
 
@@ -21,31 +21,32 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class Turns:
-    """Turns about three axes."""
+    """Angles about three axes, both solutions."""
 
     q: FloatArray
     """Angles [rad], finite everywhere, shape (..., 2, 3)."""
     possible: BoolArray
-    """Whether the rotation can be made, shape (...)."""
+    """Flags of rotations that are possible, shape (...)."""
     aligned: BoolArray
-    """Whether the first angle is free and took its reference, shape (...)."""
+    """Flags of a free first angle at its reference, shape (...)."""
 
 
 def three_turns(R_12: FloatArray, R_23: FloatArray, M: FloatArray, reference: FloatArray) -> Turns:
-    """Returns the angles of M = Rz(a) R_12 Rz(b) R_23 Rz(c), as the subproblems of Paden and Kahan do [Murray1994].
+    """Solve M = Rz(a) R_12 Rz(b) R_23 Rz(c) for the three angles.
 
-    With alpha, beta the angles of the axes 1 to 2 and 2 to 3, and theta from 1 to 3 as M has it, the middle angle
-    counted from where the outer axes are nearest is phi, half of it
+    A subproblem of Paden and Kahan [Murray1994]. With alpha, beta the angles between axes 1 and 2, 2 and 3, and theta
+    between 1 and 3 by M, the middle angle, counted from the nearest position of the outer axes, is phi:
     tan² (phi/2) = sin((theta + alpha - beta)/2) sin((theta - alpha + beta)/2) /
-    (sin((alpha + beta + theta)/2) sin((alpha + beta - theta)/2)): the spherical triangle of the three axes, exact near
-    its ends. Way 0 has phi >= 0, way 1 phi <= 0. The third angle is what is left, so that nothing is lost where the
-    outer axes are nearly aligned; where they are, the first angle is the reference. Our own derivation.
+    (sin((alpha + beta + theta)/2) sin((alpha + beta - theta)/2)), from the spherical triangle of the three axes and
+    exact near its ends. Solution 0 has phi >= 0, solution 1 phi <= 0. The third angle follows from the others, so that
+    no digits are lost if the outer axes are nearly aligned; if they are aligned, the first angle is the reference. Our
+    own derivation.
 
     Args:
         R_12: second frame in the first, its z the axis, shape (3, 3).
         R_23: third frame in the second, shape (3, 3).
         M: rotations, shape (..., 3, 3).
-        reference: first angle where it is free [rad], broadcast against (...).
+        reference: value of a free first angle [rad], broadcast against (...).
     """
     first, last = R_12[2], R_23[:, 2]  # axes 1 and 3 in frame 2, joint 2 at zero
     alpha = arctan2(np.hypot(first[0], first[1]), first[2])
@@ -65,14 +66,14 @@ def three_turns(R_12: FloatArray, R_23: FloatArray, M: FloatArray, reference: Fl
     a = np.where(aligned[..., None], np.asarray(reference)[..., None], turned)
     middle = product(rotation_z(a), R_12, rotation_z(b), R_23)
     # Rz(c) = middle^T M: its first column.
-    left = product(np.swapaxes(middle, -1, -2), M[..., None, :, :1])
-    c = arctan2(left[..., 1, 0], left[..., 0, 0])
+    remaining = product(np.swapaxes(middle, -1, -2), M[..., None, :, :1])
+    c = arctan2(remaining[..., 1, 0], remaining[..., 0, 0])
     return Turns(np.stack([a, b, c], axis=-1), possible, aligned)
 
 
 @dataclass(frozen=True)
 class WristArm(ClosedArm):
-    """A ClosedArm the last three axes of which meet in a point.
+    """Six-axis arm whose last three axes meet in a point.
 
     Branch = 4 * shoulder + 2 * elbow + wrist, each 0 or 1. Wrist is 1 where joint 5 is on the negative side of where
     axes 4 and 6 are nearest to each other. Where axes 2 and 3 are parallel, shoulder is 0 where the wrist centre is in
@@ -86,7 +87,7 @@ class WristArm(ClosedArm):
     """
 
     def _problem(self) -> str:
-        """Returns why there are no closed forms, or nothing."""
+        """Explain why the axes have no closed forms of this family, or return ''."""
         if self.wrist_gap > SRS_TOLERANCE:
             return (
                 f"its last three axes miss a common point by {self.wrist_gap * 1000:.3g} mm "
@@ -104,7 +105,7 @@ class WristArm(ClosedArm):
 
     @cached_property
     def _wrist(self) -> tuple[FloatArray, FloatArray]:
-        """The wrist centre in frame 3 and in the flange frame [m], each of shape (3,)."""
+        """Wrist centre in frame 3 and in the flange frame [m], each of shape (3,)."""
         R, p, _, origin = self._chain(np.zeros((1, 6)))
         center = self.meeting_point
         x = np.eye(3)
@@ -116,7 +117,7 @@ class WristArm(ClosedArm):
 
     @cached_property
     def shoulder(self) -> ThreeAxes:
-        """The first three axes and the wrist centre that they carry."""
+        """First three axes with the wrist centre that they carry."""
         return ThreeAxes.of(self.R_parent_joint[:3], self.p_parent_joint[:3], self._wrist[0])
 
     @property
@@ -126,11 +127,11 @@ class WristArm(ClosedArm):
 
     @cached_property
     def exact(self) -> bool:
-        """Whether the closed forms need no polish."""
+        """Flag of closed forms that need no polish."""
         return max(self.wrist_gap, self.shoulder.neglected) < CLOSED.exact
 
     def wrist_center(self, R: FloatArray, p: FloatArray) -> FloatArray:
-        """Returns the wrist centre [m], shape (..., 3), of flange poses (..., 3, 3), (..., 3)."""
+        """Compute the wrist centre [m], shape (..., 3), of flange poses."""
         center: FloatArray = p + product(R, self._wrist[1])
         return center
 
@@ -142,7 +143,7 @@ class WristArm(ClosedArm):
         return 0.0
 
     def _postures(self, R: FloatArray, p: FloatArray, reference: FloatArray) -> PoseSolutions:
-        """Returns all branches before they are polished; those that do not reach their poses have any joints."""
+        """Compute all branches before polishing; out of reach joints are arbitrary."""
         first = point_postures(self.shoulder, self.wrist_center(R, p), reference[:, :3])
         frame = product(self.R_parent_joint[0], rotation_z(first.q[..., 0]))
         for k in (1, 2):
@@ -159,9 +160,9 @@ class WristArm(ClosedArm):
         )
 
     def reach_miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
-        """Returns how far the wrist centre is beyond reach [m], joints 2 and 3 within limits, shape (...); 0 within.
+        """Compute the wrist centre's distance beyond reach [m], shape (...), 0 within.
 
-        Joint 1 is taken as free, and no rotation is out of reach.
+        Joints 2 and 3 are within limits, joint 1 is free, and every rotation counts as possible.
 
         Args:
             R: flange rotations in the frame that carries the arm, shape (..., 3, 3).
@@ -182,11 +183,13 @@ class WristArm(ClosedArm):
         return miss.reshape(center.shape[:-1])
 
     def _miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
-        """Returns what poses without a posture are missed by, distance [m] and angle [rad], shape (m, 2).
+        """Compute the miss of poses without posture, distance [m] and angle [rad], (m, 2).
 
-        Out of reach: by how much. Within it: what the best branch misses with its joints set back to their limits.
+        Out of reach: the distance beyond it. Within reach: the miss of the best branch with joints clipped to limits.
         """
-        found = self.solve(R, p)
-        miss = self._clipped_miss(self.nearest_turns(found.q, self.middle), found.reachable, R, p)
+        solutions = self.solve(R, p)
+        miss = self._clipped_miss(
+            self.nearest_turns(solutions.q, self.middle), solutions.reachable, R, p
+        )
         out = self.reach_miss(R, p)
         return np.where(out[:, None] > 0.0, np.stack([out, np.zeros_like(out)], axis=1), miss)

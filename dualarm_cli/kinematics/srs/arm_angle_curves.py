@@ -183,7 +183,9 @@ def _chosen(values: NDArray[Scalar], leading: int, chosen: BoolArray) -> NDArray
 
 
 def reference_directions(u: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute the directions r (psi = 0) and t = u × r (psi = pi/2), (3, ...) each.
+    """Compute the reference directions r and t of the arm angle, (3, ...) each.
+
+    r is at psi = 0, t = u × r at psi = pi/2.
 
     r is the base's x axis carried along by the smallest rotation that takes z (the first axis) to
     u. It is continuous for all u but one, -z: no reference can do better, as there is no continuous
