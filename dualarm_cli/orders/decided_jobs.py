@@ -1,4 +1,4 @@
-"""Jobs that leave nothing open: which arm does what, in which order; and the order of the file as one of them."""
+"""Decided jobs: arms, order and pairing are given, by a search or by the file."""
 
 from __future__ import annotations
 
@@ -13,65 +13,66 @@ from dualarm_cli.orders.paired.problem import IDLE
 
 
 def file_order(job: Job) -> Job | None:
-    """Returns a job in the order of its file; None where that is given, or tears apart what is done in a row.
+    """Build a job with the order of its file.
 
-    Jobs with paths or seams have it among the orders of their sections.
+    None if that order is given anyway, or if it separates the tasks of a sequence. Jobs with paths or seams have it
+    among the orders of their sections.
 
     Args:
-        job: arms may be open; they are then searched for.
+        job: a job; open arms stay open for the search.
     """
     if job.order == "given" or job.in_sections:
         return None
-    found = replace(job, order="given")
-    # Searches for arms keep what is done in a row.
-    if found.is_decided and not all(_in_a_row(found, row) for row in job.sequences):
+    fixed = replace(job, order="given")
+    # A search for arms keeps sequences by itself.
+    if fixed.is_decided and not all(_in_a_row(fixed, row) for row in job.sequences):
         return None
-    return found
+    return fixed
 
 
 def stage_by_stage(job: Job) -> Job:
-    """Returns a job as paired arms do it: each makes its next stop as soon as what comes before it is over.
+    """Convert a job to synchronous stages: each arm makes its next stop as soon as it may.
 
     Raises:
-        InfeasibleError: in the order that is given arms wait for one another forever.
+        InfeasibleError: the given order ends in a deadlock.
     """
     if job.is_decided and used_buffers(job):
         return replace(job, mode="paired", pairing=served_pairing(job))
-    found = replace(job, mode="paired")
-    if found.is_decided:
-        found.stages()  # raises where there are none
-    return found
+    paired = replace(job, mode="paired")
+    if paired.is_decided:
+        paired.stages()  # raises if there are none
+    return paired
 
 
 def _in_a_row(job: Job, row: tuple[str, ...]) -> bool:
-    """Returns whether one arm does tasks right after one another."""
+    """Test whether one arm does tasks directly one after the other."""
     names = {
         name: [t.id for t in job.tasks if t.arm == name] for name in {t.arm for t in job.tasks}
     }
     return any(
-        tuple(own[k : k + len(row)]) == tuple(row)
-        for own in names.values()
-        for k in range(len(own) - len(row) + 1)
+        tuple(sequence[k : k + len(row)]) == tuple(row)
+        for sequence in names.values()
+        for k in range(len(sequence) - len(row) + 1)
     )
 
 
 def own_rules(job: Job) -> Job:
-    """Returns a job without the rules that are about tasks which are not its own: those are done before or after."""
-    own = {task.id for task in job.tasks}
+    """Remove the rules that refer to tasks of other sections."""
+    ids = {task.id for task in job.tasks}
     tasks = (
-        replace(task, after=tuple(name for name in task.after if name in own)) for task in job.tasks
+        replace(task, after=tuple(name for name in task.after if name in ids)) for task in job.tasks
     )
-    rows = tuple(row for row in job.sequences if own.issuperset(row))
+    rows = tuple(row for row in job.sequences if ids.issuperset(row))
     return replace(job, tasks=tuple(tasks), sequences=rows)
 
 
 def decided(job: Job, model: CellModel, slots: IntArray) -> Job:
-    """Returns a job in which arms, order and pairing are as an order says.
+    """Build a job with the arms, order and pairing of an order of stages.
 
     Args:
-        job: as its file leaves it.
+        job: the open job.
         model: its cell.
-        slots: by stage and arm the number of the stop, IDLE for none, shape (n, arms).
+        slots: number of each stop by stage and arm, IDLE for none, shape (n, arms).
     """
     stops = [(task, stop) for task in job.tasks for stop in task.stops]
     arms, doers = list(model.arms), dict[int, tuple[Task, str]]()
@@ -90,12 +91,14 @@ def decided(job: Job, model: CellModel, slots: IntArray) -> Job:
 
 
 def _assigned(task: Task, arm: str, arms: Sequence[str]) -> Task:
-    """Returns a task as an arm's, where any may do it; of a hand-over also who gives and who takes."""
+    """Assign a task to an arm if it may be done by any; set giver and taker of a hand-over."""
     if task.arm != ANY:
         return task
-    work = task.handover
-    if work is not None:
-        other = next(name for name in arms if name != arm)
+    handover = task.handover
+    if handover is not None:
+        other_arm = next(name for name in arms if name != arm)
         gives = task.stops[-1].action == "give"
-        work = replace(work, giver=arm if gives else other, taker=other if gives else arm)
-    return replace(task, arm=arm, handover=work)
+        handover = replace(
+            handover, giver=arm if gives else other_arm, taker=other_arm if gives else arm
+        )
+    return replace(task, arm=arm, handover=handover)

@@ -1,4 +1,4 @@
-"""Bounds on all orders of paired arms on the search's grid, and the orders that are found on the way to them."""
+"""Lower bounds of all orders of paired arms on the search's grid, with near-optimal orders."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from dualarm_cli.stages.search.plan_clearance import move_waits
 
 @dataclass(frozen=True)
 class OrderMoves:
-    """Where the arms are before and after moves, in the postures of the search for orders."""
+    """Positions of the arms before and after transfers, in the postures of the search for orders."""
 
     order: OrderModel
-    """The job's tasks as each arm may do them; something has to be collision-free."""
+    """Tasks as each arm can do them; with collision checks."""
     stages: StageModel
-    """Its stages, and what their numbers mean."""
+    """Stages of the job as numbers."""
     entry: tuple[FloatArray, ...]
-    """By arm, joints where approaches begin [rad], NaN where there is no posture, shape (s, f, joints)."""
+    """Joints at the start of approaches by arm [rad], shape (s, f, joints); NaN without a posture."""
     leaving: tuple[FloatArray, ...]
-    """The same where retracts end."""
+    """Joints at the end of retracts by arm [rad], shape (s, f, joints); NaN without a posture."""
     held: IntArray
-    """What is held on the way to each stop, and after it, shape (2, s)."""
+    """Part held on the transfer to each stop, and after it, shape (2, s)."""
 
     @classmethod
     def of(cls, order: OrderModel, stages: StageModel) -> OrderMoves:
-        """Prepares the postures that a search for orders counts on."""
+        """Prepare the postures that a search for orders uses."""
         entry, leaving = [], []
         for name, rows in zip(order.model.arms, stages.rows, strict=True):
             tables = np.full((2, *rows.shape, len(order.model.arms[name].columns)), np.nan)
@@ -53,17 +53,17 @@ class OrderMoves:
         return cls(order, stages, tuple(entry), tuple(leaving), held[:, [0, 2]].T)
 
     def costs(self, graph: StageGraph, moves: IntArray) -> FloatArray:
-        """Returns about how much longer moves take, so that all is collision-free [s]; see `proof/near_optimal.py`."""
-        found = np.zeros(len(moves))
+        """Estimate the extra time of collision-free transfers [s]; see `proof/near_optimal.py`."""
+        delays = np.zeros(len(moves))
         idle = np.append((graph.stops == IDLE).any(axis=1), False)
-        asked = np.flatnonzero(~idle[moves].any(axis=1))
+        checked = np.flatnonzero(~idle[moves].any(axis=1))
         if not self.order.job.returns:
-            asked = asked[moves[asked, 1] != ENDS]
+            checked = checked[moves[checked, 1] != ENDS]
         size = 20_000
-        for k in range(0, len(asked), size):
-            rows = asked[k : k + size]
-            found[rows] = self._costs(graph, moves[rows])
-        return found
+        for k in range(0, len(checked), size):
+            rows = checked[k : k + size]
+            delays[rows] = self._costs(graph, moves[rows])
+        return delays
 
     def _costs(self, graph: StageGraph, moves: IntArray) -> FloatArray:
         order = self.order
@@ -71,10 +71,10 @@ class OrderMoves:
         assert clearance is not None  # see the class
         before = self._positions(graph, moves[:, 0], self.leaving)
         after = self._positions(graph, moves[:, 1], self.entry)
-        share = (np.arange(SAMPLES) + 1.0) / (SAMPLES + 1.0)
-        way = before[:, None] + share[:, None] * (after - before)[:, None]
-        position = way.reshape(-1, before.shape[1])
-        # On the way to a stop; on the way back as after the last one.
+        fraction = (np.arange(SAMPLES) + 1.0) / (SAMPLES + 1.0)
+        path = before[:, None] + fraction[:, None] * (after - before)[:, None]
+        position = path.reshape(-1, before.shape[1])
+        # The part held on the transfer to a stop; on the return, the part after the last stop.
         back = moves[:, 1] == ENDS
         held = np.where(
             back[:, None],
@@ -82,31 +82,31 @@ class OrderMoves:
             self.held[0][graph.stops[moves[:, 1]]],
         )
         carried = np.repeat(held, SAMPLES, axis=0)
-        own = np.full(len(position), np.inf)
+        margins = np.full(len(position), np.inf)
         for a in range(len(order.model.arms)):
-            own = np.minimum(own, clearance.own_margins(a, position, carried[:, a]))
+            margins = np.minimum(margins, clearance.own_margins(a, position, carried[:, a]))
         cross = clearance.cross_margins(position, carried)
         shape = len(moves), SAMPLES
-        lacks = np.maximum(-own, 0.0).reshape(shape).max(axis=1)
-        apart = np.all((cross >= 0.0).reshape(shape), axis=1)
-        return move_waits(1.0 / order.job.speed, lacks, apart)
+        deficits = np.maximum(-margins, 0.0).reshape(shape).max(axis=1)
+        arms_clear = np.all((cross >= 0.0).reshape(shape), axis=1)
+        return move_waits(1.0 / order.job.speed, deficits, arms_clear)
 
     def _positions(
         self, graph: StageGraph, nodes: IntArray, tables: tuple[FloatArray, ...]
     ) -> FloatArray:
-        """Returns all joints at nodes, at the start for ENDS [rad], shape (k, columns)."""
+        """Compute all joints at nodes, at the start for ENDS [rad], shape (k, columns)."""
         model = self.order.model
-        found = np.tile(self.order.start, (len(nodes), 1))
-        there = np.flatnonzero(nodes != ENDS)
-        stops, angle = graph.stops[nodes[there]], graph.angle[nodes[there]]
-        found[there[:, None], model.platform_columns] = self.stages.angles[angle]
+        positions = np.tile(self.order.start, (len(nodes), 1))
+        visited = np.flatnonzero(nodes != ENDS)
+        stops, angle = graph.stops[nodes[visited]], graph.angle[nodes[visited]]
+        positions[visited[:, None], model.platform_columns] = self.stages.angles[angle]
         for a, (arm, table) in enumerate(zip(model.arms.values(), tables, strict=True)):
-            found[there[:, None], arm.columns] = table[stops[:, a], angle]
-        return found
+            positions[visited[:, None], arm.columns] = table[stops[:, a], angle]
+        return positions
 
 
 def is_provable(problem: StageProblem, effort: str) -> bool:
-    """Returns whether orders are bounded, and better ones found, by dynamic programming over the stops made."""
+    """Test whether dynamic programming over finished stops can bound all orders."""
     return can_prove(problem, EFFORTS[effort].order_bound.nodes)
 
 
@@ -118,28 +118,28 @@ def proven_orders(
     effort: str,
     watch: Watch,
 ) -> tuple[list[StageOrder], float | None]:
-    """Returns the best order known and others that are nearly as good, and what no order takes less than [s].
+    """Improve the best order, list near-optimal ones, and compute a lower bound of all orders [s].
 
-    None for that where arms change tools: in the stages that are searched the other arm waits for whole changes.
+    The bound is None if arms change tools: in the stages of the search the other arm waits for whole tool changes.
 
     Args:
         order: the job's tasks as each arm may do them.
-        stages: its stages, and what their numbers mean.
-        problem: the stages as the search has them; `is_provable`.
+        stages: stages of the job as numbers.
+        problem: stages as the search uses them; `is_provable`.
         best: the best order known.
         effort: one of EFFORTS.
         watch: receives progress, and may end it.
     """
     watch.report("bounding all orders and searching for better ones")
-    how = EFFORTS[effort].order_bound.of_stops(problem.stops)
-    waits = bool(order.job.cell.tool_changes)
-    told = (lambda _: None) if waits else watch.record_bound
-    proven = prove_order(problem, best, how.proof, watch.stop, watch.record, told)
-    found = [proven.order, *_near(order, stages, problem, proven, effort, watch)]
-    return found, None if waits else proven.bound
+    limits = EFFORTS[effort].order_bound.of_stops(problem.stops)
+    has_tool_changes = bool(order.job.cell.tool_changes)
+    report_bound = (lambda _: None) if has_tool_changes else watch.record_bound
+    proven = prove_order(problem, best, limits.proof, watch.stop, watch.record, report_bound)
+    orders = [proven.order, *_near_optimal(order, stages, problem, proven, effort, watch)]
+    return orders, None if has_tool_changes else proven.bound
 
 
-def _near(
+def _near_optimal(
     order: OrderModel,
     stages: StageModel,
     problem: StageProblem,
@@ -147,12 +147,14 @@ def _near(
     effort: str,
     watch: Watch,
 ) -> list[StageOrder]:
-    """Returns orders that are nearly as good as the best one, and cost little for clearance between stops.
+    """List near-optimal orders whose transfers cost little for clearance.
 
-    None where nothing has to be collision-free, and where more than the order decides what is done between stops.
+    Empty without collision checks, and if more than the order decides what is done between stops.
     """
-    more = order.job.has_handovers or order.job.cell.tool_changes or problem.stores is not None
-    if proven.graph is None or proven.prices is None or order.clearance is None or more:
+    depends_on_more = (
+        order.job.has_handovers or order.job.cell.tool_changes or problem.stores is not None
+    )
+    if proven.graph is None or proven.prices is None or order.clearance is None or depends_on_more:
         return []
     return near_optimal_orders(
         proven.graph,
@@ -167,25 +169,25 @@ def _near(
 def least_total(
     order: OrderModel, problem: StageProblem, effort: str, seed: int, watch: Watch
 ) -> float:
-    """Returns what no order takes less than [s], by least times: for any number of stops; 0 where nothing is known.
+    """Compute a lower bound of all orders from least times [s], for any number of stops; 0 if unknown.
 
     Args:
         order: the job's tasks as each arm may do them.
         problem: its stages.
         effort: one of EFFORTS.
-        seed: of CP-SAT's randomness.
+        seed: random seed of CP-SAT.
         watch: receives progress, and may end it.
     """
     watch.report("bounding all orders")
-    found = 0.0
+    bound = 0.0
     if not order.job.cell.tool_changes:
-        # While one arm changes its tool the other one may work: that is in no pair of stops.
-        found = pair_bound(problem)
-        watch.record_bound(found)
-    how = EFFORTS[effort].order_bound
-    if len(problem.tasks) <= how.most_tasks:
+        # While one arm changes its tool the other one may work, which no pair of stops includes.
+        bound = pair_bound(problem)
+        watch.record_bound(bound)
+    limits = EFFORTS[effort].order_bound
+    if len(problem.tasks) <= limits.most_tasks:
         relaxed = relax_stages(problem)
-        found = max(
-            found, prove(relaxed, None, how.seconds, seed, watch.stop, watch.record_bound).bound
+        bound = max(
+            bound, prove(relaxed, None, limits.seconds, seed, watch.stop, watch.record_bound).bound
         )
-    return found
+    return bound

@@ -1,4 +1,4 @@
-"""Choice of the orders to plan, by polishing many a little and few longer."""
+"""Selection of the orders to plan: many are polished briefly, few for longer."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ from dualarm_cli.stages.sequence_problem import sequence_problem
 
 @dataclass(frozen=True)
 class TrialSettings:
-    """Numbers that select the orders worth planning."""
+    """Numbers that select the orders to plan."""
 
     random_steps: int = 4
-    """Random steps that each round of polishing offers besides: where something touches others lead nowhere."""
+    """Random steps per round of polishing, for plans whose other steps end in a collision."""
     fewer: int = 3
     """Divisor of the number of orders from one polishing to the next."""
     longer: int = 2
     """Factor on the polishing rounds from one polishing to the next."""
     alike: float = 0.9
-    """Orders that share more than this part of their stages are much alike: what is off the grid is so as well."""
+    """Fraction of common stages above which two orders count as similar."""
     unlikely: float = 10.0
-    """Upper bound on an order's collision penalty [s]. Such orders are tried last."""
+    """Upper bound of an order's collision penalty [s]. Such orders are tried last."""
     swings: tuple[float, ...] = (1.0, 0.95, 0.8, 0.5, 0.0)
-    """Shares of the arm angle's change along the lines."""
+    """Factors on the change of the arm angle along the lines."""
     shifts: tuple[float, ...] = (0.003, 0.01, 0.03, 0.1, 0.3)
-    """Shifts of a stop's arm angles, to either side, that repairs try [rad]."""
+    """Shifts of a stop's arm angles, to either side, in repairs [rad]."""
 
 
 TRIALS = TrialSettings()
@@ -47,7 +47,7 @@ TRIALS = TrialSettings()
 
 @dataclass(frozen=True)
 class _Trial:
-    """An order's stages as numbers, and a plan for them."""
+    """Order with its sequence problem and a plan."""
 
     order: DecidedOrder
     problem: SequenceProblem
@@ -55,82 +55,82 @@ class _Trial:
 
     @property
     def objective(self) -> float:
-        """About how long a plan in this order takes [s], with what it costs to avoid collisions."""
-        lost = plan_clearance(self.problem, self.plan).penalty
-        return self.plan.total + min(lost, TRIALS.unlikely)
+        """Estimated duration of a plan in this order [s], with its collision penalty."""
+        penalty = plan_clearance(self.problem, self.plan).penalty
+        return self.plan.total + min(penalty, TRIALS.unlikely)
 
     def polished(self, rounds: int) -> _Trial:
-        """Returns the same with a better plan."""
+        """Polish the plan."""
         polishing = Polishing(self.problem)
         return replace(self, plan=polishing.polished(self.plan, rounds, TRIALS.random_steps))
 
 
-def most_promising(
-    search: PairedSearch, found: tuple[DecidedOrder, ...], effort: str, watch: Watch
+def orders_to_plan(
+    search: PairedSearch, orders: tuple[DecidedOrder, ...], effort: str, watch: Watch
 ) -> tuple[DecidedOrder, ...]:
-    """Returns the orders to plan, with better plans: by about how long these take, those much like another one last.
+    """Select the orders to plan, with polished plans, shortest first.
 
-    The search for orders knows one posture for each stop and platform angle, and nothing of the moves between. Here
-    orders are looked at with what a plan over the whole sequence will make of them: angles and postures off the grid,
-    and what touches on the way.
+    Orders similar to a better one come last. The search for orders has one posture for each stop and platform angle,
+    and no transfers between them. Here orders are rated by plans of the whole sequence, with angles and postures off
+    the grid and with collisions in transfers.
 
     Args:
-        search: where the orders come from.
-        found: the orders; those without a plan are left as they are, at the end.
+        search: the search that found the orders.
+        orders: the orders; those without a plan stay unchanged, at the end.
         effort: one of EFFORTS.
         watch: may end it.
     """
-    how = EFFORTS[effort].trials.of_stages(max(len(one.job.stages()) for one in found))
-    begun = [_begun(search, one) for one in found if one.plan is not None]
-    trials = [one for one in begun if one is not None]
-    others = [one for one in found if one.plan is None]
-    if len(begun) < 2 or not trials:
-        return found
-    watch.report(f"trying {len(trials)} orders that are nearly as good")
-    count, rounds = how.polished, how.rounds
-    trials.sort(key=lambda one: one.objective)
+    settings = EFFORTS[effort].trials.of_stages(max(len(order.job.stages()) for order in orders))
+    started = [_started(search, order) for order in orders if order.plan is not None]
+    trials = [trial for trial in started if trial is not None]
+    others = [order for order in orders if order.plan is None]
+    if len(started) < 2 or not trials:
+        return orders
+    watch.report(f"trying {len(trials)} near-optimal orders")
+    count, rounds = settings.polished, settings.rounds
+    trials.sort(key=lambda trial: trial.objective)
     trials = _polished(trials[:count], count, rounds, watch)
-    while (count := count // TRIALS.fewer) >= how.planned and not watch.stop():
+    while (count := count // TRIALS.fewer) >= settings.planned and not watch.stop():
         rounds *= TRIALS.longer
         trials = _polished(trials, count, rounds, watch)
     answers = [
-        replace(one.order, plan=one.plan.decisions, expected=one.objective)
-        for one in _different(trials)[: how.planned]
+        replace(trial.order, plan=trial.plan.decisions, expected=trial.objective)
+        for trial in _different(trials)[: settings.planned]
     ]
     return (*answers, *others)
 
 
 def _polished(trials: list[_Trial], count: int, rounds: int, watch: Watch) -> list[_Trial]:
-    """Returns trials, the first ones of which were polished, the most promising of these first.
+    """Polish the first trials and sort them by their objective.
 
-    Successive halving [Jamieson2016]: what is left of many orders after a little work gets more of it.
+    Successive halving [Jamieson2016]: the best of many orders after little work get more work.
     """
-    better: list[_Trial] = []
-    for one in trials[:count]:
-        if better and watch.stop():
+    polished: list[_Trial] = []
+    for trial in trials[:count]:
+        if polished and watch.stop():
             break
-        better.append(one.polished(rounds))
-    return [*sorted(better, key=lambda one: one.objective), *trials[len(better) :]]
+        polished.append(trial.polished(rounds))
+    return [*sorted(polished, key=lambda rated: rated.objective), *trials[len(polished) :]]
 
 
 def _different(trials: list[_Trial]) -> list[_Trial]:
-    """Returns trials with those first that are not much like a better one, else in their order."""
-    news: list[_Trial] = []
+    """Sort trials that are similar to a better one to the end."""
+    distinct: list[_Trial] = []
     alike: list[_Trial] = []
     seen: list[set[frozenset[StopKey]]] = []
-    for one in trials:
-        stages = {frozenset(stage) for stage in one.order.job.pairing or ()}
-        like = any(len(stages & other) > TRIALS.alike * len(stages) for other in seen)
-        (alike if like else news).append(one)
-        seen += [] if like else [stages]
-    return [*news, *alike]
+    for trial in trials:
+        stages = {frozenset(stage) for stage in trial.order.job.pairing or ()}
+        is_similar = any(len(stages & earlier) > TRIALS.alike * len(stages) for earlier in seen)
+        (alike if is_similar else distinct).append(trial)
+        seen += [] if is_similar else [stages]
+    return [*distinct, *alike]
 
 
-def _begun(search: PairedSearch, order: DecidedOrder) -> _Trial | None:
-    """Returns an order with the plan that the search counts on, made possible; None where none is near it.
+def _started(search: PairedSearch, order: DecidedOrder) -> _Trial | None:
+    """Build the trial of an order, or None if no feasible plan is near its own.
 
-    The search's postures are less than a plan: where any yaw will do, they leave the last joint open, and of lines they
-    know the ends alone, which may be so near to a limit that what is between them is beyond it.
+    The search's postures are less than a plan: the last joint is open if the yaw is free, and of lines only the ends
+    were checked, so that a point in between may violate a limit.
     """
     assert order.plan is not None  # callers have looked
     clearance = search.order.clearance
@@ -141,46 +141,48 @@ def _begun(search: PairedSearch, order: DecidedOrder) -> _Trial | None:
 
 
 def repaired(problem: SequenceProblem, plan: Decisions) -> Evaluated | None:
-    """Returns the plan if it is possible, or else the fastest near it; None if there is none.
+    """Repair a plan: return it if it is feasible, else the fastest feasible plan near it, or None.
 
-    Methods that follow a line on other samples than `postures` may end a hair from a position limit; `postures` keeps a
-    margin for what is between its samples. Only stages that are impossible change.
+    Methods that follow a line on other samples than `postures` may violate a position limit slightly; `postures` keeps
+    a margin between its samples. Only infeasible stages change.
 
     Args:
         problem: the sequence.
-        plan: a plan that may be impossible.
+        plan: a plan that may be infeasible.
     """
     start = evaluate(problem, plan)
-    broken: list[tuple[int, IntArray]] = []
+    repairs: list[tuple[int, IntArray]] = []
     for a, arm in enumerate(problem.arms):
-        bad = np.flatnonzero(~start.arms[a].possible & arm.stop_table.active)
-        if not len(bad):
+        infeasible = np.flatnonzero(~start.arms[a].possible & arm.stop_table.active)
+        if not len(infeasible):
             continue
-        broken.append((a, bad))
-        near = _near(plan, a, bad)
-        work = np.array([evaluate(problem, other).arms[a].work[bad] for other in near])
-        # Any possible choice will do here; together they are weighed below.
+        repairs.append((a, infeasible))
+        variants = _variants(plan, a, infeasible)
+        work = np.array(
+            [evaluate(problem, variant).arms[a].work[infeasible] for variant in variants]
+        )
+        # Any feasible choice is fine here; combinations are compared below.
         first = np.argmax(np.isfinite(work), axis=0)
-        for k, m in zip(bad.tolist(), first.tolist(), strict=True):
+        for k, m in zip(infeasible.tolist(), first.tolist(), strict=True):
             row = np.array([k])
             arms = list(plan.arms)
-            arms[a] = arms[a].put(row, near[m].arms[a].take(row))
+            arms[a] = arms[a].put(row, variants[m].arms[a].take(row))
             plan = Decisions(plan.angle, tuple(arms))
     start = evaluate(problem, plan)
-    for a, bad in broken:
+    for a, infeasible in repairs:
         if np.isfinite(start.total):
-            start = best_combination(problem, start, _near(start.decisions, a, bad))
+            start = best_combination(problem, start, _variants(start.decisions, a, infeasible))
     return start if np.isfinite(start.total) else None
 
 
-def _near(plan: Decisions, a: int, stages: IntArray) -> list[Decisions]:
-    """Returns plans with other arm angles of one arm in some stages."""
+def _variants(plan: Decisions, a: int, stages: IntArray) -> list[Decisions]:
+    """List plans with other arm angles of one arm in some stages."""
     shifts = [0.0, *(side * shift for shift in TRIALS.shifts for side in (1.0, -1.0))]
     return [_changed(plan, a, stages, shift, swing) for swing in TRIALS.swings for shift in shifts]
 
 
 def _changed(plan: Decisions, a: int, stages: IntArray, shift: float, swing: float) -> Decisions:
-    """Returns a plan with other arm angles of one arm in some stages."""
+    """Shift the arm angles of one arm in some stages, and scale their change along lines."""
     rows = plan.arms[a].take(stages)
     psi = rows.psi_target + shift
 

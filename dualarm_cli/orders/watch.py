@@ -1,4 +1,4 @@
-"""Watch on a long search: receives progress, keeps the best plan, ends it early."""
+"""Watch on a long search: shows progress, keeps the best plan, and ends the search early."""
 
 from __future__ import annotations
 
@@ -10,79 +10,78 @@ from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.records import dataclass
 
 INTERRUPTED = "it was interrupted"
-"""Why a search ended that the user had seen enough of."""
+"""Reason for the end of a search that the user interrupted."""
 
 
 class SeenEnoughError(BaseException):
-    """Raised from outside into what may be dropped, see `Watch.droppable`; no solver swallows it."""
+    """Interrupt of work whose result may be dropped, see `Watch.droppable`; solvers do not catch it."""
 
 
 @dataclass
 class Watch:
-    """Progress of a search, the best plan so far, and the end, by time or because the user has seen enough."""
+    """Progress of a search, the best plan so far, and its early end."""
 
     report: Callable[[str], None] = lambda _: None
-    """Receives what is being done."""
+    """Callback for progress messages."""
     limit: float | None = None
-    """How long to search at most [s]; None for as long as the effort says."""
+    """Time limit [s]; None for the limits of the effort."""
     enough: Callable[[], bool] = lambda: False
-    """Whether the user has seen enough."""
+    """Callback that returns whether the user has interrupted the search."""
     stopped: str = ""
-    """Why the search was stopped early; empty where it was not."""
+    """Reason for an early end; empty without one."""
     best: float | None = None
-    """Least total that the search has found [s]; None where it has found nothing yet."""
+    """Least total of the search so far [s], or None."""
     bound: float | None = None
-    """Best bound known on all totals [s]."""
+    """Best lower bound of all totals [s], or None."""
     file_order_best: float | None = None
-    """Least total that it has found among orders in which each arm keeps that of the file [s]; None where it has not
-    looked for one."""
+    """Least total of an order that keeps the file's order on each arm [s]; None if not searched."""
     searching: bool = False
-    """Whether a search is going on."""
+    """Whether a search is running."""
     best_plan: Schedule | None = None
-    """The quickest plan of the whole job so far, with its notes; None where there is none yet."""
+    """Quickest plan of the whole job so far, with its notes, or None."""
     catching: bool = False
-    """Whether whoever makes plans goes on with the kept one after a SeenEnoughError."""
+    """Whether the planner continues with the best plan after a SeenEnoughError."""
     _begin: float = field(default_factory=time.monotonic)
 
     @property
     def endable(self) -> bool:
-        """Whether there is something that an end now must not lose: a plan, or what a search has found."""
+        """Whether an end now would return a result: a plan, or an order found by a search."""
         return self.best_plan is not None or (self.searching and self.best is not None)
 
     @property
     def droppable(self) -> bool:
-        """Whether a SeenEnoughError may be raised into what is being done."""
+        """Whether a SeenEnoughError may be raised into the running work."""
         return self.catching and self.best_plan is not None
 
     def begin(self) -> None:
-        """A search begins; the time of all searches for a plan counts from the first one."""
+        """Start a search; the time limit counts from the first search."""
         if not self.searching:
             self._begin = time.monotonic()
         self.best = self.bound = self.file_order_best = None
         self.searching = True
 
     def end(self) -> None:
-        """Nothing is left to search for."""
+        """Mark the end of the search."""
         self.searching = False
 
     def record(self, total: float) -> None:
-        """The search has found something [s]."""
+        """Record the total of a result of the search [s]."""
         self.best = total if self.best is None else min(self.best, total)
 
     def keep(self, schedule: Schedule) -> None:
-        """Keeps a plan of the whole job, if it is quicker than the one that is kept."""
+        """Keep a plan of the whole job if it is the quickest so far."""
         if self.best_plan is None or schedule.duration < self.best_plan.duration:
             self.best_plan = schedule
 
     def record_bound(self, bound: float) -> None:
-        """Nothing takes less than a bound [s]."""
+        """Record a lower bound of all totals [s]."""
         self.bound = bound if self.bound is None else max(self.bound, bound)
 
     def stop(self, ahead: float = 0.0) -> bool:
-        """Returns whether to stop now.
+        """Test whether to stop now.
 
         Args:
-            ahead: how long the next thing will take [s], where it cannot be stopped.
+            ahead: expected duration of the next step [s], if that cannot be interrupted.
         """
         if self.enough():
             self.stopped = self.stopped or INTERRUPTED
@@ -93,5 +92,5 @@ class Watch:
         return False
 
     def elapsed(self) -> float:
-        """Returns how long the search has taken [s]."""
+        """Compute the elapsed time of the search [s]."""
         return time.monotonic() - self._begin

@@ -12,7 +12,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders.model.tool_changes import stop_name
-from dualarm_cli.orders.order_trials import most_promising
+from dualarm_cli.orders.order_trials import orders_to_plan
 from dualarm_cli.orders.orders import (
     NO_ORDER_FOUND,
     ArmTask,
@@ -256,7 +256,7 @@ def _promising(
         return [found[0]]
     windows = search.problem.not_before is not None or search.problem.not_after is not None
     if settings.platform == SEQUENCE and not windows:
-        found = most_promising(search, found, settings.effort, watch)
+        found = orders_to_plan(search, found, settings.effort, watch)
     least = min(_expected(one) for one in found)
     promising = [one for one in found if _expected(one) <= (1.0 + trials.promising) * least]
     return promising[: trials.planned]

@@ -17,7 +17,7 @@ from dualarm_cli.model.job import Task
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.orders.decided_jobs import own_rules
-from dualarm_cli.orders.model.buffer_numbers import begun
+from dualarm_cli.orders.model.buffer_numbers import with_levels_after
 from dualarm_cli.orders.orders import PairedSearch
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.decided_plan import in_time, job_notes, platform_notes, schedule_of
@@ -98,7 +98,7 @@ class SectionPlanner(SectionTools):
     ) -> None:
         """Appends a section of stops by the job's method; buffers hold what they do after the tasks that are done."""
         problem = self.part(section, here)
-        problem = self._ordered(replace(problem, job=begun(problem.job, self.done)))
+        problem = self._ordered(replace(problem, job=with_levels_after(problem.job, self.done)))
         self.progress("deciding platform angles and postures")
         quickest = quickest_for_stops if self.for_stops else quickest_clear
         found = quickest(problem, self.method, self.timing, self.progress, clear=self.clear)

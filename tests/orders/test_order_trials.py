@@ -15,7 +15,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders import order_trials
 from dualarm_cli.orders.decided_jobs import decided
 from dualarm_cli.orders.order_proofs import OrderMoves
-from dualarm_cli.orders.order_trials import most_promising
+from dualarm_cli.orders.order_trials import orders_to_plan
 from dualarm_cli.orders.orders import PairedSearch
 from dualarm_cli.orders.paired.problem import IDLE
 from dualarm_cli.orders.paired.search import StageSearch
@@ -90,7 +90,7 @@ def test_plans_that_are_tried_are_better_and_the_best_come_first(search):
     watch = Watch()
     watch.begin()
     orders = search.orders(watch).ranked
-    kept = most_promising(search, orders, "quick", watch)
+    kept = orders_to_plan(search, orders, "quick", watch)
     assert 1 < len(kept) <= EFFORTS["quick"].trials.planned
     assert kept[0].expected == min(one.expected for one in kept)
     plain = {one.job.pairing: one.total for one in orders}
@@ -118,7 +118,7 @@ def test_orders_that_are_all_but_the_same_are_planned_last(search, monkeypatch):
     monkeypatch.setattr(order_trials, "EFFORTS", {"quick": quick})
     orders = search.orders(watch).ranked
     some = [one for one in orders if one.plan is not None]
-    kept = most_promising(search, tuple(some), "quick", watch)
+    kept = orders_to_plan(search, tuple(some), "quick", watch)
     assert {one.job.pairing for one in kept} == {one.job.pairing for one in some}
     stages = [{frozenset(stage) for stage in one.job.pairing} for one in kept]
 
@@ -155,7 +155,7 @@ def test_a_third_of_the_orders_is_polished_on_and_twice_as_long(search, monkeypa
             rounds.append(count)
             return Polished(self.order, self.done + count)
 
-    kept = most_promising(search, orders, "quick", watch)
+    kept = orders_to_plan(search, orders, "quick", watch)
     assert rounds == [1] * 18 + [2] * 6 + [4] * 2
     # They are all alike: the best ones are first.
     assert [one.total for one in kept] == [17.0, 16.0]

@@ -19,7 +19,11 @@ from dualarm_cli.model.cell import Buffer
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders.decided_jobs import stage_by_stage
-from dualarm_cli.orders.model.buffer_numbers import begun, check_stage_levels, keeps_borders
+from dualarm_cli.orders.model.buffer_numbers import (
+    check_stage_levels,
+    keeps_borders,
+    with_levels_after,
+)
 from dualarm_cli.planning.asynchronous.meeting_arms import MeetingBuffers, first_missed
 from dualarm_cli.planning.asynchronous.own_clock import ClockSteps, OwnClock
 from dualarm_cli.planning.planner import plan_without_bound
@@ -95,11 +99,11 @@ def test_what_tasks_leave_in_a_buffer_is_what_the_next_ones_find(chute):
     """Levels carry over; where they cannot, whatever the order, it is said."""
     tasks = {task.id: task for task in chute.tasks}
     done = [tasks["load-1"], tasks["load-2"], tasks["unload-1"]]
-    assert begun(chute, done).buffers["chute"].initial == 1
+    assert with_levels_after(chute, done).buffers["chute"].initial == 1
     with pytest.raises(InfeasibleError, match="'chute' holds 3 parts after 'load-3'"):
-        begun(chute, [tasks["load-1"], tasks["load-2"], tasks["load-3"]])
+        with_levels_after(chute, [tasks["load-1"], tasks["load-2"], tasks["load-3"]])
     with pytest.raises(InfeasibleError, match="holds -1 parts after 'unload-1'"):
-        begun(chute, [tasks["unload-1"]])
+        with_levels_after(chute, [tasks["unload-1"]])
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders import order_trials
-from dualarm_cli.orders.order_trials import most_promising
+from dualarm_cli.orders.order_trials import orders_to_plan
 from dualarm_cli.orders.orders import PairedSearch
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.planning.planner import plan_without_bound
@@ -91,7 +91,7 @@ def test_every_order_is_tried_with_a_plan_within_limits(random_job, seed, monkey
     search, found = searched(random_job(seed))
     some = replace(EFFORTS["quick"], trials=TrialEffort(100, 0, 100))
     monkeypatch.setattr(order_trials, "EFFORTS", {"quick": some})
-    tried = most_promising(search, found, "quick", Watch())
+    tried = orders_to_plan(search, found, "quick", Watch())
     assert len(tried) == len(found)
     assert all(np.isfinite(one.expected) for one in tried)
 
@@ -101,7 +101,7 @@ def test_orders_of_which_none_can_be_tried_are_planned_as_they_are(random_job, m
     search, found = searched(random_job(0))
     assert len(found) > 1
     monkeypatch.setattr(order_trials, "repaired", lambda *_: None)
-    assert most_promising(search, found, "quick", Watch()) == found
+    assert orders_to_plan(search, found, "quick", Watch()) == found
 
 
 @pytest.mark.parametrize(

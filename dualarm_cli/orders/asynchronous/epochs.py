@@ -1,4 +1,4 @@
-"""Asynchronous arms on a platform that turns now and then: which tasks are done while it stands where."""
+"""Asynchronous arms on a platform that turns between epochs: assignment of tasks to platform angles."""
 
 from __future__ import annotations
 
@@ -21,72 +21,72 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class Epoch:
-    """What is done while the platform stands."""
+    """Tasks that are done at one platform angle."""
 
     angle: int
-    """Number of its angle."""
+    """Number of the platform angle."""
     tasks: tuple[int, ...]
-    """Tasks, rising."""
+    """Tasks in ascending order."""
 
 
 @dataclass(frozen=True)
 class EpochOrder:
-    """An answer: epochs one after the other, with the order of each."""
+    """Consecutive epochs with the order of tasks in each."""
 
     epochs: tuple[Epoch, ...]
-    """In time order."""
+    """Epochs in the order of time."""
     rows: tuple[tuple[tuple[int, ...], ...], ...]
-    """By epoch and arm, the tasks in their order."""
+    """Tasks by epoch and arm, in their order."""
     total: float
-    """When all is done [s]; infinite where it cannot be."""
+    """Makespan [s]; infinite if infeasible."""
     late: float
-    """By how much windows are missed, together [s]."""
+    """Total lateness [s]."""
 
     @property
     def objective(self) -> tuple[float, float]:
-        """What is minimised: what is late, then the total [s]."""
+        """Objective, in lexicographic order: lateness, then makespan [s]."""
         return (self.late, self.total)
 
 
 @dataclass
 class EpochProblem:
-    """A job whose tasks are to be shared out to epochs."""
+    """Job whose tasks are assigned to epochs."""
 
     problems: Mapping[int, SequencingProblem]
     """The whole job with the platform at each angle, by the angle's number."""
     turn: FloatArray
     """Platform times between angles [s], shape (f, f); angle 0 is where it starts."""
     seed: int
-    """Of all randomness."""
-    _known: dict[tuple[object, ...], Timed | None] = field(default_factory=dict)
+    """Random seed."""
+    _cache: dict[tuple[object, ...], Timed | None] = field(default_factory=dict)
 
     @property
     def sample(self) -> SequencingProblem:
-        """The job at one of the angles, for what is the same at all of them."""
+        """Job at an arbitrary angle, for everything that does not depend on the angle."""
         return next(iter(self.problems.values()))
 
     @property
     def stands(self) -> tuple[ToolStands | None, ...]:
-        """By arm, the tools that it changes, None for none; empty where no arm changes tools."""
+        """Tools of each arm, None for an arm without tool changes; empty if no arm changes tools."""
         return self.sample.stands
 
     def evaluated(self, epochs: tuple[Epoch, ...], iterations: int) -> EpochOrder:
-        """Returns epochs with the order of each, from where the one before leaves the arms.
+        """Order the tasks of each epoch, starting where the previous epoch ends.
 
         Args:
-            epochs: what is done where.
-            iterations: how often something is removed and put back in an epoch of many tasks.
+            epochs: the epochs in the order of time.
+            iterations: number of ruin-and-recreate steps in an epoch of many tasks.
         """
         starts = [np.asarray(arm.start) for arm in self.sample.arms]
-        tools = [0 if one is None else one.start for one in self.stands]
+        tools = [0 if stand is None else stand.start for stand in self.stands]
         clock, late = 0.0, 0.0
         rows: list[tuple[tuple[int, ...], ...]] = []
-        for k, one in enumerate(epochs):
+        for k, epoch in enumerate(epochs):
             problem = self.restricted(epochs, k, starts, clock, tools)
             if problem.stores is not None and not problem.stores.is_possible:
                 return EpochOrder(epochs, (), np.inf, np.inf)
             key = (
-                one,
+                epoch,
                 problem.turn,
                 problem.returns,
                 iterations,
@@ -95,17 +95,17 @@ class EpochProblem:
                 *(start.tobytes() for start in starts),
                 *tools,
             )
-            if key not in self._known:
-                self._known[key] = _ordered(problem, iterations, self.seed)
-            found = self._known[key]
-            if found is None or not np.isfinite(found.total):
+            if key not in self._cache:
+                self._cache[key] = _ordered(problem, iterations, self.seed)
+            timed = self._cache[key]
+            if timed is None or not np.isfinite(timed.total):
                 return EpochOrder(epochs, (), np.inf, np.inf)
-            own = found.order.tasks(problem.options)
-            rows.append(tuple(tuple(one.tasks[k] for k in row) for row in own))
-            clock += max(found.total, _idle_return(problem, found) if k == len(epochs) - 1 else 0.0)
-            late += found.late
-            starts = leaving(problem, found, starts)
-            tools = _tools_after(problem, found, tools)
+            arm_tasks = timed.order.tasks(problem.options)
+            rows.append(tuple(tuple(epoch.tasks[k] for k in row) for row in arm_tasks))
+            clock += max(timed.total, _idle_return(problem, timed) if k == len(epochs) - 1 else 0.0)
+            late += timed.late
+            starts = leaving(problem, timed, starts)
+            tools = _tools_after(problem, timed, tools)
         return EpochOrder(epochs, tuple(rows), clock, late)
 
     def restricted(
@@ -119,105 +119,104 @@ class EpochProblem:
         """Restrict the job to the tasks of one epoch.
 
         Args:
-            epochs: all of them: those before it have filled and emptied buffers; after the last one all return where
-                the job returns.
+            epochs: all epochs. Earlier ones have changed buffers; the last one ends with the return, if any.
             k: number of the epoch.
             starts: each arm's joints before it [rad].
-            clock: when it begins [s].
-            tools: by arm the tool that is on before it; empty where no arm changes tools.
+            clock: start of the epoch [s].
+            tools: each arm's tool before the epoch; empty if no arm changes tools.
         """
-        epoch, here = epochs[k], epochs[k - 1].angle if k else 0
-        done = [t for before in epochs[:k] for t in before.tasks]
-        whole, own = self.problems[epoch.angle], list(epoch.tasks)
-        number = {t: k for k, t in enumerate(own)}
+        epoch, previous_angle = epochs[k], epochs[k - 1].angle if k else 0
+        finished = [t for previous in epochs[:k] for t in previous.tasks]
+        whole, tasks = self.problems[epoch.angle], list(epoch.tasks)
+        number = {t: k for k, t in enumerate(tasks)}
         arms = tuple(
             replace(
                 arm,
-                entry=arm.entry[own],
-                leaving=arm.leaving[own],
-                first=arm.first[own],
-                second=arm.second[own],
+                entry=arm.entry[tasks],
+                leaving=arm.leaving[tasks],
+                first=arm.first[tasks],
+                second=arm.second[tasks],
                 start=start,
                 home=arm.start,
             )
             for arm, start in zip(whole.arms, starts, strict=True)
         )
-        back = whole.returns and k == len(epochs) - 1
+        returns = whole.returns and k == len(epochs) - 1
         return SequencingProblem(
             arms,
-            tuple(whole.stops[t] for t in own),
-            back,
+            tuple(whole.stops[t] for t in tasks),
+            returns,
             tuple((number[a], number[b]) for a, b in whole.before if a in number and b in number),
             tuple(
                 tuple(number[t] for t in row)
                 for row in whole.sequences
                 if all(t in number for t in row)
             ),
-            np.maximum(0.0, whole.not_before[own] - clock) if whole.windows else np.zeros(0),
-            whole.not_after[own] - clock if whole.windows else np.zeros(0),
+            np.maximum(0.0, whole.not_before[tasks] - clock) if whole.windows else np.zeros(0),
+            whole.not_after[tasks] - clock if whole.windows else np.zeros(0),
             whole.in_file_order,
             (
-                float(self.turn[here, epoch.angle]),
-                float(self.turn[epoch.angle, 0]) if back else 0.0,
+                float(self.turn[previous_angle, epoch.angle]),
+                float(self.turn[epoch.angle, 0]) if returns else 0.0,
             ),
-            *self._buffers(whole, own, done),
+            *self._buffers(whole, tasks, finished),
             stands=tuple(
-                None if stands is None else replace(stands, tool=stands.tool[own], start=tool)
+                None if stands is None else replace(stands, tool=stands.tool[tasks], start=tool)
                 for stands, tool in zip(whole.stands, tools, strict=True)
             ),
         )
 
     def _buffers(
-        self, whole: SequencingProblem, own: Sequence[int], done: Sequence[int]
+        self, whole: SequencingProblem, tasks: Sequence[int], finished: Sequence[int]
     ) -> tuple[Stores | None, FloatArray]:
-        """Returns the buffers of some tasks after others, and how long before their ends stops' events are."""
+        """Restrict the buffers to tasks done after others, and select the times of their events."""
         if whole.stores is None:
             return None, np.zeros((0, 2))
         first = np.concatenate([[0], np.cumsum(whole.stops)])
         rows, before = (
-            [k for t in some for k in range(first[t], first[t + 1])] for some in (own, done)
+            [k for t in group for k in range(first[t], first[t + 1])] for group in (tasks, finished)
         )
         return whole.stores.of(rows, before), whole.lasts[rows]
 
 
 def leaving(
-    problem: SequencingProblem, found: Timed, starts: Sequence[FloatArray]
+    problem: SequencingProblem, timed: Timed, starts: Sequence[FloatArray]
 ) -> list[FloatArray]:
-    """Returns where each arm is after its last task [rad]."""
+    """Compute each arm's joints after its last task [rad]."""
     return [
         np.asarray(arm.leaving[nodes[-1] // problem.options, nodes[-1] % problem.options])
         if nodes
         else start
-        for arm, nodes, start in zip(problem.arms, found.order.nodes, starts, strict=True)
+        for arm, nodes, start in zip(problem.arms, timed.order.nodes, starts, strict=True)
     ]
 
 
-def _tools_after(problem: SequencingProblem, found: Timed, tools: Sequence[int]) -> list[int]:
-    """Returns by arm the tool that is on after its last task."""
+def _tools_after(problem: SequencingProblem, timed: Timed, tools: Sequence[int]) -> list[int]:
+    """List the tool of each arm after its last task."""
     return (
         [
             int(stands.tool[nodes[-1] // problem.options]) if nodes and stands is not None else tool
-            for stands, nodes, tool in zip(problem.stands, found.order.nodes, tools, strict=True)
+            for stands, nodes, tool in zip(problem.stands, timed.order.nodes, tools, strict=True)
         ]
         if tools
         else []
     )
 
 
-def _idle_return(problem: SequencingProblem, found: Timed) -> float:
-    """Returns how long arms without a task take to where they go back to [s]."""
+def _idle_return(problem: SequencingProblem, timed: Timed) -> float:
+    """Compute the longest return of an arm without tasks [s]."""
     if not problem.returns:
         return 0.0
-    ways = [
+    durations = [
         arm.law.duration(arm.home - arm.start)
-        for arm, nodes in zip(problem.arms, found.order.nodes, strict=True)
+        for arm, nodes in zip(problem.arms, timed.order.nodes, strict=True)
         if not nodes and arm.home is not None
     ]
-    return max(map(float, ways), default=0.0)
+    return max(map(float, durations), default=0.0)
 
 
 def _ordered(problem: SequencingProblem, iterations: int, seed: int) -> Timed | None:
-    """Returns a good order of one epoch's tasks."""
+    """Search a good order of the tasks of one epoch."""
     if problem.tasks <= 5:  # few enough for all orders
         return exact_order(problem)
     search = Recreator(problem, seed)
@@ -227,80 +226,84 @@ def _ordered(problem: SequencingProblem, iterations: int, seed: int) -> Timed | 
 
 @dataclass(frozen=True)
 class EpochSearch:
-    """The search for epochs of one job."""
+    """Search for the epochs of a job."""
 
     problem: EpochProblem
     """The job."""
     effort: EpochEffort
-    """How hard to try."""
+    """Limits of the search."""
     stop: Callable[[], bool] = lambda: False
-    """Whether to stop early."""
+    """Callback that returns whether to stop early."""
 
     def best(self, most: int) -> list[EpochOrder]:
-        """Returns some good answers of at least two epochs, the best one first, at most so many."""
-        found: list[EpochOrder] = []
+        """Search the best orders with at least two epochs, at most `most`, best first."""
+        orders: list[EpochOrder] = []
         random = np.random.default_rng(self.problem.seed)
         for angles in self._angle_orders()[: self.effort.sets]:
             first = self._first(angles)
             if first is None:
                 continue
-            one = self._moved(first, random)
-            if np.isfinite(one.total) and len(one.epochs) > 1:
-                found.append(one)
-            if self.stop() and found:
+            candidate = self._moved(first, random)
+            if np.isfinite(candidate.total) and len(candidate.epochs) > 1:
+                orders.append(candidate)
+            if self.stop() and orders:
                 break
-        found.sort(key=lambda one: one.objective)
-        found = list({one.epochs: one for one in reversed(found)}.values())[::-1]
-        some = [self.problem.evaluated(one.epochs, self.effort.close) for one in found[:most]]
-        return sorted(some, key=lambda one: one.objective)
+        orders.sort(key=lambda order: order.objective)
+        orders = list({order.epochs: order for order in reversed(orders)}.values())[::-1]
+        refined = [
+            self.problem.evaluated(order.epochs, self.effort.close) for order in orders[:most]
+        ]
+        return sorted(refined, key=lambda order: order.objective)
 
     def _costs(self) -> FloatArray:
-        """Returns about what each task costs at each angle [s], infinite where it is not reached, shape (tasks, f)."""
+        """Estimate each task's time at each angle [s], shape (tasks, f); infinite out of reach."""
         n = self.problem.sample.tasks
-        found = np.full((n, len(self.problem.turn)), np.inf)
+        costs = np.full((n, len(self.problem.turn)), np.inf)
         for f, problem in self.problem.problems.items():
             for arm in problem.arms:
-                found[:, f] = np.minimum(found[:, f], (arm.first + arm.second).min(axis=1))
-        return found
+                costs[:, f] = np.minimum(costs[:, f], (arm.first + arm.second).min(axis=1))
+        return costs
 
     def _angle_orders(self) -> list[tuple[int, ...]]:
-        """Returns combinations of angles from which all tasks are reached, each in the order of its shortest way."""
+        """Rank sequences of angles from which all tasks are reached, each the shortest tour."""
         cost = self._costs()
         arms = len(self.problem.sample.arms)
         ranked: list[tuple[float, tuple[int, ...]]] = []
         for count in range(2, self.effort.most_epochs + 1):
-            for some in combinations(sorted(self.problem.problems), count):
-                work = cost[:, some].min(axis=1).sum() / arms
+            for angles in combinations(sorted(self.problem.problems), count):
+                work = cost[:, angles].min(axis=1).sum() / arms
                 if not np.isfinite(work):
                     continue
-                way, path = min((self._way(path), path) for path in permutations(some))
-                ranked.append((float(work) + way, path))
+                turning, path = min(
+                    (self._turning_time(path), path) for path in permutations(angles)
+                )
+                ranked.append((float(work) + turning, path))
         if not ranked:
             cover = self._cover(cost)
             return [] if cover is None else [cover]
         return [path for _, path in sorted(ranked)[: self.effort.combinations]]
 
-    def _way(self, path: Sequence[int]) -> float:
-        """Returns how long the platform turns in all [s]."""
+    def _turning_time(self, path: Sequence[int]) -> float:
+        """Compute the total duration of the platform's turns [s]."""
         back = self.problem.sample.returns
         stations = [0, *path, *((0,) if back else ())]
         return float(sum(self.problem.turn[a, b] for a, b in pairwise(stations)))
 
     def _cover(self, cost: FloatArray) -> tuple[int, ...] | None:
-        """Returns few angles from which all tasks are reached, each time that which reaches most of the rest."""
-        left = np.ones(len(cost), dtype=np.bool_)
+        """Cover all tasks greedily with few angles; None if a task is out of reach."""
+        uncovered = np.ones(len(cost), dtype=np.bool_)
         chosen: list[int] = []
-        while left.any():
-            reach = np.isfinite(cost[left]).sum(axis=0)
+        while uncovered.any():
+            reach = np.isfinite(cost[uncovered]).sum(axis=0)
             f = int(reach.argmax())
             if reach[f] == 0:
                 return None
             chosen.append(f)
-            left &= ~np.isfinite(cost[:, f])
+            uncovered &= ~np.isfinite(cost[:, f])
         return tuple(sorted(chosen, key=lambda f: float(self.problem.turn[0, f])))
 
     def _first(self, angles: tuple[int, ...]) -> tuple[Epoch, ...] | None:
-        """Returns each task where it costs least, then as precedence asks; None where that cannot be."""
+        """Assign each task to its cheapest angle, then repair precedence; None if that fails."""
         cost = self._costs()[:, angles]
         place = cost.argmin(axis=1)
         sample = self.problem.sample
@@ -320,37 +323,37 @@ class EpochSearch:
                         return None
                     place[a] = earlier[0]
         reached = np.isfinite(cost[np.arange(len(place)), place]).all()
-        kept = all(place[a] <= place[b] for a, b in self._before())
-        return _epochs(angles, place.tolist()) if reached and kept else None
+        satisfied = all(place[a] <= place[b] for a, b in self._before())
+        return _epochs(angles, place.tolist()) if reached and satisfied else None
 
     def _before(self) -> list[tuple[int, int]]:
-        """Returns pairs of tasks of which the first must not be in a later epoch than the second."""
+        """List pairs of tasks whose first task must not be in a later epoch."""
         sample = self.problem.sample
-        found = list(sample.before)
+        pairs = list(sample.before)
         for row in sample.sequences:
-            found += [pair for a, b in pairwise(row) for pair in ((a, b), (b, a))]
+            pairs += [pair for a, b in pairwise(row) for pair in ((a, b), (b, a))]
         if sample.in_file_order:
             for a in range(len(sample.arms)):
-                able = [one.arms[a].allowed for one in self.problem.problems.values()]
-                found += list(pairwise(np.flatnonzero(np.any(able, axis=0)).tolist()))
-        return found
+                able = [problem.arms[a].allowed for problem in self.problem.problems.values()]
+                pairs += list(pairwise(np.flatnonzero(np.any(able, axis=0)).tolist()))
+        return pairs
 
     def _moved(self, epochs: tuple[Epoch, ...], random: np.random.Generator) -> EpochOrder:
-        """Returns a better answer: units of tasks moved to other epochs, angles to others."""
+        """Improve epochs by annealing: move units of tasks and change angles."""
         best = current = self.problem.evaluated(epochs, self.effort.glance)
         cost, units = self._costs(), self._units()
         before = self._before()
         for k in range(self.effort.moves):
             if self.stop():
                 break
-            tried = self._neighbour(current.epochs, units, cost, before, random)
-            if tried is None:
+            neighbour = self._neighbour(current.epochs, units, cost, before, random)
+            if neighbour is None:
                 continue
-            found = self.problem.evaluated(tried, self.effort.glance)
+            candidate = self.problem.evaluated(neighbour, self.effort.glance)
             heat = self.effort.hot * (1.0 - k / self.effort.moves) * random.random()
-            if found.late <= current.late and found.total <= (1.0 + heat) * current.total:
-                current = found
-                best = min(best, current, key=lambda one: one.objective)
+            if candidate.late <= current.late and candidate.total <= (1.0 + heat) * current.total:
+                current = candidate
+                best = min(best, current, key=lambda order: order.objective)
         return best
 
     def _units(self) -> list[tuple[int, ...]]:
@@ -366,28 +369,28 @@ class EpochSearch:
         before: list[tuple[int, int]],
         random: np.random.Generator,
     ) -> tuple[Epoch, ...] | None:
-        """Returns epochs with units elsewhere, or another angle; None where rules or reach forbid it."""
-        angles = [one.angle for one in epochs]
+        """Draw neighbouring epochs, or None if rules or reach forbid them."""
+        angles = [epoch.angle for epoch in epochs]
         place: IntArray = np.empty(len(cost), dtype=np.int64)
-        for e, one in enumerate(epochs):
-            place[list(one.tasks)] = e
+        for e, epoch in enumerate(epochs):
+            place[list(epoch.tasks)] = e
         kind, e = random.random(), int(random.integers(len(epochs)))
         if kind < 0.2:
-            own = list(epochs[e].tasks)
-            able = [f for f in self.problem.problems if np.isfinite(cost[own, f]).all()]
-            near = sorted(able, key=lambda f: float(self.problem.turn[angles[e], f]))[1:5]
+            tasks = list(epochs[e].tasks)
+            reachable = [f for f in self.problem.problems if np.isfinite(cost[tasks, f]).all()]
+            near = sorted(reachable, key=lambda f: float(self.problem.turn[angles[e], f]))[1:5]
             if not near:
                 return None
             angles[e] = near[int(random.integers(len(near)))]
         elif kind < 0.3:
-            # The same epochs the other way round.
+            # Reverse the order of the epochs.
             angles.reverse()
             place = len(epochs) - 1 - place
         else:
-            moved, other = (list(units[int(random.integers(len(units)))]) for _ in range(2))
+            moved, partner = (list(units[int(random.integers(len(units)))]) for _ in range(2))
             if kind < 0.6:
-                # Two units change places.
-                place[other], e = place[moved[0]], int(place[other[0]])
+                # Swap two units.
+                place[partner], e = place[moved[0]], int(place[partner[0]])
             place[moved] = e
         reached = np.isfinite(cost[np.arange(len(cost)), np.array(angles)[place]]).all()
         if not reached or any(place[a] > place[b] for a, b in before):
@@ -396,12 +399,12 @@ class EpochSearch:
 
 
 def _epochs(angles: Sequence[int], place: list[int]) -> tuple[Epoch, ...]:
-    """Returns the epochs in which something is done; those at one angle right after one another are one."""
-    found: list[Epoch] = []
+    """Build the non-empty epochs; neighbours at the same angle are merged."""
+    epochs: list[Epoch] = []
     for e, angle in enumerate(angles):
-        own = tuple(t for t, k in enumerate(place) if k == e)
-        if own and found and found[-1].angle == angle:
-            found[-1] = Epoch(angle, tuple(sorted((*found[-1].tasks, *own))))
-        elif own:
-            found.append(Epoch(angle, own))
-    return tuple(found)
+        tasks = tuple(t for t, k in enumerate(place) if k == e)
+        if tasks and epochs and epochs[-1].angle == angle:
+            epochs[-1] = Epoch(angle, tuple(sorted((*epochs[-1].tasks, *tasks))))
+        elif tasks:
+            epochs.append(Epoch(angle, tasks))
+    return tuple(epochs)

@@ -1,4 +1,4 @@
-"""The best order of few tasks, proven: dynamic programming over subsets, enumeration where arms wait for each other."""
+"""Optimal order of few tasks: dynamic programming over subsets, enumeration where arms wait for each other."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from dualarm_cli.orders.asynchronous.times import (
 
 
 def is_small(problem: SequencingProblem) -> bool:
-    """Returns whether `exact_order` serves a problem."""
+    """Test whether a problem is small enough for `exact_order`."""
     if problem.coupled:
-        # Few are enumerated, and fewer where buffers make arms wait.
+        # Orders are enumerated, which takes longer with buffers.
         return problem.tasks <= (7 if problem.stores is None else 5)
     nodes = problem.tasks * problem.options
     # Subsets times nodes times nodes: beyond this dynamic programming takes too long.
@@ -28,11 +28,11 @@ def is_small(problem: SequencingProblem) -> bool:
 
 
 def exact_order(problem: SequencingProblem) -> Timed | None:
-    """Returns the best order of all, None where there is none.
+    """Compute the optimal order, or None if no order is feasible.
 
-    Where the arms do not depend on each other, every arm's least time for every subset of tasks [Held1962], and the
-    subset whose slower arm is quickest. Otherwise that is a bound for every assignment: those that could be better than
-    the best so far are enumerated, each arm's tasks in the ways that make its own time least.
+    If the arms are independent: the least time of every arm for every subset of tasks [Held1962], and the partition
+    with the least makespan. Otherwise that is a lower bound for every partition, and partitions that may improve on the
+    best order are enumerated, each arm's tasks with the options that minimise its busy time.
 
     Args:
         problem: for which `is_small` holds.
@@ -45,15 +45,15 @@ def exact_order(problem: SequencingProblem) -> Timed | None:
     values = [tables[0].value[subsets]]
     if len(tables) == 2:
         values.append(tables[1].value[everything - subsets])
-    most = np.max(values, axis=0)
-    rank = np.lexsort((subsets, np.sum(values, axis=0), most))
-    if not np.isfinite(most[rank[0]]):
+    bounds = np.max(values, axis=0)
+    rank = np.lexsort((subsets, np.sum(values, axis=0), bounds))
+    if not np.isfinite(bounds[rank[0]]):
         return None
     parts = [(s, everything - s)[: len(tables)] for s in subsets[rank].tolist()]
     if not problem.coupled:
         nodes = tuple(t.nodes(s) for t, s in zip(tables, parts[0], strict=True))
         return timed(problem, Order(nodes))
-    return _enumerated(problem, parts, most[rank])
+    return _enumerated(problem, parts, bounds[rank])
 
 
 def _enumerated(
@@ -64,36 +64,36 @@ def _enumerated(
         if not np.isfinite(bound) or (best is not None and bound >= best.total):
             break
         each = [_orders(problem, a, subset, len(part)) for a, subset in enumerate(part)]
-        for one in each[0]:
-            for other in each[1] if len(each) == 2 else [((), 0.0)]:
-                if best is not None and max(one[1], other[1]) >= best.total:
+        for first in each[0]:
+            for second in each[1] if len(each) == 2 else [((), 0.0)]:
+                if best is not None and max(first[1], second[1]) >= best.total:
                     break
-                tasks = (one[0], other[0])[: len(each)]
-                found = timed(problem, best_options(problem, tasks))
-                if found.is_possible and (best is None or found.total < best.total):
-                    best = found
+                tasks = (first[0], second[0])[: len(each)]
+                candidate = timed(problem, best_options(problem, tasks))
+                if candidate.is_possible and (best is None or candidate.total < best.total):
+                    best = candidate
     return best
 
 
 def _orders(
     problem: SequencingProblem, a: int, subset: int, arms: int
 ) -> list[tuple[tuple[int, ...], float]]:
-    """Returns one arm's orders of a subset that keep the rules, each with the arm's own time, quickest first."""
+    """List one arm's feasible orders of a subset with their busy times, shortest first."""
     tasks = [t for t in range(problem.tasks) if subset >> t & 1]
-    found = []
-    for own in permutations(tasks):
-        every: list[tuple[int, ...]] = [()] * arms
-        every[a] = own
-        if keeps_rules(problem, [own]):
-            found.append((own, busy_times(problem, best_options(problem, every))[a]))
-    return sorted(found, key=lambda one: (one[1], one[0]))
+    orders = []
+    for row in permutations(tasks):
+        rows: list[tuple[int, ...]] = [()] * arms
+        rows[a] = row
+        if keeps_rules(problem, [row]):
+            orders.append((row, busy_times(problem, best_options(problem, rows))[a]))
+    return sorted(orders, key=lambda order: (order[1], order[0]))
 
 
 class _Subsets:
-    """One arm's least time for every subset of tasks, the way back included [Held1962]."""
+    """Least time of one arm for every subset of tasks, with the return [Held1962]."""
 
     value: FloatArray
-    """Least time [s], infinite where the subset cannot be done, shape (2^n,)."""
+    """Least time [s], shape (2^n,); infinite for infeasible subsets."""
 
     def __init__(self, problem: SequencingProblem, a: int) -> None:
         self._problem, self._a = problem, a
@@ -102,7 +102,7 @@ class _Subsets:
         start, nodes = problem.start_node, np.arange(n * w)
         step = between[: n * w, : n * w] + length[None, : n * w]
         step = np.where(self._may_follow(), step, np.inf)
-        # Least time of a subset that ends with a node; its node before is found again when asked for.
+        # Least time of a subset that ends with a node; `nodes` traces the predecessors.
         self._table = table = np.full((2**n, n * w), np.inf)
         first = between[start, : n * w] + length[: n * w]
         table[1 << nodes // w, nodes] = np.where(self._may_begin(), first, np.inf)
@@ -120,25 +120,27 @@ class _Subsets:
         problem, table, w = self._problem, self._table, self._problem.options
         for task in range(problem.tasks):
             bit = 1 << task
-            # What comes before another task of the same arm is not done after it.
+            # A task cannot end a subset that has a task which it must precede.
             if not subset & bit or any(
-                one == task and subset >> other & 1 for one, other in problem.before
+                earlier == task and subset >> later & 1 for earlier, later in problem.before
             ):
                 continue
             if problem.in_file_order and subset >> (task + 1):
                 continue
-            own = slice(task * w, (task + 1) * w)
-            table[subset, own] = (table[subset ^ bit][:, None] + self._step[:, own]).min(axis=0)
+            columns = slice(task * w, (task + 1) * w)
+            table[subset, columns] = (table[subset ^ bit][:, None] + self._step[:, columns]).min(
+                axis=0
+            )
 
     def _may_follow(self) -> BoolArray:
-        """Returns which node may come right after which, shape (n w, n w)."""
+        """Test which nodes may directly follow each other, shape (n w, n w)."""
         n, w = self._problem.tasks, self._problem.options
         task = np.arange(n * w) // w
-        may = task[:, None] != task[None, :]
+        allowed = task[:, None] != task[None, :]
         for row in self._problem.sequences:
-            for one, other in pairwise(row):
-                may &= (task[:, None] == one) == (task[None, :] == other)
-        return may
+            for earlier, later in pairwise(row):
+                allowed &= (task[:, None] == earlier) == (task[None, :] == later)
+        return allowed
 
     def _may_begin(self) -> BoolArray:
         task = np.arange(self._problem.tasks * self._problem.options) // self._problem.options
@@ -151,17 +153,17 @@ class _Subsets:
         return ~np.isin(task, sooner)
 
     def nodes(self, subset: int) -> tuple[int, ...]:
-        """Returns the best order of a subset."""
+        """Trace the best order of a subset."""
         if subset == 0:
             return ()
         w = self._problem.options
         node = int((self._table[subset] + self._ending).argmin())
-        found = [node]
+        route = [node]
         while subset != 1 << node // w:
             subset ^= 1 << node // w
             node = int((self._table[subset] + self._step[:, node]).argmin())
-            found.append(node)
-        return tuple(reversed(found))
+            route.append(node)
+        return tuple(reversed(route))
 
 
 def _subsets(n: int, count: int) -> IntArray:

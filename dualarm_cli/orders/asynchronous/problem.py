@@ -16,29 +16,32 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class ArmTasks:
-    """What n tasks are to one arm: each in up to w ways, by the postures in which it is begun and left."""
+    """n tasks as one arm can do them, each with up to w options.
+
+    An option is a pair of postures in which the task is begun and left.
+    """
 
     entry: FloatArray
     """Joints where a task begins, before its first approach [rad], shape (n, w, joints)."""
     leaving: FloatArray
     """Joints where it ends, after its last retract [rad], shape (n, w, joints)."""
     first: FloatArray
-    """Time of its first stop, lines and dwell [s], infinite for a way that there is not, shape (n, w)."""
+    """Time of the first stop [s], lines and dwell, shape (n, w); infinite for an option that does not exist."""
     second: FloatArray
-    """Time from there to the end of its second stop, the transfer between them included [s], 0 for tasks of one stop,
-    shape (n, w)."""
+    """Time from the first stop to the end of the second one [s], shape (n, w); with the transfer between them, 0 for
+    tasks of one stop."""
     start: FloatArray
     """Joints before the first task [rad], shape (joints,)."""
     law: RestToRest
     """Rest-to-rest times of the joints."""
     home: FloatArray | None = None
-    """Joints to which it goes back [rad], shape (joints,); None for those before the first task."""
+    """Joints to return to [rad], shape (joints,); None for `start`."""
     free: bool = False
-    """Whether it begins where its first transfer would end, and goes back there: the way there takes no time, and the
-    way back counts as what it is at least, to any task."""
+    """Whether the arm may start anywhere. It then begins where its first transfer would end and returns there: the
+    first transfer takes no time, and the return counts as the shortest transfer to any task."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("entry", "leaving", "first", "second", "start"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
         if self.home is not None:
@@ -46,62 +49,62 @@ class ArmTasks:
 
     @property
     def options(self) -> int:
-        """Most ways of a task."""
+        """Maximum number of options of a task."""
         return self.first.shape[1]
 
     @property
     def allowed(self) -> BoolArray:
-        """Which tasks the arm can do in any way, shape (n,)."""
+        """Tasks that the arm can do, shape (n,)."""
         return np.asarray(np.isfinite(self.first).any(axis=1))
 
 
 @dataclass(frozen=True)
 class SequencingProblem:
-    """Tasks to be given to asynchronous arms and put in order, so that all is done soonest.
+    """Assignment and sequencing of tasks for asynchronous arms, with the least makespan.
 
-    Every arm begins in its start posture; the platform stands still, but for a turn before and after all.
-    Nodes are ways of tasks: node t w + k is way k of task t; node n w is the arm's start.
+    Every arm begins in its start posture. The platform stands still, except for one turn before and one after all
+    tasks. Nodes are options of tasks: node t w + k is option k of task t; node n w is the arm's start.
     """
 
     arms: tuple[ArmTasks, ...]
-    """One or two arms."""
+    """Tasks of the one or two arms."""
     stops: tuple[int, ...]
-    """How many stops each task has, 1 or 2."""
+    """Number of stops of each task, 1 or 2."""
     returns: bool
-    """Whether every arm goes back to its start, or to its home."""
+    """Whether every arm returns to its start, or to its home."""
     before: tuple[tuple[int, int], ...] = ()
-    """Pairs of tasks of which the first is over before the second begins."""
+    """Precedence: pairs of tasks, the first finished before the second begins."""
     sequences: tuple[tuple[int, ...], ...] = ()
-    """Tasks that one arm does one right after the other."""
+    """Tasks that one arm does directly one after the other."""
     not_before: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Earliest instant at which a task's first stop may end its approach [s], shape (n,); empty for none."""
+    """Earliest instant at which a task's first approach may end [s], shape (n,); empty for none."""
     not_after: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Latest instant at which a task may be over [s], shape (n,); empty for none."""
+    """Latest instant at which a task may end [s], shape (n,); empty for none."""
     in_file_order: bool = False
     """Whether each arm does its tasks in the order of their numbers."""
     turn: tuple[float, float] = (0.0, 0.0)
-    """How long the platform turns before the first stop and after the last one [s]."""
+    """Duration of the platform's turn before the first stop and after the last one [s]."""
     stores: Stores | None = None
-    """Buffers for parts between stops; None without any. Stops are those of all tasks, one after the other."""
+    """Buffers for parts between stops, or None; stops are numbered task by task."""
     lasts: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
-    """How long before a stop is over its tool is at the target, and its dwell is over [s], shape (s, 2); empty without
-    buffers."""
+    """Times before each stop's end [s], shape (s, 2): of the arrival at the target and of the dwell's end; empty
+    without buffers."""
     stands: tuple[ToolStands | None, ...] = ()
-    """By arm, the tools that it changes between its tasks, None for an arm that changes none; empty for no arm."""
+    """Tools that each arm changes between its tasks; None for an arm without tool changes, empty if no arm has any."""
 
     @property
     def tasks(self) -> int:
-        """How many."""
+        """Number of tasks."""
         return len(self.stops)
 
     @property
     def options(self) -> int:
-        """Most ways of a task."""
+        """Maximum number of options of a task."""
         return self.arms[0].options
 
     @property
     def start_node(self) -> int:
-        """Number of the node that is an arm's start."""
+        """Number of the start node of an arm."""
         return self.tasks * self.options
 
     @cached_property
@@ -111,22 +114,22 @@ class SequencingProblem:
 
     @cached_property
     def coupled(self) -> bool:
-        """Whether arms depend on one another or on the time."""
+        """Whether arms depend on each other or on time."""
         return bool(self.before) or self.windows or self.stores is not None
 
     @cached_property
     def between(self) -> tuple[FloatArray, ...]:
-        """Times of transfers by arm [s], from where a node is left to where another is begun, shape (n w + 1, n w + 1).
+        """Transfer times of each arm between nodes [s]; shape (n w + 1, n w + 1).
 
-        From the start no sooner than the platform is there; to the start 0 where there is no return. Where another tool
-        is asked for, the whole change is part of it.
+        From the start no arm arrives before the platform; to the start it takes 0 without a return. If the next task
+        requires another tool, the time includes the tool change.
         """
         stands = self.stands or (None,) * len(self.arms)
         return tuple(self._between(*both) for both in zip(self.arms, stands, strict=True))
 
     @cached_property
     def length(self) -> tuple[FloatArray, ...]:
-        """Times of the nodes themselves by arm [s], infinite for what there is not, shape (n w + 1,)."""
+        """Times of the nodes themselves by arm [s]; shape (n w + 1,), infinite without an option."""
         return tuple(
             np.append((arm.first + arm.second).ravel(), 0.0).astype(np.float64) for arm in self.arms
         )
@@ -137,31 +140,31 @@ class SequencingProblem:
         back = arm.start if arm.home is None else arm.home
         entry = np.concatenate([arm.entry.reshape(-1, joints), back[None]])
         n = len(entry)
-        found = np.empty((n, n))
+        times = np.empty((n, n))
         rows = max(1, 2_000_000 // n)  # pairs of postures at once
         for k in range(0, n, rows):
-            found[k : k + rows] = arm.law.duration(entry[None] - leaving[k : k + rows, None])
-        found = np.where(np.isnan(found), np.inf, found)
+            times[k : k + rows] = arm.law.duration(entry[None] - leaving[k : k + rows, None])
+        times = np.where(np.isnan(times), np.inf, times)
         if arm.free:
-            found[:-1, -1] = found[:-1].min(axis=1)
-            found[-1, np.isfinite(found[-1])] = 0.0
-        found[-1, :-1] = np.maximum(found[-1, :-1], self.turn[0])
-        found[:-1, -1] = np.maximum(found[:-1, -1], self.turn[1]) if self.returns else 0.0
-        found[-1, -1] = 0.0
+            times[:-1, -1] = times[:-1].min(axis=1)
+            times[-1, np.isfinite(times[-1])] = 0.0
+        times[-1, :-1] = np.maximum(times[-1, :-1], self.turn[0])
+        times[:-1, -1] = np.maximum(times[:-1, -1], self.turn[1]) if self.returns else 0.0
+        times[-1, -1] = 0.0
         if stands is None:
-            return found
+            return times
         return stands.between_with_changes(
-            found, entry, leaving, arm.law.duration, self.turn, returns=self.returns
+            times, entry, leaving, arm.law.duration, self.turn, returns=self.returns
         )
 
 
 @dataclass(frozen=True)
 class Order:
-    """An answer: each arm's nodes one after the other."""
+    """Nodes of each arm in their order."""
 
     nodes: tuple[tuple[int, ...], ...]
-    """By arm, in the problem's order."""
+    """Nodes of each arm, numbered as in the problem."""
 
-    def tasks(self, ways: int) -> tuple[tuple[int, ...], ...]:
-        """Returns each arm's tasks."""
-        return tuple(tuple(node // ways for node in own) for own in self.nodes)
+    def tasks(self, options: int) -> tuple[tuple[int, ...], ...]:
+        """Look up each arm's tasks."""
+        return tuple(tuple(node // options for node in nodes) for nodes in self.nodes)

@@ -1,4 +1,4 @@
-"""When everything begins and ends for given orders of asynchronous arms."""
+"""Start and end times of given orders of asynchronous arms."""
 
 from __future__ import annotations
 
@@ -14,93 +14,102 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class Leg:
-    """One stop of an arm, with the way to it."""
+    """Stop of an arm, with the transfer to it."""
 
     task: int
     """Its task."""
     node: int
     """Its task's node."""
     length: float
-    """From the end of the arm's stop before to its own end [s]."""
+    """Time from the end of the previous stop to the end of this one [s]."""
     work: float
-    """What of that is its own, lines and dwell [s]; of a task's second stop the way there as well."""
+    """Time of lines and dwell [s]; for a task's second stop with the transfer to it."""
     lasts: tuple[float, float]
-    """How long before its end the tool is at the target, and its dwell is over [s]."""
+    """Times before the stop's end [s]: of the arrival at the target and of the dwell's end."""
     store: int
-    """Number of its buffer."""
+    """Number of the stop's buffer."""
     sign: int
-    """1 for a part that is put in, -1 for one that is taken out, 0 for neither."""
+    """Change of the buffer: 1 for a part put in, -1 for a part taken out."""
     begins: bool
-    """Whether it is its task's first stop."""
+    """Whether it is the first stop of its task."""
     ends: bool
-    """Whether it is its task's last one."""
+    """Whether it is the last stop of its task."""
 
 
 @dataclass(frozen=True)
 class State:
-    """How far all arms have got."""
+    """Progress of all arms."""
 
     at: tuple[int, ...]
-    """By arm, so many stops are made."""
+    """Number of finished stops of each arm."""
     ends: tuple[float, ...]
-    """By arm, when the last of them is over [s]."""
+    """End of the last finished stop of each arm [s]."""
     event: float = 0.0
-    """When the last event of all was [s]."""
+    """Time of the last event [s]."""
     late: float = 0.0
-    """By how much windows are missed so far [s]."""
+    """Total lateness so far [s]."""
     before: State | None = None
-    """The state before; None at the start."""
+    """Previous state; None at the start."""
 
-    def is_no_later(self, other: State) -> bool:
-        """Returns whether nothing is later than in another state which has got as far."""
-        mine, others = (*self.ends, self.event, self.late), (*other.ends, other.event, other.late)
-        return all(one <= two + 1e-12 for one, two in zip(mine, others, strict=True))
+    def is_no_later(self, rival: State) -> bool:
+        """Test whether this state dominates another one with the same progress."""
+        values, rival_values = (
+            (*self.ends, self.event, self.late),
+            (*rival.ends, rival.event, rival.late),
+        )
+        return all(
+            value <= rival_value + 1e-12
+            for value, rival_value in zip(values, rival_values, strict=True)
+        )
 
 
 class StoredOrder:
-    """One order of asynchronous arms, with buffers."""
+    """Order of asynchronous arms with buffers."""
 
     def __init__(self, problem: SequencingProblem, order: Order) -> None:
-        """Prepares it."""
+        """Prepare the stops of each arm."""
         assert problem.stores is not None  # callers have looked
         self._problem, self._stores = problem, problem.stores
         self._legs = [_legs(problem, a, nodes) for a, nodes in enumerate(order.nodes)]
-        self._puts = [self._counts(own, 1) for own in self._legs]
-        self._takes = [self._counts(own, -1) for own in self._legs]
+        self._puts = [self._counts(legs, 1) for legs in self._legs]
+        self._takes = [self._counts(legs, -1) for legs in self._legs]
         self._over = {
             leg.task: (a, k + 1)
-            for a, own in enumerate(self._legs)
-            for k, leg in enumerate(own)
+            for a, legs in enumerate(self._legs)
+            for k, leg in enumerate(legs)
             if leg.ends
         }
         self._first: dict[int, list[int]] = {}
-        for one, other in problem.before:
-            self._first.setdefault(other, []).append(one)
+        for earlier, later in problem.before:
+            self._first.setdefault(later, []).append(earlier)
 
-    def _counts(self, own: list[Leg], sign: int) -> list[list[int]]:
-        """Returns how many of an arm's first k stops change each buffer by a sign, shape (n + 1, K)."""
-        found: IntArray = np.zeros((len(own) + 1, len(self._stores.initial)), dtype=np.int64)
-        for k, leg in enumerate(own):
-            found[k + 1] = found[k]
-            found[k + 1, leg.store] += leg.sign == sign
-        return found.tolist()
+    def _counts(self, legs: list[Leg], sign: int) -> list[list[int]]:
+        """Count the buffer changes of one sign among an arm's first stops; shape (n + 1, K)."""
+        counts: IntArray = np.zeros((len(legs) + 1, len(self._stores.initial)), dtype=np.int64)
+        for k, leg in enumerate(legs):
+            counts[k + 1] = counts[k]
+            counts[k + 1, leg.store] += leg.sign == sign
+        return counts.tolist()
 
     def played(self) -> State:
-        """Returns the best last state found: where arms wait forever, one in which not all is done."""
+        """Simulate the order to its end, or to a deadlock.
+
+        The best interleaving is returned if arms compete for parts and the stops are few.
+        """
         served = self._served()
-        count = sum(len(own) for own in self._legs)
-        short = count <= 24  # few enough stops for all interleavings
-        # Of tasks in the file's order there are few orders: none of them is given up too early.
+        count = sum(len(legs) for legs in self._legs)
+        short = count <= 24  # few enough stops to enumerate all interleavings
+        # In the file's order there are few orders, so all of them are searched after a deadlock.
         if self._is_contended() and (short or (self.left(served) and self._problem.in_file_order)):
             return self._best() or served
         return served
 
     def left(self, state: State) -> int:
-        """Returns how many stops are not made."""
-        return sum(len(own) for own in self._legs) - sum(state.at)
+        """Count the stops that are not finished."""
+        return sum(len(legs) for legs in self._legs) - sum(state.at)
 
     def _is_contended(self) -> bool:
-        """Returns whether several arms put parts into one buffer, or take them out of one."""
+        """Test whether several arms put parts into, or take them from, one buffer."""
         return any(
             sum(arm[-1][k] > 0 for arm in counts) > 1
             for counts in (self._puts, self._takes)
@@ -111,145 +120,146 @@ class StoredOrder:
         return State(tuple(0 for _ in self._legs), tuple(0.0 for _ in self._legs))
 
     def _served(self) -> State:
-        """Returns the last state where whoever can be at the target first is served first."""
+        """Simulate first come, first served."""
         state = self._start()
         while True:
-            tries = [self._next(state, a) for a in range(len(self._legs))]
-            found = [one for one in tries if one is not None]
-            if not found:
+            candidates = [self._next(state, a) for a in range(len(self._legs))]
+            states = [successor for successor in candidates if successor is not None]
+            if not states:
                 return state
-            state = min(found, key=lambda one: one.event)
+            state = min(states, key=lambda successor: successor.event)
 
     def _best(self) -> State | None:
-        """Returns the best last state of all interleavings, None where none leads to the end."""
-        sizes = tuple(len(own) for own in self._legs)
+        """Compute the best final state of all interleavings, or None."""
+        sizes = tuple(len(legs) for legs in self._legs)
         fronts: dict[tuple[int, ...], list[State]] = {self._start().at: [self._start()]}
         for at in np.ndindex(*(n + 1 for n in sizes)):
             for state in fronts.get(at, ()):
                 for a in range(len(sizes)):
-                    found = self._next(state, a)
-                    if found is None:
+                    successor = self._next(state, a)
+                    if successor is None:
                         continue
-                    front = fronts.setdefault(found.at, [])
-                    if not any(one.is_no_later(found) for one in front):
-                        front[:] = [one for one in front if not found.is_no_later(one)]
-                        front.append(found)
+                    front = fronts.setdefault(successor.at, [])
+                    if not any(rival.is_no_later(successor) for rival in front):
+                        front[:] = [rival for rival in front if not successor.is_no_later(rival)]
+                        front.append(successor)
         last = fronts.get(sizes, [])
-        return min(last, key=lambda one: (one.late, self.done(one)), default=None)
+        return min(last, key=lambda state: (state.late, self.done(state)), default=None)
 
     def done(self, state: State) -> float:
-        """Returns when all arms are back from where they are [s]."""
-        home, backs = self._problem.start_node, []
-        for a, own in enumerate(self._legs):
+        """Compute the time at which all arms are back [s]."""
+        home, returns = self._problem.start_node, []
+        for a, legs in enumerate(self._legs):
             k = state.at[a]
-            back = float(self._problem.between[a][own[k - 1].node, home]) if k else 0.0
-            backs.append(state.ends[a] + back)
-        return max(backs)
+            back = float(self._problem.between[a][legs[k - 1].node, home]) if k else 0.0
+            returns.append(state.ends[a] + back)
+        return max(returns)
 
     def times(
         self, state: State
     ) -> tuple[tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:
-        """Returns by arm when its tasks begin their first approach, and when they are over [s]."""
+        """Trace each arm's task starts and ends [s]."""
         begins: list[list[float]] = [[] for _ in self._legs]
         ends: list[list[float]] = [[] for _ in self._legs]
-        one: State = state
-        while one.before is not None:
-            a = next(a for a, k in enumerate(one.at) if k != one.before.at[a])
-            leg = self._legs[a][one.at[a] - 1]
+        current: State = state
+        while current.before is not None:
+            a = next(a for a, k in enumerate(current.at) if k != current.before.at[a])
+            leg = self._legs[a][current.at[a] - 1]
             if leg.begins:
-                begins[a].insert(0, one.ends[a] - leg.work)
+                begins[a].insert(0, current.ends[a] - leg.work)
             if leg.ends:
-                ends[a].insert(0, one.ends[a])
-            one = one.before
+                ends[a].insert(0, current.ends[a])
+            current = current.before
         return tuple(map(tuple, begins)), tuple(map(tuple, ends))
 
     def _next(self, state: State, a: int) -> State | None:
-        """Returns what follows where an arm makes its next stop, its event after all others; None where it cannot."""
+        """Compute the state after an arm's next stop, its event last; None if the arm has to wait."""
         k = state.at[a]
         if k == len(self._legs[a]):
             return None
         leg = self._legs[a][k]
         end = state.ends[a] + leg.length
         if leg.begins:
-            opens = self._opens(state, leg.task)
-            if opens is None:
+            earliest = self._opens(state, leg.task)
+            if earliest is None:
                 return None
-            end = max(end, opens + leg.work)
-        served = self._served_from(state, leg)
-        if served is None:
+            end = max(end, earliest + leg.work)
+        available = self._served_from(state, leg)
+        if available is None:
             return None
-        event = max(end - leg.lasts[0], state.event, served)
+        event = max(end - leg.lasts[0], state.event, available)
         end = max(end, event + leg.lasts[0])
         late = state.late
         if leg.ends and len(self._problem.not_after):
             late += max(0.0, end - float(self._problem.not_after[leg.task]))
         at = tuple(n + (b == a) for b, n in enumerate(state.at))
-        ends = tuple(end if b == a else one for b, one in enumerate(state.ends))
+        ends = tuple(end if b == a else previous for b, previous in enumerate(state.ends))
         return State(at, ends, event, late, state)
 
     def _opens(self, state: State, task: int) -> float | None:
-        """Returns when a task's first approach may begin [s]; None where a task before it is not yet done."""
-        early = self._problem.not_before
-        found = float(early[task]) if len(early) else 0.0
-        for first in self._first.get(task, ()):
-            if first not in self._over:
+        """Compute the earliest start of a task [s]; None while a predecessor is not finished."""
+        not_before = self._problem.not_before
+        earliest = float(not_before[task]) if len(not_before) else 0.0
+        for predecessor in self._first.get(task, ()):
+            if predecessor not in self._over:
                 return None
-            a, k = self._over[first]
+            a, k = self._over[predecessor]
             if state.at[a] < k:
                 return None
-            one = state
-            while one.at[a] > k:
-                assert one.before is not None  # that stop has been made
-                one = one.before
-            found = max(found, one.ends[a])
-        return found
+            past = state
+            while past.at[a] > k:
+                assert past.before is not None  # that stop has been made
+                past = past.before
+            earliest = max(earliest, past.ends[a])
+        return earliest
 
     def _served_from(self, state: State, leg: Leg) -> float | None:
-        """Returns from when on there is a part, or room, for a stop [s]; None where another stop has to come first.
+        """Compute the time from which a stop has a part, or room, in its buffer [s].
 
-        Of what arms have done only the last stop of each may not be over at the last event.
+        None if another stop has to come first. Of the finished stops only the last one of each arm may end after the
+        last event.
         """
         if leg.sign == 0:
             return 0.0
         stores, k = self._stores, leg.store
-        # What a take needs are puts that are over, what a put needs are takes that are.
+        # A take requires finished puts, a put requires finished takes.
         gives, uses = (self._takes, self._puts) if leg.sign > 0 else (self._puts, self._takes)
         capacity, initial = int(stores.capacity[k]), int(stores.initial[k])
-        there = capacity - initial if leg.sign > 0 else initial
+        available = capacity - initial if leg.sign > 0 else initial
         pending = []
         for b, n in enumerate(state.at):
-            there -= uses[b][n][k]
+            available -= uses[b][n][k]
             if not n:
                 continue
-            there += gives[b][n - 1][k]
+            available += gives[b][n - 1][k]
             if gives[b][n][k] > gives[b][n - 1][k]:
                 pending.append(state.ends[b] - self._legs[b][n - 1].lasts[1])
-        if there > 0:
+        if available > 0:
             return 0.0
-        # Some of these are used already.
+        # The first of the pending events are already used.
         pending.sort()
-        return pending[-there] if -there < len(pending) else None
+        return pending[-available] if -available < len(pending) else None
 
 
 def _legs(problem: SequencingProblem, a: int, nodes: tuple[int, ...]) -> list[Leg]:
-    """Returns an arm's stops in their order."""
+    """List the stops of an arm in their order."""
     assert problem.stores is not None  # callers have looked
     first = np.concatenate([[0], np.cumsum(problem.stops)])
-    arm, last, found = problem.arms[a], problem.start_node, list[Leg]()
+    arm, last, legs = problem.arms[a], problem.start_node, list[Leg]()
     for node in nodes:
-        t, way = divmod(node, problem.options)
+        t, option = divmod(node, problem.options)
         for s in range(problem.stops[t]):
             change = problem.stores.change[first[t] + s]
             store = int(np.abs(change).argmax())
-            own = float(arm.second[t, way] if s else arm.first[t, way])
-            to = 0.0 if s else float(problem.between[a][last, node])
+            work = float(arm.second[t, option] if s else arm.first[t, option])
+            transfer = 0.0 if s else float(problem.between[a][last, node])
             at_target, over = problem.lasts[first[t] + s].tolist()
-            found.append(
+            legs.append(
                 Leg(
                     t,
                     node,
-                    to + own,
-                    own,
+                    transfer + work,
+                    work,
                     (at_target, over),
                     store,
                     int(change[store]),
@@ -258,116 +268,116 @@ def _legs(problem: SequencingProblem, a: int, nodes: tuple[int, ...]) -> list[Le
                 )
             )
         last = node
-    return found
+    return legs
 
 
 @dataclass(frozen=True)
 class Timed:
-    """An order's times."""
+    """Order with its times."""
 
     order: Order
-    """The order."""
+    """Order that was timed."""
     total: float
-    """When all is done [s]; infinite where it cannot be."""
+    """Makespan [s]; infinite if the order is infeasible."""
     busy: tuple[float, ...]
-    """By arm, the time of its own transfers and tasks, without waiting [s]."""
+    """Time of each arm's transfers and tasks without waits [s]."""
     late: float = 0.0
-    """By how much windows are missed, together [s]."""
+    """Total lateness [s]."""
     begins: tuple[tuple[float, ...], ...] = ()
-    """By arm, when each task's first approach begins [s]."""
+    """Start of each task's first approach [s], by arm."""
     ends: tuple[tuple[float, ...], ...] = ()
-    """By arm, when each task is over [s]."""
+    """End of each task [s], by arm."""
     left: int = 0
-    """Stops that are never made, as they wait for parts or for room forever."""
+    """Number of stops that are never made because of a deadlock."""
 
     @property
     def is_possible(self) -> bool:
-        """Returns whether all is done, and in time."""
+        """Whether all tasks are finished, and in time."""
         return np.isfinite(self.total) and self.late <= 1e-9
 
     @property
     def objective(self) -> float:
-        """What is minimised [s]: the total, what is late many times, and a little of the arms' own times."""
+        """Objective [s]: makespan, weighted lateness and a small share of the busy times."""
         if self.left:
-            # A stop that is never made counts this much [s].
+            # Penalty of a stop that is never made [s].
             return 1e6 * self.left + sum(self.busy)
         return self.total + LATE * self.late + 1e-3 * sum(self.busy)
 
 
 def timed(problem: SequencingProblem, order: Order) -> Timed:
-    """Returns the times of an order, with waits for tasks that come before, for windows to open, and for buffers."""
-    own = busy_times(problem, order)
+    """Time an order, with waits for precedence, windows and buffers."""
+    busy = busy_times(problem, order)
     if not problem.coupled:
-        return Timed(order, max(own), own)
+        return Timed(order, max(busy), busy)
     if problem.stores is not None:
-        return _stored(problem, order, own)
-    ways, first = problem.options, _predecessors(problem)
+        return _stored(problem, order, busy)
+    options, predecessors = problem.options, _predecessors(problem)
     clock = [0.0] * len(order.nodes)
-    place = [0] * len(order.nodes)
+    position = [0] * len(order.nodes)
     last = [problem.start_node] * len(order.nodes)
-    over: dict[int, float] = {}
+    finished: dict[int, float] = {}
     begins: list[list[float]] = [[] for _ in order.nodes]
     ends: list[list[float]] = [[] for _ in order.nodes]
     late = 0.0
-    moved = True
-    while moved:
-        moved = False
+    progressed = True
+    while progressed:
+        progressed = False
         for a, nodes in enumerate(order.nodes):
-            while place[a] < len(nodes):
-                node = nodes[place[a]]
-                task = node // ways
-                if any(one not in over for one in first[task]):
+            while position[a] < len(nodes):
+                node = nodes[position[a]]
+                task = node // options
+                if any(earlier not in finished for earlier in predecessors[task]):
                     break
                 begin = max(
                     clock[a] + problem.between[a][last[a], node],
                     _not_before(problem, task),
-                    *(over[one] for one in first[task]),
+                    *(finished[earlier] for earlier in predecessors[task]),
                 )
-                clock[a] = over[task] = begin + problem.length[a][node]
+                clock[a] = finished[task] = begin + problem.length[a][node]
                 closes = _not_after(problem, task)
                 late += clock[a] - closes if clock[a] > closes else 0.0
                 begins[a].append(float(begin))
                 ends[a].append(float(clock[a]))
-                last[a], place[a], moved = node, place[a] + 1, True
-    if any(place[a] < len(nodes) for a, nodes in enumerate(order.nodes)):
-        return Timed(order, np.inf, own)
+                last[a], position[a], progressed = node, position[a] + 1, True
+    if any(position[a] < len(nodes) for a, nodes in enumerate(order.nodes)):
+        return Timed(order, np.inf, busy)
     total = max(
         clock[a] + problem.between[a][last[a], problem.start_node] for a in range(len(clock))
     )
     return Timed(
-        order, float(total), own, float(late), tuple(map(tuple, begins)), tuple(map(tuple, ends))
+        order, float(total), busy, float(late), tuple(map(tuple, begins)), tuple(map(tuple, ends))
     )
 
 
-def _stored(problem: SequencingProblem, order: Order, own: tuple[float, ...]) -> Timed:
-    """Returns the times of an order with buffers."""
+def _stored(problem: SequencingProblem, order: Order, busy: tuple[float, ...]) -> Timed:
+    """Time an order with buffers."""
     stored = StoredOrder(problem, order)
     last = stored.played()
     if left := stored.left(last):
-        return Timed(order, np.inf, own, left=left)
-    return Timed(order, stored.done(last), own, last.late, *stored.times(last))
+        return Timed(order, np.inf, busy, left=left)
+    return Timed(order, stored.done(last), busy, last.late, *stored.times(last))
 
 
 def busy_times(problem: SequencingProblem, order: Order) -> tuple[float, ...]:
-    """Returns, by arm, the time of its own transfers and tasks, without waiting [s]."""
-    found = []
+    """Compute the time of each arm's transfers and tasks without waits [s]."""
+    times = []
     for a, nodes in enumerate(order.nodes):
         if not nodes:
-            # Nothing, but for an arm that has to change its tool all the same.
-            found.append(float(problem.between[a][problem.start_node, problem.start_node]))
+            # An idle arm still has to change its tool.
+            times.append(float(problem.between[a][problem.start_node, problem.start_node]))
             continue
-        way = np.array([problem.start_node, *nodes, problem.start_node])
-        found.append(
-            float(problem.between[a][way[:-1], way[1:]].sum() + problem.length[a][way].sum())
+        route = np.array([problem.start_node, *nodes, problem.start_node])
+        times.append(
+            float(problem.between[a][route[:-1], route[1:]].sum() + problem.length[a][route].sum())
         )
-    return tuple(found)
+    return tuple(times)
 
 
 def _predecessors(problem: SequencingProblem) -> list[list[int]]:
-    found: list[list[int]] = [[] for _ in range(problem.tasks)]
-    for one, other in problem.before:
-        found[other].append(one)
-    return found
+    predecessors: list[list[int]] = [[] for _ in range(problem.tasks)]
+    for earlier, later in problem.before:
+        predecessors[later].append(earlier)
+    return predecessors
 
 
 def _not_before(problem: SequencingProblem, task: int) -> float:
@@ -379,25 +389,28 @@ def _not_after(problem: SequencingProblem, task: int) -> float:
 
 
 def keeps_rules(problem: SequencingProblem, tasks: Sequence[Sequence[int]]) -> bool:
-    """Returns whether each arm's own order keeps precedence, sequences and, where it has to, the file's order."""
-    for own in tasks:
-        rank = {task: k for k, task in enumerate(own)}
-        if problem.in_file_order and list(own) != sorted(own):
+    """Test whether each arm's order satisfies precedence, sequences and the file's order."""
+    for row in tasks:
+        rank = {task: k for k, task in enumerate(row)}
+        if problem.in_file_order and list(row) != sorted(row):
             return False
         if any(a in rank and b in rank and rank[a] > rank[b] for a, b in problem.before):
             return False
-        for row in problem.sequences:
-            ranks = [rank.get(task, -1) for task in row]
+        for sequence in problem.sequences:
+            ranks = [rank.get(task, -1) for task in sequence]
             if max(ranks) < 0:
                 continue
-            if ranks != list(range(ranks[0], ranks[0] + len(row))):
+            if ranks != list(range(ranks[0], ranks[0] + len(sequence))):
                 return False
     return True
 
 
 def best_options(problem: SequencingProblem, tasks: Sequence[Sequence[int]]) -> Order:
-    """Returns each arm's tasks in the ways that make its own time least, by dynamic programming along its order."""
-    return Order(tuple(_best_options(problem, a, own)[1] for a, own in enumerate(tasks)))
+    """Select the options that minimise each arm's busy time.
+
+    Dynamic programming along the given order of its tasks.
+    """
+    return Order(tuple(_best_options(problem, a, row)[1] for a, row in enumerate(tasks)))
 
 
 def _best_options(
@@ -408,19 +421,19 @@ def _best_options(
     w, between, length = problem.options, problem.between[a], problem.length[a]
     value: FloatArray = np.zeros(1)
     nodes = np.array([problem.start_node])
-    came = []
+    predecessors = []
     for task in tasks:
-        own = np.arange(task * w, (task + 1) * w)
-        total = value[:, None] + between[nodes[:, None], own]
+        columns = np.arange(task * w, (task + 1) * w)
+        total = value[:, None] + between[nodes[:, None], columns]
         best = total.argmin(axis=0)
-        value = total[best, np.arange(w)] + length[own]
-        came.append(best)
-        nodes = own
+        value = total[best, np.arange(w)] + length[columns]
+        predecessors.append(best)
+        nodes = columns
     value = value + between[nodes, problem.start_node]
     k = int(value.argmin())
     least = float(value[k])
-    found = []
-    for task, best in zip(reversed(tasks), reversed(came), strict=True):
-        found.append(task * w + k)
+    route = []
+    for task, best in zip(reversed(tasks), reversed(predecessors), strict=True):
+        route.append(task * w + k)
         k = int(best[k])
-    return least, tuple(reversed(found))
+    return least, tuple(reversed(route))

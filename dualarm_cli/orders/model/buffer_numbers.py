@@ -1,4 +1,4 @@
-"""Buffers of a job as numbers, and whether the stages of a decided job keep them."""
+"""Buffers of a job as numbers, and their levels in decided jobs."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from dualarm_cli.stages.plans.candidates import Nodes
 
 
 def used_buffers(job: Job) -> list[str]:
-    """Returns the names of the buffers that any stop uses, in the file's order."""
+    """List the names of the used buffers, in the file's order."""
     used = {stop.buffer for task in job.tasks for stop in task.stops}
     return [name for name in job.buffers if name in used]
 
 
 def job_stores(job: Job) -> Stores | None:
-    """Returns a job's buffers as numbers, stops those of all tasks one after the other; None where none is used."""
+    """Build the buffers of a job as numbers, stops numbered task by task; None without buffers."""
     names = used_buffers(job)
     if not names:
         return None
@@ -46,12 +46,12 @@ def stop_lasts(
     nodes: Mapping[tuple[str, int, int], Nodes],
     f: int,
 ) -> FloatArray:
-    """Returns how long before a stop is over its tool is there, and its dwell is over [s], shape (s, 2).
+    """Estimate the times of arrival and dwell end before each stop's end [s], shape (s, 2).
 
-    Lines are taken to last half of what is not dwell each, at the least of all postures seen from an angle.
+    The two lines of a stop are assumed to take equal times, in the quickest posture at the angle.
 
     Args:
-        tasks: whose stops.
+        tasks: tasks of the stops.
         arms: names of the arms.
         nodes: postures by arm, task and number of the stop.
         f: number of the platform angle.
@@ -59,8 +59,8 @@ def stop_lasts(
     rows = []
     for t, task in enumerate(tasks):
         for s, stop in enumerate(task.stops):
-            own = [nodes[arm, t, s] for arm in arms if task.allows(arm)]
-            work = min(float(one.work[one.angle_index == f].min(initial=np.inf)) for one in own)
+            arm_nodes = [nodes[arm, t, s] for arm in arms if task.allows(arm)]
+            work = min(float(n.work[n.angle_index == f].min(initial=np.inf)) for n in arm_nodes)
             dwell = stop.dwell.total
             line = 0.5 * max(0.0, work - dwell) if np.isfinite(work) else 0.0
             rows.append((line + dwell, line))
@@ -68,29 +68,29 @@ def stop_lasts(
 
 
 def check_stage_levels(job: Job) -> None:
-    """Raises InfeasibleError where a stage of a decided job takes a part that is not there, or has no room for one.
+    """Raise InfeasibleError if a stage of a decided job lacks a part, or room for one.
 
     Within a stage either arm may be the first at its target.
     """
     levels = {name: job.buffers[name].initial for name in used_buffers(job)}
     for number, work in enumerate(job.stages(), start=1):
         for name, level in levels.items():
-            own = [(task, stop) for task, stop in work.values() if stop.buffer == name]
-            puts = sum(stop.stored > 0 for _, stop in own)
-            takes = len(own) - puts
+            uses = [(task, stop) for task, stop in work.values() if stop.buffer == name]
+            puts = sum(stop.stored > 0 for _, stop in uses)
+            takes = len(uses) - puts
             capacity = job.buffers[name].capacity
             if takes > level or (puts and level + puts > capacity):
-                raise InfeasibleError(_fault(number, name, own, level, capacity))
+                raise InfeasibleError(_fault(number, name, uses, level, capacity))
             levels[name] = level + puts - takes
 
 
 def _fault(
-    number: int, name: str, own: Sequence[tuple[Task, Stop]], level: int, capacity: int
+    number: int, name: str, uses: Sequence[tuple[Task, Stop]], level: int, capacity: int
 ) -> Refusal:
-    """Returns what is wrong with one buffer in a stage."""
-    puts = [task.id for task, stop in own if stop.stored > 0]
-    takes = [task.id for task, stop in own if stop.stored < 0]
-    more = {
+    """Build the refusal of a stage that violates a buffer."""
+    puts = [task.id for task, stop in uses if stop.stored > 0]
+    takes = [task.id for task, stop in uses if stop.stored < 0]
+    details = {
         "buffer": name,
         "stage": number,
         "causes": [
@@ -100,17 +100,17 @@ def _fault(
         ],
         "either": [Refusal("either_first")] if puts and takes else [],
     }
-    task, stop = own[0]
-    return Refusal("buffer_in_stage", stop.place, task.id, "", level, capacity, more=more)
+    task, stop = uses[0]
+    return Refusal("buffer_in_stage", stop.place, task.id, "", level, capacity, more=details)
 
 
 def served_pairing(job: Job) -> tuple[tuple[StopKey, ...], ...]:
-    """Returns the stages of a decided job in which each arm makes its next stop as soon as buffers and `after` let it.
+    """Pair the stops of a decided job: each arm goes on as soon as buffers and `after` allow.
 
     Both arms make the stops of a hand-over in one stage.
 
     Raises:
-        InfeasibleError: in the order that is given arms wait for parts, for room or for one another forever.
+        InfeasibleError: the given order ends in a deadlock.
     """
     stores = job_stores(job)
     assert stores is not None  # callers have looked
@@ -121,7 +121,7 @@ def served_pairing(job: Job) -> tuple[tuple[StopKey, ...], ...]:
         [number[task.id, stop.action] for task, stop in job.stops_of(arm.name)]
         for arm in job.cell.robot.arms
     ]
-    found = any_alignment(
+    alignment = any_alignment(
         stores,
         [[number[task.id, stop.action] for stop in task.stops] for task in job.tasks],
         [(index[name], t) for t, task in enumerate(job.tasks) for name in task.after],
@@ -132,60 +132,62 @@ def served_pairing(job: Job) -> tuple[tuple[StopKey, ...], ...]:
             if task.stops[-1].action == "give"
         ],
     )
-    if not found.is_whole:
+    if not alignment.is_whole:
         waiting = [
-            stops[queue[k]] for queue, k in zip(queues, found.at, strict=True) if k < len(queue)
+            stops[queue[k]] for queue, k in zip(queues, alignment.at, strict=True) if k < len(queue)
         ]
-        raise InfeasibleError(_waiting_forever(job, stores.after(found.slots).tolist(), waiting))
+        raise InfeasibleError(
+            _waiting_forever(job, stores.after(alignment.slots).tolist(), waiting)
+        )
     return tuple(
         tuple((stops[k][0].arm, stops[k][0].id, stops[k][1].action) for k in row if k != IDLE)
-        for row in found.slots.tolist()
+        for row in alignment.slots.tolist()
     )
 
 
 def _waiting_forever(
     job: Job, levels: Sequence[int], waiting: Sequence[tuple[Task, Stop]]
 ) -> Refusal:
-    """Returns what arms wait for where an order that is given gets no farther."""
-    holds = dict(zip(used_buffers(job), levels, strict=True))
+    """Build the refusal of an order that ends in a deadlock, with its causes."""
+    parts = dict(zip(used_buffers(job), levels, strict=True))
     causes = []
     for task, stop in waiting:
-        what = "waits_for_arm" if stop.action in ("give", "take") else "waits_for_tasks"
+        cause = "waits_for_arm" if stop.action in ("give", "take") else "waits_for_tasks"
         level = capacity = None
         if stop.buffer:
-            what = "waits_for_room" if stop.stored > 0 else "waits_for_part"
-            level, capacity = holds[stop.buffer], job.buffers[stop.buffer].capacity
-        more = {"action": stop.action, "buffer": stop.buffer}
-        causes.append(Refusal(what, None, task.id, task.arm, level, capacity, more=more))
+            cause = "waits_for_room" if stop.stored > 0 else "waits_for_part"
+            level, capacity = parts[stop.buffer], job.buffers[stop.buffer].capacity
+        details = {"action": stop.action, "buffer": stop.buffer}
+        causes.append(Refusal(cause, None, task.id, task.arm, level, capacity, more=details))
     first, stop = waiting[0]
     return Refusal("arms_wait_forever", stop.place, first.id, more={"causes": causes})
 
 
-def begun(job: Job, done: Sequence[Task]) -> Job:
-    """Returns a job whose buffers hold at the start what they hold after some tasks of it.
+def with_levels_after(job: Job, finished: Sequence[Task]) -> Job:
+    """Set the initial levels of buffers to those after some tasks.
 
     Raises:
-        InfeasibleError: one holds fewer parts then than none, or more than it has room for, in whatever order.
+        InfeasibleError: a level is negative or above the capacity, whatever the order.
     """
     changed = {}
     for name, buffer in job.buffers.items():
-        stops = [stop for task in done for stop in task.stops if stop.buffer == name]
+        stops = [stop for task in finished for stop in task.stops if stop.buffer == name]
         level = buffer.initial + sum(stop.stored for stop in stops)
         if not 0 <= level <= buffer.capacity:
-            more = {"buffer": name}
-            found = stops[-1].place, done[-1].id, "", level, buffer.capacity
-            raise InfeasibleError(Refusal("buffer_at_border", *found, more=more))
+            details = {"buffer": name}
+            place = stops[-1].place, finished[-1].id, "", level, buffer.capacity
+            raise InfeasibleError(Refusal("buffer_at_border", *place, more=details))
         changed[name] = replace(buffer, initial=level)
     return replace(job, buffers=changed)
 
 
 def keeps_borders(job: Job) -> bool:
-    """Returns whether every buffer holds no less than nothing, and no more than it has room for, after each section."""
-    done: list[Task] = []
+    """Test whether all levels are feasible after each section."""
+    finished: list[Task] = []
     for section in job.sections():
-        done += section
+        finished += section
         try:
-            begun(job, done)
+            with_levels_after(job, finished)
         except InfeasibleError:
             return False
     return True

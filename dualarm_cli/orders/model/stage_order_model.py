@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.rest_to_rest import RestToRest
 from dualarm_cli.orders.model.buffer_numbers import job_stores
-from dualarm_cli.orders.model.meeting import handovers_of, meeting_costs, met_postures
+from dualarm_cli.orders.model.meeting import handovers_of, meeting_costs, pair_handover_postures
 from dualarm_cli.orders.model.order_model import NODES, OrderModel
 from dualarm_cli.orders.paired.changes import StageStands, StageTools
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
@@ -162,7 +162,7 @@ def stage_model(order: OrderModel) -> StageModel:
         order.angles[angles][None, :, :] - order.angles[angles][:, None, :]
     )
     cheapest = [cheapest_postures(order, name, stops, angles) for name in model.arms]
-    postures = met_postures(order, stops, angles, cheapest)
+    postures = pair_handover_postures(order, stops, angles, cheapest)
     for name, rows_of in zip(model.arms, postures, strict=True):
         joints = len(model.arms[name].columns)
         target = np.full((count, f, joints), np.nan)

@@ -1,4 +1,4 @@
-"""Tool changes, put between the tasks of a decided job: two stops more wherever the next task asks for another tool."""
+"""Tool changes between the tasks of a decided job: two further stops per change."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from dualarm_cli.orders.paired.problem import IDLE
 
 
 def with_changes(job: Job) -> Job:
-    """Returns a decided job in which every arm changes its tool where it has to; the job itself where none has to.
+    """Insert all required tool changes into a decided job.
 
-    Before a task with another tool than the one that is on, the arm leaves that at its stand and takes the other one.
-    In a cycle the tool of the start is on again at its end. Where the job says what is paired with what, changes have
-    stages of their own, the other arm idle.
+    Before a task with another tool the arm leaves its tool at the stand and takes the required one. In a cycle the tool
+    of the start is taken again at the end. In a job with given pairing each change is a stage of its own, with the
+    other arm idle. Without changes the job itself is returned.
 
     Args:
-        job: which arm does what in which order.
+        job: a decided job.
     """
     if not job.cell.tool_changes or not job.is_decided or any(t.is_change for t in job.tasks):
         return job
     before, end = changes_of(job)
-    tasks = [one for task in job.tasks for one in (*before[task.id], task)]
+    tasks = [inserted for task in job.tasks for inserted in (*before[task.id], task)]
     if len(tasks) + len(end) == len(job.tasks):
         return job
     pairing = None if job.pairing is None else _with_stages(job, job.pairing, before, end)
@@ -32,7 +32,7 @@ def with_changes(job: Job) -> Job:
 
 
 def changes_of(job: Job) -> tuple[dict[str, tuple[Task, ...]], tuple[Task, ...]]:
-    """Returns what a decided job's arms do at stands before each task, by its id, and at the end."""
+    """List the tool changes before each task, by its id, and at the end."""
     on = {arm.name: job.cell.start_tool(arm.name) for arm in job.cell.robot.arms}
     before: dict[str, tuple[Task, ...]] = {}
     for task in job.tasks:
@@ -48,7 +48,7 @@ def changes_of(job: Job) -> tuple[dict[str, tuple[Task, ...]], tuple[Task, ...]]
 
 
 def cell_after(cell: Cell, tasks: Sequence[Task]) -> Cell:
-    """Returns a cell in which those tools are on from the start that are after some tasks, changes among them."""
+    """Update the start tools of a cell to those after some tasks and tool changes."""
     changes = dict(cell.tool_changes)
     for task in tasks:
         if task.arm in changes:
@@ -57,27 +57,31 @@ def cell_after(cell: Cell, tasks: Sequence[Task]) -> Cell:
     return replace(cell, tool_changes=changes)
 
 
-def change_tasks(cell: Cell, arm: str, on: str, wanted: str, task: str) -> tuple[Task, ...]:
-    """Returns how an arm comes from one tool to another: it leaves the one and takes the other, where there is one.
+def change_tasks(cell: Cell, arm: str, current: str, required: str, task: str) -> tuple[Task, ...]:
+    """List the stops of a tool change: leave the old tool, take the new one.
 
     Args:
-        cell: has the tools and their stands.
-        arm: that changes.
-        on: the tool that is on; empty for none.
-        wanted: the tool that shall be; empty for none.
-        task: id of the task that it is wanted for; empty for the end of the cycle.
+        cell: cell with tools and stands.
+        arm: name of the arm.
+        current: current tool; empty for none.
+        required: required tool; empty for none.
+        task: id of the task that requires it; empty for the end of the cycle.
     """
-    if on == wanted:
+    if current == required:
         return ()
-    what = task or f"{arm} arm, at the end"
-    leaving = (stand_task(cell, arm, on, "leave_tool", f"leave {on} ({what})"),) if on else ()
-    if not wanted:
+    purpose = task or f"{arm} arm, at the end"
+    leaving = (
+        (stand_task(cell, arm, current, "leave_tool", f"leave {current} ({purpose})"),)
+        if current
+        else ()
+    )
+    if not required:
         return leaving
-    return (*leaving, stand_task(cell, arm, wanted, "take_tool", f"take {wanted} ({what})"))
+    return (*leaving, stand_task(cell, arm, required, "take_tool", f"take {required} ({purpose})"))
 
 
 def stand_task(cell: Cell, arm: str, tool: str, action: Action, name: str) -> Task:
-    """Returns an arm's stop at the stand of a tool, as a task of its own."""
+    """Build a task of one stop at the stand of a tool."""
     changes = cell.tool_changes[arm]
     stop = Stop(
         action,
@@ -91,7 +95,7 @@ def stand_task(cell: Cell, arm: str, tool: str, action: Action, name: str) -> Ta
 
 
 def stand_tasks(cell: Cell) -> tuple[Task, ...]:
-    """Returns the stops at which each arm may leave each of its tools, and take it, as tasks."""
+    """List all tasks at stands: each arm may leave and take each of its tools."""
     actions: tuple[Action, ...] = ("leave_tool", "take_tool")
     return tuple(
         stand_task(cell, arm, tool, action, _stand_name(arm, tool, action))
@@ -106,24 +110,24 @@ def _stand_name(arm: str, tool: str, action: str) -> str:
 
 
 def stop_name(task: Task) -> str:
-    """Returns what a task is called in any order: its id, of a visit to a stand what it is for whatever comes next."""
+    """Build the name of a task in any order: its id, or tool and arm of a visit to a stand."""
     if not task.is_change:
         return task.id
     return _stand_name(task.arm, task.tool, task.stops[0].action)
 
 
 def paired_as(job: Job, slots: IntArray) -> Job:
-    """Returns a decided job whose stops are made in some stages, each arm's in the job's order.
+    """Pair the stops of a decided job into stages; each arm keeps the job's order.
 
     Args:
-        job: with its tool changes.
-        slots: any stop's number where an arm makes one, IDLE where it has none, shape (n, arms).
+        job: decided job with its tool changes.
+        slots: any number for a stop of an arm, IDLE for none, shape (n, arms).
     """
     rows = [iter(job.stops_of(arm.name)) for arm in job.cell.robot.arms]
     pairing = []
     for row in slots.tolist():
-        made = [next(own) for own, k in zip(rows, row, strict=True) if k != IDLE]
-        pairing.append(tuple((task.arm, task.id, stop.action) for task, stop in made))
+        stops = [next(remaining) for remaining, k in zip(rows, row, strict=True) if k != IDLE]
+        pairing.append(tuple((task.arm, task.id, stop.action) for task, stop in stops))
     return replace(job, pairing=tuple(pairing))
 
 
@@ -133,15 +137,15 @@ def _with_stages(
     before: dict[str, tuple[Task, ...]],
     end: tuple[Task, ...],
 ) -> tuple[tuple[StopKey, ...], ...]:
-    """Returns a pairing with a stage for every change."""
+    """Insert a stage for every change into a pairing."""
     first = {task.id: task.stops[0].action for task in job.tasks}
-    found: list[tuple[StopKey, ...]] = []
+    stages: list[tuple[StopKey, ...]] = []
     for stage in pairing:
         for _, task, action in stage:
             if first[task] == action:
-                found += [_stage(change) for change in before[task]]
-        found.append(stage)
-    return (*found, *(_stage(change) for change in end))
+                stages += [_stage(change) for change in before[task]]
+        stages.append(stage)
+    return (*stages, *(_stage(change) for change in end))
 
 
 def _stage(change: Task) -> tuple[StopKey, ...]:

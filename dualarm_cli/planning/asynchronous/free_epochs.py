@@ -18,7 +18,7 @@ from dualarm_cli.orders.asynchronous.epochs import (
     EpochSearch,
 )
 from dualarm_cli.orders.decided_jobs import own_rules
-from dualarm_cli.orders.model.buffer_numbers import begun
+from dualarm_cli.orders.model.buffer_numbers import with_levels_after
 from dualarm_cli.orders.model.order_model import OrderModel
 from dualarm_cli.orders.model.tool_changes import cell_after, changes_of, with_changes
 from dualarm_cli.orders.watch import Watch
@@ -103,7 +103,7 @@ def plan_epochs(planner: FreePlanner, found: FreeEpochs) -> Motion:
             replace(job, tasks=_later(tasks, record.clock), returns=False, sequences=())
         )
         beside = lying_beside(job, done, tasks)
-        own = begun(replace(own, cell=cell, beside=beside), done)
+        own = with_levels_after(replace(own, cell=cell, beside=beside), done)
         done += tasks
         if here is not None:
             own = replace(own, begin=here, start=HERE)
