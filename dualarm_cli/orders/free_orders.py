@@ -1,6 +1,6 @@
-"""Arms and order of an asynchronous job, with the platform at one angle.
+"""Arms and order of an asynchronous job with the platform at one angle.
 
-It includes the time of two arms some of whose tasks cannot be done at the same time.
+Includes the time of two arms with tasks that cannot be done at the same time.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class FreeOrderSettings:
-    """Numbers that steer the order search of asynchronous arms."""
+    """Settings of the order search of asynchronous arms."""
 
     most_proven: int = 40
-    """Maximum number of tasks for which all orders are bounded."""
+    """Maximum number of tasks for which a lower bound of all orders is computed."""
     wait: float = 1.5
     """Extra time of a stop that conflicts with all of the other arm's [s]."""
     spare: int = 4
-    """Maximum number of orders kept at one angle. The best ones may be infeasible."""
+    """Maximum number of orders kept per angle. The best ones may be infeasible."""
     rounds: int = 4
-    """So often orders are improved with what the last one has in each other's way."""
-    promising: float = 1.05
-    """Angles whose first orders take longer than the best one's by more than this are left."""
+    """Number of improvements with penalties for the conflicts of the last order."""
+    refined_ratio: float = 1.05
+    """Largest ratio of an angle's first objective to the best one's at which it is refined."""
     steps: int = 500
-    """Steps in which the slower arm's time is divided."""
+    """Number of time steps of the slower arm."""
 
 
 FREE = FreeOrderSettings()
@@ -48,133 +48,135 @@ FREE = FreeOrderSettings()
 
 @dataclass(frozen=True)
 class FreeOrder:
-    """One answer."""
+    """Order with its platform angle."""
 
     job: Job
-    """The job with arms and order."""
+    """Job with arms and order."""
     angle: FloatArray
-    """Where the platform stands while tools work, shape (k,)."""
+    """Platform angle while tools work [rad], shape (k,)."""
     total: float
-    """Its cycle time as far as the search for orders knows [s]."""
+    """Cycle time in the model of the search for orders [s]."""
 
 
 @dataclass(frozen=True)
 class FreeOrders:
-    """What the search found."""
+    """Result of the search."""
 
     ranked: tuple[FreeOrder, ...]
-    """Some of the best ones of each angle, the best of all first; none where no angle serves all tasks."""
+    """Best orders of each angle, best first; empty if no angle reaches all tasks."""
     bound: float | None
-    """No order takes less with the search's postures and the platform at any of its angles [s]; None if unknown."""
+    """Lower bound with the search's postures and angles [s]; None if unknown."""
     exact: bool
-    """Whether the best order is proven to be that with the search's postures and angles."""
+    """Whether the best order is proven optimal on the search's postures and angles."""
 
 
 def free_orders(order: OrderModel, effort: str, seed: int, watch: Watch) -> FreeOrders:
-    """Returns the best orders found at the best platform angles.
+    """Search the best orders at the best platform angles.
 
-    At every angle from which all tasks are reached: all orders where they are few, else a glance; then the best angles
-    more closely; then a bound at each angle.
+    At every angle that reaches all tasks: all orders if they are few, else a short search. Then the best angles are
+    refined, and a lower bound is computed for each angle.
 
     Args:
         order: the job's tasks.
         effort: one of EFFORTS.
-        seed: of all randomness.
-        watch: receives the best so far.
+        seed: random seed.
+        watch: receives the best total so far.
     """
     how = EFFORTS[effort].clocks
     if order.job.is_decided:
         how = FreeEffort(0, 0, how.angles, how.proof)
     reached = order.reached().any(axis=0).all(axis=0)
     problems = {int(f): order.problem(int(f)) for f in np.flatnonzero(reached)}
-    problems = {f: one for f, one in problems.items() if _each_has_an_arm(one)}
+    problems = {f: problem for f, problem in problems.items() if _each_has_an_arm(problem)}
     best: dict[int, Timed] = {}
-    for f, one in problems.items():
+    for f, problem in problems.items():
         if watch.stop() and best:
             break
-        first = exact_order(one) if is_small(one) else _glance(Recreator(one, seed), how, watch)
+        small = is_small(problem)
+        first = exact_order(problem) if small else _glance(Recreator(problem, seed), how, watch)
         if first is not None and first.is_possible:
             best[f] = first
             watch.record(first.total)
     if not best:
         return FreeOrders((), None, exact=False)
-    # Where an arm begins at a stand that a free start puts it to nothing is known of the ways there and back.
+    # With a free start at a stand the first transfer and the return are unknown.
     unknown = order.job.start == "free" and bool(order.job.cell.tool_changes)
     bound = None
     if not order.job.is_decided and not unknown:
         bound = _bound(problems, best, how, seed, watch)
     rank = sorted(best, key=lambda f: best[f].objective)[: how.angles]
-    # Where arms depend on each other, the ways of tasks are those that are best for each arm alone: no proof.
-    exact = all(is_small(one) and not one.coupled for one in problems.values())
+    # If arms depend on each other, options are chosen for each arm alone, which proves nothing.
+    exact = all(is_small(problem) and not problem.coupled for problem in problems.values())
     exact = exact and not watch.stopped and order.job.start != "free"
-    found = []
+    ranking = []
     for f in rank:
-        if best[f].objective > FREE.promising * best[rank[0]].objective:
+        if best[f].objective > FREE.refined_ratio * best[rank[0]].objective:
             continue
-        touch = None
+        conflicts = None
         if how.iterations and any(task.arm == ANY for task in order.job.tasks):
-            touch = stop_conflicts(order, f)
-        ranked = _improved(problems[f], touch, best[f], how, seed, watch)
+            conflicts = stop_conflicts(order, f)
+        ranked = _improved(problems[f], conflicts, best[f], how, seed, watch)
         exact = exact and ranked[0][1] <= best[f].total + 1e-9
-        found += [
-            FreeOrder(_decided(order, own, problems[f].options), order.angles[f], total)
-            for own, total in ranked
+        ranking += [
+            FreeOrder(_decided(order, candidate, problems[f].options), order.angles[f], total)
+            for candidate, total in ranked
             if np.isfinite(total)
         ]
-    found.sort(key=lambda one: one.total)
-    least = min(one.total for one in best.values())
-    return FreeOrders(tuple(found), least if exact else bound, exact)
+    ranking.sort(key=lambda answer: answer.total)
+    least = min(first.total for first in best.values())
+    return FreeOrders(tuple(ranking), least if exact else bound, exact)
 
 
 def _improved(
     problem: SequencingProblem,
-    touch: BoolArray | None,
+    conflicts: BoolArray | None,
     start: Timed,
-    how: FreeEffort,
+    limits: FreeEffort,
     seed: int,
     watch: Watch,
 ) -> list[tuple[Timed, float]]:
-    """Returns better orders at one angle, in which the arms are seldom in each other's way, and how long they take [s].
+    """Improve an order at one angle under penalties for conflicts; list orders and times [s].
 
-    While an arm is at a task the other one is at any of its own: where the two touch, one will wait for
-    about `wait`. So
-    tasks are made dearer by that times the share of the other arm's present tasks that they touch, and orders are
-    improved anew, a few times.
+    While an arm is at a task the other one is at any of its own. If the two collide, one arm waits for about `wait`. So
+    tasks cost more by that time times the fraction of the other arm's tasks that they conflict with, and orders are
+    improved again, a few times.
     """
-    count = max(200, round(how.iterations * min(1.0, 100 / problem.tasks)))
-    if touch is None or not touch.any():
-        if how.iterations and not is_small(problem):
+    count = max(200, round(limits.iterations * min(1.0, 100 / problem.tasks)))
+    if conflicts is None or not conflicts.any():
+        if limits.iterations and not is_small(problem):
             start = Recreator(problem, seed).improve(start, count, stop=watch.stop)
         return [(start, start.total)]
-    current, tried = start, [start]
+    current, candidates = start, [start]
     for k in range(FREE.rounds):
-        dear = _with_conflicts(problem, current, touch)
-        again = timed(dear, current.order)
-        if is_small(dear):
-            again = exact_order(dear) or again
+        penalised = _with_conflicts(problem, current, conflicts)
+        retimed = timed(penalised, current.order)
+        if is_small(penalised):
+            retimed = exact_order(penalised) or retimed
         else:
-            again = Recreator(dear, seed).improve(again, count // FREE.rounds, stop=watch.stop)
-        current = timed(problem, again.order)
-        tried.append(current)
+            retimed = Recreator(penalised, seed).improve(
+                retimed, count // FREE.rounds, stop=watch.stop
+            )
+        current = timed(problem, retimed.order)
+        candidates.append(current)
         if watch.stop() and k:
             break
-    return together_ranked(problem, tried, touch)[: FREE.spare]
+    return together_ranked(problem, candidates, conflicts)[: FREE.spare]
 
 
 def _with_conflicts(
-    problem: SequencingProblem, current: Timed, touch: BoolArray
+    problem: SequencingProblem, current: Timed, conflicts: BoolArray
 ) -> SequencingProblem:
-    """Returns a problem in which tasks are dearer by the waits that they cause with the other arm's present tasks."""
+    """Add the expected waits for the other arm's tasks to the times of tasks."""
     first = np.concatenate([[0], np.cumsum(problem.stops)])
     rows = current.order.tasks(problem.options)
-    own = [[k for t in row for k in range(first[t], first[t + 1])] for row in rows]
+    stops_by_arm = [[k for t in row for k in range(first[t], first[t + 1])] for row in rows]
     arms = []
     for a, arm in enumerate(problem.arms):
-        other = own[1 - a]
-        mine = touch[:, other] if a == 0 else touch[other].T
-        stops = mine.mean(axis=1) if other else np.zeros(len(touch))
-        share = np.add.reduceat(stops, first[:-1])
-        arms.append(replace(arm, first=arm.first + FREE.wait * share[:, None]))
+        other_stops = stops_by_arm[1 - a]
+        arm_conflicts = conflicts[:, other_stops] if a == 0 else conflicts[other_stops].T
+        stops = arm_conflicts.mean(axis=1) if other_stops else np.zeros(len(conflicts))
+        fraction = np.add.reduceat(stops, first[:-1])
+        arms.append(replace(arm, first=arm.first + FREE.wait * fraction[:, None]))
     return replace(problem, arms=tuple(arms))
 
 
@@ -192,27 +194,29 @@ def _each_has_an_arm(problem: SequencingProblem) -> bool:
 def _bound(
     problems: dict[int, SequencingProblem],
     best: dict[int, Timed],
-    how: FreeEffort,
+    limits: FreeEffort,
     seed: int,
     watch: Watch,
 ) -> float | None:
-    """Returns a bound over all angles [s]; None where there are too many tasks or it was stopped."""
-    if any(one.tasks > FREE.most_proven for one in problems.values()):
+    """Compute a lower bound over all angles [s]; None if tasks are too many or the search was stopped."""
+    if any(problem.tasks > FREE.most_proven for problem in problems.values()):
         return None
-    found = np.inf
-    for f, one in problems.items():
+    bound = np.inf
+    for f, problem in problems.items():
         if watch.stop():
             return None
         watch.report("bounding all orders")
-        start = best[f].order.tasks(one.options) if f in best else None
-        found = min(found, prove(relax_options(one), start, how.proof / len(problems), seed).bound)
-    return float(found)
+        start = best[f].order.tasks(problem.options) if f in best else None
+        bound = min(
+            bound, prove(relax_options(problem), start, limits.proof / len(problems), seed).bound
+        )
+    return float(bound)
 
 
-def _decided(order: OrderModel, answer: Timed, ways: int) -> Job:
-    """Returns the job with each arm's tasks in their order."""
+def _decided(order: OrderModel, answer: Timed, options: int) -> Job:
+    """Build the job with each arm's tasks in their order."""
     job = order.job
-    rows = answer.order.tasks(ways)
+    rows = answer.order.tasks(options)
     tasks = []
     for name, row in zip(order.model.arms, rows, strict=True):
         for t in row:
@@ -222,61 +226,61 @@ def _decided(order: OrderModel, answer: Timed, ways: int) -> Job:
 
 
 def time_together(problem: SequencingProblem, order: Order, touch: BoolArray) -> float:
-    """Time an order in which arms wait wherever their stops touch [s].
+    """Time an order in which arms wait wherever their stops collide [s].
 
-    A stop takes its place from when the arm leaves for it until it is over; arms wait between stops.
+    A stop occupies its place from the departure towards it until its end; arms wait between stops.
 
     Args:
         problem: two arms.
-        order: their tasks.
-        touch: whether the arms touch while the first makes one stop and the second another, shape (s, s); stops are
-            those of all tasks, one after the other.
+        order: nodes of both arms.
+        touch: whether the arms collide at pairs of stops, shape (s, s); stops are numbered task by task.
     """
     ends = [_ends(problem, a, nodes) for a, nodes in enumerate(order.nodes)]
-    longest = max((float(own[-1]) for own in ends if len(own)), default=0.0)
-    if not all(len(own) for own in ends) or longest <= 0.0:
+    longest = max((float(arm_ends[-1]) for arm_ends in ends if len(arm_ends)), default=0.0)
+    if not all(len(arm_ends) for arm_ends in ends) or longest <= 0.0:
         return longest
     step = longest / FREE.steps
-    steps = [max(1, int(np.ceil(own[-1] / step - 1e-9))) for own in ends]
+    steps = [max(1, int(np.ceil(arm_ends[-1] / step - 1e-9))) for arm_ends in ends]
     first = np.concatenate([[0], np.cumsum(problem.stops)])
     stops = [
         [k for t in row for k in range(first[t], first[t + 1])]
         for row in order.tasks(problem.options)
     ]
     doing = [
-        _doing(own, row, count, step) for own, row, count in zip(ends, stops, steps, strict=True)
+        _doing(arm_ends, row, count, step)
+        for arm_ends, row, count in zip(ends, stops, steps, strict=True)
     ]
     band = max(steps)
     i = np.arange(steps[0] + 1)[:, None]
     j = i + np.arange(2 * band + 1)[None, :] - band
     inside = (j >= 0) & (j <= steps[1])
-    both = touch[doing[0][i], doing[1][np.clip(j, 0, steps[1])]]
-    home = (doing[0][i] < 0) | (doing[1][np.clip(j, 0, steps[1])] < 0)
+    colliding = touch[doing[0][i], doing[1][np.clip(j, 0, steps[1])]]
+    at_home = (doing[0][i] < 0) | (doing[1][np.clip(j, 0, steps[1])] < 0)
     rests = tuple(
-        tuple(sorted({min(round(float(time) / step), count) for time in (0.0, *own[:-1])}))
-        for own, count in zip(ends, steps, strict=True)
+        tuple(sorted({min(round(float(time) / step), count) for time in (0.0, *arm_ends[:-1])}))
+        for arm_ends, count in zip(ends, steps, strict=True)
     )
-    found = quickest_path(
-        Diagram((steps[0], steps[1]), (rests[0], rests[1]), inside & both & ~home)
+    path = quickest_path(
+        Diagram((steps[0], steps[1]), (rests[0], rests[1]), inside & colliding & ~at_home)
     )
-    return np.inf if found is None else found.length * step
+    return np.inf if path is None else path.length * step
 
 
 def _ends(problem: SequencingProblem, a: int, nodes: tuple[int, ...]) -> FloatArray:
-    """Compute by the arm's clock when each stop and the return end [s]."""
+    """Compute the end of each stop and of the return by the arm's clock [s]."""
     if not nodes:
         return np.zeros(0)
     start, w, arm = problem.start_node, problem.options, problem.arms[a]
-    found, clock, last = [], 0.0, start
+    ends, clock, last = [], 0.0, start
     for node in nodes:
-        t, way = divmod(node, w)
-        clock += float(problem.between[a][last, node] + arm.first[t, way])
-        found.append(clock)
+        t, option = divmod(node, w)
+        clock += float(problem.between[a][last, node] + arm.first[t, option])
+        ends.append(clock)
         if problem.stops[t] > 1:
-            clock += float(arm.second[t, way])
-            found.append(clock)
+            clock += float(arm.second[t, option])
+            ends.append(clock)
         last = node
-    return np.array([*found, clock + float(problem.between[a][last, start])])
+    return np.array([*ends, clock + float(problem.between[a][last, start])])
 
 
 def _doing(ends: FloatArray, stops: list[int], steps: int, step: float) -> IntArray:
@@ -286,9 +290,9 @@ def _doing(ends: FloatArray, stops: list[int], steps: int, step: float) -> IntAr
     """
     time = step * np.arange(steps + 1)
     number = np.searchsorted(ends, time, side="right")
-    found: IntArray = np.append(stops, [-1, -1]).astype(np.int64)[np.minimum(number, len(stops))]
-    found[0] = -1
-    return found
+    indices: IntArray = np.append(stops, [-1, -1]).astype(np.int64)[np.minimum(number, len(stops))]
+    indices[0] = -1
+    return indices
 
 
 def together_ranked(
@@ -301,22 +305,26 @@ def together_ranked(
 
     Args:
         problem: two arms.
-        orders: good orders, not empty.
+        orders: candidate orders, not empty.
         touch: as of `time_together`.
 
     Returns:
         Orders with their times [s], the quickest first.
     """
-    tries: list[Timed] = []
-    for one in {one.order: one for one in orders}.values():
-        rows = one.order.tasks(problem.options)
-        turned = problem.coupled or problem.sequences or problem.in_file_order
-        for flip in ((False, False),) if turned else FLIPS:
-            own = [row[::-1] if back else row for row, back in zip(rows, flip, strict=True)]
-            tries.append(timed(problem, best_options(problem, own)) if any(flip) else one)
-    lengths = [max(one.total, time_together(problem, one.order, touch)) for one in tries]
+    candidates: list[Timed] = []
+    for candidate in {timed_order.order: timed_order for timed_order in orders}.values():
+        rows = candidate.order.tasks(problem.options)
+        is_fixed = problem.coupled or problem.sequences or problem.in_file_order
+        for flip in ((False, False),) if is_fixed else FLIPS:
+            reversed_rows = [
+                row[::-1] if back else row for row, back in zip(rows, flip, strict=True)
+            ]
+            candidates.append(
+                timed(problem, best_options(problem, reversed_rows)) if any(flip) else candidate
+            )
+    lengths = [max(order.total, time_together(problem, order.order, touch)) for order in candidates]
     rank = np.argsort(lengths, kind="stable")
-    return [(tries[k], float(lengths[k])) for k in rank]
+    return [(candidates[k], float(lengths[k])) for k in rank]
 
 
 FLIPS = ((False, False), (True, False), (False, True), (True, True))

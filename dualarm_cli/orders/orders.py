@@ -1,4 +1,4 @@
-"""Arms, order and pairing of a job that leaves them open: the best ones found, as jobs that say all."""
+"""Search for arms, order and pairing of an open job; the results are decided jobs."""
 
 from __future__ import annotations
 
@@ -39,44 +39,44 @@ from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.plans.problem import Decisions
 
 NO_ORDER_FOUND = "no_order_found"
-"""What is refused where the search finds no order, and nothing is proven."""
+"""Refusal code if the search finds no order, without a proof that none exists."""
 PROVEN = "proven by dynamic programming to be the best of all orders on the grid of the search"
-"""How orders of few tasks of one arm are found."""
+"""Note on optimal orders of a single arm."""
 DYNAMIC = (
     "found by dynamic programming over partial orders, with lower bounds on the remaining time"
 )
-"""How orders are found on the way to a bound."""
+"""Note on orders that the search for a lower bound found."""
 SEARCHED = "found by removing tasks and inserting them again where the plan is then shortest"
-"""How orders of many tasks are found."""
+"""Note on orders found by ruin and recreate."""
 
 
 @dataclass(frozen=True)
 class DecidedOrder:
-    """One answer."""
+    """Decided job found by the search."""
 
     job: Job
-    """The job with arms, order and pairing."""
+    """Job with arms, order and pairing."""
     total: float
-    """Its cycle time as far as the search for orders knows [s]."""
+    """Cycle time in the model of the search for orders [s]."""
     plan: Decisions | None = None
-    """Platform angles and postures that the search counts on; None where it says none."""
+    """Platform angles and postures of the search, or None."""
     expected: float | None = None
-    """About how long its plan will take, off the search's grid and clear of everything [s]; None where not tried."""
+    """Estimated duration of a collision-free plan off the grid [s]; None if not tried."""
 
 
 @dataclass(frozen=True)
 class Orders:
-    """What the search found."""
+    """Result of the search."""
 
     ranked: tuple[DecidedOrder, ...]
-    """Different orders, the best one first."""
+    """Different orders, best first."""
     bound: float | None
-    """No order takes less with the search's platform angles and postures [s]; None where none is known."""
+    """Lower bound of all orders on the search's grid [s], or None."""
     how: str
-    """How they were found, in words."""
+    """Sentence on how the orders were found."""
 
     def gap(self, total: float) -> float | None:
-        """Returns by what share another order may be quicker than one of a total [s], both on the search's grid.
+        """Compute the optimality gap of an order on the search's grid; None without a bound.
 
         None without a bound.
         """
@@ -85,22 +85,22 @@ class Orders:
 
 @dataclass(frozen=True)
 class PairedSearch:
-    """The search for orders of paired arms."""
+    """Search for the orders of paired arms."""
 
     order: OrderModel
-    """The job's tasks as each arm may do them."""
+    """Tasks of the job as each arm can do them."""
     stages: StageModel
-    """Its stages, and what their numbers mean."""
+    """Stages of the job as numbers."""
     problem: StageProblem
-    """Its stages as the search has them."""
+    """Stages as the search uses them."""
     effort: str
-    """One of EFFORTS."""
+    """Effort, one of EFFORTS."""
     seed: int
-    """Of all randomness."""
+    """Random seed."""
     start: IntArray | None = None
-    """An order that is known to be good, shape (n, arms); None where none is."""
+    """Known good order, shape (n, arms), or None."""
     stands: StageStands | None = None
-    """The same with the stops of tool changes as stops; None where no arm changes tools."""
+    """Stages with the stops of tool changes; None if no arm changes tools."""
 
     @classmethod
     def of(
@@ -109,12 +109,12 @@ class PairedSearch:
         """Prepares a job.
 
         Args:
-            model: its cell.
-            job: what is to be done.
+            model: kinematics of the cell.
+            job: the open job.
             effort: one of EFFORTS.
-            seed: of all randomness.
-            watch: receives what is being done.
-            clear: whether postures have to be clear of the cell, and arms of each other at their stops.
+            seed: random seed.
+            watch: receives progress.
+            clear: whether to check postures for collisions with the cell, and arms at their stops with each other.
 
         Raises:
             InfeasibleError: a task that no arm reaches.
@@ -130,103 +130,105 @@ class PairedSearch:
         return cls(order, stages, problem, effort, seed, stands=stands)
 
     def orders(self, watch: Watch) -> Orders:
-        """Returns the best orders found.
+        """Search the best orders.
 
         Raises:
             InfeasibleError: rules that no order keeps.
         """
         job, model = self.order.job, self.order.model
-        # An arm's own clock knows windows of whole tasks only, not those of targets that move.
+        # Asynchronous arms support windows of whole tasks only, not those of moving targets.
         if len(model.arms) == 1 and not model.platform.is_chosen and not job.moves:
             return _alone(self.order, self.effort, self.seed, watch)
         watch.report("putting tasks in order")
         tasks = len(self.problem.tasks)
-        kept = EFFORTS[self.effort].order_bound.time_share * (watch.limit or 0.0)
+        reserved = EFFORTS[self.effort].order_bound.time_share * (watch.limit or 0.0)
         effort, provable = EFFORTS[self.effort].orders, is_provable(self.problem, self.effort)
         if provable:
-            # What bounds orders finds good ones as well.
+            # The search for a lower bound finds good orders as well.
             effort = effort.shorter(4)
-        wanted = (
+        arguments = (
             self.problem,
             effort,
             self.seed,
             self.start,
             watch.record,
-            lambda: watch.stop(kept),
+            lambda: watch.stop(reserved),
         )
-        found, few = good_orders(*wanted), is_few(self.problem) and self.start is None
-        if few and not found:
-            # Where the k-th stops of both arms collide, one arm may wait for the other one.
-            found, few = searched_orders(*wanted), False
-        if not found or self._is_late(found[0]):
-            # Lateness is as far as the search knows: only what is proven ends here.
-            # And with targets that move where they are guessed to be met it proves nothing.
+        candidates, all_timed = good_orders(*arguments), is_few(self.problem) and self.start is None
+        if all_timed and not candidates:
+            # If the k-th stops of both arms collide, one arm may wait for the other one.
+            candidates, all_timed = searched_orders(*arguments), False
+        if not candidates or self._is_late(candidates[0]):
+            # Lateness is an estimate of the search: only a proof ends the search here.
+            # The places of moving targets are estimates, which prove nothing.
             why = None
             if not job.moves:
                 why = why_impossible(self.order, relax_stages(self.problem))
-            if why is not None or not found:
+            if why is not None or not candidates:
                 raise why or InfeasibleError(Refusal(NO_ORDER_FOUND))
         bound, how = None, SEARCHED
-        if few:
-            which = "some" if watch.stopped else "all"
+        if all_timed:
+            fraction = "some" if watch.stopped else "all"
             stages = "the k-th stops of all arms in one stage"
             if self.problem.stores is not None:
-                stages = "with every choice of which arm waits"
-            how = f"{which} orders of {tasks} tasks were timed, {stages}"
-        # What was timed is no bound: orders in which an arm is idle for a stage are not among it.
+                stages = "with every choice of the waiting arm"
+            how = f"{fraction} orders of {tasks} tasks were timed, {stages}"
+        # The timed orders are no bound: they have no stages with an idle arm.
         if provable and not watch.stop():
-            known = found[0]
+            best = candidates[0]
             better, bound = proven_orders(
-                self.order, self.stages, self.problem, known, self.effort, watch
+                self.order, self.stages, self.problem, best, self.effort, watch
             )
-            how = DYNAMIC if better[0].total < known.total else how
-            found = _distinct([*better, *found])
+            how = DYNAMIC if better[0].total < best.total else how
+            candidates = _distinct([*better, *candidates])
         if (bound is None or relax_stages(self.problem).timed) and not watch.stop():
             least = least_total(self.order, self.problem, self.effort, self.seed, watch)
             bound = max(bound or 0.0, least)
         if job.moves:
-            # They are elsewhere when they are met.
+            # The moving targets will be elsewhere, so the bound does not hold.
             bound = None
-        answers = [self._answer(one) for one in found]
-        return Orders(tuple(sorted(answers, key=lambda one: one.total)), bound or None, how)
+        answers = [self._answer(order) for order in candidates]
+        return Orders(tuple(sorted(answers, key=lambda order: order.total)), bound or None, how)
 
-    def _answer(self, found: StageOrder) -> DecidedOrder:
-        """Returns an order as a job, with its tool changes in stages that suit them best."""
+    def _answer(self, stage_order: StageOrder) -> DecidedOrder:
+        """Convert an order to a decided job, with its tool changes in the best stages."""
         if self.problem.free_start and self.problem.returns:
-            found = closed(self.problem, found)
-        slots, total = found.slots, found.total
+            stage_order = closed(self.problem, stage_order)
+        slots, total = stage_order.slots, stage_order.total
         job = decided(self.order.job, self.order.model, slots)
         changed = with_changes(job)
         if self.stands is None or changed is job:
-            return DecidedOrder(job, total, self.stages.decisions(self.order, found))
+            return DecidedOrder(job, total, self.stages.decisions(self.order, stage_order))
         stages = stages_with_changes(self.stands, slots)
-        own = float(totals(self.stands.whole, stages[None])[0])
-        # With idle stages between that the arms wait for each other, as they do in the search, it is possible as well.
-        return DecidedOrder(paired_as(changed, stages), own if np.isfinite(own) else total)
+        with_stands = float(totals(self.stands.whole, stages[None])[0])
+        # Idle stages in which the arms wait for each other, as in the search, are feasible as well.
+        return DecidedOrder(
+            paired_as(changed, stages), with_stands if np.isfinite(with_stands) else total
+        )
 
     def in_file_order(self) -> float | None:
-        """Returns the least total that a short search finds among orders in which each arm keeps that of the file [s].
+        """Compute the least total of a short search in the file's order on each arm [s].
 
-        None where all orders are few, or none was found.
+        None if all orders are timed anyway, or if none was found.
         """
         if is_few(self.problem):
             return None
         return short_search(replace(self.problem, in_file_order=True), self.seed)
 
     def as_it_is(self) -> Orders:
-        """Returns the order that the search would go on from, without any search."""
+        """Convert the start order without any search."""
         assert self.start is not None  # it goes on from one
         return Orders((self._answer(with_angles(self.problem, self.start)),), None, SEARCHED)
 
-    def _is_late(self, found: StageOrder) -> bool:
-        """Returns whether an order misses a window, by the search's own times."""
+    def _is_late(self, stage_order: StageOrder) -> bool:
+        """Test whether an order misses a window in the model of the search."""
         if self.problem.not_after is None:
             return False
-        plain = replace(self.problem, not_after=None)
-        return bool(totals(plain, found.slots[None])[0] < found.total - 1e-6)
+        unlimited = replace(self.problem, not_after=None)
+        return bool(totals(unlimited, stage_order.slots[None])[0] < stage_order.total - 1e-6)
 
     def of_either_arm(self) -> frozenset[str]:
-        """Returns the tasks that either of two arms may do and, as far as the search knows, can do."""
+        """List the tasks that either of two arms may do and can reach."""
         arms = range(len(self.order.model.arms))
         return frozenset(
             task.id
@@ -237,37 +239,39 @@ class PairedSearch:
             and all(self.problem.allowed(a, t) for a in arms)
         )
 
-    def without(self, pairs: set[StagePair], others: set[ArmTask], near: Job) -> PairedSearch:
-        """Returns the search among orders in which pairs of stops are not made in one stage.
+    def without(
+        self, pairs: set[StagePair], excluded: set[ArmTask], start_job: Job
+    ) -> PairedSearch:
+        """Build the search without pairs of stops in one stage, and with tasks of fixed arms.
 
         Args:
             pairs: stops of the first and of the second arm, each by task and action.
-            others: arms and tasks that the other arm is to do.
-            near: an order to go on from, unless an arm does in it what the other one is to do.
+            excluded: excluded pairs of arm and task; the other arm does the task.
+            start_job: start order, unless it contains an excluded pair of arm and task.
         """
         numbers, stops = self._stop_numbers(), self.problem.stops
-        cuts = {(numbers[one], numbers[other]) for one, other in pairs}
+        cuts = {(numbers[first], numbers[second]) for first, second in pairs}
         stands = self.stands
         if stands is not None:
             stands = replace(stands, whole=_forbid_pairs(stands.whole, cuts))
-        # Stops at stands are none of the search.
-        cuts = {(one, other) for one, other in cuts if max(one, other) < stops}
-        slots = self._slots(near)
-        problem = _forbid_tasks(_forbid_pairs(self.problem, cuts), self._barred(others))
-        # Most of a long order is as good as it was.
+        # The search has no stops at stands.
+        cuts = {pair for pair in cuts if max(pair) < stops}
+        slots = self._slots(start_job)
+        problem = _forbid_tasks(_forbid_pairs(self.problem, cuts), self._arm_task_numbers(excluded))
+        # Most of a long order stays as it is.
         effort = "quick" if len(slots) > 60 else self.effort
-        done = {(task.arm, task.id) for task in near.tasks}
-        start = split_pairs(slots, cuts) if done.isdisjoint(others) else None
+        assigned = {(task.arm, task.id) for task in start_job.tasks}
+        start = split_pairs(slots, cuts) if assigned.isdisjoint(excluded) else None
         return replace(self, problem=problem, effort=effort, start=start, stands=stands)
 
-    def _barred(self, others: set[ArmTask]) -> list[tuple[int, int]]:
-        """Returns arms and tasks as numbers."""
+    def _arm_task_numbers(self, others: set[ArmTask]) -> list[tuple[int, int]]:
+        """Convert arms and tasks to numbers."""
         arms = list(self.order.model.arms)
         number = {task.id: t for t, task in enumerate(self.order.job.tasks)}
         return sorted((arms.index(arm), number[task]) for arm, task in others)
 
     def _slots(self, job: Job) -> IntArray:
-        """Returns the stops of a decided job's stages but for those at stands, shape (n, arms)."""
+        """List the stops of a decided job by stage without those at stands, shape (n, arms)."""
         numbers = self._stop_numbers()
         slots = np.full((len(job.stages()), len(self.order.model.arms)), IDLE, dtype=np.int64)
         for k, work in enumerate(job.stages()):
@@ -277,58 +281,57 @@ class PairedSearch:
         return slots[(slots != IDLE).any(axis=1)]
 
     def _stop_numbers(self) -> dict[tuple[str, str], int]:
-        """Returns the number of every stop, those at stands among them, by the name of its task and its action."""
+        """Number all stops by task and action, those at stands included."""
         keys = [(task.id, stop.action) for task in self.order.tasks for stop in task.stops]
         return {key: k for k, key in enumerate(keys)}
 
 
-def _distinct(found: list[StageOrder]) -> list[StageOrder]:
-    """Returns orders without those that are there already, at the same angles."""
-    return list({one.slots.tobytes() + one.angles.tobytes(): one for one in found[::-1]}.values())[
-        ::-1
-    ]
+def _distinct(orders: list[StageOrder]) -> list[StageOrder]:
+    """Remove orders with equal stops and angles."""
+    keyed = {order.slots.tobytes() + order.angles.tobytes(): order for order in orders[::-1]}
+    return list(keyed.values())[::-1]
 
 
 StagePair = tuple[tuple[str, str], tuple[str, str]]
-"""Task (see `stop_name`) and action of the first arm's stop in a stage and of the second arm's."""
+"""Stops of both arms in a stage, each as task (see `stop_name`) and action."""
 
 
 ArmTask = tuple[str, str]
-"""An arm, and the id of a task."""
+"""Arm and task id."""
 
 
-def _forbid_tasks(problem: StageProblem, barred: list[tuple[int, int]]) -> StageProblem:
-    """Returns stages in which arms cannot do some tasks, each an arm's and a task's number."""
-    if not barred:
+def _forbid_tasks(problem: StageProblem, excluded: list[tuple[int, int]]) -> StageProblem:
+    """Exclude tasks, given as pairs of arm and task number, from stages."""
+    if not excluded:
         return problem
     length, work = (
-        [np.array(one) for one in problem.length],
-        [np.array(one) for one in problem.work],
+        [np.array(table) for table in problem.length],
+        [np.array(table) for table in problem.work],
     )
-    for arm, task in barred:
+    for arm, task in excluded:
         for stop in problem.tasks[task]:
             length[arm][:, stop], work[arm][stop] = np.inf, np.inf
     return replace(problem, length=tuple(length), work=tuple(work))
 
 
 def _forbid_pairs(problem: StageProblem, cuts: set[tuple[int, int]]) -> StageProblem:
-    """Returns stages in which pairs of stops are not made in one stage."""
+    """Exclude pairs of stops from common stages."""
     size = problem.stops + 2
     table: FloatArray = np.zeros((size, size, len(problem.turn)))
     if problem.pair_cost is not None:
         table = np.array(problem.pair_cost)
-    for one, other in cuts:
-        table[one, other] = np.inf
+    for first, second in cuts:
+        table[first, second] = np.inf
     return replace(problem, pair_cost=table)
 
 
 def _alone(order: OrderModel, effort: str, seed: int, watch: Watch) -> Orders:
-    """Returns the orders of one arm that nothing carries: it goes by its own clock, whatever the mode."""
+    """Search the orders of a single arm without platform; it is asynchronous in any mode."""
     orders = free_orders(order, effort, seed, watch)
     if not orders.ranked:
         raise why_impossible(order, relax_options(order.problem(0))) or InfeasibleError(
             Refusal(NO_ORDER_FOUND)
         )
     how = PROVEN if orders.exact else SEARCHED
-    answers = [DecidedOrder(one.job, one.total) for one in orders.ranked]
+    answers = [DecidedOrder(order.job, order.total) for order in orders.ranked]
     return Orders(tuple(answers), orders.bound, how)

@@ -1,4 +1,4 @@
-"""From a job that leaves arms and order open to stages as numbers: one posture of each arm at each stop and angle."""
+"""Stage problem of an open job: one posture of each arm for each stop and platform angle."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from dualarm_cli.stages.plans.candidates import Nodes
 from dualarm_cli.stages.plans.problem import ArmDecisions, Decisions
 
 WIDTHS = (1, 1, 2, 4, 8, 16)
-"""So many more postures of every stop and angle are looked at in each round; in the end the last number again."""
+"""Further postures per stop and angle that each round checks; the last number repeats."""
 
 
 def cheapest_postures(
     order: OrderModel, name: str, stops: Sequence[tuple[int, int]], angles: IntArray
 ) -> IntArray:
-    """Returns the row of the cheapest collision-free posture of each stop's nodes, -1 for none, shape (s, f).
+    """Find the cheapest collision-free posture of each stop and angle; rows, -1 for none, shape (s, f).
 
-    The first of `OrderModel.rows` each; what these find for one stop and one angle is looked for in rounds for all.
+    The first row of `OrderModel.rows` each, computed in rounds for all stops and angles together.
 
     Args:
         order: the job's tasks.
@@ -38,38 +38,38 @@ def cheapest_postures(
     """
     nodes = [order.nodes.get((name, t, s)) for t, s in stops]
     rows, first, last = _by_cost(order, name, nodes, angles)
-    found = np.full(len(stops) * len(angles), -1)
+    best = np.full(len(stops) * len(angles), -1)
     stop, angle = (x.ravel() for x in np.indices((len(stops), len(angles))))
-    left = np.flatnonzero(first < last)
-    done = first.copy()
+    remaining = np.flatnonzero(first < last)
+    checked = first.copy()
     for width in (*WIDTHS, *[WIDTHS[-1]] * (int((last - first).max(initial=0)) // WIDTHS[-1])):
-        count = np.minimum(width, last[left] - done[left])
-        place = np.repeat(left, count)
+        count = np.minimum(width, last[remaining] - checked[remaining])
+        place = np.repeat(remaining, count)
         nth = np.arange(len(place)) - np.repeat(np.cumsum(count) - count, count)
-        tried = rows[done[place] + nth]
-        clear = _clear(order, name, stops, stop[place], angles[angle[place]], tried)
-        # Backwards, so that the cheapest one of each is what remains.
-        found[place[clear][::-1]] = tried[clear][::-1]
-        done[left] += count
-        left = left[(found[left] < 0) & (done[left] < last[left])]
-        if not len(left):
+        candidates = rows[checked[place] + nth]
+        clear = _clear(order, name, stops, stop[place], angles[angle[place]], candidates)
+        # Assign in reverse order: the cheapest one is assigned last.
+        best[place[clear][::-1]] = candidates[clear][::-1]
+        checked[remaining] += count
+        remaining = remaining[(best[remaining] < 0) & (checked[remaining] < last[remaining])]
+        if not len(remaining):
             break
-    return found.reshape(len(stops), len(angles))
+    return best.reshape(len(stops), len(angles))
 
 
 def _by_cost(
     order: OrderModel, name: str, nodes: Sequence[Nodes | None], angles: IntArray
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """Returns rows of nodes by stop, angle and cost, and which of them are each stop's and angle's, (s f,) each."""
+    """Sort the nodes of each stop by angle and cost; rows, and their ranges, shape (s f,) each."""
     rows, first, last = [np.zeros(0, dtype=np.int64)], [], []
     begin = 0
-    for own in nodes:
-        if own is None:
+    for stop_nodes in nodes:
+        if stop_nodes is None:
             first.append(np.full(len(angles), begin))
             last.append(np.full(len(angles), begin))
             continue
-        ranked = np.lexsort((order.costs(name, own), own.angle_index))
-        sorted_angles = own.angle_index[ranked]
+        ranked = np.lexsort((order.costs(name, stop_nodes), stop_nodes.angle_index))
+        sorted_angles = stop_nodes.angle_index[ranked]
         rows.append(ranked)
         first.append(begin + np.searchsorted(sorted_angles, angles, side="left"))
         last.append(begin + np.searchsorted(sorted_angles, angles, side="right"))
@@ -85,7 +85,7 @@ def _clear(
     angle: IntArray,
     rows: IntArray,
 ) -> BoolArray:
-    """Returns whether postures of stops are collision-free; `stop` is in rising order."""
+    """Test whether postures of stops are collision-free; `stop` must be ascending."""
     if order.clearance is None or not len(rows):
         return np.ones(len(rows), dtype=np.bool_)
     places: list[list[FloatArray]] = [[], [], []]
@@ -93,8 +93,10 @@ def _clear(
     edges = np.flatnonzero(np.diff(stop, prepend=-1, append=len(stops)))
     for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         k = int(stop[begin])
-        own = order.nodes[name, *stops[k]]
-        for place, table in zip(places, (own.q_approach, own.q_target, own.q_retract), strict=True):
+        stop_nodes = order.nodes[name, *stops[k]]
+        for place, table in zip(
+            places, (stop_nodes.q_approach, stop_nodes.q_target, stop_nodes.q_retract), strict=True
+        ):
             place.append(table[rows[begin:end]])
         held[:, begin:end] = np.array(order.held(*stops[k]))[:, None]
     joined = np.concatenate([table for place in places for table in place])
@@ -103,52 +105,56 @@ def _clear(
 
 @dataclass(frozen=True)
 class StageModel:
-    """A job's stages as numbers, and what the numbers mean."""
+    """Stage problem of a job, with the stops, angles and postures behind its numbers."""
 
     problem: StageProblem
-    """The numbers; behind the job's tasks are those that leave and take tools at their stands."""
+    """Stage problem; behind the job's tasks are those that leave and take tools at their stands."""
     stops: tuple[tuple[int, int], ...]
     """Task and number of every stop."""
     angles: FloatArray
     """Platform angles [rad], shape (f, k)."""
     rows: tuple[IntArray, ...]
-    """By arm, each stop's posture at every angle among its nodes, -1 for none, shape (s, f)."""
+    """Rows of each stop's nodes by angle and arm, shape (s, f); -1 for none."""
 
-    def decisions(self, order: OrderModel, found: StageOrder) -> Decisions | None:
-        """Returns an order's stages as the search over the whole sequence writes them down.
+    def decisions(self, order: OrderModel, stage_order: StageOrder) -> Decisions | None:
+        """Convert an order to the decisions of the search over the whole sequence.
 
-        None where an arm has no closed form, or a platform of several joints carries both.
+        None if an arm has no closed form, or if both arms are on a platform with several joints.
 
         Args:
-            order: the job's tasks as each arm may do them.
-            found: the order, of the job's own stops.
+            order: tasks of the job as each arm can do them.
+            stage_order: order of the job's own stops.
         """
         if self.angles.shape[1] > 1:
             return None
         arms = []
         for a, (name, rows) in enumerate(zip(order.model.arms, self.rows, strict=True)):
             start = order.start[order.model.arms[name].columns]
-            own = ArmDecisions.idle(start, len(found.slots))
-            for k, (stop, angle) in enumerate(zip(found.slots[:, a], found.angles, strict=True)):
+            decided = ArmDecisions.idle(start, len(stage_order.slots))
+            for k, (stop, angle) in enumerate(
+                zip(stage_order.slots[:, a], stage_order.angles, strict=True)
+            ):
                 if stop == IDLE:
                     continue
                 if not order.model.arms[name].kinematics.has_arm_angle:
                     return None
-                made = order.nodes[name, *self.stops[stop]].decisions
-                own = own.put(np.array([k]), made.take(np.array([rows[stop, angle]])))
-            arms.append(own)
+                node_decisions = order.nodes[name, *self.stops[stop]].decisions
+                decided = decided.put(
+                    np.array([k]), node_decisions.take(np.array([rows[stop, angle]]))
+                )
+            arms.append(decided)
         chosen = order.model.platform.is_chosen
-        angle = self.angles[found.angles, 0] if chosen else np.zeros(len(found.slots))
+        angle = self.angles[stage_order.angles, 0] if chosen else np.zeros(len(stage_order.slots))
         return Decisions(np.asarray(angle), tuple(arms))
 
 
 def stage_problem(order: OrderModel) -> StageProblem:
-    """Returns the stages as numbers, see `stage_model`."""
+    """Build the stage problem of a job, see `stage_model`."""
     return stage_model(order).problem
 
 
 def stage_model(order: OrderModel) -> StageModel:
-    """Returns the stages as numbers with what they mean.
+    """Build the stage problem of a job, with its stops, angles and postures.
 
     Args:
         order: the job's tasks as each arm may do them.
@@ -163,32 +169,35 @@ def stage_model(order: OrderModel) -> StageModel:
     )
     cheapest = [cheapest_postures(order, name, stops, angles) for name in model.arms]
     postures = pair_handover_postures(order, stops, angles, cheapest)
-    for name, rows_of in zip(model.arms, postures, strict=True):
+    for name, stop_rows in zip(model.arms, postures, strict=True):
         joints = len(model.arms[name].columns)
         target = np.full((count, f, joints), np.nan)
         entry = np.full((count, f, joints), np.nan)
         leaving = np.full((count, f, joints), np.nan)
         work = np.full((count, f), np.inf)
         for k, (t, s) in enumerate(stops):
-            here = np.flatnonzero(rows_of[k] >= 0)
-            if len(here):
-                nodes, rows = order.nodes[name, t, s], rows_of[k, here]
-                entry[k, here], target[k, here] = nodes.q_approach[rows], nodes.q_target[rows]
-                leaving[k, here], work[k, here] = nodes.q_retract[rows], nodes.work[rows]
+            reachable = np.flatnonzero(stop_rows[k] >= 0)
+            if len(reachable):
+                nodes, rows = order.nodes[name, t, s], stop_rows[k, reachable]
+                entry[k, reachable], target[k, reachable] = (
+                    nodes.q_approach[rows],
+                    nodes.q_target[rows],
+                )
+                leaving[k, reachable], work[k, reachable] = nodes.q_retract[rows], nodes.work[rows]
         works.append(work)
         chosen.append(np.stack([entry, target, leaving]))
     handovers = handovers_of(order)
-    works = _met(works, stops, handovers)
+    works = _with_partner_work(works, stops, handovers)
     lengths = [
         _lengths(
             order,
             name,
-            ways[0],
-            _where_idle(ways[2], order.angles[angles]),
+            ends[0],
+            _fill_unreachable(ends[2], order.angles[angles]),
             work,
             turn,
         )
-        for name, ways, work in zip(model.arms, chosen, works, strict=True)
+        for name, ends, work in zip(model.arms, chosen, works, strict=True)
     ]
     index = {task.id: t for t, task in enumerate(job.tasks)}
     numbers, k = [], 0
@@ -214,7 +223,7 @@ def stage_model(order: OrderModel) -> StageModel:
 
 
 def stage_stands(order: OrderModel, whole: StageProblem) -> StageStands | None:
-    """Returns which of all stops leave and take which tools; None where no arm changes tools.
+    """Number the stops that leave and take each tool; None if no arm changes tools.
 
     Args:
         order: the job's tasks as each arm may do them.
@@ -223,10 +232,10 @@ def stage_stands(order: OrderModel, whole: StageProblem) -> StageStands | None:
     cell = order.job.cell
     if not cell.tool_changes:
         return None
-    found: list[StageTools | None] = []
+    tools_by_arm: list[StageTools | None] = []
     for name in order.model.arms:
         if name not in cell.tool_changes:
-            found.append(None)
+            tools_by_arm.append(None)
             continue
         number = {tool: k - 1 for k, tool in enumerate(cell.tool_names(name))}
         leave, take = (
@@ -237,52 +246,52 @@ def stage_stands(order: OrderModel, whole: StageProblem) -> StageStands | None:
             }
             for action in ("leave_tool", "take_tool")
         )
-        # Of what an arm does not do the tool does not matter.
+        # The tools of tasks that the arm cannot do do not matter.
         tools = [number.get(task.tool, NO_TOOL) for task in order.job.tasks for _ in task.stops]
-        found.append(StageTools(tuple(tools), number[cell.start_tool(name)], leave, take))
-    return StageStands(whole, tuple(found))
+        tools_by_arm.append(StageTools(tuple(tools), number[cell.start_tool(name)], leave, take))
+    return StageStands(whole, tuple(tools_by_arm))
 
 
-def _met(
+def _with_partner_work(
     works: list[FloatArray],
     stops: list[tuple[int, int]],
     handovers: tuple[tuple[int, int], ...],
 ) -> list[FloatArray]:
-    """Returns works (s, f) in which those of two stops that make a hand-over follow one another [s]."""
-    found = [np.array(work) for work in works]
+    """Add the partner's work to the works (s, f) of hand-over stops [s]."""
+    totals = [np.array(work) for work in works]
     for giving, taking in handovers:
         give, take = stops.index((giving, 1)), stops.index((taking, 0))
-        for a, work in enumerate(found):
+        for a, work in enumerate(totals):
             work[give] += works[1 - a][take]
             work[take] += works[1 - a][give]
-    return found
+    return totals
 
 
 def _few_angles(order: OrderModel, stops: int) -> IntArray:
-    """Returns as many angles as tables have room for, the start first, evenly over those at which work can be done."""
+    """Select evenly spaced useful platform angles, the start first, as many as the tables may have."""
     reached = order.reached().any(axis=(0, 1))
     useful = np.flatnonzero(reached)
-    few = NODES.most_angles * (2 if stops <= NODES.few_stops else 1)
-    most = min(few, max(3, int(np.sqrt(NODES.most_lengths / ((stops + 1) * (stops + 2))))))
-    if len(useful) >= most:
+    preferred = NODES.most_angles * (2 if stops <= NODES.few_stops else 1)
+    limit = min(preferred, max(3, int(np.sqrt(NODES.most_lengths / ((stops + 1) * (stops + 2))))))
+    if len(useful) >= limit:
         by_angle = (
             useful[np.argsort(order.angles[useful, 0], kind="stable")]
             if order.angles.size
             else useful
         )
-        useful = by_angle[np.unique(np.linspace(0, len(useful) - 1, most - 1).round().astype(int))]
+        useful = by_angle[np.unique(np.linspace(0, len(useful) - 1, limit - 1).round().astype(int))]
     return np.concatenate([[0], np.sort(useful[useful != 0])])
 
 
-def _where_idle(leaving: FloatArray, angles: FloatArray) -> FloatArray:
-    """Returns joints where retracts end with those at the nearest angle where a stop is out of reach (s, f, joints).
+def _fill_unreachable(leaving: FloatArray, angles: FloatArray) -> FloatArray:
+    """Fill joints at retract ends from the nearest angle in reach, shape (s, f, joints).
 
-    An arm that is idle while the platform turns on stays as it left its last stop, though from there it may be out of
-    reach. For stops that are made there nothing changes: they cannot be.
+    An arm that is idle while the platform turns keeps the joints of its last stop, which may be out of reach from the
+    new angle. Stops that are made at that angle are not affected: they are infeasible there.
 
     Args:
-        leaving: the same, NaN where a stop is out of reach.
-        angles: the platform's [rad], shape (f, k).
+        leaving: joints at retract ends, NaN for stops out of reach.
+        angles: platform angles [rad], shape (f, k).
     """
     away = np.abs(angles[:, None] - angles[None]).max(axis=-1, initial=0.0)
     out = np.isnan(leaving[..., 0])
@@ -299,37 +308,37 @@ def _lengths(
     work: FloatArray,
     turn: FloatArray,
 ) -> FloatArray:
-    """Returns one arm's part of stages, see StageProblem.length.
+    """Compute one arm's lengths of stages, see StageProblem.length.
 
-    Where the start is free an arm begins where its first transfer would end, and goes back there: the way there counts
-    nothing, and the way back what it is at least, to any stop.
+    With a free start an arm begins where its first transfer would end and returns there: the first transfer takes no
+    time, and the return counts as the shortest transfer to any stop.
     """
     count, f = work.shape
     free = order.job.start == "free"
     start = order.start[order.model.arms[name].columns]
     whole = order.clock.arms[name].law
-    # Joint by joint, on long rows of numbers, all is several times quicker.
+    # Long rows of a single joint are several times faster.
     laws = _single_joints(whole)
     goals = np.ascontiguousarray(np.moveaxis(entry, 2, 0))[:, :, None, :, None]
-    found = np.full((count + 1, count + 2, f, f), np.inf, dtype=np.float32)
+    lengths = np.full((count + 1, count + 2, f, f), np.inf, dtype=np.float32)
     for i in range(count + 1):
-        came = np.broadcast_to(start, (f, len(start))) if i == count else leaving[i]
+        leaving_joints = np.broadcast_to(start, (f, len(start))) if i == count else leaving[i]
         transfer: FloatArray = np.zeros((count, f, f, 1))
-        for law, goal, here in zip(laws, goals, came.T, strict=True):
-            np.maximum(transfer, law.per_joint(goal - here[:, None, None]), out=transfer)
+        for law, goal, joint_angle in zip(laws, goals, leaving_joints.T, strict=True):
+            np.maximum(transfer, law.per_joint(goal - joint_angle[:, None, None]), out=transfer)
         if free and i == count:
             transfer[np.isfinite(transfer)] = 0.0
-        found[i, :count] = np.maximum(transfer[..., 0], turn) + work[:, None, :]
-        back = whole.duration(start - came) if order.job.returns else np.zeros(f)
+        lengths[i, :count] = np.maximum(transfer[..., 0], turn) + work[:, None, :]
+        returning = whole.duration(start - leaving_joints) if order.job.returns else np.zeros(f)
         if free and order.job.returns:
-            back = np.fmin(back, np.fmin.reduce(transfer[..., 0], axis=(0, 2)))
-        found[i, count] = back[:, None]
-    found[:, count + 1] = -np.inf
-    return np.where(np.isnan(found), np.float32(np.inf), found)
+            returning = np.fmin(returning, np.fmin.reduce(transfer[..., 0], axis=(0, 2)))
+        lengths[i, count] = returning[:, None]
+    lengths[:, count + 1] = -np.inf
+    return np.where(np.isnan(lengths), np.float32(np.inf), lengths)
 
 
 def _single_joints(law: RestToRest) -> list[RestToRest]:
-    """Returns the laws of the joints one by one."""
+    """Split a law into the laws of single joints."""
     rows = zip(law.velocity, law.acceleration, law.jerk, strict=True)
     return [RestToRest(*(np.array([value]) for value in row)) for row in rows]
 
@@ -337,23 +346,24 @@ def _single_joints(law: RestToRest) -> list[RestToRest]:
 def _windows(
     order: OrderModel, numbers: list[tuple[int, ...]], works: list[FloatArray]
 ) -> tuple[FloatArray | None, FloatArray | None]:
-    """Returns when approaches may begin, and stops must be over, by stop; None where no task has a window.
+    """Compute the earliest approach and the latest end of each stop [s]; None without windows.
 
-    A window is for the instant at which a tool is there: lines are taken to last half of what is not dwell each.
+    A window holds for the instant at which the tool is at its target. The two lines of a stop are assumed to take equal
+    times.
     """
     tasks = order.tasks
     if not order.job.moves and all(
         task.not_before == 0.0 and np.isinf(task.not_after) for task in tasks
     ):
         return None, None
-    count = sum(len(own) for own in numbers)
+    count = sum(len(row) for row in numbers)
     early, late = np.zeros(count), np.full(count, np.inf)
-    for task, own in zip(tasks, numbers, strict=True):
-        for k, stop in zip(own, task.stops, strict=True):
+    for task, row in zip(tasks, numbers, strict=True):
+        for k, stop in zip(row, task.stops, strict=True):
             line = 0.5 * max(0.0, min(float(work[k].min()) for work in works) - stop.dwell.total)
-            if k == own[0]:
+            if k == row[0]:
                 early[k] = max(0.0, task.not_before - line)
-            if k == own[-1]:
+            if k == row[-1]:
                 late[k] = task.not_after + line
             if stop.moves:
                 first, last = stop.window
