@@ -518,8 +518,8 @@ def test_steps_whose_last_stops_are_known_last_as_long_as_tables_say(in_stages, 
         angle = rng.integers(0, len(problem.turn), 300)
         lengths = steps.lengths(came, angle, node)
         idle = steps.idle(came, node)
-        then = steps.came(node, idle)
-        back = steps.way_back(node, idle)
+        then = steps.last_stops(node, idle)
+        back = steps.return_time(node, idle)
         for k in range(300):
             stage, g = tuple(graph.stops[node[k]].tolist()), int(graph.angle[node[k]])
             last = tuple(came[k].tolist())

@@ -1,4 +1,4 @@
-"""Good orders of stages: tasks are removed and put back into the stage where all is then done soonest."""
+"""Ruin and recreate of stages: tasks are removed and inserted where the makespan is then least."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class InsertionPlace:
-    """Where stops are put: some stages are replaced by others."""
+    """Place of inserted stops: a range of stages and its replacement."""
 
     arms: tuple[int, ...]
-    """The arms that make them."""
+    """Arms that make the stops."""
     first: int
     """First stage that is replaced."""
     last: int
     """Stage after the last one that is replaced."""
     rows: tuple[tuple[int, ...], ...]
-    """What replaces them."""
+    """Stages that replace the range."""
 
     def done(self, slots: IntArray) -> IntArray:
-        """Returns the order with the stops."""
+        """Insert the stops into an order."""
         rows = np.array(self.rows, dtype=np.int64).reshape(-1, slots.shape[1])
         return np.concatenate([slots[: self.first], rows, slots[self.last :]])
 
@@ -49,39 +49,39 @@ class InsertionPlace:
 def places(
     slots: IntArray, arm: int, stops: tuple[int, ...], first: int, last: int, middle: BoolArray
 ) -> list[InsertionPlace]:
-    """Returns every place for stops that one arm makes one right after the other.
+    """List every place for stops that one arm makes directly one after the other.
 
-    In idle slots as far as there are any, or in new stages.
+    In idle slots as far as possible, or in new stages.
 
     Args:
         slots: an order, shape (n, arms).
-        arm: which arm.
-        stops: in their order.
+        arm: number of the arm.
+        stops: stops in their order.
         first: earliest stage.
-        last: stage before which they have to be over.
-        middle: before which stages the arm is in the middle of other work, shape (n + 1,).
+        last: stage before which the stops have to be finished.
+        middle: whether the arm is in the middle of a unit before each stage, shape (n + 1,).
     """
     arms, m = slots.shape[1], len(stops)
     new = [tuple(stop if a == arm else IDLE for a in range(arms)) for stop in stops]
     rows = [tuple(row) for row in slots.tolist()]
     idle = (slots[:, arm] == IDLE).tolist()
-    found = []
+    options = []
     for k in range(first, last + 1):
         if middle[k]:
             continue
-        found.append(InsertionPlace((arm,), k, k, tuple(new)))
-        run = 0
-        while run < m and k + run < last and idle[k + run]:
-            run += 1
-        if not run:
+        options.append(InsertionPlace((arm,), k, k, tuple(new)))
+        filled_count = 0
+        while filled_count < m and k + filled_count < last and idle[k + filled_count]:
+            filled_count += 1
+        if not filled_count:
             continue
-        filled = tuple(_with(rows[k + i], arm, stops[i]) for i in range(run))
-        found.append(InsertionPlace((arm,), k, k + run, (*filled, *new[run:])))
+        filled = tuple(_with(rows[k + i], arm, stops[i]) for i in range(filled_count))
+        options.append(InsertionPlace((arm,), k, k + filled_count, (*filled, *new[filled_count:])))
         if m > 1:
-            found.append(
+            options.append(
                 InsertionPlace((arm,), k, k + 1, (*new[:-1], _with(rows[k], arm, stops[-1])))
             )
-    return found
+    return options
 
 
 def meeting_places(
@@ -91,40 +91,41 @@ def meeting_places(
     span: tuple[int, int],
     middle: Sequence[BoolArray],
 ) -> list[InsertionPlace]:
-    """Returns every place for a hand-over: a new stage for both arms, the giver's stop before it, the taker's after it.
+    """List every place for a hand-over: a stage for both arms, with stages before and after.
 
-    Those two are in new stages or where the stages next to it leave their arm idle.
+    The giver's first stop comes before the meeting and the taker's last one after it, in new stages or in adjacent
+    stages in which the arm is idle.
 
     Args:
         slots: an order, shape (n, 2).
-        giver: the arm that gives.
-        stops: the giver's two, then the taker's two.
-        span: earliest stage, and stage before which all has to be over.
-        middle: by arm, before which stages it is in the middle of other work, shape (n + 1,).
+        giver: number of the giving arm.
+        stops: two stops of the giver, then two of the taker.
+        span: earliest stage, and stage before which all has to be finished.
+        middle: by arm, whether it is in the middle of a unit before each stage, shape (n + 1,).
     """
     pick, give, take, put = stops
     taker, (first, last) = 1 - giver, span
     rows = [tuple(row) for row in slots.tolist()]
-    nothing = (IDLE, IDLE)
-    both = _with(_with(nothing, giver, give), taker, take)
-    found = []
+    idle = (IDLE, IDLE)
+    meeting = _with(_with(idle, giver, give), taker, take)
+    options = []
     for k in range(first, last + 1):
         if middle[taker][k]:
             continue
         before: list[tuple[int, tuple[int, ...]]] = []
         if not middle[giver][k]:
-            before.append((k, _with(nothing, giver, pick)))
+            before.append((k, _with(idle, giver, pick)))
         if k > first and rows[k - 1][giver] == IDLE and not middle[giver][k - 1]:
             before.append((k - 1, _with(rows[k - 1], giver, pick)))
-        after = [(k, _with(nothing, taker, put))]
+        after = [(k, _with(idle, taker, put))]
         if k < last and rows[k][taker] == IDLE:
             after.append((k + 1, _with(rows[k], taker, put)))
-        found += [
-            InsertionPlace((giver, taker), begin, end, (one, both, other))
-            for begin, one in before
-            for end, other in after
+        options += [
+            InsertionPlace((giver, taker), begin, end, (row, meeting, next_row))
+            for begin, row in before
+            for end, next_row in after
         ]
-    return found
+    return options
 
 
 def _with(row: tuple[int, ...], arm: int, stop: int) -> tuple[int, ...]:
@@ -132,20 +133,20 @@ def _with(row: tuple[int, ...], arm: int, stop: int) -> tuple[int, ...]:
 
 
 class Insertions:
-    """An order that more is put into."""
+    """Insertion of stops into an order."""
 
     def __init__(self, problem: StageProblem, slots: IntArray, ends: Ends | None) -> None:
-        """Computes what all costs up to every stage, and from there on.
+        """Compute the values up to every stage, and from there on.
 
         Args:
-            problem: what is asked.
+            problem: the stage problem.
             slots: the order, shape (n, arms).
-            ends: what comes before and after it, where it is a stretch.
+            ends: state before and after, if the order is a stretch.
         """
         self._problem, self._ends = problem, ends
         self._slots = slots
         self._whole = slots if ends is None else np.concatenate([slots, ends.next_stages])
-        # Windows ask for the time at which everything is done.
+        # With windows the values depend on time, so that each order is timed as a whole.
         self._plain = problem.not_before is None and problem.not_after is None
         if self._plain:
             self._prepare()
@@ -154,83 +155,93 @@ class Insertions:
         problem, ends, n = self._problem, self._ends, len(self._whole)
         f = len(problem.turn)
         start = None if ends is None else ends.last_stops
-        self._came = previous(self._whole[None], problem.stops, start)[0]
+        self._last_stops = previous(self._whole[None], problem.stops, start)[0]
         rows = np.arange(n)
         steps: FloatArray = np.full((n, f, f), -np.inf)
         for a, length in enumerate(problem.length):
-            steps = np.maximum(steps, length[self._came[rows, a], self._whole[:, a]])
+            steps = np.maximum(steps, length[self._last_stops[rows, a], self._whole[:, a]])
         if problem.pair_cost is not None:
             steps += problem.pair_cost[self._whole[:, 0], self._whole[:, 1]][:, None]
         self._values = np.full((n + 1, f), np.inf)
-        self._rest = np.zeros((n + 1, f))
+        self._remaining = np.zeros((n + 1, f))
         if ends is not None:
             self._values[0] = ends.values
         else:
             self._values[0, slice(None) if problem.free_start else 0] = 0.0
-        rest = None if ends is None else ends.remaining
-        self._rest[n] = closing(problem, self._came[n][None])[0] if rest is None else rest
-        self._closes = rest is None
+        remaining = None if ends is None else ends.remaining
+        self._remaining[n] = (
+            closing(problem, self._last_stops[n][None])[0] if remaining is None else remaining
+        )
+        self._closes = remaining is None
         for k in range(n):
             self._values[k + 1] = (self._values[k][:, None] + steps[k]).min(axis=0)
         for k in range(n - 1, -1, -1):
-            self._rest[k] = (steps[k] + self._rest[k + 1]).min(axis=1)
+            self._remaining[k] = (steps[k] + self._remaining[k + 1]).min(axis=1)
 
     def totals(self, tries: list[InsertionPlace]) -> FloatArray:
-        """Returns when all is done with stops at each of some places [s], shape (b,)."""
+        """Compute the makespans with stops at each of some places [s], shape (b,)."""
         if not self._plain:
             return totals(self._problem, self._orders(tries, self._slots), self._ends)
         n, rows = len(self._whole), [tuple(row) for row in self._whole.tolist()]
         following = self._next_active()
         first = np.array([place.first for place in tries])
-        # Up to the arms' next stops it matters where they come from.
-        until = np.array([max(following[a][place.last] for a in place.arms) for place in tries])
-        some = [(*place.rows, *rows[place.last : u]) for place, u in zip(tries, until, strict=True)]
+        # The inserted stops change the stages up to the next stop of each arm.
+        unchanged_from = np.array(
+            [max(following[a][place.last] for a in place.arms) for place in tries]
+        )
+        changed = [
+            (*place.rows, *rows[place.last : u])
+            for place, u in zip(tries, unchanged_from, strict=True)
+        ]
         arms = self._whole.shape[1]
-        batch = np.full((len(some), max(len(one) for one in some), arms), IDLE, dtype=np.int64)
-        for k, stages in enumerate(some):
+        size = len(changed), max(len(stages) for stages in changed), arms
+        batch = np.full(size, IDLE, dtype=np.int64)
+        for k, stages in enumerate(changed):
             batch[k, : len(stages)] = stages
-        came = self._came[first]
-        rest = self._rest[until]
-        last = until == n
+        last_stops = self._last_stops[first]
+        remaining = self._remaining[unchanged_from]
+        last = unchanged_from == n
         if last.any() and self._closes:
-            rest = rest.copy()
-            after = previous(batch[last], self._problem.stops, came[last])[:, -1]
-            rest[last] = closing(self._problem, after)
+            remaining = remaining.copy()
+            after = previous(batch[last], self._problem.stops, last_stops[last])[:, -1]
+            remaining[last] = closing(self._problem, after)
         none = np.zeros((0, arms), dtype=np.int64)
-        found = totals(self._problem, batch, Ends(came, self._values[first], none, rest))
+        makespans = totals(
+            self._problem, batch, Ends(last_stops, self._values[first], none, remaining)
+        )
         if self._problem.stores is None:
-            return found
+            return makespans
         whole = self._orders(tries, self._whole)
-        return found + missing_parts(self._problem, whole, self._ends)
+        return makespans + missing_parts(self._problem, whole, self._ends)
 
     def _orders(self, tries: list[InsertionPlace], slots: IntArray) -> IntArray:
-        """Returns an order with stops at each of some places, shape (b, stages, arms); IDLE stages at shorter ends."""
+        """Insert stops at each of some places, shape (b, stages, arms), padded with IDLE stages."""
         orders = [place.done(slots) for place in tries]
-        batch = np.full((len(orders), max(len(one) for one in orders), slots.shape[1]), IDLE)
-        for k, one in enumerate(orders):
-            batch[k, : len(one)] = one
+        batch = np.full((len(orders), max(len(order) for order in orders), slots.shape[1]), IDLE)
+        for k, order in enumerate(orders):
+            batch[k, : len(order)] = order
         return batch
 
     def _next_active(self) -> list[list[int]]:
-        """Returns, by arm and stage, the stage after the arm's next stop from there on, or the number of stages."""
+        """List the stage after each arm's next stop from every stage, or the number of stages."""
         n = len(self._whole)
-        found = []
+        stages_by_arm = []
         for a in range(self._whole.shape[1]):
-            own, following = [n] * (n + 1), n
+            arm_stages, following = [n] * (n + 1), n
             for k in range(n - 1, -1, -1):
                 if self._whole[k, a] != IDLE:
                     following = k + 1
-                own[k] = following
-            found.append(own)
-        return found
+                arm_stages[k] = following
+            stages_by_arm.append(arm_stages)
+        return stages_by_arm
 
 
 @dataclass(frozen=True)
 class InsertionSettings:
-    """Numbers that steer removal and insertion of tasks."""
+    """Settings of removal and insertion."""
 
     removed: tuple[int, ...] = (2, 7)
-    """Fewest and most units that are removed at a time."""
+    """Minimum and maximum number of units removed at a time."""
     hot: float = 0.25
     """First temperature of the annealing, relative to a unit's mean time.
 
@@ -239,9 +250,9 @@ class InsertionSettings:
     cold: float = 0.002
     """Last temperature of the annealing, relative to a unit's mean time."""
     blink: float = 0.03
-    """Share of the places that are overlooked when a unit is put back."""
+    """Fraction of the places that are skipped in an insertion."""
     stretch: int = 12
-    """Stages of a long order that are improved together."""
+    """Number of stages of a long order that are improved together."""
     per_stretch: int = 25
     """Number of removals and insertions per stretch of a long order."""
 
@@ -250,20 +261,20 @@ INSERTION = InsertionSettings()
 
 
 class StageSearch:
-    """Ruin and recreate [Schrimpf2000] on one problem."""
+    """Ruin and recreate [Schrimpf2000]."""
 
     def __init__(self, problem: StageProblem, seed: int) -> None:
-        """Prepares units and what is near to what."""
+        """Prepare units, neighbours and precedence."""
         self.problem, self.seed = problem, seed
         self._random = np.random.default_rng(seed)
         self.units = stage_units(problem)
         self._unit_of = {stop: u for u, unit in enumerate(self.units) for stop in unit.stops}
-        self._near = near_units(problem, self.units)
+        self._neighbours = near_units(problem, self.units)
         of_task = {t: u for u, unit in enumerate(self.units) for t in unit.tasks}
         self._before: list[set[int]] = [set() for _ in self.units]
         self._after: list[set[int]] = [set() for _ in self.units]
-        for one, other in problem.before:
-            u, v = of_task[one], of_task[other]
+        for earlier, later in problem.before:
+            u, v = of_task[earlier], of_task[later]
             if u != v:
                 self._before[v].add(u)
                 self._after[u].add(v)
@@ -274,13 +285,13 @@ class StageSearch:
                 self._inner[list(row.stops[:-1])] = True
 
     def first(self) -> StageOrder | None:
-        """Returns an order by insertion, those first that come before others; None where none was found."""
+        """Build an order by insertion, predecessors first, or None."""
         slots = np.full((0, len(self.problem.length)), IDLE, dtype=np.int64)
         order = list(range(len(self.units)))
         if not self.problem.in_file_order:
             order = [order[k] for k in self._random.permutation(len(order))]
-        found = self.inserted(slots, self._sorted(order), 0.0, None)
-        return None if found is None else with_angles(self.problem, found)
+        inserted = self.inserted(slots, self._sorted(order), 0.0, None)
+        return None if inserted is None else with_angles(self.problem, inserted)
 
     def improve(
         self,
@@ -289,22 +300,22 @@ class StageSearch:
         better: Callable[[StageOrder], None] = lambda _: None,
         stop: Callable[[], bool] = lambda: False,
     ) -> StageOrder:
-        """Returns the best order found from one to begin with.
+        """Anneal an order and return the best one.
 
         Args:
-            start: an order.
-            iterations: how often something is removed and put back.
-            better: receives every new best one; its angles are left out.
+            start: first order.
+            iterations: number of removals and insertions.
+            better: receives every new best order, without angles.
             stop: whether to stop early.
         """
-        share = start.total / len(self.units) if np.isfinite(start.total) else 1.0
-        heat = INSERTION.hot * share, INSERTION.cold * share
+        unit_time = start.total / len(self.units) if np.isfinite(start.total) else 1.0
+        heat = INSERTION.hot * unit_time, INSERTION.cold * unit_time
 
-        def found(slots: IntArray, total: float) -> None:
+        def report(slots: IntArray, total: float) -> None:
             better(StageOrder(slots, np.zeros(0, dtype=np.int64), total))
 
         first = start.slots, start.total
-        slots, _ = self._annealed(first, iterations, heat, None, found, stop)
+        slots, _ = self._annealed(first, iterations, heat, None, report, stop)
         return with_angles(self.problem, slots)
 
     def improve_stretches(
@@ -314,16 +325,16 @@ class StageSearch:
         better: Callable[[StageOrder], None] = lambda _: None,
         stop: Callable[[], bool] = lambda: False,
     ) -> StageOrder:
-        """Returns the best order found by improving stretches of a long one, each by itself.
+        """Improve stretches of a long order one after the other.
 
         Args:
-            start: an order.
-            stretches: how many.
-            better: receives every new best one.
+            start: first order.
+            stretches: number of stretches.
+            better: receives every new best order.
             stop: whether to stop early.
         """
         slots, total = start.slots, start.total
-        share = start.total / len(self.units) if np.isfinite(start.total) else 1.0
+        unit_time = start.total / len(self.units) if np.isfinite(start.total) else 1.0
         for k in range(stretches):
             if stop():
                 break
@@ -331,19 +342,19 @@ class StageSearch:
             span = min(len(slots), INSERTION.stretch)
             begin = int(self._random.integers(len(slots) - span + 1))
             ends = values.ends(begin, begin + span)
-            own = slots[begin : begin + span]
-            before = float(totals(self.problem, own[None], ends)[0])
-            warm = INSERTION.hot * share * (1.0 - k / stretches)
-            found, after = self._annealed(
-                (own, before),
+            stretch = slots[begin : begin + span]
+            before = float(totals(self.problem, stretch[None], ends)[0])
+            warm = INSERTION.hot * unit_time * (1.0 - k / stretches)
+            improved, after = self._annealed(
+                (stretch, before),
                 INSERTION.per_stretch,
-                (warm, INSERTION.cold * share),
+                (warm, INSERTION.cold * unit_time),
                 ends,
                 lambda *_: None,
                 stop,
             )
             if after < before - 1e-9:
-                slots = np.concatenate([slots[:begin], found, slots[begin + span :]])
+                slots = np.concatenate([slots[:begin], improved, slots[begin + span :]])
                 total = after
                 better(StageOrder(slots, np.zeros(0, dtype=np.int64), total))
         return with_angles(self.problem, slots)
@@ -357,46 +368,48 @@ class StageSearch:
         better: Callable[[IntArray, float], None],
         stop: Callable[[], bool],
     ) -> tuple[IntArray, float]:
-        """Improve stages with their total [s] by annealing; return the best found, with theirs."""
+        """Anneal stages with their total [s]; return the best stages and total."""
         best = current = start
         warm, cooling = heat[0], power(heat[1] / max(heat), 1.0 / max(1, iterations))
         for _ in range(iterations):
             warm *= cooling
             if stop():
                 break
-            left, gone = self._ruined(current[0])
-            tried = self.inserted(left, self._sorted(gone), INSERTION.blink, ends) if gone else None
-            if tried is None:
+            remains, removed = self._ruined(current[0])
+            if not removed:
                 continue
-            found = float(totals(self.problem, tried[None], ends)[0])
-            if found >= current[1] - warm * log(1.0 - self._random.random()):
+            candidate = self.inserted(remains, self._sorted(removed), INSERTION.blink, ends)
+            if candidate is None:
                 continue
-            current = tried, found
-            if found < best[1] - 1e-9:
+            total = float(totals(self.problem, candidate[None], ends)[0])
+            if total >= current[1] - warm * log(1.0 - self._random.random()):
+                continue
+            current = candidate, total
+            if total < best[1] - 1e-9:
                 best = current
                 better(*best)
         return best
 
     def _ruined(self, slots: IntArray) -> tuple[IntArray, list[int]]:
-        """Returns an order without some units that are near to one another, or stages that follow one another."""
+        """Remove some neighbouring units, or some consecutive stages, from an order."""
         count = int(self._random.integers(INSERTION.removed[0], INSERTION.removed[1] + 1))
-        there = self._whole(slots)
-        if not there:
+        present = self._whole(slots)
+        if not present:
             return slots, []
         if self._random.random() < 0.5:
-            seed = there[int(self._random.integers(len(there)))]
-            inside = set(there)
-            near = [u for u in self._near[seed] if u in inside]
-            picked = self._random.permutation(len(near))[: count - 1]
-            gone = {seed, *(near[k] for k in picked)}
+            seed = present[int(self._random.integers(len(present)))]
+            present_set = set(present)
+            neighbours = [u for u in self._neighbours[seed] if u in present_set]
+            picked = self._random.permutation(len(neighbours))[: count - 1]
+            removed = {seed, *(neighbours[k] for k in picked)}
         else:
             begin = int(self._random.integers(len(slots)))
             stops = slots[begin : begin + (count + 1) // 2].ravel().tolist()
-            gone = {self._unit_of[s] for s in stops if s != IDLE} & set(there)
-        return self.without(slots, gone), sorted(gone)
+            removed = {self._unit_of[s] for s in stops if s != IDLE} & set(present)
+        return self.without(slots, removed), sorted(removed)
 
     def _whole(self, slots: IntArray) -> list[int]:
-        """Returns the units all of whose stops are among some stages."""
+        """List the units whose stops are all in some stages."""
         stops = slots[slots != IDLE].tolist()
         count: dict[int, int] = {}
         for stop in stops:
@@ -404,14 +417,14 @@ class StageSearch:
             count[u] = count.get(u, 0) + 1
         return sorted(u for u, m in count.items() if m == len(self.units[u].stops))
 
-    def without(self, slots: IntArray, gone: set[int]) -> IntArray:
-        """Returns an order without some units, and without stages in which nothing is left to do."""
-        removed = [stop for u in gone for stop in self.units[u].stops]
-        left = np.where(np.isin(slots, removed), IDLE, slots)
-        return left[(left != IDLE).any(axis=1)]
+    def without(self, slots: IntArray, units: set[int]) -> IntArray:
+        """Remove units from an order, and stages without any stop left."""
+        removed = [stop for u in units for stop in self.units[u].stops]
+        remains = np.where(np.isin(slots, removed), IDLE, slots)
+        return remains[(remains != IDLE).any(axis=1)]
 
-    def _sorted(self, gone: list[int]) -> list[int]:
-        order = [gone[k] for k in self._random.permutation(len(gone))]
+    def _sorted(self, removed: list[int]) -> list[int]:
+        order = [removed[k] for k in self._random.permutation(len(removed))]
         if self.problem.before:
             rank = self._ranks(order)
             order.sort(key=lambda u: rank[u])
@@ -420,7 +433,7 @@ class StageSearch:
         return order
 
     def _ranks(self, order: list[int]) -> dict[int, int]:
-        """Returns how many units have to be over one after the other before each."""
+        """Compute the longest chain of predecessors of each unit."""
         rank = dict.fromkeys(order, 0)
         for _ in order:
             for u in order:
@@ -430,38 +443,38 @@ class StageSearch:
     def inserted(
         self, slots: IntArray, units: list[int], blink: float, ends: Ends | None
     ) -> IntArray | None:
-        """Returns an order with more units, each where all is then done soonest; None where one has no place."""
+        """Insert units one by one at least makespan; None if a unit has no place."""
         for u in units:
-            tries = self._places(slots, u, ends)
-            if not tries:
+            options = self._places(slots, u, ends)
+            if not options:
                 return None
-            cost = Insertions(self.problem, slots, ends).totals(tries)
-            if blink and len(tries) > 1:
-                cost[self._random.random(len(tries)) < blink] += 1e6
+            cost = Insertions(self.problem, slots, ends).totals(options)
+            if blink and len(options) > 1:
+                cost[self._random.random(len(options)) < blink] += 1e6
             k = int(cost.argmin())
             if not np.isfinite(cost[k]):
                 return None
-            slots = tries[k].done(slots)
+            slots = options[k].done(slots)
         return slots
 
     def _places(self, slots: IntArray, u: int, ends: Ends | None) -> list[InsertionPlace]:
-        """Returns every place at which a unit keeps the rules."""
-        found = []
+        """List every feasible place of a unit."""
+        options = []
         low, high = self._range(slots, u)
         unit = self.units[u]
         for a in unit.arms:
             first, last = self._file_range(slots[:, a], u, low, high)
             if not unit.meets:
                 middle = self._middle(slots, a, ends)
-                found += places(slots, a, unit.stops, first, last, middle)
+                options += places(slots, a, unit.stops, first, last, middle)
                 continue
             span = self._file_range(slots[:, 1 - a], u, first, last)
-            both = [self._middle(slots, arm, ends) for arm in range(slots.shape[1])]
-            found += meeting_places(slots, a, unit.stops, span, both)
-        return found
+            middles = [self._middle(slots, arm, ends) for arm in range(slots.shape[1])]
+            options += meeting_places(slots, a, unit.stops, span, middles)
+        return options
 
     def _middle(self, slots: IntArray, a: int, ends: Ends | None) -> BoolArray:
-        """Returns before which stages an arm is in the middle of other work, shape (n + 1,)."""
+        """Test whether an arm is in the middle of a unit before each stage."""
         at = IDLE if ends is None else int(ends.last_stops[a])
         middle = [bool(at != IDLE and self._inner[at])]
         for stop in slots[:, a].tolist():
@@ -470,7 +483,7 @@ class StageSearch:
         return np.array(middle)
 
     def _range(self, slots: IntArray, u: int) -> tuple[int, int]:
-        """Returns between which stages a unit has to be for what comes before and after it."""
+        """Compute the stages between a unit's predecessors and successors."""
         low, high = 0, len(slots)
         if self._before[u] or self._after[u]:
             for k, row in enumerate(slots.tolist()):
@@ -484,12 +497,12 @@ class StageSearch:
                         high = min(high, k)
         return low, high
 
-    def _file_range(self, own: IntArray, u: int, low: int, high: int) -> tuple[int, int]:
-        """Returns a range of stages within which one arm keeps the file's order."""
+    def _file_range(self, column: IntArray, u: int, low: int, high: int) -> tuple[int, int]:
+        """Compute the range of stages in which one arm keeps the file's order."""
         if not self.problem.in_file_order:
             return low, high
         first = self.units[u].tasks[0]
-        for k, stop in enumerate(own.tolist()):
+        for k, stop in enumerate(column.tolist()):
             if stop == IDLE:
                 continue
             if self.units[self._unit_of[stop]].tasks[0] < first:

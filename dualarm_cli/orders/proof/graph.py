@@ -1,4 +1,4 @@
-"""Stages as the nodes of a graph: an order is a path through it that has every stop once."""
+"""Graph of stages: an order is a path through it that has every stop once."""
 
 from __future__ import annotations
 
@@ -15,267 +15,277 @@ from dualarm_cli.orders.paired.problem import IDLE, StageProblem
 from dualarm_cli.records import dataclass
 
 SPARSE = 0.25
-"""Where fewer of all ways are possible only those are kept."""
+"""Fraction of feasible edges below which only those are stored."""
 
 
 class StageEdges(Protocol):
-    """Lengths of ways [s] from m nodes to n nodes, infinite where there is none; in single precision."""
+    """Edge lengths [s] from m to n nodes in single precision; infinite without an edge."""
 
     def least(self, values: SingleArray) -> SingleArray:
-        """Returns the least of length and a value of the node that is come from, (m,), by node gone to, (n,)."""
+        """Compute the least sum of edge length and source value (m,) for each target, (n,)."""
         ...
 
-    def rows(self, came: IntArray) -> SingleArray:
-        """Returns the lengths from some nodes, shape (k, n)."""
+    def rows(self, source: IntArray) -> SingleArray:
+        """Look up the lengths from some nodes, shape (k, n)."""
         ...
 
     def into(self, node: int) -> SingleArray:
-        """Returns the lengths to one node, shape (m,)."""
+        """Look up the lengths to one node, shape (m,)."""
         ...
 
-    def one_by_one(self, came: IntArray, goes: IntArray) -> SingleArray:
-        """Returns the lengths from nodes to nodes, pair by pair, shape (k,)."""
+    def one_by_one(self, source: IntArray, target: IntArray) -> SingleArray:
+        """Look up the lengths of given pairs of nodes, shape (k,)."""
         ...
 
-    def part(self, came: IntArray, goes: IntArray) -> StageEdges:
-        """Returns the ways from some nodes to some others."""
+    def part(self, source: IntArray, target: IntArray) -> StageEdges:
+        """Select the edges between some nodes."""
         ...
 
     def turned(self) -> StageEdges:
-        """Returns the same ways backwards."""
+        """Reverse all edges."""
         ...
 
-    def longer(self, came: IntArray, goes: IntArray, more: FloatArray) -> StageEdges:
-        """Returns ways of which some, all of them there, take longer [s], pair by pair; no pair is named twice."""
+    def longer(self, source: IntArray, target: IntArray, more: FloatArray) -> StageEdges:
+        """Lengthen given existing edges [s]; no pair of nodes is given twice."""
         ...
 
 
 @dataclass(frozen=True)
 class DenseEdges:
-    """Every way."""
+    """Lengths of all edges."""
 
     table: SingleArray
-    """By node gone to and node come from, so that `least` goes through memory in its order, shape (n, m)."""
+    """Lengths by target and source [s], shape (n, m). `least` then reads memory in its order."""
 
     def least(self, values: SingleArray) -> SingleArray:
         """See `StageEdges`."""
         return np.asarray((self.table + values).min(axis=1))
 
-    def rows(self, came: IntArray) -> SingleArray:
+    def rows(self, source: IntArray) -> SingleArray:
         """See `StageEdges`."""
-        return np.asarray(self.table[:, came].T)
+        return np.asarray(self.table[:, source].T)
 
     def into(self, node: int) -> SingleArray:
         """See `StageEdges`."""
         return np.asarray(self.table[node])
 
-    def one_by_one(self, came: IntArray, goes: IntArray) -> SingleArray:
+    def one_by_one(self, source: IntArray, target: IntArray) -> SingleArray:
         """See `StageEdges`."""
-        return np.asarray(self.table[goes, came])
+        return np.asarray(self.table[target, source])
 
-    def part(self, came: IntArray, goes: IntArray) -> DenseEdges:
+    def part(self, source: IntArray, target: IntArray) -> DenseEdges:
         """See `StageEdges`."""
-        return DenseEdges(np.ascontiguousarray(self.table[goes][:, came]))
+        return DenseEdges(np.ascontiguousarray(self.table[target][:, source]))
 
     def turned(self) -> DenseEdges:
         """See `StageEdges`."""
         return DenseEdges(np.ascontiguousarray(self.table.T))
 
-    def longer(self, came: IntArray, goes: IntArray, more: FloatArray) -> DenseEdges:
+    def longer(self, source: IntArray, target: IntArray, more: FloatArray) -> DenseEdges:
         """See `StageEdges`."""
         table = self.table.copy()
-        table[goes, came] += more
+        table[target, source] += more
         return DenseEdges(table)
 
 
 @dataclass(frozen=True)
 class SparseEdges:
-    """Only the ways that there are, by node gone to."""
+    """Lengths of the existing edges, sorted by target."""
 
     begin: IntArray
-    """Where the ways to each node begin, and where all end, shape (n + 1,)."""
-    came: IntArray
-    """The node that each comes from, shape (ways,)."""
+    """First edge of each target, and the number of edges, shape (n + 1,)."""
+    source: IntArray
+    """Source node of each edge, shape (edges,)."""
     length: SingleArray
-    """Its length [s], shape (ways,)."""
+    """Length of each edge [s], shape (edges,)."""
     count: int
-    """How many nodes there are to come from."""
+    """Number of possible source nodes."""
 
     def least(self, values: SingleArray) -> SingleArray:
         """See `StageEdges`."""
-        found = np.full(len(self.begin) - 1, np.inf, dtype=np.float32)
-        some = np.flatnonzero(np.diff(self.begin))
-        if len(some):
-            whole = self.length + values[self.came]
-            found[some] = np.minimum.reduceat(whole, self.begin[some])
-        return found
+        lengths = np.full(len(self.begin) - 1, np.inf, dtype=np.float32)
+        reached = np.flatnonzero(np.diff(self.begin))
+        if len(reached):
+            sums = self.length + values[self.source]
+            lengths[reached] = np.minimum.reduceat(sums, self.begin[reached])
+        return lengths
 
-    def rows(self, came: IntArray) -> SingleArray:
+    def rows(self, source: IntArray) -> SingleArray:
         """See `StageEdges`."""
-        found = np.full((len(came), len(self.begin) - 1), np.inf, dtype=np.float32)
+        lengths = np.full((len(source), len(self.begin) - 1), np.inf, dtype=np.float32)
         row = np.full(self.count, -1)
-        row[came] = np.arange(len(came))
-        own = row[self.came]
-        there = own >= 0
-        found[own[there], self._goes[there]] = self.length[there]
-        return found
+        row[source] = np.arange(len(source))
+        row_of_edge = row[self.source]
+        selected = row_of_edge >= 0
+        lengths[row_of_edge[selected], self._target[selected]] = self.length[selected]
+        return lengths
 
     def into(self, node: int) -> SingleArray:
         """See `StageEdges`."""
-        found = np.full(self.count, np.inf, dtype=np.float32)
-        own = slice(self.begin[node], self.begin[node + 1])
-        found[self.came[own]] = self.length[own]
-        return found
+        lengths = np.full(self.count, np.inf, dtype=np.float32)
+        edges = slice(self.begin[node], self.begin[node + 1])
+        lengths[self.source[edges]] = self.length[edges]
+        return lengths
 
-    def one_by_one(self, came: IntArray, goes: IntArray) -> SingleArray:
+    def one_by_one(self, source: IntArray, target: IntArray) -> SingleArray:
         """See `StageEdges`."""
-        found = np.full(len(goes), np.inf, dtype=np.float32)
-        at, there = self._at(came, goes)
-        found[there] = self.length[at[there]]
-        return found
+        lengths = np.full(len(target), np.inf, dtype=np.float32)
+        at, exists = self._at(source, target)
+        lengths[exists] = self.length[at[exists]]
+        return lengths
 
-    def part(self, came: IntArray, goes: IntArray) -> SparseEdges:
+    def part(self, source: IntArray, target: IntArray) -> SparseEdges:
         """See `StageEdges`."""
         number, place = np.full(self.count, -1), np.full(len(self.begin) - 1, -1)
-        number[came], place[goes] = np.arange(len(came)), np.arange(len(goes))
-        own = place[self._goes]
-        kept = (own >= 0) & (number[self.came] >= 0)
+        number[source], place[target] = np.arange(len(source)), np.arange(len(target))
+        target_of_edge = place[self._target]
+        selected = (target_of_edge >= 0) & (number[self.source] >= 0)
         return sparse_edges(
-            own[kept], number[self.came[kept]], self.length[kept], len(goes), len(came)
+            target_of_edge[selected],
+            number[self.source[selected]],
+            self.length[selected],
+            len(target),
+            len(source),
         )
 
     def turned(self) -> SparseEdges:
         """See `StageEdges`."""
-        return sparse_edges(self.came, self._goes, self.length, self.count, len(self.begin) - 1)
+        return sparse_edges(self.source, self._target, self.length, self.count, len(self.begin) - 1)
 
-    def longer(self, came: IntArray, goes: IntArray, more: FloatArray) -> SparseEdges:
+    def longer(self, source: IntArray, target: IntArray, more: FloatArray) -> SparseEdges:
         """See `StageEdges`."""
         length = self.length.copy()
-        at, there = self._at(came, goes)
-        length[at[there]] += more[there]
+        at, exists = self._at(source, target)
+        length[at[exists]] += more[exists]
         return replace(self, length=length)
 
-    def _at(self, came: IntArray, goes: IntArray) -> tuple[IntArray, BoolArray]:
-        """Returns where pairs are among the ways, and whether they are."""
-        wanted = goes * self.count + came
-        at = np.searchsorted(self._key, wanted)
-        there = at < len(self._key)
-        there[there] = self._key[at[there]] == wanted[there]
-        return at, there
+    def _at(self, source: IntArray, target: IntArray) -> tuple[IntArray, BoolArray]:
+        """Find the edges of pairs of nodes, and whether they exist."""
+        keys = target * self.count + source
+        at = np.searchsorted(self._key, keys)
+        exists = at < len(self._key)
+        exists[exists] = self._key[at[exists]] == keys[exists]
+        return at, exists
 
     @cached_property
-    def _goes(self) -> IntArray:
+    def _target(self) -> IntArray:
         return np.repeat(np.arange(len(self.begin) - 1), np.diff(self.begin))
 
     @cached_property
     def _key(self) -> IntArray:
-        # Ways are sorted by node gone to, then by node come from.
-        return self._goes * self.count + self.came
+        # Edges are sorted by target, then by source.
+        return self._target * self.count + self.source
 
 
 def sparse_edges(
-    goes: IntArray, came: IntArray, length: SingleArray, n: int, m: int
+    target: IntArray, source: IntArray, length: SingleArray, n: int, m: int
 ) -> SparseEdges:
-    """Returns ways that are in any order, shape (ways,) each, to n nodes from m nodes."""
-    order = np.lexsort((came, goes))
-    begin = np.concatenate([[0], np.cumsum(np.bincount(goes, minlength=n))])
-    return SparseEdges(begin, came[order], length[order], m)
+    """Sort edges, shape (edges,) each, to n nodes from m nodes."""
+    order = np.lexsort((source, target))
+    begin = np.concatenate([[0], np.cumsum(np.bincount(target, minlength=n))])
+    return SparseEdges(begin, source[order], length[order], m)
 
 
 def edges_from_rows(rows: Iterator[SingleArray], nodes: int) -> StageEdges:
-    """Returns ways given by the nodes they go to, some rows (k, m) at a time, for as many nodes in all."""
+    """Build edges from blocks of rows (k, m), one row per target node."""
     none = np.zeros(0, dtype=np.int64)
-    goes, came, length, done = [none], [none], [np.zeros(0, dtype=np.float32)], 0
-    for some in rows:
-        there = np.isfinite(some)
-        u, v = np.nonzero(there)
-        goes.append(u + done)
-        came.append(v)
-        length.append(some[there].astype(np.float32))
-        done += len(some)
-    where, whence, lasts = np.concatenate(goes), np.concatenate(came), np.concatenate(length)
-    if len(where) < SPARSE * nodes * nodes:
-        return sparse_edges(where, whence, lasts, nodes, nodes)
+    target, source, length, row_count = [none], [none], [np.zeros(0, dtype=np.float32)], 0
+    for block in rows:
+        finite = np.isfinite(block)
+        u, v = np.nonzero(finite)
+        target.append(u + row_count)
+        source.append(v)
+        length.append(block[finite].astype(np.float32))
+        row_count += len(block)
+    targets, sources, lengths = (
+        np.concatenate(target),
+        np.concatenate(source),
+        np.concatenate(length),
+    )
+    if len(targets) < SPARSE * nodes * nodes:
+        return sparse_edges(targets, sources, lengths, nodes, nodes)
     table = np.full((nodes, nodes), np.inf, dtype=np.float32)
-    table[where, whence] = lasts
+    table[targets, sources] = lengths
     return DenseEdges(table)
 
 
 ENDS = -1
-"""Stands for the start and the end of a path."""
+"""Node number of the start and the end of a path."""
 ROWS_AT_ONCE = 256
-"""Nodes whose ways to all others are computed at once."""
+"""Number of nodes whose edges are computed at once."""
 
 
 @dataclass(frozen=True)
 class StageGraph:
-    """What may be done in one stage at one platform angle, and how long it takes right after something else.
+    """Graph of stages at platform angles, with their lengths after other stages.
 
-    Where an arm is idle in a stage, what it did before is forgotten: it then comes from wherever it likes. So no path
-    takes longer than its order, and a path without idle arms takes as long. Windows, stores and the order that
-    `before` asks for are left out but for what comes right after one another.
+    The last stop of an idle arm is not part of a node: the arm then comes from its most favourable stop. So no path is
+    longer than its order, and a path without idle arms has the same length. Windows, buffers and precedence are left
+    out, except between consecutive stages.
     """
 
     problem: StageProblem
-    """What is asked; two arms."""
+    """Stage problem with two arms."""
     stops: IntArray
-    """Stops of each node by arm, IDLE for none, shape (m, 2)."""
+    """Stops of each node by arm, shape (m, 2); IDLE for none."""
     angle: IntArray
     """Number of each node's platform angle, shape (m,)."""
     weight: IntArray
-    """How many stops are made, shape (m,)."""
+    """Number of stops of each node, shape (m,)."""
     first: FloatArray
-    """Length of a stage that comes first [s], shape (m,)."""
+    """Length of each node as the first stage [s], shape (m,)."""
     last: FloatArray
-    """Length of the way back after a stage that comes last [s], shape (m,)."""
+    """Duration of the return after each node as the last stage [s], shape (m,)."""
     edges: StageEdges
-    """Lengths of stages right after other ones [s], infinite where rules forbid it."""
+    """Lengths of stages directly after others [s]; infinite if rules forbid it."""
 
     @classmethod
     def of(cls, problem: StageProblem, *, singles: bool) -> StageGraph:
-        """Returns the graph of a problem.
+        """Build the graph of a problem.
 
         Args:
-            problem: what is asked; two arms.
-            singles: whether an arm may be idle in a stage; without, only orders in which none ever is are paths.
+            problem: stage problem with two arms.
+            singles: whether an arm may be idle in a stage.
         """
         stops, angle = _nodes(problem, singles=singles)
-        came = np.where(stops == IDLE, problem.stops + 1, stops)
-        lengths = [_with_forgotten(length) for length in problem.length]
-        beside: FloatArray = np.zeros(len(angle))
+        source = np.where(stops == IDLE, problem.stops + 1, stops)
+        lengths = [_with_best_source(length) for length in problem.length]
+        pair_cost: FloatArray = np.zeros(len(angle))
         if problem.pair_cost is not None:
-            beside += problem.pair_cost[stops[:, 0], stops[:, 1], angle]
-        begun = [
-            length[problem.stops, own, :, angle]
-            for length, own in zip(lengths, stops.T, strict=True)
+            pair_cost += problem.pair_cost[stops[:, 0], stops[:, 1], angle]
+        first_parts = [
+            length[problem.stops, column, :, angle]
+            for length, column in zip(lengths, stops.T, strict=True)
         ]
-        whole = np.maximum(begun[0], begun[1])
-        first = (whole.min(axis=1) if problem.free_start else whole[:, 0]) + beside
+        stage_lengths = np.maximum(first_parts[0], first_parts[1])
+        first = (
+            stage_lengths.min(axis=1) if problem.free_start else stage_lengths[:, 0]
+        ) + pair_cost
         first[~_may_be_first(problem, stops)] = np.inf
 
         def rows() -> Iterator[SingleArray]:
             for k in range(0, len(angle), ROWS_AT_ONCE):
                 v = slice(k, k + ROWS_AT_ONCE)
-                own = [
-                    length[came[None, :, a], stops[v, a, None], angle[None], angle[v, None]]
+                parts = [
+                    length[source[None, :, a], stops[v, a, None], angle[None], angle[v, None]]
                     for a, length in enumerate(lengths)
                 ]
-                whole = np.maximum(own[0], own[1]) + beside[v, None]
-                whole[~_may_follow(problem, stops, stops[v]).T] = np.inf
-                yield whole.astype(np.float32)
+                stage_lengths = np.maximum(parts[0], parts[1]) + pair_cost[v, None]
+                stage_lengths[~_may_follow(problem, stops, stops[v]).T] = np.inf
+                yield stage_lengths.astype(np.float32)
 
         weight = (stops != IDLE).sum(axis=1)
-        back = _way_back(problem, lengths, stops, angle)
-        ways = edges_from_rows(rows(), len(angle))
-        return cls(problem, stops, angle, weight, first, back, ways)
+        returning = _return_time(problem, lengths, stops, angle)
+        edges = edges_from_rows(rows(), len(angle))
+        return cls(problem, stops, angle, weight, first, returning, edges)
 
     @property
     def nodes(self) -> int:
-        """How many."""
+        """Number of nodes."""
         return len(self.angle)
 
-    def kept(self, which: IntArray) -> StageGraph:
-        """Returns the graph of some of its nodes, by their numbers."""
+    def subgraph(self, which: IntArray) -> StageGraph:
+        """Select nodes by their numbers."""
         return replace(
             self,
             stops=self.stops[which],
@@ -287,135 +297,142 @@ class StageGraph:
         )
 
     def longer(self, moves: IntArray, more: FloatArray) -> StageGraph:
-        """Returns the graph in which some moves take longer.
+        """Lengthen given moves.
 
         Args:
-            moves: node come from and node gone to, ENDS for the start or the end; no move twice, shape (k, 2).
-            more: how much longer [s], shape (k,).
+            moves: source and target nodes, ENDS for the start or the end; no move twice, shape (k, 2).
+            more: extra time of each move [s], shape (k,).
         """
         first, last = self.first.copy(), self.last.copy()
         begins, ends = moves[:, 0] == ENDS, moves[:, 1] == ENDS
         first[moves[begins, 1]] += more[begins]
         last[moves[ends, 0]] += more[ends]
         inner = ~(begins | ends)
-        ways = self.edges.longer(moves[inner, 0], moves[inner, 1], more[inner])
-        return replace(self, first=first, last=last, edges=ways)
+        edges = self.edges.longer(moves[inner, 0], moves[inner, 1], more[inner])
+        return replace(self, first=first, last=last, edges=edges)
 
     def length(self, nodes: IntArray) -> float:
-        """Returns how long a path takes, the way back counted in [s]."""
-        ways = self.edges.one_by_one(nodes[:-1], nodes[1:])
-        return float(self.first[nodes[0]] + ways.sum() + self.last[nodes[-1]])
+        """Compute the length of a path with the return [s]."""
+        edges = self.edges.one_by_one(nodes[:-1], nodes[1:])
+        return float(self.first[nodes[0]] + edges.sum() + self.last[nodes[-1]])
 
 
 def count_nodes(problem: StageProblem) -> int:
-    """Returns how many nodes a problem's graph has at most."""
-    one, other = (np.isfinite(work).sum(axis=0) for work in problem.work)
-    return int((one * other + one + other).sum())
+    """Compute an upper bound of the number of nodes of a problem's graph."""
+    first, second = (np.isfinite(work).sum(axis=0) for work in problem.work)
+    return int((first * second + first + second).sum())
 
 
 def followers(problem: StageProblem) -> tuple[IntArray, IntArray]:
-    """Returns what the same arm makes right after each stop, and right before it, IDLE for anything, shape (s,)."""
+    """List the required next and previous stop of each stop, shape (s,); IDLE for any."""
     after = np.full(problem.stops, IDLE)
     before = np.full(problem.stops, IDLE)
     within = {t for row in problem.sequences for t in row}
     rows = [*problem.sequences, *((t,) for t in range(len(problem.tasks)) if t not in within)]
     for row in rows:
-        for one, other in pairwise(stop for t in row for stop in problem.tasks[t]):
-            after[one], before[other] = other, one
+        for previous, following in pairwise(stop for t in row for stop in problem.tasks[t]):
+            after[previous], before[following] = following, previous
     return after, before
 
 
 def task_of(problem: StageProblem) -> IntArray:
-    """Returns the task of each stop, shape (s,)."""
-    found = np.zeros(problem.stops, dtype=np.int64)
-    for t, own in enumerate(problem.tasks):
-        found[list(own)] = t
-    return found
+    """List the task of each stop, shape (s,)."""
+    task = np.zeros(problem.stops, dtype=np.int64)
+    for t, stops in enumerate(problem.tasks):
+        task[list(stops)] = t
+    return task
 
 
 def _nodes(problem: StageProblem, *, singles: bool) -> tuple[IntArray, IntArray]:
-    """Returns stops (m, 2) and angles (m,) of all stages that may be, those of both arms first."""
-    can = [np.isfinite(work) for work in problem.work]
-    both = can[0][:, None, :] & can[1][None, :, :]
+    """List stops (m, 2) and angles (m,) of all feasible stages, those of both arms first."""
+    reachable_by_arm = [np.isfinite(work) for work in problem.work]
+    both = reachable_by_arm[0][:, None, :] & reachable_by_arm[1][None, :, :]
     task = task_of(problem)
     both &= (task[:, None] != task[None, :])[:, :, None]
     if problem.pair_cost is not None:
         both &= np.isfinite(problem.pair_cost[: problem.stops, : problem.stops])
     meets = np.zeros(problem.stops, dtype=np.bool_)
-    for one, other in problem.handovers:
-        give, take = problem.tasks[one][-1], problem.tasks[other][0]
+    for giving, taking in problem.handovers:
+        give, take = problem.tasks[giving][-1], problem.tasks[taking][0]
         for stop, partner in ((give, take), (take, give)):
             meets[stop] = True
             others = np.arange(problem.stops) != partner
             both[stop, others] = both[others, stop] = False
-    found = np.argwhere(both)
-    stops, angle = [found[:, :2]], [found[:, 2]]
+    indices = np.argwhere(both)
+    stops, angle = [indices[:, :2]], [indices[:, 2]]
     if singles:
-        for a, own in enumerate(can):
-            found = np.argwhere(own & ~meets[:, None])
-            alone = np.full((len(found), 2), IDLE)
-            alone[:, a] = found[:, 0]
+        for a, reachable in enumerate(reachable_by_arm):
+            indices = np.argwhere(reachable & ~meets[:, None])
+            alone = np.full((len(indices), 2), IDLE)
+            alone[:, a] = indices[:, 0]
             stops.append(alone)
-            angle.append(found[:, 1])
+            angle.append(indices[:, 1])
     return np.concatenate(stops), np.concatenate(angle)
 
 
-def _with_forgotten(length: FloatArray) -> FloatArray:
-    """Returns lengths with one more row, from wherever is best: shape (s + 2, s + 2, f, f)."""
+def _with_best_source(length: FloatArray) -> FloatArray:
+    """Append a row with the best source of each stop.
+
+    The result has shape (s + 2, s + 2, f, f).
+    """
     best: FloatArray = np.full(length.shape[1:], np.inf, dtype=length.dtype)
     for k, row in enumerate(length):
-        # No stop comes after itself; the last columns are the way back and nothing to do.
+        # A stop does not follow itself; the last columns are the return and IDLE.
         others = np.arange(len(row)) != k
         best[others] = np.minimum(best[others], row[others])
     return np.concatenate([length, best[None]])
 
 
-def _way_back(
+def _return_time(
     problem: StageProblem, lengths: list[FloatArray], stops: IntArray, angle: IntArray
 ) -> FloatArray:
-    """Returns the least length of the way back after each node [s], shape (m,)."""
-    found: FloatArray = np.zeros(len(angle))
+    """Compute the least duration of the return after each node [s], shape (m,)."""
+    durations: FloatArray = np.zeros(len(angle))
     if not problem.returns:
-        return found
+        return durations
     if not problem.free_start:
-        found = problem.turn[angle, 0].astype(np.float64)
+        durations = problem.turn[angle, 0].astype(np.float64)
     for a, length in enumerate(lengths):
-        there = stops[:, a] != IDLE
-        back = length[stops[there, a], problem.stops, angle[there], 0]
-        found[there] = np.maximum(found[there], back)
-    return found
+        active = stops[:, a] != IDLE
+        returning = length[stops[active, a], problem.stops, angle[active], 0]
+        durations[active] = np.maximum(durations[active], returning)
+    return durations
 
 
 def _may_be_first(problem: StageProblem, stops: IntArray) -> BoolArray:
-    """Returns which nodes an order may begin with, shape (m,)."""
+    """Test which nodes an order may begin with, shape (m,)."""
     _, before = followers(problem)
     begins = np.append(before == IDLE, True)
     free = np.ones(problem.stops + 1, dtype=np.bool_)
-    for _, other in problem.before:
-        free[problem.tasks[other][0]] = False
+    for _, later in problem.before:
+        free[problem.tasks[later][0]] = False
     return np.asarray((begins & free)[stops].all(axis=1))
 
 
-def _may_follow(problem: StageProblem, came: IntArray, goes: IntArray) -> BoolArray:
-    """Returns which nodes (n, 2) may come right after which (m, 2), shape (m, n)."""
+def _may_follow(problem: StageProblem, source: IntArray, target: IntArray) -> BoolArray:
+    """Test which nodes (n, 2) may directly follow which (m, 2), shape (m, n)."""
     after, before = (np.append(row, IDLE) for row in followers(problem))
     task = np.append(task_of(problem), IDLE)
-    found = np.ones((len(came), len(goes)), dtype=np.bool_)
+    allowed = np.ones((len(source), len(target)), dtype=np.bool_)
     for a in range(2):
-        own, then = came[:, a, None], goes[None, :, a]
+        previous_stop, next_stop = source[:, a, None], target[None, :, a]
         for b in range(2):
-            made = came[:, b, None]
-            found &= (then == IDLE) | (made != then)
-        due, needed = after[own], before[then]
-        found &= (due == IDLE) | (then == due) | (then == IDLE)
-        found &= (needed == IDLE) | (own == needed) | (own == IDLE)
+            earlier_stop = source[:, b, None]
+            allowed &= (next_stop == IDLE) | (earlier_stop != next_stop)
+        due, required = after[previous_stop], before[next_stop]
+        allowed &= (due == IDLE) | (next_stop == due) | (next_stop == IDLE)
+        allowed &= (required == IDLE) | (previous_stop == required) | (previous_stop == IDLE)
         if problem.in_file_order:
-            found &= (own == IDLE) | (then == IDLE) | (task[then] >= task[own])
+            allowed &= (
+                (previous_stop == IDLE)
+                | (next_stop == IDLE)
+                | (task[next_stop] >= task[previous_stop])
+            )
     if problem.before:
         wrong = np.zeros((len(problem.tasks) + 1,) * 2, dtype=np.bool_)
-        for one, other in problem.before:
-            wrong[other, one] = True
+        for earlier, later in problem.before:
+            wrong[later, earlier] = True
         for a in range(2):
             for b in range(2):
-                found &= ~wrong[task[came[:, a, None]], task[goes[None, :, b]]]
-    return found
+                allowed &= ~wrong[task[source[:, a, None]], task[target[None, :, b]]]
+    return allowed

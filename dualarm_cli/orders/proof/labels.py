@@ -1,8 +1,7 @@
-"""Orders of stages by dynamic programming over the stops made so far, with bounds for what is yet to come.
+"""Label setting over orders of stages: dynamic programming over the finished stops, with lower bounds.
 
-Of what cannot become an order that is quicker than a known one nothing is kept, so that few enough remain for orders of
-some twenty stops to be proven best. Where too many remain only the most promising are kept, and what the others might
-have become is the bound.
+Labels that cannot become quicker than a known order are dropped, so that few enough remain to prove orders of some
+twenty stops optimal. If too many remain, the labels with the least bounds are kept, and the others give the bound.
 """
 
 from __future__ import annotations
@@ -21,82 +20,89 @@ from dualarm_cli.records import dataclass
 
 
 class StageSteps:
-    """Lengths and rules of steps whose arms' last stops are known; the number of stops stands for the start."""
+    """Lengths and rules of steps from known last stops; the number of stops stands for the start."""
 
     def __init__(self, graph: StageGraph) -> None:
-        """Keeps what rules ask of each stop."""
+        """Prepare the required neighbours of each stop."""
         self.graph, problem = graph, graph.problem
         after, before = followers(problem)
-        # The last entry is both the start's and that of nothing to do.
+        # The last entry is that of the start and of IDLE.
         self._after, self._before = np.append(after, IDLE), np.append(before, IDLE)
         self._task = np.append(task_of(problem), -1)
 
-    def came(self, node: IntArray, idle: IntArray) -> IntArray:
-        """Returns each arm's last stop after stages, shape (n, 2).
+    def last_stops(self, node: IntArray, idle: IntArray) -> IntArray:
+        """Compute each arm's last stop after stages, shape (n, 2).
 
         Args:
             node: the stages, shape (n,).
-            idle: the last stop of the arm that is idle in them, anything where none is, shape (n,).
+            idle: last stop of the idle arm, any number if none is idle, shape (n,).
         """
         stops = self.graph.stops[node]
         return np.where(stops == IDLE, idle[:, None], stops)
 
-    def idle(self, came: IntArray, node: IntArray) -> IntArray:
-        """Returns the last stop of the arm that is idle in stages, IDLE where none is, shape (n,).
+    def idle(self, last_stops: IntArray, node: IntArray) -> IntArray:
+        """Compute the last stop of the idle arm of stages, shape (n,); IDLE if none is idle.
 
         Args:
-            came: each arm's last stop before them, shape (n, 2).
+            last_stops: each arm's last stop before them, shape (n, 2).
             node: the stages, shape (n,).
         """
         rests = self.graph.stops[node] == IDLE
-        return np.where(rests.any(axis=1), np.where(rests, came, 0).sum(axis=1), IDLE)
+        return np.where(rests.any(axis=1), np.where(rests, last_stops, 0).sum(axis=1), IDLE)
 
-    def lengths(self, came: IntArray, angle: IntArray, node: IntArray) -> FloatArray:
-        """Returns how long stages take after what each arm did last [s], infinite where rules forbid them, shape (n,).
+    def lengths(self, last_stops: IntArray, angle: IntArray, node: IntArray) -> FloatArray:
+        """Compute the lengths of stages after each arm's last stop [s], shape (n,).
+
+        Infinite if rules forbid them.
 
         Args:
-            came: each arm's last stop before them, shape (n, 2).
+            last_stops: each arm's last stop before them, shape (n, 2).
             angle: number of the platform angle before them, shape (n,).
             node: the stages, shape (n,).
         """
-        problem, stops, then = self.graph.problem, self.graph.stops[node], self.graph.angle[node]
-        ways = [
-            length[came[:, a], stops[:, a], angle, then] for a, length in enumerate(problem.length)
+        problem, stops, next_angle = (
+            self.graph.problem,
+            self.graph.stops[node],
+            self.graph.angle[node],
+        )
+        parts = [
+            length[last_stops[:, a], stops[:, a], angle, next_angle]
+            for a, length in enumerate(problem.length)
         ]
-        found = np.maximum(ways[0], ways[1]).astype(np.float64)
+        lengths = np.maximum(parts[0], parts[1]).astype(np.float64)
         if problem.pair_cost is not None:
-            found += problem.pair_cost[stops[:, 0], stops[:, 1], then]
-        due, needs = self._after[came], self._before[stops]
-        wrong = (due != IDLE) & (stops != due) & (stops != IDLE)
-        wrong |= (needs != IDLE) & (came != needs)
+            lengths += problem.pair_cost[stops[:, 0], stops[:, 1], next_angle]
+        due, required = self._after[last_stops], self._before[stops]
+        violated = (due != IDLE) & (stops != due) & (stops != IDLE)
+        violated |= (required != IDLE) & (last_stops != required)
         if problem.in_file_order:
-            wrong |= (stops != IDLE) & (self._task[stops] < self._task[came])
-        found[wrong.any(axis=1)] = np.inf
-        return found
+            violated |= (stops != IDLE) & (self._task[stops] < self._task[last_stops])
+        lengths[violated.any(axis=1)] = np.inf
+        return lengths
 
-    def way_back(self, node: IntArray, idle: IntArray) -> FloatArray:
-        """Returns how long the way back takes after stages [s], shape (n,); arguments as of `came`."""
-        problem, found = self.graph.problem, np.array(self.graph.last[node])
+    def return_time(self, node: IntArray, idle: IntArray) -> FloatArray:
+        """Compute the duration of the return after stages [s], shape (n,); as of `last_stops`."""
+        problem, durations = self.graph.problem, np.array(self.graph.last[node])
         if not problem.returns:
-            return found
+            return durations
         stops, angle = self.graph.stops[node], self.graph.angle[node]
         for a, length in enumerate(problem.length):
-            rests = (stops[:, a] == IDLE) & (idle != problem.stops)
-            back = length[idle[rests], problem.stops, angle[rests], 0]
-            found[rests] = np.maximum(found[rests], back)
-        return found
+            is_idle = (stops[:, a] == IDLE) & (idle != problem.stops)
+            returning = length[idle[is_idle], problem.stops, angle[is_idle], 0]
+            durations[is_idle] = np.maximum(durations[is_idle], returning)
+        return durations
 
 
 @dataclass(frozen=True)
 class LabelSettings:
-    """Numbers that steer the extension of partial orders."""
+    """Settings of the extension of labels."""
 
     continuations: int = 12
-    """Maximum number of continuations per label that is kept."""
+    """Maximum number of continuations per kept label."""
     halvings: int = 16
     """Number of bisections of the threshold that limits the number of continuations."""
     most_looked_at: int = 20_000
-    """Maximum number of labels that are traced back to the start for different orders."""
+    """Maximum number of labels traced back to find different orders."""
     same_ends: int = 2
     """Maximum number of labels traced back per sequence of last stops. The quickest come first; platform angles do not
     distinguish sequences."""
@@ -107,93 +113,94 @@ LABELS = LabelSettings()
 
 @dataclass(frozen=True)
 class Continuations:
-    """What nodes may be continued with, row by row, the cheapest first."""
+    """Continuations of nodes, row by row, cheapest first."""
 
     begin: IntArray
-    """Where each row begins, and where all end, shape (rows + 1,)."""
+    """First continuation of each row, and the number of continuations, shape (rows + 1,)."""
     column: IntArray
-    """Numbers of what they may be continued with, shape (k,)."""
+    """Numbers of the continuations, shape (k,)."""
     line: FloatArray
-    """What that adds [s], each row by `step` above the one before it, so that all are in rising order, shape (k,)."""
+    """Cost of each continuation plus `step` times its row [s], ascending, shape (k,)."""
     step: float
 
     @classmethod
-    def of(cls, more: FloatArray, most: FloatArray) -> Continuations:
-        """Sorts what is worth it.
+    def of(cls, costs: FloatArray, limits: FloatArray) -> Continuations:
+        """Sort the continuations below a limit.
 
         Args:
-            more: what continuations add [s], shape (rows, m).
-            most: how much they may add [s], shape (rows,).
+            costs: cost of continuations [s], shape (rows, m).
+            limits: largest cost [s], shape (rows,).
         """
-        row, column = np.nonzero(more < most[:, None])
-        value = more[row, column].astype(np.float64)
+        row, column = np.nonzero(costs < limits[:, None])
+        value = costs[row, column].astype(np.float64)
         order = np.lexsort((value, row))
-        begin = np.searchsorted(row, np.arange(len(more) + 1))
+        begin = np.searchsorted(row, np.arange(len(costs) + 1))
         step = 4.0 * (1.0 + float(np.abs(value).max(initial=0.0)))
         return cls(begin, column[order], value[order] + step * row, step)
 
-    def counts(self, room: FloatArray, row: IntArray, most: int) -> tuple[IntArray, float]:
-        """Returns how many of its cheapest continuations each label has room for, (n,), and how much less than it has.
+    def counts(self, budget: FloatArray, row: IntArray, limit: int) -> tuple[IntArray, float]:
+        """Count the affordable cheapest continuations of each label, (n,), and the cut of its budget.
 
         Args:
-            room: what continuations may add to each label [s], shape (n,).
-            row: the row of each label, shape (n,).
-            most: how many there may be of all labels together; where there are more, all have less room.
+            budget: budget of each label [s], shape (n,).
+            row: row of each label, shape (n,).
+            limit: maximum number for all labels together; beyond it all budgets are cut by the same amount.
         """
 
-        def found(less: float) -> IntArray:
-            wanted = np.clip(room - less, -0.5 * self.step, 0.5 * self.step) + self.step * row
-            return np.searchsorted(self.line, wanted) - self.begin[row]
+        def counts_below(cut: float) -> IntArray:
+            keys = np.clip(budget - cut, -0.5 * self.step, 0.5 * self.step) + self.step * row
+            return np.searchsorted(self.line, keys) - self.begin[row]
 
-        counts = found(0.0)
-        if counts.sum() <= most:
+        counts = counts_below(0.0)
+        if counts.sum() <= limit:
             return counts, 0.0
-        low, high = 0.0, float(room.max()) + self.step
+        low, high = 0.0, float(budget.max()) + self.step
         for _ in range(LABELS.halvings):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if found(middle).sum() > most else (low, middle)
-        return found(high), high
+            low, high = (middle, high) if counts_below(middle).sum() > limit else (low, middle)
+        return counts_below(high), high
 
 
 MOST_STOPS = 62
-"""Stops made are bits of one integer."""
+"""Maximum number of stops: finished stops are bits of one integer."""
 MIXED = np.uint64(0x9E3779B97F4A7C15)
-"""An odd number: times it, modulo 2^64, no two integers become one."""
+"""Odd multiplier of the hash; multiplication by it modulo 2^64 is injective."""
 
 
 @dataclass(frozen=True)
 class Searched:
-    """What the search among labels found."""
+    """Result of the label search."""
 
     orders: tuple[IntArray, ...]
-    """Nodes of the best orders, shape (n,) each, the best one first; none where none is quicker than what was known."""
+    """Nodes of the best orders, shape (n,) each, best first; only orders quicker than the known one."""
     bound: float
-    """No order takes less [s]."""
+    """Lower bound of all orders [s]."""
 
 
 @dataclass(frozen=True)
 class _Labels:
-    """Beginnings of orders that have as many stops."""
+    """Partial orders with the same number of stops."""
 
     made: IntArray
-    """Stops made, as bits, shape (n,)."""
+    """Finished stops as bits, shape (n,)."""
     node: IntArray
-    """The node of the last stage, shape (n,)."""
+    """Node of the last stage, shape (n,)."""
     idle: IntArray
-    """The last stop of the arm that is idle in it, the number of stops for none yet; IDLE where none is, shape (n,)."""
+    """Last stop of the arm that is idle in the last stage, shape (n,). The number of stops stands for none yet, IDLE
+    for no idle arm."""
     over: FloatArray
-    """When that is over at the earliest [s], shape (n,)."""
+    """Earliest end of the last stage [s], shape (n,)."""
 
     def __len__(self) -> int:
         return len(self.node)
 
     def take(self, rows: IntArray | BoolArray) -> _Labels:
-        """Returns some of them."""
+        """Select labels."""
         return _Labels(self.made[rows], self.node[rows], self.idle[rows], self.over[rows])
 
 
 class LabelSearch:
-    """One search."""
+    """Label setting search on one graph."""
 
     def __init__(
         self,
@@ -203,21 +210,21 @@ class LabelSearch:
         most: int,
         stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Prepares bounds.
+        """Prepare lower bounds.
 
         Args:
-            graph: stages; at most MOST_STOPS stops.
-            prices: prices of stops that prove much.
-            upper: length of a known order [s]; only quicker ones are looked for.
-            most: labels with the same number of stops that are kept.
-            stop: whether to stop early, with nothing found and nothing proven.
+            graph: graph of stages with at most MOST_STOPS stops.
+            prices: prices with a tight bound.
+            upper: length of a known order [s]; only quicker ones are searched.
+            most: maximum number of labels with the same number of stops.
+            stop: whether to stop early, without result.
         """
         self.graph, self.upper, self.most, self._stop = graph, upper, most, stop
         self._count = graph.problem.stops
         paths = Paths(graph)
         self._paid = paths.paid(prices.price)
         self._whole = float(prices.price.sum()) - ROUNDING
-        self._rest = paths.backward(prices.price)
+        self._remaining = paths.backward(prices.price)
         self._price = prices.price
         stop_bits = np.append(np.int64(1) << np.arange(self._count, dtype=np.int64), 0)
         self._bits = stop_bits[graph.stops].sum(axis=1)
@@ -227,80 +234,89 @@ class LabelSearch:
         self._layers: list[_Labels] = [_none() for _ in range(self._count + 1)]
 
     def run(self, count: int = 1) -> Searched:
-        """Returns the best orders that are quicker than the known one, and what is proven.
+        """Search the best orders that are quicker than the known one, with a lower bound.
 
         Args:
-            count: how many different orders to return at most.
+            count: maximum number of different orders.
         """
         layers = self._layers
         for k in range(1, self._count + 1):
             if self._stop():
                 return Searched((), -np.inf)
-            found = [self._begun(k)]
-            found += [
-                self._grown(layers[k - w], k - w, w) for w in (1, 2) if k > w and len(layers[k - w])
+            groups = [self._first_labels(k)]
+            groups += [
+                self._extended(layers[k - w], k - w, w)
+                for w in (1, 2)
+                if k > w and len(layers[k - w])
             ]
-            layers[k] = self._fewer(_joined(found), k)
+            layers[k] = self._fewer(_joined(groups), k)
         last = layers[self._count]
-        whole = last.over + self._steps.way_back(last.node, last.idle)
-        bound = min(self.upper, self._dropped, float(whole.min(initial=np.inf)))
-        return Searched(tuple(self._orders(whole, count)), bound)
+        lengths = last.over + self._steps.return_time(last.node, last.idle)
+        bound = min(self.upper, self._dropped, float(lengths.min(initial=np.inf)))
+        return Searched(tuple(self._orders(lengths, count)), bound)
 
-    def _begun(self, k: int) -> _Labels:
-        """Returns first stages of k stops."""
+    def _first_labels(self, k: int) -> _Labels:
+        """List the first stages of k stops as labels."""
         graph = self.graph
         rows = np.flatnonzero((graph.weight == k) & np.isfinite(graph.first))
         start = np.full((len(rows), 2), self._count)
         idle = self._steps.idle(start, rows)
         return self._on_time(_Labels(self._bits[rows], rows, idle, graph.first[rows]))
 
-    def _grown(self, labels: _Labels, k: int, weight: int) -> _Labels:
-        """Returns labels with one more stage of so many stops that may still become a quicker order."""
-        graph, left = self.graph, self._count - k - weight
-        then = np.flatnonzero((graph.weight == weight) & np.isfinite(self._rest[left]))
-        if not len(then):
+    def _extended(self, labels: _Labels, k: int, weight: int) -> _Labels:
+        """Extend labels by a stage of `weight` stops if they may still become a quicker order."""
+        graph, remaining = self.graph, self._count - k - weight
+        next_nodes = np.flatnonzero(
+            (graph.weight == weight) & np.isfinite(self._remaining[remaining])
+        )
+        if not len(next_nodes):
             return _none()
         labels = labels.take(np.argsort(labels.node, kind="stable"))
-        came, begin = np.unique(labels.node, return_index=True)
-        row = np.repeat(np.arange(len(came)), np.diff([*begin, len(labels)]))
-        onto = graph.edges.rows(came)
-        # What a continuation adds to the least that a label may become.
-        more = onto[:, then] - self._paid[then] + self._rest[left, then]
-        room = self.upper - self._whole - (labels.over - self._paid_for(labels.made))
-        cheap = Continuations.of(more, np.maximum.reduceat(room, begin))
-        counts, lost = cheap.counts(room, row, LABELS.continuations * self.most)
-        self._dropped = min(self._dropped, self.upper - lost)
+        last_stops, begin = np.unique(labels.node, return_index=True)
+        row = np.repeat(np.arange(len(last_stops)), np.diff([*begin, len(labels)]))
+        lengths = graph.edges.rows(last_stops)
+        # Increase of a label's lower bound by each continuation.
+        increases = (
+            lengths[:, next_nodes] - self._paid[next_nodes] + self._remaining[remaining, next_nodes]
+        )
+        budget = self.upper - self._whole - (labels.over - self._prices_of(labels.made))
+        continuations = Continuations.of(increases, np.maximum.reduceat(budget, begin))
+        counts, cut = continuations.counts(budget, row, LABELS.continuations * self.most)
+        self._dropped = min(self._dropped, self.upper - cut)
         label = np.repeat(np.arange(len(labels)), counts)
         rank = np.arange(len(label)) - np.repeat(np.cumsum(counts) - counts, counts)
         row = row[label]
-        node = then[cheap.column[cheap.begin[row] + rank]]
-        fits = (labels.made[label] & self._bits[node]) == 0
-        fits &= (self._needs[node] & ~labels.made[label]) == 0
-        label, node, row = label[fits], node[fits], row[fits]
-        return self._on_time(self._after(labels.take(label), node, onto[row, node]))
+        node = next_nodes[continuations.column[continuations.begin[row] + rank]]
+        is_feasible = (labels.made[label] & self._bits[node]) == 0
+        is_feasible &= (self._needs[node] & ~labels.made[label]) == 0
+        label, node, row = label[is_feasible], node[is_feasible], row[is_feasible]
+        return self._on_time(self._after(labels.take(label), node, lengths[row, node]))
 
-    def _after(self, labels: _Labels, node: IntArray, ways: SingleArray) -> _Labels:
-        """Returns labels with one more stage each, before any wait for windows.
+    def _after(self, labels: _Labels, node: IntArray, edges: SingleArray) -> _Labels:
+        """Append one stage to each label, before any wait for windows.
 
         Args:
-            labels: n of them.
+            labels: n labels.
             node: the stages, shape (n,).
-            ways: their lengths in the graph [s], shape (n,).
+            edges: lengths of their edges in the graph [s], shape (n,).
         """
-        came, lengths = self._steps.came(labels.node, labels.idle), ways.astype(np.float64)
-        # What an arm did before it was idle the graph has forgotten.
-        rested = np.flatnonzero(labels.idle != IDLE)
-        angle = self.graph.angle[labels.node[rested]]
-        lengths[rested] = self._steps.lengths(came[rested], angle, node[rested])
+        last_stops, lengths = (
+            self._steps.last_stops(labels.node, labels.idle),
+            edges.astype(np.float64),
+        )
+        # The graph has no last stops of idle arms.
+        after_idle = np.flatnonzero(labels.idle != IDLE)
+        angle = self.graph.angle[labels.node[after_idle]]
+        lengths[after_idle] = self._steps.lengths(last_stops[after_idle], angle, node[after_idle])
         made = labels.made | self._bits[node]
-        return _Labels(made, node, self._steps.idle(came, node), labels.over + lengths)
+        return _Labels(made, node, self._steps.idle(last_stops, node), labels.over + lengths)
 
     def _fewer(self, labels: _Labels, k: int) -> _Labels:
-        """Returns the best label of each node and stops made, and of these the most promising."""
+        """Select the best label per node and set of stops, then those with the least bounds."""
         labels = _best_of_same(labels)
         bound = self._bound(labels, k)
-        kept = bound < self.upper
-        labels, bound = labels.take(kept), bound[kept]
+        below = bound < self.upper
+        labels, bound = labels.take(below), bound[below]
         if len(labels) > self.most:
             order = np.argsort(bound, kind="stable")
             self._dropped = min(self._dropped, float(bound[order[self.most :]].min()))
@@ -308,54 +324,54 @@ class LabelSearch:
         return labels.take(np.lexsort((labels.node, labels.made)))
 
     def _bound(self, labels: _Labels, k: int) -> FloatArray:
-        """Returns the least that labels of k stops may become [s], shape (n,)."""
-        rest = self._rest[self._count - k, labels.node]
-        return np.asarray(labels.over - self._paid_for(labels.made) + rest + self._whole)
+        """Compute the lower bounds of labels of k stops [s], shape (n,)."""
+        remaining = self._remaining[self._count - k, labels.node]
+        return np.asarray(labels.over - self._prices_of(labels.made) + remaining + self._whole)
 
-    def _paid_for(self, made: IntArray) -> FloatArray:
-        """Returns the prices of all stops made [s], shape (n,)."""
-        found: FloatArray = np.zeros(len(made))
+    def _prices_of(self, made: IntArray) -> FloatArray:
+        """Sum the prices of the finished stops [s], shape (n,)."""
+        total: FloatArray = np.zeros(len(made))
         for stop, price in enumerate(self._price.tolist()):
-            found += price * ((made >> stop) & 1)
-        return found
+            total += price * ((made >> stop) & 1)
+        return total
 
     def _on_time(self, labels: _Labels) -> _Labels:
-        """Returns labels after their stops have waited for windows, without those that are late."""
+        """Add the waits for windows to labels, and drop late labels."""
         over = self._waited(labels)
         return replace(labels, over=over).take(np.isfinite(over))
 
     def _waited(self, labels: _Labels) -> FloatArray:
-        """Returns when labels are over after their stops have waited for windows [s], infinite where too late, (n,)."""
+        """Compute the ends of labels after waits for windows [s], infinite if late, shape (n,)."""
         problem, over = self.graph.problem, np.array(labels.over)
         stops, angle = self.graph.stops[labels.node], self.graph.angle[labels.node]
         for a in range(2):
-            does = stops[:, a] != IDLE
-            own, f = stops[does, a], angle[does]
+            active = stops[:, a] != IDLE
+            arm_stops, f = stops[active, a], angle[active]
             if problem.not_before is not None:
-                opens = problem.not_before[own]
-                waits = np.where(opens > 0.0, opens + problem.work[a][own, f], 0.0)
-                over[does] = np.maximum(over[does], waits)
+                opens = problem.not_before[arm_stops]
+                waits = np.where(opens > 0.0, opens + problem.work[a][arm_stops, f], 0.0)
+                over[active] = np.maximum(over[active], waits)
         if problem.not_after is not None:
             closes = np.append(problem.not_after, np.inf)[stops].min(axis=1)
             over[over > closes + ROUNDING] = np.inf
         return over
 
     def _needed_before(self) -> IntArray:
-        """Returns which stops have to be made before each node, as bits, shape (m,)."""
+        """Compute the required predecessors of each node as bits, shape (m,)."""
         problem = self.graph.problem
         needs = np.zeros(problem.stops + 1, dtype=np.int64)
-        for one, other in problem.before:
-            needs[problem.tasks[other][0]] |= np.int64(1) << np.int64(problem.tasks[one][-1])
+        for earlier, later in problem.before:
+            needs[problem.tasks[later][0]] |= np.int64(1) << np.int64(problem.tasks[earlier][-1])
         return np.asarray(needs[self.graph.stops[:, 0]] | needs[self.graph.stops[:, 1]])
 
     def _orders(self, whole: FloatArray, count: int) -> Iterator[IntArray]:
-        """Yields the nodes of different orders, the quickest first: every way that leads to the last labels.
+        """Yield the nodes of different orders, quickest first, traced back from the last labels.
 
         Args:
-            whole: how long the orders take that the last labels are [s].
-            count: how many to yield at most.
+            whole: lengths of the orders of the last labels [s].
+            count: maximum number of orders.
         """
-        # What an order takes, its number of stops up to the label, the label, and its nodes from there on.
+        # Length of the order, number of stops up to the label, label, and nodes from there on.
         heap: list[tuple[float, int, int, tuple[int, ...]]] = [
             (float(whole[row]), self._count, row, (int(self._layers[-1].node[row]),))
             for row in np.flatnonzero(whole < self.upper).tolist()
@@ -367,36 +383,36 @@ class LabelSearch:
             if not heap or len(seen) == count:
                 return
             total, k, row, nodes = heappop(heap)
-            # The same stops at other angles are the same order: few ways to end it are enough.
+            # The same stops at other angles are the same order, so few ends of it are enough.
             end = self.graph.stops[list(nodes)].tobytes()
             ends[end] = ends.get(end, 0) + 1
             if ends[end] > LABELS.same_ends:
                 continue
-            came = k - int(self.graph.weight[nodes[0]])
-            if came == 0:
+            last_stops = k - int(self.graph.weight[nodes[0]])
+            if last_stops == 0:
                 if end not in seen:
                     seen.add(end)
                     yield np.array(nodes)
                 continue
             for before, later in self._came_from(k, row):
                 if total + later < self.upper:
-                    node = int(self._layers[came].node[before])
-                    heappush(heap, (total + later, came, before, (node, *nodes)))
+                    node = int(self._layers[last_stops].node[before])
+                    heappush(heap, (total + later, last_stops, before, (node, *nodes)))
 
     def _came_from(self, k: int, row: int) -> Iterator[tuple[int, float]]:
-        """Yields the labels that a label may come from, and how much later it is over from each [s]."""
+        """Yield the predecessors of a label, with its delay after each [s]."""
         labels = self._layers[k]
         node, made = int(labels.node[row]), labels.made[row] ^ self._bits[labels.node[row]]
-        others = self._layers[k - int(self.graph.weight[node])]
-        # Labels are sorted by the stops made.
-        begin, end = np.searchsorted(others.made, [made, made + 1])
-        came = others.take(np.arange(begin, end))
-        then = np.full(len(came), node)
-        every = self._after(came, then, self.graph.edges.one_by_one(came.node, then))
-        later = self._waited(every) - labels.over[row]
-        later[every.idle != labels.idle[row]] = np.inf
-        for number in np.flatnonzero(np.isfinite(later)).tolist():
-            yield int(begin) + number, max(0.0, float(later[number]))
+        previous_layer = self._layers[k - int(self.graph.weight[node])]
+        # Labels are sorted by the finished stops.
+        begin, end = np.searchsorted(previous_layer.made, [made, made + 1])
+        last_stops = previous_layer.take(np.arange(begin, end))
+        then = np.full(len(last_stops), node)
+        extended = self._after(last_stops, then, self.graph.edges.one_by_one(last_stops.node, then))
+        delays = self._waited(extended) - labels.over[row]
+        delays[extended.idle != labels.idle[row]] = np.inf
+        for number in np.flatnonzero(np.isfinite(delays)).tolist():
+            yield int(begin) + number, max(0.0, float(delays[number]))
 
 
 def _none() -> _Labels:
@@ -404,17 +420,17 @@ def _none() -> _Labels:
     return _Labels(none, none, none, np.zeros(0))
 
 
-def _joined(found: list[_Labels]) -> _Labels:
+def _joined(groups: list[_Labels]) -> _Labels:
     return _Labels(
-        np.concatenate([one.made for one in found]),
-        np.concatenate([one.node for one in found]),
-        np.concatenate([one.idle for one in found]),
-        np.concatenate([one.over for one in found]),
+        np.concatenate([labels.made for labels in groups]),
+        np.concatenate([labels.node for labels in groups]),
+        np.concatenate([labels.idle for labels in groups]),
+        np.concatenate([labels.over for labels in groups]),
     )
 
 
 def _best_of_same(labels: _Labels) -> _Labels:
-    """Returns the one that is over soonest of those with the same stops made, the same node and the same idle arm."""
+    """Select the earliest of the labels with equal finished stops, node and idle arm."""
     if not len(labels):
         return labels
     # Idle arms' last stops are 62 at most, IDLE is -1.
@@ -422,7 +438,7 @@ def _best_of_same(labels: _Labels) -> _Labels:
     key = labels.made.astype(np.uint64) * MIXED ^ place.astype(np.uint64)
     order = np.argsort(key, kind="stable")
     key, made, place = key[order], labels.made[order], place[order]
-    # Where two keys happen to be the same both labels stay.
+    # If two keys collide, both labels stay.
     new = (key[1:] != key[:-1]) | (made[1:] != made[:-1]) | (place[1:] != place[:-1])
     begin = np.flatnonzero(np.append(True, new))
     over = np.minimum.reduceat(labels.over[order], begin)

@@ -1,4 +1,4 @@
-"""Orders of stages that are nearly as good as the best one, with what only a closer look at their moves tells."""
+"""Near-optimal orders of stages, rated with the estimated extra time of their transfers."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from dualarm_cli.orders.proof.prices import Prices, needed
 from dualarm_cli.orders.proof.proof import keeps_rules
 
 Look = Callable[[StageGraph, IntArray], FloatArray]
-"""Returns how much longer moves between nodes take, looked at closely [s], shape (k,); arguments as of
-`StageGraph.longer`."""
+"""Callback that estimates the extra time of moves between nodes [s], shape (k,); arguments as of `StageGraph.longer`.
+"""
 
 
 def near_optimal_orders(
@@ -29,57 +29,59 @@ def near_optimal_orders(
     sizes: CloseOrders,
     stop: Callable[[], bool] = lambda: False,
 ) -> list[StageOrder]:
-    """Returns orders that are nearly as good as the best one, those first that are best after a close look.
+    """List near-optimal orders, best first by a close look at their moves.
 
-    The best orders are looked at closely; what their moves then take longer is kept in mind, and so on until the best
-    ones are known through and through. Moves from or to stages in which an arm is idle are not looked at.
+    The moves of the best orders are rated by `look`, their extra times are added to the graph, and so on until all
+    moves of the best orders are rated. Moves from or to stages with an idle arm are not rated.
 
     Args:
-        graph: stages.
-        prices: prices of stops that prove much.
-        best: the best order known.
-        look: looks closely at moves.
+        graph: graph of stages.
+        prices: prices with a tight bound.
+        best: best order so far.
+        look: callback that rates moves.
         sizes: labels and orders of each round, and the number of rounds.
         stop: whether to stop early.
     """
     upper = (1.0 + sizes.excess) * best.total
-    plain, known = graph, np.zeros(0, dtype=np.int64)
+    unrated, rated_moves = graph, np.zeros(0, dtype=np.int64)
     seen: dict[bytes, IntArray] = {}
     for _ in range(sizes.rounds):
-        own = needed(graph, prices, upper)
-        looked = LabelSearch(graph.kept(own), prices, upper, sizes.labels, stop).run(sizes.orders)
-        some = [own[nodes] for nodes in looked.orders]
+        needed_nodes = needed(graph, prices, upper)
+        candidates = LabelSearch(
+            graph.subgraph(needed_nodes), prices, upper, sizes.labels, stop
+        ).run(sizes.orders)
+        paths = [needed_nodes[nodes] for nodes in candidates.orders]
         if stop():
             break
-        if not some:
-            # All that was nearly as good takes longer.
+        if not paths:
+            # All near-optimal orders take longer by now.
             upper *= 1.0 + sizes.excess
             continue
-        seen |= {nodes.tobytes(): nodes for nodes in some}
-        moves = np.unique(np.concatenate([_moves(nodes) for nodes in some]), axis=0)
+        seen |= {nodes.tobytes(): nodes for nodes in paths}
+        moves = np.unique(np.concatenate([_moves(nodes) for nodes in paths]), axis=0)
         # ENDS is -1.
         key = (moves[:, 0] + 1) * (graph.nodes + 1) + moves[:, 1] + 1
-        new = ~np.isin(key, known)
+        new = ~np.isin(key, rated_moves)
         if not new.any():
             break
-        known = np.append(known, key[new])
+        rated_moves = np.append(rated_moves, key[new])
         graph = graph.longer(moves[new], look(graph, moves[new]))
-    found = []
+    rated_orders = []
     for nodes in seen.values():
-        slots, total = graph.stops[nodes], plain.length(nodes)
+        slots, total = graph.stops[nodes], unrated.length(nodes)
         if not keeps_rules(graph.problem, slots):
             continue
-        one = StageOrder(slots, graph.angle[nodes], total)
+        order = StageOrder(slots, graph.angle[nodes], total)
         if (slots == IDLE).any():
-            # What an idle arm did before it is forgotten in paths.
-            one = with_angles(graph.problem, slots)
-        found.append((one.total + graph.length(nodes) - total, one))
+            # Paths do not include an idle arm's last stop.
+            order = with_angles(graph.problem, slots)
+        rated_orders.append((order.total + graph.length(nodes) - total, order))
     answers: dict[bytes, StageOrder] = {}
-    for _, one in sorted(found, key=lambda rated: rated[0]):
-        answers.setdefault(one.slots.tobytes(), one)
+    for _, order in sorted(rated_orders, key=lambda rated: rated[0]):
+        answers.setdefault(order.slots.tobytes(), order)
     return list(answers.values())[: sizes.orders]
 
 
 def _moves(nodes: IntArray) -> IntArray:
-    """Returns the moves of a path, shape (n + 1, 2)."""
+    """List the moves of a path, shape (n + 1, 2)."""
     return np.stack([np.append(ENDS, nodes), np.append(nodes, ENDS)], axis=1)

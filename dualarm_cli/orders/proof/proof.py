@@ -1,4 +1,4 @@
-"""Bound on all orders of stages, and a better order where the search meets one."""
+"""Lower bound of all orders of stages, with better orders that the search meets."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class StageProof:
-    """What is proven."""
+    """Result of a proof."""
 
     bound: float
-    """No order takes less [s]."""
+    """Lower bound of all orders [s]."""
     order: StageOrder
-    """The best order known."""
+    """Best order so far."""
     graph: StageGraph | None
-    """What it was proven with; None where that was stopped."""
+    """Graph of the proof; None if it was stopped."""
     prices: Prices | None
-    """Prices that prove much; None where that was stopped."""
+    """Prices with a tight bound; None if the proof was stopped."""
 
 
 def can_prove(problem: StageProblem, nodes: int) -> bool:
-    """Returns whether there is room for a proof: two arms, few enough stops, and at most so many nodes."""
+    """Test whether a proof is small enough: two arms, few stops, at most `nodes` nodes."""
     few = len(problem.length) == 2 and 0 < problem.stops <= MOST_STOPS
     return few and count_nodes(problem) <= nodes
 
@@ -45,43 +45,43 @@ def prove_order(
     better: Callable[[float], None] = lambda _: None,
     bounded: Callable[[float], None] = lambda _: None,
 ) -> StageProof:
-    """Returns a bound on all orders, and the best one known then.
+    """Compute a lower bound of all orders, and improve the best order.
 
     Args:
-        problem: what is asked; `can_prove`.
-        best: an order to begin with, in time.
-        effort: how hard to try.
+        problem: the stage problem; `can_prove`.
+        best: first order, in time.
+        effort: limits of the proof.
         stop: whether to stop early.
         better: receives the total of every better order [s].
         bounded: receives every better bound [s].
     """
     best = with_angles(problem, best.slots)
-    # An order that is late counts far more than it takes: one that is in time does not take so much longer.
-    plain = with_angles(replace(problem, not_after=None), best.slots)
-    upper = min(best.total, effort.late * plain.total)
+    # A late order has a large penalty; an order in time is not that much longer.
+    unlimited = with_angles(replace(problem, not_after=None), best.slots)
+    upper = min(best.total, effort.late * unlimited.total)
     price = None
     if problem.stops % 2 == 0:
         graph = StageGraph.of(problem, singles=False)
         prices = good_prices(graph, upper, effort.steps, stop=stop)
         if np.isfinite(prices.bound):
             price = prices.price
-            most = min(effort.first_labels, effort.labels)
-            found = LabelSearch(graph, prices, upper, most, stop).run()
-            best = _better(graph, found.orders, best, better)
+            max_labels = min(effort.first_labels, effort.labels)
+            labels_result = LabelSearch(graph, prices, upper, max_labels, stop).run()
+            best = _better(graph, labels_result.orders, best, better)
     if stop():
         return StageProof(0.0, best, None, None)
     graph, upper = StageGraph.of(problem, singles=True), min(upper, best.total)
-    # Where no arm is ever idle in a good order its prices serve here too.
+    # If arms are never idle in a good order, its prices are a good start here.
     steps = effort.steps if price is None else max(1, effort.steps // 5)
     prices = good_prices(graph, upper, steps, price, stop)
     bound = min(prices.bound, upper)
     bounded(bound)
-    # Totals that differ by less are the same.
+    # Smaller differences of totals are rounding errors.
     if not stop() and bound < upper - 1e-4:
-        fewer = graph.kept(needed(graph, prices, upper))
-        found = LabelSearch(fewer, prices, upper, effort.labels, stop).run()
-        best = _better(fewer, found.orders, best, better)
-        bound = max(bound, min(found.bound, best.total))
+        fewer = graph.subgraph(needed(graph, prices, upper))
+        labels_result = LabelSearch(fewer, prices, upper, effort.labels, stop).run()
+        best = _better(fewer, labels_result.orders, best, better)
+        bound = max(bound, min(labels_result.bound, best.total))
         bounded(bound)
     return StageProof(bound, best, graph, prices)
 
@@ -92,7 +92,7 @@ def _better(
     best: StageOrder,
     better: Callable[[float], None],
 ) -> StageOrder:
-    """Select the best of an order and those of nodes that keep the rules."""
+    """Select the best of an order and those of nodes that satisfy the rules."""
     for nodes in orders:
         order = with_angles(graph.problem, graph.stops[nodes])
         if order.total < best.total and keeps_rules(graph.problem, order.slots):
@@ -102,15 +102,17 @@ def _better(
 
 
 def keeps_rules(problem: StageProblem, slots: IntArray) -> bool:
-    """Returns whether an order has together what one arm makes one right after the other, and the file's order."""
+    """Test whether an order satisfies sequences, tasks of two stops and the file's order."""
     after, before = followers(problem)
-    first = {own[0]: t for t, own in enumerate(problem.tasks)}
-    for own in slots.T:
-        made = own[own != IDLE]
-        then = np.append(made[1:], IDLE)
-        came = np.append(IDLE, made[:-1])
-        due, needs = after[made], before[made]
-        if ((due != IDLE) & (then != due)).any() or ((needs != IDLE) & (came != needs)).any():
+    first = {task[0]: t for t, task in enumerate(problem.tasks)}
+    for column in slots.T:
+        made = column[column != IDLE]
+        next_stops = np.append(made[1:], IDLE)
+        previous_stops = np.append(IDLE, made[:-1])
+        due, required = after[made], before[made]
+        if ((due != IDLE) & (next_stops != due)).any() or (
+            (required != IDLE) & (previous_stops != required)
+        ).any():
             return False
         if problem.in_file_order:
             tasks = [first[stop] for stop in made.tolist() if stop in first]

@@ -1,4 +1,4 @@
-"""Least times between tasks, whatever ways and platform angles are taken: what bounds are proven with."""
+"""Relaxation of the search for orders: least times between tasks over all options and platform angles."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from dualarm_cli.records import dataclass
 
 
 def pair_bound(problem: StageProblem) -> float:
-    """Returns what no order takes less than [s], for one arm or two.
+    """Compute a lower bound of all orders from pairs of stops [s].
 
-    Every stop is made in one stage, alone or with one other: stops are given partners so that the least lengths of all
-    stages together are least, as an assignment [Kuhn1955] in which the partner of a partner may be a third one.
+    Every stop is in one stage, alone or with one other stop. Stops are assigned partners so that the sum of the least
+    stage lengths is minimal, as an assignment [Kuhn1955] in which the partner of a partner may be a third stop.
     """
-    every = np.arange(problem.stops)
+    diagonal = np.arange(problem.stops)
     least = [_least(length, problem.stops) for length in problem.length]
-    alone = np.min([own.min(axis=(1, 2)) for own in least], axis=0)
+    alone = np.min([lengths.min(axis=(1, 2)) for lengths in least], axis=0)
     cost: FloatArray = np.full((problem.stops, problem.stops), np.inf)
     if len(least) == 2:
         size = 64
         for k in range(0, problem.stops, size):
-            one = least[0][k : k + size]
-            whole: FloatArray = np.full((len(one), problem.stops), np.inf)
+            block = least[0][k : k + size]
+            stage_lengths: FloatArray = np.full((len(block), problem.stops), np.inf)
             for f, g in np.ndindex(*problem.turn.shape):
-                both = np.maximum(one[:, None, f, g], least[1][None, :, f, g])
-                np.minimum(whole, both, out=whole)
-            cost[k : k + size] = whole
+                both = np.maximum(block[:, None, f, g], least[1][None, :, f, g])
+                np.minimum(stage_lengths, both, out=stage_lengths)
+            cost[k : k + size] = stage_lengths
         cost = np.minimum(cost, cost.T)
-    cost[every, every] = 2.0 * alone
+    cost[diagonal, diagonal] = 2.0 * alone
     finite = np.isfinite(cost)
     if not finite.any(axis=1).all():
         return np.inf
@@ -43,91 +43,91 @@ def pair_bound(problem: StageProblem) -> float:
 
     large = 4.0 * problem.stops * float(cost[finite].max())
     rows, columns = linear_sum_assignment(np.where(finite, cost, large))
-    return 0.5 * float(cost[rows, columns].sum()) + _least_way_back(problem)
+    return 0.5 * float(cost[rows, columns].sum()) + _least_return(problem)
 
 
 def _least(length: FloatArray, stops: int) -> FloatArray:
-    """Returns an arm's least length of a stage by stop and angles before and in it [s], shape (s, f, f)."""
-    found: FloatArray = np.full((stops, *length.shape[2:]), np.inf)
+    """Compute an arm's least stage lengths by stop and both angles [s], shape (s, f, f)."""
+    lengths: FloatArray = np.full((stops, *length.shape[2:]), np.inf)
     for k, row in enumerate(length):
-        # No stop comes after itself.
+        # A stop does not follow itself.
         others = np.arange(stops) != k
-        found[others] = np.minimum(found[others], row[:stops][others])
-    return found
+        lengths[others] = np.minimum(lengths[others], row[:stops][others])
+    return lengths
 
 
-def _least_way_back(problem: StageProblem) -> float:
-    """Returns what the way back takes at least [s]."""
+def _least_return(problem: StageProblem) -> float:
+    """Compute the least duration of the return [s]."""
     if not problem.returns:
         return 0.0
-    ways = [length[: problem.stops, problem.stops, :, 0] for length in problem.length]
-    finite = [way[np.isfinite(way)] for way in ways]
-    return float(min(way.min(initial=np.inf) for way in finite))
+    returns = [length[: problem.stops, problem.stops, :, 0] for length in problem.length]
+    finite = [times[np.isfinite(times)] for times in returns]
+    return float(min(times.min(initial=np.inf) for times in finite))
 
 
 @dataclass(frozen=True)
 class Relaxation:
-    """Tasks with the least time from the end of each to the end of each other, by arm; no order takes less."""
+    """Tasks with least times between their ends by arm; a lower bound of all orders."""
 
     cost: tuple[FloatArray, ...]
-    """By arm, the least time from the end of task i to the end of task j [s], infinite where an arm cannot do one,
-    whatever the rules; the last row is from the start, the last column the way back, shape (n + 1, n + 1)."""
+    """Least time between the ends of tasks i and j by arm [s]; shape (n + 1, n + 1). Infinite if the arm cannot do one
+    of them, whatever the rules. The last row is from the start, the last column the return."""
     least: FloatArray
-    """Least time of each task itself on any arm [s], shape (n,)."""
+    """Least time of each task on any arm [s], shape (n,)."""
     before: tuple[tuple[int, int], ...] = ()
-    """Pairs of tasks of which the first is over before the second begins."""
+    """Precedence: pairs of tasks, the first finished before the second begins."""
     sequences: tuple[tuple[int, ...], ...] = ()
-    """Tasks that one arm does one right after the other."""
+    """Tasks that one arm does directly one after the other."""
     not_before: FloatArray | None = None
-    """Earliest instant at which a task may begin [s], shape (n,)."""
+    """Earliest start of each task [s], shape (n,)."""
     not_after: FloatArray | None = None
-    """Latest instant at which a task may be over [s], shape (n,)."""
+    """Latest end of each task [s], shape (n,)."""
     in_file_order: bool = False
     """Whether each arm does its tasks in the order of their numbers."""
     stores: Stores | None = None
-    """Buffers; row 2 t of what is changed is the first stop of task t, row 2 t + 1 its last one, 0 for the same."""
+    """Buffers; row 2 t of the changes is the first stop of task t, row 2 t + 1 the last one, 0 if that is the same."""
 
     @property
     def tasks(self) -> int:
-        """How many."""
+        """Number of tasks."""
         return len(self.least)
 
     @property
     def timed(self) -> bool:
-        """Whether it matters when a task is done."""
+        """Whether the times of tasks matter."""
         windows = self.not_before is not None or self.not_after is not None
         return bool(self.before) or windows or self.stores is not None
 
-    def kept(self, arm: int) -> FloatArray:
-        """Returns an arm's costs, infinite too where rules forbid that one task comes right after another."""
+    def costs_with_rules(self, arm: int) -> FloatArray:
+        """Compute an arm's costs, infinite for successions that rules forbid."""
         n = self.tasks
-        found = self.cost[arm].astype(np.float64)
-        found[np.arange(n), np.arange(n)] = np.inf
+        costs = self.cost[arm].astype(np.float64)
+        costs[np.arange(n), np.arange(n)] = np.inf
         if self.in_file_order:
-            found[:n, :n][np.tril_indices(n)] = np.inf
-        for one, other in self.before:
-            found[other, one] = np.inf
+            costs[:n, :n][np.tril_indices(n)] = np.inf
+        for earlier, later in self.before:
+            costs[later, earlier] = np.inf
         for row in self.sequences:
-            for one, other in pairwise(row):
-                keep = found[one, other]
-                found[one, :] = np.inf
-                found[:, other] = np.inf
-                found[one, other] = keep
-        return found
+            for task, successor in pairwise(row):
+                cost = costs[task, successor]
+                costs[task, :] = np.inf
+                costs[:, successor] = np.inf
+                costs[task, successor] = cost
+        return costs
 
     def allowed(self, arm: int) -> BoolArray:
-        """Returns which tasks an arm can do, shape (n,)."""
+        """Test which tasks an arm can do, shape (n,)."""
         return np.asarray(np.isfinite(self.cost[arm][:, : self.tasks]).any(axis=0))
 
 
 def relax_options(problem: SequencingProblem) -> Relaxation:
-    """Returns the least times of tasks that can be done in several ways with the platform standing still."""
+    """Relax the options of asynchronous tasks at one platform angle."""
     n, w = problem.tasks, problem.options
     costs, least = [], np.full(n, np.inf)
     for a in range(len(problem.arms)):
-        whole = problem.between[a] + problem.length[a][None, :]
-        pad = np.full((whole.shape[0] + w - 1,) * 2, np.inf)
-        pad[: n * w + 1, : n * w + 1] = whole
+        times = problem.between[a] + problem.length[a][None, :]
+        pad = np.full((times.shape[0] + w - 1,) * 2, np.inf)
+        pad[: n * w + 1, : n * w + 1] = times
         costs.append(pad.reshape(n + 1, w, n + 1, w).min(axis=(1, 3)))
         least = np.minimum(least, problem.length[a][: n * w].reshape(n, w).min(axis=1))
     return Relaxation(
@@ -143,7 +143,7 @@ def relax_options(problem: SequencingProblem) -> Relaxation:
 
 
 def _by_task(stores: Stores | None, stops: Sequence[int]) -> Stores | None:
-    """Returns buffers with two rows for each task, its first stop's and its last one's, 0 where it is the same."""
+    """Reduce buffers to two rows per task, its first and last stop; 0 if they are the same."""
     if stores is None:
         return None
     change = np.zeros((2 * len(stops) + 1, len(stores.initial)), dtype=np.int64)
@@ -156,10 +156,10 @@ def _by_task(stores: Stores | None, stops: Sequence[int]) -> Stores | None:
 
 
 def relax_stages(problem: StageProblem) -> Relaxation:
-    """Returns the least times of tasks over all platform angles, each arm as if the platform served it alone."""
+    """Relax the platform angles of stages, each arm as if the platform moved for it alone."""
     n = len(problem.tasks)
-    first = np.array([own[0] for own in problem.tasks])
-    last = np.array([*(own[-1] for own in problem.tasks), problem.stops])
+    first = np.array([task[0] for task in problem.tasks])
+    last = np.array([*(task[-1] for task in problem.tasks), problem.stops])
     costs, least = [], np.full(n, np.inf)
     for a, length in enumerate(problem.length):
         cost = np.full((n + 1, n + 1), np.inf)
@@ -168,7 +168,7 @@ def relax_stages(problem: StageProblem) -> Relaxation:
             cost[n, :n] = length[problem.stops, first][:, 0].min(axis=1)
         cost[:n, n] = length[last[:n], problem.stops].min(axis=(1, 2))
         inside = np.array(
-            [sum(float(length[i, j].min()) for i, j in pairwise(own)) for own in problem.tasks]
+            [sum(float(length[i, j].min()) for i, j in pairwise(task)) for task in problem.tasks]
         )
         cost[:, :n] += inside
         costs.append(cost)
@@ -182,5 +182,5 @@ def relax_stages(problem: StageProblem) -> Relaxation:
         None if early is None else early[first],
         None if late is None else late[last[:n]],
         problem.in_file_order,
-        _by_task(problem.stores, [len(own) for own in problem.tasks]),
+        _by_task(problem.stores, [len(task) for task in problem.tasks]),
     )
