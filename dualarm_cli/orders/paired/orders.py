@@ -69,32 +69,26 @@ def _candidates(remaining: list[tuple[int, ...]], due: tuple[int, ...]) -> IntAr
 
 
 def _stages(
-    problem: StageProblem,
-    last_stops: list[int],
-    at: int,
-    candidates_by_arm: list[IntArray],
-    first: int,
+    problem: StageProblem, last: list[int], at: int, choices: list[IntArray], first: int
 ) -> list[tuple[float, float, int, tuple[int, ...]]]:
     """List the best stage at each angle, one arm choosing first: rating, sum, angle and stops."""
     second, stages = 1 - first, []
     for g in range(len(problem.turn)):
-        times = problem.length[first][last_stops[first], candidates_by_arm[first], at, g]
+        times = problem.length[first][last[first], choices[first], at, g]
         if not np.isfinite(times).any():
             continue
         k = int(times.argmin())
-        stop, time = int(candidates_by_arm[first][k]), float(times[k])
-        candidates = candidates_by_arm[second][candidates_by_arm[second] != stop]
-        lengths: FloatArray = np.array(
-            problem.length[second][last_stops[second], candidates, at, g]
-        )
+        stop, time = int(choices[first][k]), float(times[k])
+        others = choices[second][choices[second] != stop]
+        lengths: FloatArray = np.array(problem.length[second][last[second], others, at, g])
         if problem.pair_cost is not None:
-            pair = (stop, candidates) if first == 0 else (candidates, stop)
+            pair = (stop, others) if first == 0 else (others, stop)
             lengths = lengths + problem.pair_cost[(*pair, g)]
         row = [IDLE, IDLE]
         row[first] = stop
-        if len(candidates) and np.isfinite(lengths).any():
+        if len(others) and np.isfinite(lengths).any():
             m = int(lengths.argmin())
-            row[second] = int(candidates[m])
+            row[second] = int(others[m])
             # Stages are rated by time per stop, which favours stages of both arms.
             second_time = float(lengths[m])
             stages.append((0.5 * max(time, second_time), time + second_time, g, tuple(row)))
@@ -312,22 +306,20 @@ def _first(search: StageSearch, start: IntArray | None, *, in_order: bool) -> St
     """Select the best first order, or None if none is feasible."""
     if start is not None:
         return with_angles(search.problem, start)
-    candidates: list[StageOrder] = []
+    trials: list[StageOrder] = []
     for heuristic in (in_file_order, by_suited_arms, by_nearest) if in_order else ():
         given = heuristic(search.problem, search.units)
         if given is not None:
-            candidates.append(with_angles(search.problem, never_touching(search.problem, given)))
+            trials.append(with_angles(search.problem, never_touching(search.problem, given)))
     # For many units insertion takes long, and is no better after the improvement.
-    enough = len(search.units) > SEARCH.many and any(
-        np.isfinite(order.total) for order in candidates
-    )
+    enough = len(search.units) > SEARCH.many and any(np.isfinite(order.total) for order in trials)
     for _ in range(0 if enough else SEARCH.first_tries):
         first = search.first()
         if first is not None:
-            candidates.append(first)
-        if any(np.isfinite(order.total) for order in candidates):
+            trials.append(first)
+        if any(np.isfinite(order.total) for order in trials):
             break
-    feasible = [order for order in candidates if np.isfinite(order.total)]
+    feasible = [order for order in trials if np.isfinite(order.total)]
     return min(feasible, key=lambda order: order.total) if feasible else None
 
 

@@ -143,8 +143,7 @@ class Insertions:
             slots: the order, shape (n, arms).
             ends: state before and after, if the order is a stretch.
         """
-        self._problem, self._ends = problem, ends
-        self._slots = slots
+        self._problem, self._ends, self._slots = problem, ends, slots
         self._whole = slots if ends is None else np.concatenate([slots, ends.next_stages])
         # With windows the values depend on time, so that each order is timed as a whole.
         self._plain = problem.not_before is None and problem.not_after is None
@@ -169,10 +168,9 @@ class Insertions:
         else:
             self._values[0, slice(None) if problem.free_start else 0] = 0.0
         remaining = None if ends is None else ends.remaining
-        self._remaining[n] = (
-            closing(problem, self._last_stops[n][None])[0] if remaining is None else remaining
-        )
         self._closes = remaining is None
+        last = closing(problem, self._last_stops[n][None])[0] if remaining is None else remaining
+        self._remaining[n] = last
         for k in range(n):
             self._values[k + 1] = (self._values[k][:, None] + steps[k]).min(axis=0)
         for k in range(n - 1, -1, -1):
@@ -186,33 +184,26 @@ class Insertions:
         following = self._next_active()
         first = np.array([place.first for place in tries])
         # The inserted stops change the stages up to the next stop of each arm.
-        unchanged_from = np.array(
-            [max(following[a][place.last] for a in place.arms) for place in tries]
-        )
-        changed = [
-            (*place.rows, *rows[place.last : u])
-            for place, u in zip(tries, unchanged_from, strict=True)
-        ]
+        resume = np.array([max(following[a][place.last] for a in place.arms) for place in tries])
+        ends = zip(tries, resume, strict=True)
+        changed = [(*place.rows, *rows[place.last : u]) for place, u in ends]
         arms = self._whole.shape[1]
-        size = len(changed), max(len(stages) for stages in changed), arms
-        batch = np.full(size, IDLE, dtype=np.int64)
+        batch = np.full((len(changed), max(map(len, changed)), arms), IDLE, dtype=np.int64)
         for k, stages in enumerate(changed):
             batch[k, : len(stages)] = stages
-        last_stops = self._last_stops[first]
-        remaining = self._remaining[unchanged_from]
-        last = unchanged_from == n
+        stops = self._last_stops[first]
+        remaining = self._remaining[resume]
+        last = resume == n
         if last.any() and self._closes:
             remaining = remaining.copy()
-            after = previous(batch[last], self._problem.stops, last_stops[last])[:, -1]
+            after = previous(batch[last], self._problem.stops, stops[last])[:, -1]
             remaining[last] = closing(self._problem, after)
         none = np.zeros((0, arms), dtype=np.int64)
-        makespans = totals(
-            self._problem, batch, Ends(last_stops, self._values[first], none, remaining)
-        )
+        times = totals(self._problem, batch, Ends(stops, self._values[first], none, remaining))
         if self._problem.stores is None:
-            return makespans
+            return times
         whole = self._orders(tries, self._whole)
-        return makespans + missing_parts(self._problem, whole, self._ends)
+        return times + missing_parts(self._problem, whole, self._ends)
 
     def _orders(self, tries: list[InsertionPlace], slots: IntArray) -> IntArray:
         """Insert stops at each of some places, shape (b, stages, arms), padded with IDLE stages."""
@@ -243,12 +234,9 @@ class InsertionSettings:
     removed: tuple[int, ...] = (2, 7)
     """Minimum and maximum number of units removed at a time."""
     hot: float = 0.25
-    """First temperature of the annealing, relative to a unit's mean time.
-
-    That time is the first order's total divided by its number of units.
-    """
+    """First temperature of the annealing, relative to the first order's total per unit."""
     cold: float = 0.002
-    """Last temperature of the annealing, relative to a unit's mean time."""
+    """Last temperature of the annealing, relative to the first order's total per unit."""
     blink: float = 0.03
     """Fraction of the places that are skipped in an insertion."""
     stretch: int = 12
