@@ -176,14 +176,11 @@ def stage_model(order: OrderModel) -> StageModel:
         leaving = np.full((count, f, joints), np.nan)
         work = np.full((count, f), np.inf)
         for k, (t, s) in enumerate(stops):
-            reachable = np.flatnonzero(stop_rows[k] >= 0)
-            if len(reachable):
-                nodes, rows = order.nodes[name, t, s], stop_rows[k, reachable]
-                entry[k, reachable], target[k, reachable] = (
-                    nodes.q_approach[rows],
-                    nodes.q_target[rows],
-                )
-                leaving[k, reachable], work[k, reachable] = nodes.q_retract[rows], nodes.work[rows]
+            seen = np.flatnonzero(stop_rows[k] >= 0)
+            if len(seen):
+                nodes, rows = order.nodes[name, t, s], stop_rows[k, seen]
+                entry[k, seen], target[k, seen] = nodes.q_approach[rows], nodes.q_target[rows]
+                leaving[k, seen], work[k, seen] = nodes.q_retract[rows], nodes.work[rows]
         works.append(work)
         chosen.append(np.stack([entry, target, leaving]))
     handovers = handovers_of(order)
