@@ -110,7 +110,7 @@ def test_an_objective_that_looks_the_same_everywhere_has_no_best_row(document) -
     """21.68 and 21.71 mm are 21.7 mm both; of 20.0 and 21.7 one is best."""
     for row, clearance in zip(document["rows"], (0.02168, 0.02171, 0.02166, None), strict=True):
         row["clearance"] = clearance
-    assert "clearance: 21.7 mm in all plans; the unchanged files: 10.0 mm" in sentences(document)
+    assert "clearance: 21.7 mm for all plans; the unchanged files: 10.0 mm" in sentences(document)
     document["rows"][2]["clearance"] = 0.02
     assert any(
         line.startswith("best clearance: 21.7 mm with =x 10") for line in sentences(document)
