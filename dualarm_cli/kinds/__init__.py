@@ -1,4 +1,4 @@
-"""Kinds of work that the planner's core does not know: one folder each, and the one list of them."""
+"""Kinds of work besides picks, places and moves: one folder each, and the list of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     "tool_change": (),
     "buffer": (),
 }
-"""The kinds, each a folder here, with what this version does not plan together with it in one file.
+"""Kinds, each a folder here, with the features that this version does not combine with it.
+
+A feature is another kind in the same file, `mode: free`, a task with a time window, `arm: any` of such a
+task itself, and a sequence. Picks, places and bare moves belong to the core.
 
 That is another kind, or of the file `mode: free`, a task with a window of time, `arm: any` of such a task itself, and
 a sequence. Picks, places and bare moves are the core's own.
@@ -23,18 +26,18 @@ a sequence. Picks, places and bare moves are the core's own.
 
 
 def of_kinds(name: str, apart_from: str | None = None) -> list[Any]:
-    """Returns what the kinds have under one name, in the order of their list.
+    """Load one constant of every kind that has it, in the order of the list.
 
-    `of_kinds("checks")` is the constant CHECKS of each `kinds/<kind>/checks.py`. They are imported only here, when they
-    are asked for, so that the verifier loads checks and no planner, and a room can use what is built upon it.
+    `of_kinds("checks")` is the constant CHECKS of each `kinds/<kind>/checks.py`. They are imported on
+    demand: the verifier loads checks and no planner, and a module can load kinds that import it.
 
     Args:
-        name: of the module; a kind may do without it.
-        apart_from: what the kinds do not go with; None for all kinds.
+        name: of the module; kinds without it are skipped.
+        apart_from: feature that the kinds cannot be combined with; None for all kinds.
     """
-    kinds = [k for k, apart in KINDS.items() if apart_from is None or apart_from in apart]
+    kinds = [k for k, excluded in KINDS.items() if apart_from is None or apart_from in excluded]
     modules = (f"{__name__}.{kind}.{name}" for kind in kinds)
-    return [getattr(import_module(one), name.upper()) for one in modules if find_spec(one)]
+    return [getattr(import_module(module), name.upper()) for module in modules if find_spec(module)]
 
 
 __all__ = ["KINDS", "of_kinds"]

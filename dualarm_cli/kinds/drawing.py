@@ -1,4 +1,4 @@
-"""Figures: drawn without a screen, the same bytes for the same input; those that kinds of work bring."""
+"""Figures without a screen: the same bytes for the same input."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class KindFigures:
 
 
 def require_matplotlib() -> None:
-    """Raises MissingDependencyError where matplotlib is not installed, without loading it."""
+    """Raise MissingDependencyError unless matplotlib is installed, without loading it."""
     from importlib.util import find_spec
 
     if find_spec("matplotlib") is None:
@@ -38,7 +38,7 @@ def require_matplotlib() -> None:
 
 
 def new_figure(width: float, height: float) -> Any:
-    """Returns an empty matplotlib figure.
+    """Create an empty matplotlib figure.
 
     Args:
         width: [inch].
@@ -60,7 +60,7 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def rendered(figure: Any, kind: str) -> bytes:
-    """Returns a figure as a file of one of FIGURE_KINDS, without dates in it."""
+    """Render a figure as a file of one of FIGURE_KINDS, without dates."""
     metadata: dict[str, dict[str, None]] = {
         "png": {"Software": None},
         "svg": {"Date": None},

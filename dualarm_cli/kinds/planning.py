@@ -1,4 +1,4 @@
-"""Interface of kinds of work to the planner, and of sections that are planned alone."""
+"""Interface of kinds of work to the planner, and sections that are planned alone."""
 
 from __future__ import annotations
 
@@ -25,140 +25,143 @@ from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import drawn_out
 
-HERE = "(where the section before ended)"
+SECTION_START = "(where the section before ended)"
 """Name of the posture in which a section starts."""
 
 Section = tuple[Task, ...]
-"""Tasks that are planned together: a path or seam by itself, or all between two of them."""
+"""Tasks that are planned together: one path or seam, or all tasks between two of them."""
 ToolPoses = Mapping[str, PoseTarget]
-"""Poses of tools at rest, by arm; an arm whose pose is not known is missing."""
+"""Poses of tools at rest, by arm; unknown poses are missing."""
 
 
 @dataclass
 class SectionBuilder(MotionBuilder):
-    """What is planned so far, section by section, and what is to be said of it."""
+    """Plan of the sections so far, with its notes."""
 
     notes: list[str] = field(default_factory=list)
-    """What a reader should know."""
+    """Notes for the reader."""
     stage_plans: list[StagePlan] = field(default_factory=list)
-    """The stages of stops."""
+    """Stages of stops."""
     cleared: list[tuple[ClearedPlan, int]] = field(default_factory=list)
-    """What had to be collision-free, each with the number of its first stage, from 1."""
+    """Collision-free plans, each with the number of its first stage, from 1."""
     cost: float = 0.0
-    """How much longer it is than without clearance, paths not counted [s]."""
+    """Total cost of avoiding collisions, without paths [s]."""
 
-    def count(self, found: ClearedPlan) -> None:
-        """Notes what keeping the motion that was added last clear costs."""
-        first = len(self.stages) - len(found.cleared.plans) + 1
-        self.cost += found.cost or 0.0
-        self.cleared.append((found, first))
+    def count(self, plan: ClearedPlan) -> None:
+        """Record the collision-free plan of the motion that was appended last."""
+        first = len(self.stages) - len(plan.cleared.plans) + 1
+        self.cost += plan.cost or 0.0
+        self.cleared.append((plan, first))
 
 
 @dataclass(frozen=True)
 class SectionTools:
-    """What a section of a job that is done alone is planned with."""
+    """Planner of one section."""
 
     problem: MethodProblem
-    """The whole job."""
+    """Problem of the whole job."""
     settings: PlanSettings
-    """Names of solvers that were asked for."""
+    """Names of the requested solvers."""
     timing: TimingSolver
-    """How transfers and lines are timed."""
+    """Timing solver of transfers and lines."""
     progress: Callable[[str], None]
-    """Receives what is being done."""
+    """Receiver of progress messages."""
     clear: bool
-    """Whether anything has to be collision-free."""
+    """Whether collisions are checked."""
     done: tuple[Task, ...]
-    """The tasks of the sections before."""
+    """Tasks of the sections before."""
 
-    def transfer(self, here: FloatArray, there: FloatArray) -> ClearedPlan:
-        """Returns the motion of all joints from one configuration (n,) to another [rad or m] that is collision-free."""
-        problem = self.part((), here)
+    def transfer(self, start: FloatArray, goal: FloatArray) -> ClearedPlan:
+        """Plan the collision-free motion of all joints between two configurations (n,) [rad or m]."""
+        problem = self.part((), start)
         limits = problem.job.limits
-        duration = float(limits.law.duration(there - here))
-        stage = StagePlan(here, there, there, {}, "transfer", duration)
+        duration = float(limits.law.duration(goal - start))
+        stage = StagePlan(start, goal, goal, {}, "transfer", duration)
         return quickest_clear(
             problem, lambda _: Decided([stage]), self.timing, self.progress, clear=self.clear
         )
 
-    def part(self, tasks: tuple[Task, ...], here: FloatArray | None) -> MethodProblem:
-        """Returns the problem of some of the tasks, starting where the robot is, anywhere for None."""
+    def part(self, tasks: tuple[Task, ...], start: FloatArray | None) -> MethodProblem:
+        """Restrict the problem to some tasks and a start, None for any start."""
         job = self.problem.job
-        start = "free" if here is None else HERE
-        beside = lying_beside(job, self.done, tasks)
-        job = replace(job, tasks=tasks, start=start, begin=here, returns=False, beside=beside)
+        posture = "free" if start is None else SECTION_START
+        lying = lying_beside(job, self.done, tasks)
+        job = replace(job, tasks=tasks, start=posture, begin=start, returns=False, beside=lying)
         return replace(self.problem, job=job)
 
 
 @dataclass(frozen=True)
 class KindPlanning:
-    """What one kind of work adds to the planner."""
+    """Interface of one kind of work to the planner."""
 
     works: Callable[[Task], bool]
-    """Whether a task is of it."""
+    """Test of tasks of this kind."""
     guessed: Callable[[Job], Job] = lambda job: job
-    """The job as orders are searched and stages decided for it."""
+    """Estimate of the job for the search of orders and stages."""
     decided: Callable[[Job], Job] = lambda job: job
-    """A job that says who does what in which order, with what that takes besides.
-
-    Raises InfeasibleError where it cannot be.
-    """
+    """Completion of a job whose order is decided, or InfeasibleError."""
     together: Note | None = None
-    """Note of `mode: free` where both arms go from stage to stage together all the same."""
+    """Note for `mode: free` where both arms still start each stage together."""
     quickest: Callable[..., ClearedPlan] | None = None
-    """Decides stages and makes them clear, where `quickest_clear` does not; with the same parameters."""
+    """Planner of collision-free stages that replaces `quickest_clear`, with the same parameters."""
     solvers: Registry[Any] | None = None
-    """The family of solvers that `--redundancy` chooses from; None for none."""
+    """Family of solvers for `--redundancy`, or None."""
     setting: str = ""
-    """The field of the settings that names one of them."""
+    """Name of the settings' field for that solver."""
     does: str = ""
-    """What they do, in words: follows paths."""
+    """Verb phrase for messages about these solvers: follows paths."""
     check: Callable[[Job], Sequence[Diagnostic]] = lambda job: ()
-    """What tasks ask for that there is not."""
+    """Check of a job for missing methods and limits."""
     notes: Callable[[Job, PlanSettings, Trajectory], list[str]] = lambda job, settings, motion: []
-    """What a reader should know of a plan with its work."""
+    """Notes on a plan with work of this kind."""
     unbounded: Note | None = None
-    """Reason why there is no lower bound with its work; None where there is one."""
+    """Reason for the missing lower bound, or None."""
     add: (
         Callable[[SectionTools, SectionBuilder, Section, FloatArray | None, Section], None] | None
     ) = None
-    """Appends a section from where the robot is, with the next one known as well; None for tasks not done alone."""
+    """Planner of one section; None for tasks that are planned with others.
+
+    It appends the section, given the current configuration and the next section.
+    """
     opens: Callable[[Section], float] = lambda section: 0.0
-    """When such a section may begin at the earliest [s]."""
+    """Earliest begin of a section [s]."""
     along: Callable[[Job, Section, float], ToolPoses] = lambda job, section, share: {}
-    """Known tool poses at a share of such a section, 0 to 1; at its ends those of its lines' outer ends."""
+    """Known tool poses at a fraction of a section, 0 to 1.
+
+    At its ends they are those of its lines' outer ends.
+    """
     least_transfer: Callable[[Job, Section], float] = lambda job, section: 0.0
-    """How long the transfer to such a section, with what belongs to it, takes at least by the file [s]."""
+    """Lower bound on the transfer to a section, from the file alone [s]."""
     least: Callable[[Job, Section], float] = lambda job, section: 0.0
-    """What no plan of such a section can beat [s]."""
+    """Lower bound on the duration of a section [s]."""
 
     def ends(self, job: Job, section: Section) -> tuple[ToolPoses, ToolPoses]:
-        """Return the known tool poses where such a section begins and ends."""
+        """Return the known tool poses at both ends of a section."""
         return self.along(job, section, 0.0), self.along(job, section, 1.0)
 
 
 def kinds_of(job: Job) -> list[KindPlanning]:
-    """Returns the kinds of work that any task of a job is of."""
+    """Select the kinds of work that occur in a job."""
     kinds: list[KindPlanning] = of_kinds("planning")
     return [kind for kind in kinds if any(map(kind.works, job.tasks))]
 
 
 def families() -> list[tuple[KindPlanning, Registry[Any]]]:
-    """Returns the kinds of work that have a family of solvers, with it."""
-    return [(one, one.solvers) for one in of_kinds("planning") if one.solvers is not None]
+    """List the kinds of work that have a family of solvers, with it."""
+    return [(kind, kind.solvers) for kind in of_kinds("planning") if kind.solvers is not None]
 
 
 def kind_of(section: Section) -> KindPlanning | None:
-    """Returns the kind of work that a section is done alone for; None for stops."""
+    """Find the kind of work that plans a section; None for stops."""
     kinds: list[KindPlanning] = of_kinds("planning")
-    return next((one for one in kinds if one.add is not None and one.works(section[0])), None)
+    return next((kind for kind in kinds if kind.add is not None and kind.works(section[0])), None)
 
 
 def with_needs(job: Job) -> Job:
-    """Returns a decided job with what its order takes besides.
+    """Complete a decided job with the stops and checks of every kind.
 
     Raises:
-        InfeasibleError: it cannot be.
+        InfeasibleError: its order violates a requirement of a kind.
     """
     for kind in of_kinds("planning"):
         job = kind.decided(job)
@@ -166,7 +169,7 @@ def with_needs(job: Job) -> Job:
 
 
 def drawn_out_transfer(motion: Motion, duration: float) -> Motion:
-    """Returns a transfer that takes a longer time [s], on the same way."""
+    """Stretch a transfer to a longer duration [s] on the same path."""
     factor = duration / motion.trajectory.duration
     return replace(
         motion,
@@ -182,10 +185,10 @@ def drawn_out_transfer(motion: Motion, duration: float) -> Motion:
 
 
 def add_transfer(record: SectionBuilder, motion: Motion, section: tuple[Task, ...]) -> None:
-    """Appends the transfer to where a path begins; its stage becomes that of the path.
+    """Append the transfer to a path; its stage becomes that of the path.
 
     Args:
-        record: what is planned so far.
+        record: the plan so far.
         motion: the transfer, one stage.
         section: the path's tasks, one per arm that follows.
     """

@@ -306,8 +306,12 @@ def test_curves_of_the_comparison_are_those_of_the_samples(planned):
     k = [int(np.argmin(np.abs(samples.time - time))) for time in curves["time"]]
     for m, arm in enumerate(ARMS):
         np.testing.assert_array_equal(curves["force"][arm], samples.force[k, m])
-        np.testing.assert_array_equal(curves["manipulability"][arm], samples.alone[k, m])
-    np.testing.assert_array_equal(curves["manipulability_together"], samples.together[k])
+        np.testing.assert_array_equal(
+            curves["manipulability"][arm], samples.arm_manipulability[k, m]
+        )
+    np.testing.assert_array_equal(
+        curves["manipulability_together"], samples.joint_manipulability[k]
+    )
 
 
 def test_the_figure_names_every_curve_beside_the_panels(planned, monkeypatch):

@@ -12,8 +12,8 @@ import pytest
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.path.checks import (
     CRITERIA,
-    _dawdling,
     _double_s,
+    _excess_time,
     along_path,
     check_paths,
 )
@@ -398,10 +398,10 @@ def test_how_late_a_path_is_follows_from_its_stretches(speed, given, cap):
     job = SimpleNamespace(speed=speed, tool_speed=cap)
     for more, late in ((0.5, 0.5), (0.0, 0.0), (-0.5, 0.0)):
         segment = SimpleNamespace(start=3.0, end=3.0 + asked + more)
-        assert _dawdling(job, work, segment) == pytest.approx(late, abs=1e-9)
+        assert _excess_time(job, work, segment) == pytest.approx(late, abs=1e-9)
     twice = SimpleNamespace(**{**vars(work), "length": 2.0})
     segment = SimpleNamespace(start=0.0, end=asked + 1.0 / v)
-    assert _dawdling(job, twice, segment) == pytest.approx(0.0, abs=1e-9)
+    assert _excess_time(job, twice, segment) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_path_that_ends_where_it_begins_is_followed_from_its_start():

@@ -1,4 +1,4 @@
-"""Checks of tools that follow paths: on the path, forwards, together, no faster than asked."""
+"""Checks of tools that follow paths: deviation, progress, speed and synchrony."""
 
 from __future__ import annotations
 
@@ -53,38 +53,40 @@ CRITERIA = {
 
 
 def check_torques(schedule: Schedule, job: Job | None) -> Check:
-    """Checks that torques, also of an arm that stands, stay within the URDF's limits on paths that ask for it.
+    """Check joint torques against the URDF's limits on paths that request it.
+
+    Joints of a standing arm count, too.
 
     By the recursive Newton-Euler algorithm, each tool's mass at its tool centre point.
 
     Args:
         schedule: with finite numbers and rising times.
-        job: cell and tasks; without them nothing is known of paths.
+        job: cell and tasks; None for no check of paths.
     """
-    asked = (
+    requested = (
         {} if job is None else {t.id: t for t in job.tasks if t.path is not None and t.path.torque}
     )
-    if job is None or not asked:
+    if job is None or not requested:
         return not_checked("path_torque")
     model = _model(job.cell)
     names = list(model.names)[1:]
     columns = [schedule.trajectory.joints.index(name) for name in names]
     data, worst = model.createData(), Worst()
     for segment in schedule.segments:
-        if segment.kind != "path" or segment.task not in asked or segment.end <= segment.start:
+        if segment.kind != "path" or segment.task not in requested or segment.end <= segment.start:
             continue
         time = dense_times(schedule.trajectory.time, segment.start, segment.end)
         motion = [rate[:, columns] for rate in schedule.trajectory.at(time)]
         for k, (q, v, a) in enumerate(zip(*motion, strict=True)):
-            share = np.abs(pin.rnea(model, data, q, v, a)) / model.upperEffortLimit
-            joint = int(np.argmax(share))
-            where = f"{names[joint]} on {segment.task} at {time[k]:.3f} s"
-            worst.add(float(share[joint]), where)
+            fraction = np.abs(pin.rnea(model, data, q, v, a)) / model.upperEffortLimit
+            joint = int(np.argmax(fraction))
+            place = f"{names[joint]} on {segment.task} at {time[k]:.3f} s"
+            worst.add(float(fraction[joint]), place)
     return worst.judge("path_torque", 1.0 + TOL.torque_slack, "no segment of kind path")
 
 
 def _model(cell: Cell) -> pin.Model:
-    """Returns the robot with its tools' masses, gravity as it is where the robot stands."""
+    """Build the robot with its tools' masses and the gravity of its base."""
     model = pin.buildModelFromXML(cell.robot.urdf)
     model.gravity.linear = product(cell.base.rotation.T, model.gravity.linear)
     for arm in cell.robot.arms:
@@ -96,35 +98,35 @@ def _model(cell: Cell) -> pin.Model:
     return model
 
 
-SAMPLES = 4001
-"""A path's directions are measured over its length divided by this, to both sides."""
-WINDOW = 0.02
+DIFFERENCE_STEPS = 4001
+"""Number of steps of a path. Its direction is a difference over one step to both sides."""
+SPEED_WINDOW = 0.02
 """Time over which a tool's speed along its path is measured [s]."""
-ROUNDS = 4
-"""Newton steps from there."""
+NEWTON_STEPS = 4
+"""Number of Newton steps towards the nearest place of the path."""
 
 
 @dataclass(frozen=True)
 class Along:
-    """How one tool follows its path, at k instants."""
+    """Motion of one tool along its path, at k instants."""
 
     time: FloatArray
     """Instants [s], shape (k,)."""
     length: FloatArray
-    """How far along the path the nearest place is [m], shape (k,)."""
+    """Path length up to the nearest place [m], shape (k,)."""
     distance: FloatArray
-    """How far the tool is from it [m], shape (k,)."""
+    """Distance of the tool from its path [m], shape (k,)."""
     angle: FloatArray
-    """By how much it is turned away [rad], shape (k,)."""
+    """Angle of the tool from its path's orientation [rad], shape (k,)."""
 
 
 def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[Check]:
-    """Checks every path of the job: the tools keep to it from its start to its end, forwards, as fast as asked.
+    """Check the tools on every path of a job: deviation, progress, speed and synchrony.
 
     Args:
         schedule: with finite numbers and rising times.
-        job: cell and tasks; without them nothing is known of paths.
-        model: where the tools are.
+        job: cell and tasks; None for no check of paths.
+        model: kinematics of the tools.
     """
     if job is None or not job.has_paths:
         names = [name for name in CRITERIA if name != "path_torque"]
@@ -135,43 +137,46 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         work = section[0].path
         if work is None:
             continue
-        found = {}
+        motions = {}
         work = followed_work(schedule, model, work, section[0].id)
         for task in section:
-            own = _segments(schedule, task.arm, task.id)
-            where = f"{task.id} ({task.arm})"
-            if len(own) != 1 or own[0].end <= own[0].start:
+            segments = _segments(schedule, task.arm, task.id)
+            place = f"{task.id} ({task.arm})"
+            if len(segments) != 1 or segments[0].end <= segments[0].start:
                 progress.add(
                     np.inf,
-                    f"{where}: {len(own)} segments of kind path; it takes one, of some length",
+                    f"{place}: {len(segments)} segments of kind path; it takes one, of some length",
                 )
                 continue
-            [segment] = own
+            [segment] = segments
             path = work.paths[task.arm]
             event = events.get((task.arm, task.id))
             if event is None or abs(event.time - segment.end) > TOL.same_time:
-                progress.add(np.inf, f"{where}: its event is not where its segment ends")
+                progress.add(np.inf, f"{place}: its event is not where its segment ends")
             elif (off := _pose_error(event, path)) > TOL.pose_distance:
-                progress.add(off, f"{where}: its event commands a pose that is not the path's end")
-            along = found[task.arm] = along_path(schedule, model, segment, path)
-            _add(distance, along.distance / work.tolerance, along.time, where)
-            _add(angle, along.angle * TURN_LENGTH / work.tolerance, along.time, where)
-            _add(progress, _off_course(along.length, path.length), along.time, where)
+                progress.add(off, f"{place}: its event commands a pose that is not the path's end")
+            along = motions[task.arm] = along_path(schedule, model, segment, path)
+            _add(distance, along.distance / work.tolerance, along.time, place)
+            _add(angle, along.angle * TURN_LENGTH / work.tolerance, along.time, place)
+            _add(progress, _progress_errors(along.length, path.length), along.time, place)
             allowed = work.speed * job.speed * path.length / work.length
             # Over a short while: within its tolerance the tool may be a little ahead or behind.
-            window = min(WINDOW, float(along.time[-1] - along.time[0]))
+            window = min(SPEED_WINDOW, float(along.time[-1] - along.time[0]))
             ahead = np.interp(along.time + window, along.time, along.length)
             rate = (ahead - along.length) / window
             if task.arm in work.sharp:
                 _add_corners(corners, schedule, model, segment, work)
-            _add(speed, rate / allowed - 1.0, along.time, where)
+            _add(speed, rate / allowed - 1.0, along.time, place)
             if not work.slower:
-                slow.add(_dawdling(job, work, segment), where)
-        if len(found) == 2:
-            shares = [_share_of(found[arm], work, arm) for arm in found]
-            one, other = found.values()
-            apart = np.abs(shares[0] - np.interp(one.time, other.time, shares[1])) * work.length
-            _add(together, apart, one.time, section[0].id)
+                slow.add(_excess_time(job, work, segment), place)
+        if len(motions) == 2:
+            fractions = [_fraction(motions[arm], work, arm) for arm in motions]
+            first, second = motions.values()
+            lead = (
+                np.abs(fractions[0] - np.interp(first.time, second.time, fractions[1]))
+                * work.length
+            )
+            _add(together, lead, first.time, section[0].id)
     lost, nothing = "no path has its segment", "no path has both arms"
     return [
         distance.judge("path_distance", 1.0, lost),
@@ -189,20 +194,20 @@ def _segments(schedule: Schedule, arm: str, task: str) -> list[Segment]:
 
 
 def followed_work(schedule: Schedule, model: ToolModel, work: PathWork, task: str) -> PathWork:
-    """Returns which of the two ways of a path with rounded corners a tool keeps to: that, or with its corners sharp.
+    """Select the variant of a path that a tool follows: rounded or sharp corners.
 
     Args:
         schedule: the motion.
-        model: where its tools are.
-        work: the path.
+        model: kinematics of the tools.
+        work: the path with rounded corners.
         task: its task.
     """
     for arm in work.sharp:
-        own = _segments(schedule, arm, task)
-        if len(own) == 1 and own[0].end > own[0].start:
+        segments = _segments(schedule, arm, task)
+        if len(segments) == 1 and segments[0].end > segments[0].start:
             rounded, sharp = (
-                along_path(schedule, model, own[0], way[arm]).distance.max()
-                for way in (work.paths, work.sharp)
+                along_path(schedule, model, segments[0], paths[arm]).distance.max()
+                for paths in (work.paths, work.sharp)
             )
             if sharp < rounded:
                 return work.stopping()
@@ -212,32 +217,35 @@ def followed_work(schedule: Schedule, model: ToolModel, work: PathWork, task: st
 def _add_corners(
     worst: Worst, schedule: Schedule, model: ToolModel, segment: Segment, work: PathWork
 ) -> None:
-    """Adds how far a tool stays away from corners that may be rounded, in what its tolerance and `blend` allow."""
+    """Add the distances of a tool from corners that may be rounded.
+
+    They are fractions of `blend` and tolerance together.
+    """
     path = work.sharp[segment.arm]
     time = dense_times(schedule.trajectory.time, segment.start, segment.end)
     _, p = model.poses(segment.arm, schedule.trajectory.at(time)[0])
-    # Between two instants the tool comes nearer than at both by less than half of its way.
+    # Between two instants the tool comes nearer than at both by less than half of their distance.
     steps = np.concatenate([[0.0], norm(np.diff(p, axis=0), axis=1)])
     for s in path.corners:
         away = norm(p - path.pose(s).translation, axis=1)
         nearest = int(np.argmin(away))
-        near = float(away[nearest]) - 0.5 * float(steps[nearest : nearest + 2].max())
-        share = near / (work.blend + work.tolerance)
-        where = f"{segment.task} ({segment.arm}) at {time[nearest]:.3f} s"
-        worst.add(max(0.0, share), where)
+        least = float(away[nearest]) - 0.5 * float(steps[nearest : nearest + 2].max())
+        share = least / (work.blend + work.tolerance)
+        place = f"{segment.task} ({segment.arm}) at {time[nearest]:.3f} s"
+        worst.add(max(0.0, share), place)
 
 
 def _pose_error(event: Event, path: ToolPath) -> float:
-    """Returns how far the pose that an event commands is from a path's end [m, rad]."""
+    """Compute the distance of an event's pose from a path's end [m, rad]."""
     off = path.pose(path.length).actInv(event.pose)
     return max(float(norm(off.translation)), float(rotation_angle(off.rotation)))
 
 
-def _dawdling(job: Job, work: PathWork, segment: Segment) -> float:
-    """Returns how much longer a path takes than at its speed with the longest ramps that are allowed [s]; 0 for none.
+def _excess_time(job: Job, work: PathWork, segment: Segment) -> float:
+    """Compute the time that a path takes beyond the longest allowed ramps [s], or 0.
 
-    What the file does not give: an acceleration that takes `path_ramp` to the speed, a jerk that takes `path_rise` to
-    the acceleration. Between stops a double S from rest to rest ([Biagiotti2008] §3.4).
+    Defaults are an acceleration that takes `path_ramp` to the speed, and a jerk that takes `path_rise` to the
+    acceleration. Between stops a double S from rest to rest ([Biagiotti2008] §3.4).
     """
     v = work.speed * job.speed
     if job.tool_speed is not None:
@@ -252,7 +260,10 @@ def _dawdling(job: Job, work: PathWork, segment: Segment) -> float:
 
 
 def _double_s(d: float, v: float, a: float, j: float) -> float:
-    """Returns the least time for a distance under limits of speed, acceleration and jerk, from rest to rest [s]."""
+    """Compute the least time for a distance from rest to rest [s].
+
+    Limits are those of speed, acceleration and jerk.
+    """
     if v * j < a * a:
         a = np.sqrt(v * j)
     if d >= v * (v / a + a / j):
@@ -265,18 +276,18 @@ def _double_s(d: float, v: float, a: float, j: float) -> float:
 
 
 def _add(worst: Worst, values: FloatArray, time: FloatArray, where: str) -> None:
-    """Adds the largest of some measurements; a NaN is the largest."""
+    """Add the largest of some measurements; NaN counts as the largest."""
     k = int(np.argmax(values))
     value = float(values[k])
     worst.add(value if not value < 0.0 else 0.0, f"{where} at {time[k]:.3f} s")
 
 
-def _share_of(along: Along, work: PathWork, arm: str) -> FloatArray:
+def _fraction(along: Along, work: PathWork, arm: str) -> FloatArray:
     return along.length / work.paths[arm].length
 
 
-def _off_course(length: FloatArray, whole: float) -> FloatArray:
-    """Returns how far from the path's start and end the motion begins and ends, and how far back it goes [m]."""
+def _progress_errors(length: FloatArray, whole: float) -> FloatArray:
+    """Compute missing lengths at both ends, and backward motion [m], shape (k,)."""
     off = np.maximum.accumulate(length) - length
     off[0] = max(off[0], length[0])
     off[-1] = max(off[-1], whole - length[-1])
@@ -284,33 +295,33 @@ def _off_course(length: FloatArray, whole: float) -> FloatArray:
 
 
 def along_path(schedule: Schedule, model: ToolModel, segment: Segment, path: ToolPath) -> Along:
-    """Returns where along its path a tool is during a segment.
+    """Locate a tool along its path during a segment.
 
-    The place is looked for near where the way that the tool has gone since the start would have it, since a path may
-    cross itself or close; then by Newton steps to where the tool's offset has no part along the path.
+    The search starts from the distance that the tool has travelled, because a path may cross itself or close. Newton
+    steps then make the offset of the tool normal to the path.
 
     Args:
         schedule: the motion.
-        model: where its tools are.
+        model: kinematics of the tools.
         segment: of kind path.
-        path: what the segment's tool follows.
+        path: the path of the segment's tool.
     """
     time = dense_times(schedule.trajectory.time, segment.start, segment.end)
     R, p = model.poses(segment.arm, schedule.trajectory.at(time)[0])
     moved = norm(np.diff(p, axis=0), axis=1)
     turned = norm(log_rotation(product(R[1:], np.swapaxes(R[:-1], -1, -2))), axis=1)
-    gone = np.concatenate([[0.0], np.cumsum(np.maximum(moved, TURN_LENGTH * turned))])
-    s = np.clip(gone * (path.length / max(gone[-1], path.length)), 0.0, path.length)
-    step = path.length / SAMPLES
-    # Beyond a corner the path may come back the way it went: each instant stays on its side.
+    travelled = np.concatenate([[0.0], np.cumsum(np.maximum(moved, TURN_LENGTH * turned))])
+    s = np.clip(travelled * (path.length / max(travelled[-1], path.length)), 0.0, path.length)
+    step = path.length / DIFFERENCE_STEPS
+    # Beyond a corner the path may return along itself: each instant stays on its side.
     edges = np.array([0.0, *path.corners, path.length])
     side = np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(edges) - 2)
     first, last = edges[side], edges[side + 1]
-    for _ in range(ROUNDS):
+    for _ in range(NEWTON_STEPS):
         low, high = np.maximum(s - step, first), np.minimum(s + step, last)
         (R0, p0), (R1, p1), (R_here, p_here) = path.at(low), path.at(high), path.at(s)
         span = (high - low)[:, None]
-        way = np.hstack(
+        direction = np.hstack(
             [
                 (p1 - p0) / span,
                 TURN_LENGTH * log_rotation(product(R1, np.swapaxes(R0, -1, -2))) / span,
@@ -319,7 +330,9 @@ def along_path(schedule: Schedule, model: ToolModel, segment: Segment, path: Too
         off = np.hstack(
             [p - p_here, TURN_LENGTH * log_rotation(product(R, np.swapaxes(R_here, -1, -2)))]
         )
-        s = np.clip(s + (way * off).sum(axis=1) / (way * way).sum(axis=1), first, last)
+        s = np.clip(
+            s + (direction * off).sum(axis=1) / (direction * direction).sum(axis=1), first, last
+        )
     R_here, p_here = path.at(s)
     angle = norm(log_rotation(product(R, np.swapaxes(R_here, -1, -2))), axis=1)
     return Along(time, s, norm(p - p_here, axis=1), angle)

@@ -1,4 +1,4 @@
-"""A job's cell as path followers need it: kinematics, clocks, targets, critical points."""
+"""Job and cell as path followers need them: kinematics, clocks, targets, critical points."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class PathSettings:
     It applies where the file gives no acceleration.
     """
     grid: float = 0.002
-    """Spacing of the times at which a clock that eases off is kept [s]."""
+    """Spacing of the times at which a slowed clock is stored [s]."""
     slowest: float = 0.02
     """Least factor on the speed."""
     easing: float = 0.15
@@ -46,27 +46,27 @@ class PathSettings:
     First the least speed within the window is taken, then a mean over the window.
     """
     cap_margin: float = 5e-4
-    """Share of a cap on the tools' speed that is kept free: knots are joined by curves."""
+    """Fraction of a cap on the tools' speed that is kept free. Knots are joined by curves."""
     rise: float = 0.1
     """Time in which the acceleration is reached, where the file gives no jerk [s]."""
     longest: float = 0.15
-    """Time over which a jump of acceleration is spread, at most [s]."""
+    """Longest time over which a jump of acceleration is spread [s]."""
     smallest: float = 0.01
-    """Jumps of acceleration that need no rounding [m/s²]."""
+    """Smallest jump of acceleration that is rounded [m/s²]."""
     fade: float = 4.0
-    """Windows from a junction after which the path is followed to the letter again."""
+    """Distance from a junction at which rounding has faded out [windows]."""
     rounds: int = 12
-    """Maximum number of windows that are tried until the rounding keeps the tolerance."""
-    beside: int = 3
-    """Instants before and after a junction at which its accelerations are looked at."""
+    """Maximum number of windows that are tried."""
+    junction_offset: int = 3
+    """Offset from a junction at which accelerations are compared [instants]."""
     step: float = 1e-3
     """Time between the instants at which joints are computed [s]."""
     longest_step: float = 1e-2
     """Longest time between the instants at which joints are computed, on long paths [s]."""
-    most: int = 5_000
-    """Instants beyond which the time between them grows."""
+    max_instants: int = 5_000
+    """Number of instants beyond which the time between them grows."""
     rounded: float = 0.7
-    """Share of the tolerance by which rounding may leave the path."""
+    """Fraction of the tolerance that rounding may use."""
     per_knot: tuple[int, int] = (4, 8)
     """Instants per knot of the trajectory."""
 
@@ -76,50 +76,57 @@ PATH = PathSettings()
 
 @dataclass(frozen=True)
 class PathClock:
-    """The share of the path at every instant, from rest to rest, with a stop at every corner."""
+    """Progress along a path over time, from rest to rest, with a stop at every corner."""
 
     starts: FloatArray
-    """When phases of constant jerk begin [s], shape (m,)."""
+    """Start times of phases of constant jerk [s], shape (m,)."""
     states: FloatArray
-    """Length, speed, acceleration and jerk along the longest path at their begin, shape (m, 4)."""
+    """Length, speed, acceleration and jerk on the longest path at phase starts, shape (m, 4)."""
     full: float
-    """When the path would be done if it never eased off [s]."""
+    """Duration of the path without local slowdown [s]."""
     duration: float
-    """When the path is done [s]."""
+    """Duration of the path [s]."""
     length: float
     """Length of the longest path [m]."""
     speed: float
     """Largest speed [m/s]."""
     ease: FloatArray
-    """Factors on the speed at equal parts of the full time, shape (g,); all 1 where it never eases off."""
+    """Factors on the speed at equal parts of the full time, shape (g,).
+
+    All are 1 where the path is nowhere slowed.
+    """
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("starts", "states", "ease"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
     @classmethod
     def of(
-        cls, work: PathWork, pace: float = 1.0, gentle: float = 1.0, cap: float | None = None
+        cls, work: PathWork, pace: float = 1.0, ramp_stretch: float = 1.0, cap: float | None = None
     ) -> PathClock:
-        """Returns the clock of a path.
+        """Compute the clock of a path.
 
         Args:
             work: the path, with its speed and perhaps acceleration and jerk.
-            pace: share of its speed at which it is followed; everything then takes as much longer.
-            gentle: how many times as long as usual ramps take whose acceleration or jerk the file does not give.
+            pace: fraction of its speed at which it is followed; ramps slow down likewise.
+            ramp_stretch: stretch factor of ramps whose acceleration or jerk the file does not give.
             cap: largest speed of any tool [m/s], or None.
         """
         speed = work.speed * pace
         if cap is not None:
             speed = min(speed, cap * (1.0 - PATH.cap_margin))
-        # Followed slower, everything takes longer in the same way.
+        # At a lower pace ramps take longer by the same factor.
         acceleration = (
             work.acceleration * np.square(pace)
             if work.acceleration
-            else speed / (PATH.ramp * gentle / pace)
+            else speed / (PATH.ramp * ramp_stretch / pace)
         )
-        jerk = work.jerk * cube(pace) if work.jerk else acceleration / (PATH.rise * gentle / pace)
+        jerk = (
+            work.jerk * cube(pace)
+            if work.jerk
+            else acceleration / (PATH.rise * ramp_stretch / pace)
+        )
         law = RestToRest(np.array([speed]), np.array([acceleration]), np.array([jerk]))
         edges = np.array([0.0, *work.corners(), 1.0]) * work.length
         starts, states, clock = [], [], 0.0
@@ -138,29 +145,29 @@ class PathClock:
         return cls(np.array(starts), np.array(states), clock, clock, work.length, speed, ease)
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns share of the path, 0 to 1, and speed as a share of the largest, at instants (k,) [s]."""
-        own, factor = self._own_time(time)
-        share, pace = self._at_full(own)
+        """Compute fractions of the path and of the largest speed at instants (k,) [s]."""
+        full_time, factor = self._full_time(time)
+        share, pace = self._at_full(full_time)
         return share, pace * factor
 
-    def eased(self, time: FloatArray, excess: FloatArray, gently: float = 1.0) -> PathClock:
-        """Returns a clock that eases off where it went too fast by some factors, and a while before and after.
+    def eased(self, time: FloatArray, excess: FloatArray, stretch: float = 1.0) -> PathClock:
+        """Slow the clock around instants that were too fast.
 
         Args:
-            time: instants [s], rising, shape (k,).
-            excess: by what factor the speed was too high there, below 1 where it was not, shape (k,).
-            gently: how many times as long as usual it takes to ease off.
+            time: rising instants [s], shape (k,).
+            excess: ratios of the speed to the allowed one, shape (k,).
+            stretch: stretch factor of the slowdown's window.
         """
         grid = np.linspace(0.0, self.full, len(self.ease))
-        own, _ = self._own_time(time)
-        wanted = np.interp(grid, own, 1.0 / np.maximum(excess, 1.0))
-        # The more it eases off, the longer this takes in real time: a shorter while of its own time will do.
+        full_time, _ = self._full_time(time)
+        needed = np.interp(grid, full_time, 1.0 / np.maximum(excess, 1.0))
+        # A slower clock takes longer in real time: a shorter window of the full time is enough.
         window = (
-            PATH.easing * gently * float(np.sqrt(np.clip((wanted * self.ease).min(), 0.04, 1.0)))
+            PATH.easing * stretch * float(np.sqrt(np.clip((needed * self.ease).min(), 0.04, 1.0)))
         )
         half = max(2, int(window / (grid[1] - grid[0])))
-        # The least within the window about each instant, then a mean over it: never above what is wanted there.
-        padded = np.pad(wanted, 2 * half, mode="edge")
+        # The minimum over the window, then a mean over it: never above the factor that is needed.
+        padded = np.pad(needed, 2 * half, mode="edge")
         least = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1).min(axis=1)
         weight = np.hanning(2 * half + 3)[1:-1]
         about = np.lib.stride_tricks.sliding_window_view(least, len(weight))
@@ -170,8 +177,8 @@ class PathClock:
         duration = float((slowness[1:] + slowness[:-1]).sum() * 0.5 * (grid[1] - grid[0]))
         return replace(self, ease=ease, duration=duration)
 
-    def _own_time(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the times of the clock that never eases off at instants (k,) [s], and the factors on the speed."""
+    def _full_time(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Convert instants (k,) [s] to times without slowdown; return them and the speed factors."""
         grid = np.linspace(0.0, self.full, len(self.ease))
         if (self.ease == 1.0).all():
             return time, np.ones_like(time)
@@ -181,9 +188,9 @@ class PathClock:
         k = np.clip(np.searchsorted(real, time, side="right") - 1, 0, len(grid) - 2)
         gap = real[k + 1] - real[k]
         x = np.clip((time - real[k]) / gap, 0.0, 1.0)
-        # Cubic Hermite: the clock's own time passes at the factor's rate.
+        # Cubic Hermite: the full time passes at the factor's rate.
         m0, m1 = gap * self.ease[k], gap * self.ease[k + 1]
-        own = (
+        full_time = (
             grid[k]
             + h * np.square(x) * (3.0 - 2.0 * x)
             + m0 * x * np.square(1.0 - x)
@@ -192,10 +199,10 @@ class PathClock:
         rate = (
             h * 6.0 * x * (1.0 - x) + m0 * (1.0 - x) * (1.0 - 3.0 * x) - m1 * x * (2.0 - 3.0 * x)
         ) / gap
-        return own, rate
+        return full_time, rate
 
     def _at_full(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns share of the path and speed as a share of the largest where the clock never eases off."""
+        """Compute fractions of the path and of the largest speed without slowdown."""
         k = np.clip(np.searchsorted(self.starts, time, side="right") - 1, 0, len(self.starts) - 1)
         h = np.clip(time, 0.0, self.full) - self.starts[k]
         s, v, a, j = self.states[k].T
@@ -205,18 +212,18 @@ class PathClock:
 
 
 def tool_targets(path: ToolPath, share: FloatArray, step: float, tolerance: float) -> Poses:
-    """Returns a tool's poses at instants, rotations (k, 3, 3) and positions (k, 3) [m].
+    """Compute a tool's poses at instants, rotations (k, 3, 3) and positions (k, 3) [m].
 
     Where pieces meet without a corner but with different curvature (a line and an arc, say) the tool's acceleration
     would jump, and the joints' jerk be infinite. There the pose is replaced by its mean over a short time W, which
     spreads the jump evenly over it and leaves the path by a W² / 24 at most, a being the largest acceleration near by.
-    W is the longest that keeps within the tolerance's share. Near corners and the ends nothing is rounded.
+    W is the longest window within the tolerance's fraction. Near corners and the ends nothing is rounded.
 
     Args:
-        path: the tool's way.
-        share: how much of it is done at each instant, shape (k,).
+        path: the tool's path.
+        share: fraction of it at each instant, shape (k,).
         step: time between instants [s].
-        tolerance: how far the tool may leave its path [m].
+        tolerance: largest deviation of the tool from its path [m].
     """
     R, p = path.at(share * path.length)
     corners = set(path.corners)
@@ -227,10 +234,11 @@ def tool_targets(path: ToolPath, share: FloatArray, step: float, tolerance: floa
             np.cumsum(log_rotation(product(np.swapaxes(R[:-1], -1, -2), R[1:])), axis=0),
         ]
     )
-    # Turns as vectors in the tool's own frame, one after the other: over a short while they add up.
-    way = np.hstack([p, TURN_LENGTH * turned])
+    # Rotation vectors in the tool's own frame: over a short time they add up.
+    poses = np.hstack([p, TURN_LENGTH * turned])
     joints = np.array(
-        [k for k in np.searchsorted(share, places).tolist() if _jumps(way, k, step)], dtype=np.int64
+        [k for k in np.searchsorted(share, places).tolist() if _jumps(poses, k, step)],
+        dtype=np.int64,
     )
     if not len(joints):
         return R, p
@@ -240,7 +248,7 @@ def tool_targets(path: ToolPath, share: FloatArray, step: float, tolerance: floa
         half = int(window / (2.0 * step))
         if half < 2:
             break
-        change = _fade(len(p), joints, stops, half)[:, None] * (_means(way, half) - way)
+        change = _fade(len(p), joints, stops, half)[:, None] * (_means(poses, half) - poses)
         off = max(norm(change[:, :3], axis=1).max(), norm(change[:, 3:], axis=1).max())
         if off <= PATH.rounded * tolerance:
             return product(R, exp_rotation(change[:, 3:] / TURN_LENGTH)), p + change[:, :3]
@@ -248,30 +256,33 @@ def tool_targets(path: ToolPath, share: FloatArray, step: float, tolerance: floa
     return R, p
 
 
-def _jumps(way: FloatArray, k: int, step: float) -> bool:
-    """Returns whether the acceleration jumps about an instant, turns counted by TURN_LENGTH."""
-    if k < PATH.beside + 1 or k > len(way) - PATH.beside - 2:
+def _jumps(poses: FloatArray, k: int, step: float) -> bool:
+    """Test whether the acceleration jumps about an instant, with turns scaled by TURN_LENGTH."""
+    if k < PATH.junction_offset + 1 or k > len(poses) - PATH.junction_offset - 2:
         return False
     before, after = (
-        (way[i + 1] - 2.0 * way[i] + way[i - 1]) / np.square(step)
-        for i in (k - PATH.beside, k + PATH.beside)
+        (poses[i + 1] - 2.0 * poses[i] + poses[i - 1]) / np.square(step)
+        for i in (k - PATH.junction_offset, k + PATH.junction_offset)
     )
     return bool(norm(after - before) >= PATH.smallest)
 
 
-def _means(way: FloatArray, half: int) -> FloatArray:
-    """Returns means over 2 half intervals about every instant, the outermost instants counting half, shape (k, 6)."""
-    padded = np.pad(way - way[0], ((half, half), (0, 0)), mode="edge")
-    sums = np.vstack([np.zeros((1, way.shape[1])), np.cumsum(padded, axis=0)])
+def _means(poses: FloatArray, half: int) -> FloatArray:
+    """Compute moving means over 2 half intervals, shape (k, 6).
+
+    The outermost instants count half.
+    """
+    padded = np.pad(poses - poses[0], ((half, half), (0, 0)), mode="edge")
+    sums = np.vstack([np.zeros((1, poses.shape[1])), np.cumsum(padded, axis=0)])
     whole = sums[2 * half + 1 :] - sums[: -2 * half - 1]
-    found: FloatArray = way[0] + (whole - (padded[2 * half :] + padded[: -2 * half]) / 2.0) / (
+    means: FloatArray = poses[0] + (whole - (padded[2 * half :] + padded[: -2 * half]) / 2.0) / (
         2 * half
     )
-    return found
+    return means
 
 
 def _fade(count: int, joints: IntArray, stops: IntArray, half: int) -> FloatArray:
-    """Returns how much of the rounding counts at each instant, shape (k,): 1 near junctions, 0 near stops."""
+    """Compute the weights of the rounding, shape (k,): 1 near junctions, 0 near stops."""
     instants = np.arange(count)
     near = np.abs(instants[:, None] - joints).min(axis=1) / half
     far = np.abs(instants[:, None] - stops).min(axis=1) / half
@@ -279,30 +290,30 @@ def _fade(count: int, joints: IntArray, stops: IntArray, half: int) -> FloatArra
 
 
 def _smooth(x: FloatArray) -> FloatArray:
-    """Returns 0 below 0, 1 above 1, and a step with two continuous derivatives in between."""
+    """Evaluate a step from 0 to 1 over the unit interval with two continuous derivatives."""
     x = np.clip(x, 0.0, 1.0)
-    found: FloatArray = cube(x) * (10.0 - 15.0 * x + 6.0 * np.square(x))
-    return found
+    step: FloatArray = cube(x) * (10.0 - 15.0 * x + 6.0 * np.square(x))
+    return step
 
 
 @dataclass(frozen=True)
 class PathContext:
-    """A job's cell as path followers need it."""
+    """Job and cell as path followers need them."""
 
     model: CellModel
-    """In closed form, where its arms have one."""
+    """Cell model with closed-form arms, where there are any."""
     body: WholeBody
     """Kinematics of all joints."""
     job: Job
-    """What is to be done."""
+    """Job with the paths."""
     limits: JointLimits
     """Limits at the job's speed."""
     dynamics: Dynamics | None
-    """For paths that keep torques within limits; None where nothing asks for them."""
+    """Torque model; None where no path limits torques."""
 
     @classmethod
     def of(cls, model: CellModel, job: Job) -> PathContext:
-        """Prepares a job."""
+        """Prepare a job."""
         torque = any(task.path is not None and task.path.torque for task in job.tasks)
         return cls(
             model,
@@ -316,34 +327,34 @@ class PathContext:
         self,
         work: PathWork,
         slower: float = 1.0,
-        gentle: float = 1.0,
+        ramp_stretch: float = 1.0,
         peak: float | None = None,
     ) -> PathClock:
-        """Returns the clock of a path at the job's speed and under its cap on the tools.
+        """Compute the clock of a path at the job's speed and tool-speed cap.
 
         Args:
             work: the path.
-            slower: share of that speed at which it is followed.
-            gentle: how many times as long as usual ramps take that the file leaves open.
-            peak: speed that is not exceeded, with ramps as long as usual [m/s]; None for the file's.
+            slower: fraction of that speed at which it is followed.
+            ramp_stretch: stretch factor of ramps that the file leaves open.
+            peak: cap on the speed with ramps as long as usual [m/s]; None for the file's speed.
         """
         caps = [cap * slower for cap in (self.job.tool_speed, peak) if cap is not None]
         cap = min(caps, default=None)
-        return PathClock.of(work, self.job.speed * slower, gentle, cap)
+        return PathClock.of(work, self.job.speed * slower, ramp_stretch, cap)
 
     def problem(
         self, work: PathWork, start: FloatArray, clock: PathClock, finer: int = 1
     ) -> PathProblem:
-        """Returns what a follower is asked.
+        """Build the follower's problem for a path, start and clock.
 
         Args:
             work: the path.
             start: joints where it begins [rad], shape (n,).
-            clock: where the tools are when.
-            finer: how many times as many instants as usual.
+            clock: progress over time.
+            finer: factor on the number of instants.
         """
         widest = PATH.per_knot[-1]
-        step = min(max(PATH.step, clock.duration / PATH.most), PATH.longest_step) / finer
+        step = min(max(PATH.step, clock.duration / PATH.max_instants), PATH.longest_step) / finer
         count = widest * max(5, int(np.ceil(clock.duration / (step * widest))))
         step = clock.duration / count
         share, pace = clock.at(instants(count + 1, step))
@@ -369,12 +380,12 @@ class PathContext:
         )
 
     def critical_points(self, given: Mapping[str, FloatArray]) -> FloatArray:
-        """Returns the critical points of all arms in the carried frame [m], shape (a, 3).
+        """Compute the critical points of all arms in the carried frame [m], shape (a, 3).
 
-        Where none is given: below the shoulder by the length of the upper arm, where an elbow hangs that nothing holds.
+        Default: below the shoulder by the length of the upper arm, where a limp elbow hangs.
 
         Args:
-            given: by arm.
+            given: points of the file by arm [m].
         """
         shoulders, upper = self.body.shoulders()
         points = shoulders - upper[:, None] * np.array([0.0, 0.0, 1.0])

@@ -1,4 +1,4 @@
-"""Paths drawn: ways of tools and elbows, contraction forces, manipulability, and joints with their limits."""
+"""Figures of paths: trails of tools and elbows, contraction forces, manipulability, joints within limits."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ RATES = {
     "acceleration": "accelerations",
 }
 STYLES = {"left": ("tab:blue", 2.2, "-"), "right": ("tab:red", 1.2, (0, (4, 2)))}
-"""Colour, width and line of each arm: where both do the same the thin one is seen on the wide one."""
+"""Colour, width and line of each arm. The thin line is visible on the wide one where both coincide."""
 
 
 def draw_paths(schedule: Schedule, job: Job, kind: str) -> bytes:
-    """Returns the figure of a plan's paths: for each the trails, forces and manipulability, and all joints.
+    """Draw a plan's paths: trails, forces, manipulability, and all joints.
 
-    The quantities of [Choi2020] Figs. 6 to 11 and of [Zhang2024] Figs. 2 to 4. Legends are beside what is drawn.
+    The quantities of [Choi2020] Figs. 6 to 11 and of [Zhang2024] Figs. 2 to 4. Legends are to the right of their axes.
 
     Args:
         schedule: the plan.
-        job: what it was planned for; with paths.
+        job: its job, with paths.
         kind: one of FIGURE_KINDS.
     """
     samples = path_samples(schedule, job)
@@ -40,34 +40,34 @@ def draw_paths(schedule: Schedule, job: Job, kind: str) -> bytes:
         part.suptitle(f"{path.task}, by {path.method}, {path.time[-1]:.3f} s", fontsize=12)
         trails, curves, joints = part.subfigures(3, 1, height_ratios=[1.1, 0.9, 1.2])
         _draw_trails(trails, path)
-        sprung = _sprung(path)
+        sprung = _has_springs(path)
         panels = curves.subplots(1, 3 if sprung else 2)
         if sprung:
             _draw_forces(panels[0], path)
         _draw_manipulability(panels[-2], path)
         _draw_manipulability(panels[-1], path, together=True)
-        _beside(curves, panels)
+        _add_legend(curves, panels)
         panels = joints.subplots(1, 3)
-        for axes, what in zip(panels, RATES, strict=True):
-            _draw_joints(axes, path, job, what)
-        _beside(joints, panels[:1], columns=2)
+        for axes, rate in zip(panels, RATES, strict=True):
+            _draw_joints(axes, path, job, rate)
+        _add_legend(joints, panels[:1], columns=2)
     return rendered(figure, kind)
 
 
-def _sprung(path: PathSamples) -> bool:
-    """Returns whether distances from critical points say something: springs pull, or the file gives the points."""
+def _has_springs(path: PathSamples) -> bool:
+    """Test whether distances from critical points matter: springs pull, or the file gives points."""
     return path.method.startswith("virtual_spring") or bool(path.work.critical_points)
 
 
-def _beside(part: Any, panels: Any, columns: int = 1) -> None:
-    """Adds one legend of all that is named in panels, to the right of them, each name once."""
-    found: dict[str, Any] = {}
+def _add_legend(part: Any, panels: Any, columns: int = 1) -> None:
+    """Add one legend of all labels in the panels, to the right of them."""
+    handles_by_label: dict[str, Any] = {}
     for axes in panels:
         handles, labels = axes.get_legend_handles_labels()
-        found = dict(zip(labels, handles, strict=True)) | found
+        handles_by_label = dict(zip(labels, handles, strict=True)) | handles_by_label
     part.legend(
-        list(found.values()),
-        list(found),
+        list(handles_by_label.values()),
+        list(handles_by_label),
         loc="outside right center",
         fontsize=9,
         frameon=False,
@@ -82,11 +82,11 @@ def _style(arm: str) -> dict[str, Any]:
 
 
 def _draw_trails(part: Any, path: PathSamples) -> None:
-    """Draws tools, elbows and, where springs pull, critical points: in space and seen along each axis."""
+    """Draw tools, elbows and, where springs pull, critical points, in space and along each axis."""
     spatial = part.add_subplot(1, 4, 1, projection="3d")
     flat = [part.add_subplot(1, 4, k) for k in (2, 3, 4)]
     spatial.set_title("tools and elbows (dots: where they begin)", fontsize=10)
-    sprung = _sprung(path)
+    sprung = _has_springs(path)
     for m, arm in enumerate(path.arms):
         colour = _style(arm)["color"]
         trails = {"tool": (path.tool[:, m], "-"), "elbow": (path.elbow[:, m], "--")}
@@ -109,11 +109,11 @@ def _draw_trails(part: Any, path: PathSamples) -> None:
     for name in AXES:
         getattr(spatial, f"set_{name}label")(f"{name} [m]")
         spatial.tick_params(axis=name, labelsize=7)
-    _beside(part, [spatial])
+    _add_legend(part, [spatial])
 
 
 def _draw_forces(axes: Any, path: PathSamples) -> None:
-    """Draws the contraction forces of virtual springs, and the least ones with tools and platform where they are."""
+    """Draw the contraction forces of virtual springs, and the least ones at the same poses."""
     for m, arm in enumerate(path.arms):
         look = _style(arm)
         axes.plot(path.time, path.force[:, m], **look, label=arm)
@@ -127,30 +127,30 @@ def _draw_forces(axes: Any, path: PathSamples) -> None:
 
 
 def _draw_manipulability(axes: Any, path: PathSamples, *, together: bool = False) -> None:
-    """Draws the manipulability of each arm, or of all tools by all joints."""
+    """Draw the manipulability of each arm, or of all tools by all joints."""
     if together:
-        axes.plot(path.time, path.together, color="k", label="both together")
+        axes.plot(path.time, path.joint_manipulability, color="k", label="both together")
         axes.set_title("manipulability of all tools together", fontsize=10)
         axes.set_ylabel("M")
     else:
         for m, arm in enumerate(path.arms):
-            axes.plot(path.time, path.alone[:, m], **_style(arm), label=arm)
+            axes.plot(path.time, path.arm_manipulability[:, m], **_style(arm), label=arm)
         axes.set_title("manipulability of each arm", fontsize=10)
         axes.set_ylabel("M [m³/rad³]")
-    highest = float((path.together if together else path.alone).max())
+    highest = float((path.joint_manipulability if together else path.arm_manipulability).max())
     axes.set_ylim(0.0, 1.1 * highest if highest > 0.0 else 1.0)
     axes.set_xlabel("time [s]")
 
 
-def _draw_joints(axes: Any, path: PathSamples, job: Job, what: str) -> None:
-    """Draws one rate of all joints that follow as a share of its limits, -1 to 1."""
+def _draw_joints(axes: Any, path: PathSamples, job: Job, rate: str) -> None:
+    """Draw one rate of all following joints as a fraction of its limits, -1 to 1."""
     limits = job.limits
-    values = getattr(path, what)
-    if what == "position":
+    values = getattr(path, rate)
+    if rate == "position":
         middle = (limits.lower + limits.upper) / 2.0
         shares = (values - middle) / np.maximum(limits.upper - middle, 1e-12)
     else:
-        shares = values / getattr(limits, what)
+        shares = values / getattr(limits, rate)
     groups = [arm for arm in job.cell.robot.arms if arm.name in path.arms]
     lines = [
         (joint, f"C{k % 10}", *STYLES.get(arm.name, ("k", 1.5, "-"))[1:])
@@ -167,7 +167,7 @@ def _draw_joints(axes: Any, path: PathSamples, job: Job, what: str) -> None:
         axes.axhline(edge, color="0.5", linestyle="--")
     axes.set_xlabel("time [s]")
     axes.set_ylabel("share of its limit")
-    axes.set_title(f"joint {RATES[what]} (dashed: limits)", fontsize=10)
+    axes.set_title(f"joint {RATES[rate]} (dashed: limits)", fontsize=10)
 
 
 FIGURES = KindFigures("paths", lambda job: job.has_paths, draw_paths)

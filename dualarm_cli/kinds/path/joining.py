@@ -1,4 +1,4 @@
-"""From joints at instants to a trajectory, with every limit of its rates and torques looked at."""
+"""Trajectory through joints at instants, checked against all limits of rates and torques."""
 
 from __future__ import annotations
 
@@ -17,42 +17,42 @@ from dualarm_cli.records import dataclass
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
 
-CAP_KEPT_FREE = 2e-4
-"""Share of a cap on the tools' speed that is kept free between knots."""
-CHECKED = 3
-"""Every so many instants the tools are compared with where they should be."""
+CAP_MARGIN = 2e-4
+"""Fraction of a cap on the tools' speed that is kept free between knots."""
+CHECK_SPACING = 3
+"""Spacing of the instants at which tool poses are compared."""
 
 
 @dataclass(frozen=True)
 class Joined:
-    """Joints at instants joined by a spline, and by how much it exceeds the limits of its rates."""
+    """Spline through joints at instants, and its excess over the rate limits."""
 
     trajectory: Trajectory
     excess: FloatArray
-    """By what factor it would have to be slower, at every knot, shape (k,)."""
+    """Required slowdown at every knot [factor], shape (k,)."""
     worst: float
-    """The same for the whole of it."""
+    """Required slowdown of the whole curve [factor]."""
     reason: Refusal
     """Joint or tool that exceeds a limit, with its value."""
     when: float
-    """When [s]."""
+    """Time of the violation [s]."""
     slower_helps: bool
-    """Whether it is too fast; torques that hold a posture are not."""
+    """Whether it is too fast. Torques that hold a posture are not."""
 
     @property
     def time(self) -> FloatArray:
-        """The knots [s], shape (k,)."""
+        """Knots [s], shape (k,)."""
         return self.trajectory.time
 
     @classmethod
-    def of(cls, problem: PathProblem, found: PathMotion, stride: int) -> Joined:
-        """Returns the spline through every so many-th instant."""
+    def of(cls, problem: PathProblem, motion: PathMotion, stride: int) -> Joined:
+        """Join every `stride`-th instant by a spline and compare it with all limits."""
         limits = problem.limits
         time = instants(problem.instants, problem.step)[::stride]
-        q, v, a = rest_to_rest_spline(time, found.position[::stride])
+        q, v, a = rest_to_rest_spline(time, motion.position[::stride])
         trajectory = Trajectory(limits.joints, time, q, v, a)
         jerk = np.abs(np.diff(a, axis=0)) / np.diff(time)[:, None]
-        # A knot has the larger jerk of the intervals beside it.
+        # A knot has the larger jerk of its two intervals.
         jerk = np.maximum(np.vstack([jerk[:1], jerk]), np.vstack([jerk, jerk[-1:]]))
         needed = np.stack([np.abs(v), np.abs(a), jerk])
         allowed = np.stack([limits.velocity, limits.acceleration, limits.jerk])
@@ -75,7 +75,10 @@ class Joined:
         return curve._with_positions(problem)._with_cap(problem)._with_torques(problem)
 
     def _with_positions(self, problem: PathProblem) -> Joined:
-        """Returns the same, refused where a joint is beyond its position limit: evening out moves joints a little."""
+        """Refuse the curve if a joint is beyond its position limit.
+
+        Smoothing moves joints a little.
+        """
         limits, q = problem.limits, self.trajectory.position
         beyond = np.maximum(limits.lower - q, q - limits.upper).max(axis=1)
         knot = int(np.argmax(beyond))
@@ -87,7 +90,10 @@ class Joined:
         )
 
     def _with_cap(self, problem: PathProblem) -> Joined:
-        """Returns the same, refused where a tool, also one that only the platform moves, exceeds its cap."""
+        """Refuse the curve if a tool exceeds the cap on its speed.
+
+        The cap also holds for tools that only the platform moves.
+        """
         if problem.tool_speed is None or self.worst > 1.0:
             return self
         motion, body = self.trajectory, problem.body
@@ -95,7 +101,7 @@ class Joined:
         for k, (q, v) in enumerate(zip(motion.position, motion.velocity, strict=True)):
             speed[k] = norm(product(body.at(q).J, v).reshape(-1, 6)[:, :3], axis=1)
         knot, arm = (int(i) for i in np.unravel_index(int(np.argmax(speed)), speed.shape))
-        if speed[knot, arm] <= problem.tool_speed * (1.0 - CAP_KEPT_FREE):
+        if speed[knot, arm] <= problem.tool_speed * (1.0 - CAP_MARGIN):
             return self
         figures = float(speed[knot, arm]), problem.tool_speed
         reason = Refusal("tool_exceeds", None, "", body.arms[arm], *figures)
@@ -109,7 +115,7 @@ class Joined:
         )
 
     def _with_torques(self, problem: PathProblem) -> Joined:
-        """Returns the same, refused where torques exceed their limits."""
+        """Refuse the curve if torques exceed their limits."""
         if problem.torque is None or problem.dynamics is None or self.worst > 1.0:
             return self
         motion = self.trajectory
@@ -117,11 +123,11 @@ class Joined:
         for k, (q, v, a) in enumerate(
             zip(motion.position, motion.velocity, motion.acceleration, strict=True)
         ):
-            mass, rest = problem.dynamics(q, v)
-            torques[k] = product(mass, a) + rest
-        share = np.abs(torques) / problem.torque
-        knot, joint = (int(i) for i in np.unravel_index(int(np.argmax(share)), share.shape))
-        if share[knot, joint] <= 1.0:
+            mass, bias = problem.dynamics(q, v)
+            torques[k] = product(mass, a) + bias
+        fraction = np.abs(torques) / problem.torque
+        knot, joint = (int(i) for i in np.unravel_index(int(np.argmax(fraction)), fraction.shape))
+        if fraction[knot, joint] <= 1.0:
             return self
         unit = "N" if problem.body.slides[joint] else "N m"
         reason = Refusal(
@@ -133,37 +139,48 @@ class Joined:
         holding = np.abs(problem.dynamics(motion.position[knot], np.zeros(len(problem.free)))[1])
         return replace(
             self,
-            excess=share.max(axis=1),
-            worst=float(share[knot, joint]),
+            excess=fraction.max(axis=1),
+            worst=float(fraction[knot, joint]),
             reason=reason,
             when=float(motion.time[knot]),
             slower_helps=bool(holding[joint] < problem.torque[joint]),
         )
 
 
-def leaves(problem: PathProblem, found: PathMotion) -> float:
-    """Returns how far the tools are from where they should be by the method itself, turns by TURN_LENGTH [m]."""
-    return _farthest(problem, found.position[CHECKED // 2 :: CHECKED], None)
+def target_error(problem: PathProblem, motion: PathMotion) -> float:
+    """Compute the largest tool error of a follower at its instants [m].
+
+    Turns are scaled by TURN_LENGTH.
+    """
+    return _largest_error(problem, motion.position[CHECK_SPACING // 2 :: CHECK_SPACING], None)
 
 
-def strays(problem: PathProblem, found: PathMotion, trajectory: Trajectory) -> float:
-    """Returns how far the tools are from where the method has them between the knots, turns by TURN_LENGTH [m]."""
-    looked_at = slice(CHECKED // 2, None, CHECKED)
+def path_deviation(problem: PathProblem, motion: PathMotion, trajectory: Trajectory) -> float:
+    """Compute the largest tool deviation of a trajectory between its knots [m].
+
+    Turns are scaled by TURN_LENGTH.
+    """
+    looked_at = slice(CHECK_SPACING // 2, None, CHECK_SPACING)
     position = trajectory.at(instants(problem.instants, problem.step)[looked_at])[0]
-    return _farthest(problem, position, found.position[looked_at])
+    return _largest_error(problem, position, motion.position[looked_at])
 
 
-def _farthest(problem: PathProblem, position: FloatArray, there: FloatArray | None) -> float:
-    """Returns how far tools are from where others, or their targets, have them, at every CHECKED-th instant [m]."""
+def _largest_error(
+    problem: PathProblem, position: FloatArray, reference: FloatArray | None
+) -> float:
+    """Compute the largest distance of tools from reference postures, or their targets [m].
+
+    Every CHECK_SPACING-th instant counts.
+    """
     which = np.flatnonzero(problem.follows)
     worst = 0.0
     for k, q in enumerate(position):
         R, p = problem.body.tools(q)
-        instant = CHECKED // 2 + CHECKED * k
-        R_there, p_there = problem.R[instant], problem.p[instant]
-        if there is not None:
-            R_there, p_there = (part[which] for part in problem.body.tools(there[k]))
-        error = pose_error(R_there, p_there, R[which], p[which]).reshape(-1, 6)
+        instant = CHECK_SPACING // 2 + CHECK_SPACING * k
+        R_goal, p_goal = problem.R[instant], problem.p[instant]
+        if reference is not None:
+            R_goal, p_goal = (part[which] for part in problem.body.tools(reference[k]))
+        error = pose_error(R_goal, p_goal, R[which], p[which]).reshape(-1, 6)
         worst = max(worst, float(norm(error[:, :3], axis=1).max()))
         worst = max(worst, TURN_LENGTH * float(norm(error[:, 3:], axis=1).max()))
     return worst
@@ -174,6 +191,6 @@ SLIDING_UNITS = ("mm/s", "mm/s²", "mm/s³")
 
 
 def instants(count: int, step: float) -> FloatArray:
-    """Returns so many instants a step apart from 0 on [s], shape (count,)."""
-    found: FloatArray = np.arange(count, dtype=np.float64) * step
-    return found
+    """Return equally spaced times from 0 [s], shape (count,)."""
+    times: FloatArray = np.arange(count, dtype=np.float64) * step
+    return times

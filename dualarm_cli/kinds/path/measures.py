@@ -1,6 +1,6 @@
 """Measurements of followed paths, and their lines, tables and curves in reports.
 
-They include the least distance between an arm's elbow and a point while the tool stays where it is, in closed form.
+They include the least elbow distance from a point at a fixed tool pose, in closed form.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from dualarm_cli.verification.tool_model import ToolModel
 
 
 def path_lines(report: dict[str, Any]) -> list[str]:
-    """Returns a sentence for every path of a report.
+    """Write a sentence for every path of a report.
 
     Args:
         report: as built by `build_report`.
@@ -60,7 +60,7 @@ def path_lines(report: dict[str, Any]) -> list[str]:
             + _rounded(path["rounded_corners"])
             + (f"elbows from their critical points on average {elbows}; " if springs else "")
             + f"mean manipulability {each}, together {path['manipulability_together']:.4g}; "
-            f"joints travel {travel_words(path)} in all, "
+            f"joints travel {travel_words(path)}, "
             f"{path['limit_joint']} comes within {room_words(path)} of its limit, "
             f"{path['speed_joint']} uses {path['speed_share']:.0%} of its speed"
         )
@@ -68,16 +68,19 @@ def path_lines(report: dict[str, Any]) -> list[str]:
 
 
 def _rounded(left_by: list[float]) -> str:
-    """Returns the words about rounded corners, from how far the tool leaves each [m]."""
+    """Describe rounded corners, from the tool's distance to each [m]."""
     if not left_by:
         return ""
-    one = len(left_by) == 1
-    many, them = ("one corner is", "it") if one else (f"{len(left_by)} corners are", "them")
+    single = len(left_by) == 1
+    many, them = ("one corner is", "it") if single else (f"{len(left_by)} corners are", "them")
     return f"{many} rounded, the tool leaves {them} by at most {_small(max(left_by))}; "
 
 
 def _small(length: float) -> str:
-    """Returns a small length in a unit that shows it; below a nanometre it means nothing."""
+    """Format a small length in a suitable unit.
+
+    Below a nanometre it means nothing.
+    """
     if length >= 1e-4:
         return f"{length * 1e3:.2f} mm"
     if length >= 1e-7:
@@ -86,7 +89,7 @@ def _small(length: float) -> str:
 
 
 def paths_table(section: dict[str, Any]) -> Any:
-    """Returns the table of how each method follows a task file's paths; None where it has none.
+    """Build the table of each method's paths; None without paths.
 
     Args:
         section: one member of the comparison's `comparisons`.
@@ -113,31 +116,31 @@ def paths_table(section: dict[str, Any]) -> Any:
 
 
 CURVE = 101
-"""Instants of curves that are compared."""
+"""Number of instants of compared curves."""
 SPACING = 0.005
-"""Time between the instants at which bodies are measured [s]."""
+"""Time between measured instants [s]."""
 
 
 @dataclass(frozen=True)
 class PathSamples:
-    """One path as it is followed, at k instants of m arms that follow."""
+    """Samples of one followed path, at k instants of m arms that follow."""
 
     task: str
     """Id of the task."""
     method: str
-    """What found the joints."""
+    """Path follower."""
     work: PathWork
-    """What was asked for."""
+    """Path as requested."""
     arms: tuple[str, ...]
     """Arms that follow."""
     time: FloatArray
     """Instants since the path began [s], shape (k,)."""
     position: FloatArray
-    """All joints [rad], shape (k, n)."""
+    """All joints [rad or m], shape (k, n)."""
     velocity: FloatArray
-    """Their velocities [rad/s], shape (k, n)."""
+    """Velocities of all joints [rad/s or m/s], shape (k, n)."""
     acceleration: FloatArray
-    """Their accelerations [rad/s²], shape (k, n)."""
+    """Accelerations of all joints [rad/s² or m/s²], shape (k, n)."""
     tool: FloatArray
     """Tool centre points [m], shape (k, m, 3)."""
     elbow: FloatArray
@@ -145,31 +148,36 @@ class PathSamples:
     critical: FloatArray
     """Critical points [m], shape (k, m, 3)."""
     least: FloatArray | None
-    """Least distance of each elbow from its critical point over all postures of its arm within limits, with tool and
-    platform where they are [m], shape (k, m); None for arms that are not in closed form."""
-    alone: FloatArray
+    """Least possible elbow distances from the critical points [m], shape (k, m), or None.
+
+    The minimum is over all postures within limits with tool and platform fixed. None for arms without closed form.
+    """
+    arm_manipulability: FloatArray
     """Manipulability of each arm by its own joints, shape (k, m)."""
-    together: FloatArray
+    joint_manipulability: FloatArray
     """Manipulability of all tools by all joints that move them, shape (k,)."""
 
     @property
     def distance(self) -> FloatArray:
         """Distances of the elbows from their critical points [m], shape (k, m)."""
-        found: FloatArray = norm(self.elbow - self.critical, axis=-1)
-        return found
+        distances: FloatArray = norm(self.elbow - self.critical, axis=-1)
+        return distances
 
     @property
     def force(self) -> FloatArray:
-        """Contraction forces of the virtual springs, K times the distances ([Choi2020] Eq. 9-10), shape (k, m)."""
+        """Contraction forces of the virtual springs, shape (k, m) ([Choi2020] Eq. 9-10).
+
+        They are K times the elbow distances.
+        """
         return self.work.stiffness * self.distance
 
 
 def path_samples(schedule: Schedule, job: Job) -> list[PathSamples]:
-    """Returns the paths of a planned job as they are followed, in their order.
+    """Sample the paths of a planned job, in their order.
 
     Args:
         schedule: the plan.
-        job: what it was planned for.
+        job: its job.
     """
     if not job.has_paths:
         return []
@@ -183,7 +191,7 @@ def path_samples(schedule: Schedule, job: Job) -> list[PathSamples]:
 
 
 def _span(schedule: Schedule, section: tuple[Task, ...]) -> tuple[float, float] | None:
-    """Returns from when to when a section's path is followed [s]; None where the schedule does not say."""
+    """Return the start and end of a section's path [s], or None without one."""
     spans = [
         (s.start, s.end)
         for s in schedule.segments
@@ -196,20 +204,20 @@ def _sampled(
     schedule: Schedule, context: PathContext, section: tuple[Task, ...], work: PathWork
 ) -> PathSamples:
     span = _span(schedule, section)
-    assert span is not None  # asked before
+    assert span is not None  # the caller checks it
     body, trajectory = context.body, schedule.trajectory.select(context.body.joints)
     count = max(2, int(np.ceil((span[1] - span[0]) / SPACING)) + 1)
     time = np.linspace(*span, count)
     q, qd, qdd = trajectory.at(time)
     which = [a for a, arm in enumerate(body.arms) if arm in work.paths]
     points = context.critical_points(work.critical_points)
-    own = body.moves & ~body.moves_carried
+    arm_columns = body.moves & ~body.moves_carried
     rows: list[tuple[FloatArray, ...]] = []
     follows = np.repeat(np.isin(np.arange(len(body.arms)), which), 6)
     free = body.moves[which].any(axis=0)
     for configuration in q:
         state = body.at(configuration)
-        alone = [manipulability(state.J[6 * a : 6 * a + 6][:, own[a]]) for a in which]
+        alone = [manipulability(state.J[6 * a : 6 * a + 6][:, arm_columns[a]]) for a in which]
         together = manipulability(state.J[follows][:, free])
         critical = body.carried_points(state, points)[0]
         rows.append(
@@ -245,18 +253,18 @@ def _sampled(
     )
     if not context.model.has_arm_angles:
         return samples
-    return replace(samples, least=_least(context, samples, rotation))
+    return replace(samples, least=_least_distances(context, samples, rotation))
 
 
-def _least(context: PathContext, samples: PathSamples, R: FloatArray) -> FloatArray:
-    """Returns the least distances of the elbows of m arms from their critical points [m], shape (k, m).
+def _least_distances(context: PathContext, samples: PathSamples, R: FloatArray) -> FloatArray:
+    """Compute the least elbow distances from critical points [m], shape (k, m).
 
     Args:
         context: the job.
-        samples: the path as it is followed, with elbows on the axes of the arms' fourth joints, as springs pull them.
+        samples: the followed path, with elbows on the axes of the arms' fourth joints, where springs pull.
         R: rotations of the tools, shape (k, m, 3, 3).
     """
-    model, q, found = context.model, samples.position, []
+    model, q, distances = context.model, samples.position, []
     R_world, p_world = model.carried_frame(q)
     R_carried = np.swapaxes(R_world, -1, -2)
     for m, name in enumerate(samples.arms):
@@ -270,74 +278,74 @@ def _least(context: PathContext, samples: PathSamples, R: FloatArray) -> FloatAr
         flange = tool + product(turned, T.translation)
         middle, axis = arm.closed_form.elbow(q[0, arm.columns])
         along = float(product(place[0] - middle, axis))
-        found.append(
+        distances.append(
             least_elbow_distance(arm.closed_form, product(turned, T.rotation), flange, point, along)
         )
-    return np.stack(found, axis=1)
+    return np.stack(distances, axis=1)
 
 
 def path_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
-    """Returns what of every path is drawn over time beside that of other methods, JSON-ready, at CURVE instants.
+    """Compute curves of every path for a comparison of methods, JSON-ready, at CURVE instants.
 
     Contraction forces where the file gives critical points, manipulability of each arm and of all tools together.
 
     Args:
         schedule: the plan.
-        job: what it was planned for.
+        job: its job.
     """
-    found = []
+    curves = []
     for path in path_samples(schedule, job):
-        which = np.linspace(0, len(path.time) - 1, CURVE).round().astype(int)
+        rows = np.linspace(0, len(path.time) - 1, CURVE).round().astype(int)
         forces = path.force if path.work.critical_points else np.empty((len(path.time), 0))
-        found.append(
+        curves.append(
             {
                 "task": path.task,
-                "time": path.time[which].tolist(),
+                "time": path.time[rows].tolist(),
                 "force": {
-                    arm: f[which].tolist() for arm, f in zip(path.arms, forces.T, strict=False)
+                    arm: f[rows].tolist() for arm, f in zip(path.arms, forces.T, strict=False)
                 },
                 "manipulability": {
-                    arm: one[which].tolist()
-                    for arm, one in zip(path.arms, path.alone.T, strict=True)
+                    arm: values[rows].tolist()
+                    for arm, values in zip(path.arms, path.arm_manipulability.T, strict=True)
                 },
-                "manipulability_together": path.together[which].tolist(),
+                "manipulability_together": path.joint_manipulability[rows].tolist(),
             }
         )
-    return found
+    return curves
 
 
 def path_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
-    """Returns what is measured of every path, JSON-ready; m, rad, s.
+    """Measure every path, JSON-ready [m, rad, s].
 
     Args:
-        schedule: the plan, with its verification where there is one.
-        job: what it was planned for.
+        schedule: the plan, with its verification if there is one.
+        job: its job.
     """
     samples = path_samples(schedule, job)
     if not samples:
         return []
     model = ToolModel(schedule)
     robot = job.cell.robot
-    found = []
+    measures = []
     for path in samples:
         segments = [s for s in schedule.segments if s.kind == "path" and s.task == path.task]
         along = [along_path(schedule, model, s, path.work.paths[s.arm]) for s in segments]
         idle = {j for arm in robot.arms if arm.name not in path.arms for j in arm.joints}
         counted = [k for k, joint in enumerate(robot.joints) if joint not in idle]
         numbers = [k for k, stage in enumerate(schedule.stages) if path.task in stage.tasks]
-        found.append(
+        measures.append(
             {
                 "task": path.task,
                 "method": path.method,
                 "arms": list(path.arms),
                 "duration": float(path.time[-1]),
                 "length": path.work.length,
-                "tool_error": max(float(one.distance.max()) for one in along),
-                "tool_angle_error": max(float(one.angle.max()) for one in along),
+                "tool_error": max(float(motion.distance.max()) for motion in along),
+                "tool_angle_error": max(float(motion.angle.max()) for motion in along),
                 "rounded_corners": [
                     piece.left_by
-                    for way in path.work.paths.values()
-                    for piece in way.pieces
+                    for curve in path.work.paths.values()
+                    for piece in curve.pieces
                     if isinstance(piece, RoundedCorner)
                 ],
                 "elbow_distance": dict(
@@ -347,15 +355,15 @@ def path_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
                 if path.least is None
                 else dict(zip(path.arms, path.least.mean(axis=0).tolist(), strict=True)),
                 "manipulability": dict(
-                    zip(path.arms, path.alone.mean(axis=0).tolist(), strict=True)
+                    zip(path.arms, path.arm_manipulability.mean(axis=0).tolist(), strict=True)
                 ),
-                "manipulability_together": float(path.together.mean()),
-                "least_manipulability_together": float(path.together.min()),
+                "manipulability_together": float(path.joint_manipulability.mean()),
+                "least_manipulability_together": float(path.joint_manipulability.min()),
                 **joint_use(job, path.position, path.velocity, counted),
                 "clearance": least_clearance(schedule, numbers),
             }
         )
-    return found
+    return measures
 
 
 MEASURES = KindMeasures(
@@ -368,7 +376,7 @@ MEASURES = KindMeasures(
 
 
 THIRDS = np.arange(3) * (TURN / 3.0)
-"""Arm angles that tell a sinusoid over the arm angle [rad]."""
+"""Arm angles that determine a sinusoid of the arm angle [rad]."""
 
 
 def least_elbow_distance(
@@ -377,15 +385,15 @@ def least_elbow_distance(
     """Compute the least elbow distance from a point within joint limits [m], shape (k,).
 
     The elbow is on a circle about the line from shoulder to wrist, so that its squared distance from a point is
-    a + b cos psi + c sin psi: the least is where that is least, or at an end of the interval of arm angles that the
-    joints' limits leave. Infinite where they leave none.
+    a + b cos psi + c sin psi: its minimum is that of the sinusoid, or at an end of the arm angle interval within joint
+    limits. Infinite where that is empty.
 
     Args:
         arm: the arm and its limits.
         R: flange rotations in the base frame, shape (k, 3, 3).
         p: flange positions in the base frame [m], shape (k, 3).
         point: in the base frame [m], shape (k, 3).
-        along: how far along the axis of joint 4 from it what counts as the elbow is [m].
+        along: offset of the elbow point along the axis of joint 4 [m].
     """
     intervals = arm.feasible_arm_angles(R, p)
     q = np.stack([arm.solve(R, p, float(psi)).q for psi in THIRDS])
@@ -400,5 +408,5 @@ def least_elbow_distance(
     ends = (a + b * cos(psi) + c * sin(psi) for psi in (intervals.start, intervals.end))
     least = np.where(reached, a - np.hypot(b, c), np.minimum(*ends))
     least = np.where(np.isnan(intervals.start), np.inf, least).min(axis=(-1, -2))
-    found: FloatArray = np.sqrt(np.maximum(least, 0.0))
-    return found
+    distances: FloatArray = np.sqrt(np.maximum(least, 0.0))
+    return distances

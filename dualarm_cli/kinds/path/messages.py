@@ -1,4 +1,4 @@
-"""Messages about paths: how they are followed, and why they cannot be."""
+"""Messages about paths: notes on followed ones, reasons for refused ones."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from dualarm_cli.notes import Note
 from dualarm_cli.refusals import Refusal
 
 AT_LIMIT = 2e-3
-"""Distance from its limit at which a joint is called at it [rad]."""
+"""Distance from its limit below which a joint is called at it [rad]."""
 SLOWED = 1.001
-"""Durations longer by this factor are worth a word."""
+"""Ratio of durations above which a note is given."""
 REMEDIES: Mapping[Remedy, tuple[str, ...]] = {
     "slower": ("allow_slower", "lower_speed", "method"),
     "limit": ("move_path", "other_posture"),
@@ -29,7 +29,7 @@ REMEDIES: Mapping[Remedy, tuple[str, ...]] = {
     "clear": ("move_path_or_obstacle", "other_posture", "method"),
     "tolerance": ("tolerance", "method"),
 }
-"""What a reader may do about a refusal."""
+"""Remedies for each cause of a refusal."""
 
 
 NOTES: Mapping[str, str] = {
@@ -38,7 +38,7 @@ NOTES: Mapping[str, str] = {
     "in_turn": "paths {first} and {then} are followed one after the other; write both tools' curves into one path "
     "(left:, right:) to follow them together",
     "capped": "{task}: followed at {cap:g} m/s, the limit of the tools' speed, instead of {speed:g} m/s",
-    "slowed": "{task}: takes {duration:.3f} s instead of {asked:.3f} s, because of the joints' limits",
+    "slowed": "{task}: takes {duration:.3f} s instead of {requested:.3f} s, because of the joints' limits",
     "corners": "{task}: the tool stops at {corners:one corner|# corners}; give a (larger) `blend`, or arcs or "
     "splines, to keep it moving",
     "critical_points": "{task}: critical points of {arms:* and } are assumed: below the shoulder by the length of "
@@ -60,21 +60,23 @@ def path_job_notes(job: Job, method: str, trajectory: Trajectory) -> list[str]:
     if method == "fixed" and np.ptp(trajectory.position[:, columns], axis=0).max(initial=0.0) > 0.0:
         notes.append(Note.of(NOTES, "paths", "platform_turns"))
     sections = [section for section in job.sections() if section[0].path is not None]
-    for one, other in pairwise(sections):
-        if not {task.arm for task in one} & {task.arm for task in other}:
-            notes.append(Note.of(NOTES, "paths", "in_turn", first=one[0].id, then=other[0].id))
+    for first, second in pairwise(sections):
+        if not {task.arm for task in first} & {task.arm for task in second}:
+            notes.append(Note.of(NOTES, "paths", "in_turn", first=first[0].id, then=second[0].id))
     return notes
 
 
-def path_notes(context: PathContext, task: str, found: FollowedPath, name: str) -> list[str]:
-    """List notes on how a task's path is followed by the method of a name."""
-    note, work = partial(Note.of, NOTES, "paths", task=task), found.work
+def path_notes(context: PathContext, task: str, path: FollowedPath, name: str) -> list[str]:
+    """List notes on a followed path and its method."""
+    note, work = partial(Note.of, NOTES, "paths", task=task), path.work
     notes: list[str] = []
     cap, speed = context.job.tool_speed, work.speed * context.job.speed
     if cap is not None and cap < speed:
         notes.append(note("capped", cap=cap, speed=speed))
-    if found.trajectory.duration > found.asked * SLOWED:
-        notes.append(note("slowed", duration=found.trajectory.duration, asked=found.asked))
+    if path.trajectory.duration > path.requested_duration * SLOWED:
+        notes.append(
+            note("slowed", duration=path.trajectory.duration, requested=path.requested_duration)
+        )
     if corners := work.corners():
         notes.append(note("corners", corners=corners))
     missing = [arm for arm in work.paths if arm not in work.critical_points]
@@ -91,21 +93,23 @@ def why_not(
     nearest: Reached,
     limits: JointLimits,
 ) -> Refusal:
-    """Returns why a path cannot be followed: the start from which most of it could be."""
-    whose = work.place, section[0].id, " and ".join(task.arm for task in section)
-    more: dict[str, object]
+    """Explain why a path cannot be followed, by the start that follows most of it."""
+    subject = work.place, section[0].id, " and ".join(task.arm for task in section)
+    details: dict[str, object]
     if not refusals:
         room = np.minimum(nearest.q - limits.lower, limits.upper - nearest.q)
-        joints = [name for name, left in zip(limits.joints, room, strict=True) if left < AT_LIMIT]
-        more = {
+        joints = [
+            name for name, distance in zip(limits.joints, room, strict=True) if distance < AT_LIMIT
+        ]
+        details = {
             "near": [Refusal("near_posture", more={"posture": work.posture})] * bool(work.posture),
             "mm": nearest.distance * 1e3,
             "degrees": np.rad2deg(nearest.angle),
             "at_limit": [Refusal("joints_at_limit", more={"joints": joints})] * bool(joints),
         }
-        return Refusal("path_out_of_reach", *whose, nearest.distance, more=more)
-    best = max(refusals, key=lambda one: one.share)
-    # Where the file allows less speed, that has been tried.
+        return Refusal("path_out_of_reach", *subject, nearest.distance, more=details)
+    best = max(refusals, key=lambda refused: refused.share)
+    # Lower speed was tried already if the file allows it.
     helps: Remedy = "other" if best.remedy == "slower" and work.slower else best.remedy
-    more = {"method": name, "causes": refusals, "cause": best.reason}
-    return Refusal("path_not_followed", *whose, remedy=REMEDIES[helps], more=more)
+    details = {"method": name, "causes": refusals, "cause": best.reason}
+    return Refusal("path_not_followed", *subject, remedy=REMEDIES[helps], more=details)

@@ -1,4 +1,4 @@
-"""One path, from one start: the joints by a path follower, then the trajectory with every limit looked at."""
+"""Motion along a path from one start: joints by a follower, then a trajectory within limits."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dualarm_cli.kinds.path.following import NoPath, PathMotion, PathProblem
 from dualarm_cli.kinds.path.following.position_limits import ended_by_limit
 from dualarm_cli.kinds.path.following.problem import singular_there
 from dualarm_cli.kinds.path.following.velocity import corrected
-from dualarm_cli.kinds.path.joining import Joined, instants, leaves, strays
+from dualarm_cli.kinds.path.joining import Joined, instants, path_deviation, target_error
 from dualarm_cli.model.curves.tool_path import TURN_LENGTH
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.trajectory import Trajectory
@@ -27,40 +27,43 @@ from dualarm_cli.refusals import Refusal
 from dualarm_cli.registry import Solver
 
 
-def evened_out(problem: PathProblem, found: PathMotion, window: float) -> PathMotion:
-    """Returns the same motion of the tools with joints that are means over a short time.
+def with_smooth_self_motion(problem: PathProblem, motion: PathMotion, window: float) -> PathMotion:
+    """Smooth self-motion by moving means of joints; the tools' motion stays.
 
-    Where a method comes to a limit, or leaves one, velocities have kinks and accelerations jump. A mean over W spreads
-    a jump evenly over W; what that does to the tools is undone by Newton steps of least norm, so that only self-motion
-    is evened out. At both ends, where all is at rest, the joints stay as they are.
+    Where a method reaches or leaves a limit, velocities have kinks and accelerations jump. A mean over W spreads a jump
+    evenly over W. Newton steps of least norm restore the tools' poses, so that only self-motion is smoothed. At both
+    ends, at rest, joints stay as they are.
 
     Args:
-        problem: what was asked.
-        found: the joints.
+        problem: the follower's problem.
+        motion: its solution.
         window: W [s]; 0 for none.
     """
     half = int(window / (2.0 * problem.step))
     count = problem.instants
     if half < 2 or count < 6 * half:
-        return found
-    position = _means(np.array(found.position), half)
+        return motion
+    position = _means(np.array(motion.position), half)
     body, which = problem.body, np.flatnonzero(problem.follows)
     for k in range(1, count - 1):
-        if np.array_equal(position[k], found.position[k]):
+        if np.array_equal(position[k], motion.position[k]):
             continue
-        R_there, p_there = body.tools(found.position[k])
+        R_goal, p_goal = body.tools(motion.position[k])
         state = body.at(position[k])
         J = state.J[problem.rows] * problem.free
         try:
             plus = product(J.T, inverse(product(J, J.T)))
         except SingularMatrixError:
-            return found
-        position[k] = corrected(problem, position[k], plus, R_there[which], p_there[which])
+            return motion
+        position[k] = corrected(problem, position[k], plus, R_goal[which], p_goal[which])
     return PathMotion(position)
 
 
 def _means(position: FloatArray, half: int) -> FloatArray:
-    """Returns means over 2 half + 1 instants, the outermost counting half, fading to nothing at both ends, (k, n)."""
+    """Compute moving means over 2 half + 1 instants, shape (k, n).
+
+    They fade out at both ends. The outermost instants count half.
+    """
     count = len(position)
     padded = np.pad(position, ((half, half), (0, 0)), mode="edge")
     sums = np.vstack([np.zeros((1, position.shape[1])), np.cumsum(padded - position[0], axis=0)])
@@ -74,97 +77,98 @@ def _means(position: FloatArray, half: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class FollowSettings:
-    """Numbers that steer the timing of a followed path."""
+    """Settings of the timing of a followed path."""
 
     smoothed: tuple[float, ...] = (0.0, 0.04, 0.08, 0.16, 0.32)
-    """Times over which self-motion is evened out, where joints would exceed their limits without [s]."""
-    hopeless: float = 3.0
-    """Factor too fast above which self-motion is not evened out. Above it a method's limits are not tightened
-    either."""
-    hopeless_yet: float = 1.3
-    """Factor too fast above which a slowed path is not evened out."""
+    """Windows over which self-motion is smoothed to keep the joints' limits [s]."""
+    smoothing_limit: float = 3.0
+    """Factor too fast above which self-motion is not smoothed. Above it a method's limits are not tightened either."""
+    slowed_smoothing_limit: float = 1.3
+    """Factor too fast above which a slowed path is not smoothed."""
     finest: int = 8
-    """Maximum refinement of the instants where a curve through them strays [factor]."""
+    """Maximum refinement of the instants of curves that deviate [factor]."""
     tolerated: float = 0.2
-    """Share of a path's tolerance that is reserved for deviations between knots."""
+    """Fraction of a path's tolerance that is reserved for deviations between knots."""
     stray: float = 2e-5
     """Largest deviation of a trajectory from its path between knots [m]. `tolerated` may allow less."""
-    gentler: tuple[float, ...] = (2.0, 4.0)
-    """Stretch factors of ramps that are tried next where the file leaves them open."""
+    ramp_stretches: tuple[float, ...] = (2.0, 4.0)
+    """Stretch factors of ramps that the file leaves open."""
     slower: float = 0.9
-    """Largest share of the speed that is tried next where easing off locally does not do."""
+    """Largest fraction of the speed that is tried after local slowdown failed."""
     halved: float = 0.5
-    """Factor on the speed where the method does not report the necessary reduction."""
+    """Factor on the speed if the method reports no necessary reduction."""
     bisections: int = 3
     """Number of bisections between the last infeasible and the first feasible speed. They follow a reduction by
     `halved` or more."""
     slowest: float = 0.05
-    """Least share of its speed at which a path is tried."""
+    """Least fraction of its speed at which a path is tried."""
     rounds: int = 16
     """Maximum number of attempts at lower speed."""
     gently: float = 1.3
-    """Growth of the time in which a path eases off, per attempt [factor]."""
+    """Growth of the slowdown's window per attempt [factor]."""
     eased: int = 8
-    """Maximum number of attempts that slow a path only where it was too fast."""
+    """Maximum number of attempts that slow a path locally."""
     gained: float = 0.98
-    """Share of what exceeds the limits above which evening out has gained nothing."""
+    """Ratio of excesses above which smoothing counts as useless."""
     near_junction: float = 0.02
-    """Distance from a junction of pieces within which it is to blame [m]."""
+    """Distance from a junction of pieces within which it is named as the cause [m]."""
     ample: float = 1.02
     """Factor by which speed is reduced more than needed."""
     tightened: int = 3
     """Maximum number of times that a method's limits are tightened. This is for methods that keep the limits
     themselves, where the curve through their instants exceeds them."""
     looked_at: float = 0.02
-    """Time between the postures of a path that are looked at [s]."""
+    """Time between the postures of a path that are tested for collisions [s]."""
 
 
 FOLLOW = FollowSettings()
 
 
 Remedy = Literal["slower", "limit", "other", "clear", "tolerance"]
-"""What may help against a refusal: less speed, another path or start (and another method), more room, or a larger
-tolerance."""
+"""Remedy of a refusal.
+
+Less speed, another path or start (and another method), more room, or a larger tolerance.
+"""
 
 
 @dataclass(frozen=True)
 class FollowedPath:
-    """A path as it is followed."""
+    """Trajectory along a path."""
 
     trajectory: Trajectory
     """All joints of the robot."""
     clock: PathClock
-    """Where the tools are when."""
+    """Progress over time."""
     work: PathWork
-    """What was followed: with rounded corners, or with stops at them."""
-    asked: float
-    """How long it would take if the joints' limits did not ask for less speed [s]."""
+    """Path as followed: with rounded corners, or with stops at them."""
+    requested_duration: float
+    """Duration at the requested speed, without the joints' limits [s]."""
 
 
 @dataclass(frozen=True)
 class Refused:
-    """Why a path cannot be followed from a start."""
+    """Reason why a path cannot be followed from a start."""
 
     reason: Refusal
-    """With time and place."""
+    """Cause with time and place."""
     share: float
-    """How much of the path can be."""
+    """Fraction of the path that can be followed."""
     remedy: Remedy = "other"
-    """What may help."""
+    """Remedy of the cause."""
     excess: float = 0.0
-    """By what factor it is too fast, where that is known."""
+    """Factor by which it is too fast, if known."""
 
 
 @dataclass
 class TrialBudget:
-    """How much more may be tried to follow one path, from all its starts."""
+    """Remaining effort for one path, over all its starts."""
 
     instants: int = 120_000
-    """Instants for which joints may still be sought or evened out."""
+    """Remaining number of instants to solve or smooth."""
 
     @property
     def spent(self) -> bool:
-        """Whether nothing more is to be tried."""
+        """Whether the budget is used up."""
         return self.instants <= 0
 
 
@@ -179,17 +183,17 @@ def quickest_path(
     budget: TrialBudget,
     halve: bool = True,
 ) -> FollowedPath | Refused:
-    """Returns a path with rounded corners, or with stops at them where that is quicker; see `follow_path`."""
-    found = follow_path(context, work, follower, start, budget, halve)
+    """Follow a path with rounded corners, or with stops if that is quicker; see `follow_path`."""
+    rounded = follow_path(context, work, follower, start, budget, halve)
     if not work.sharp:
-        return found
+        return rounded
     # A tight bend can take longer than a stop.
     stopping = follow_path(context, work.stopping(), follower, start, budget, halve)
     if isinstance(stopping, Refused):
-        return found
-    if isinstance(found, Refused):
+        return rounded
+    if isinstance(rounded, Refused):
         return stopping
-    return min(found, stopping, key=lambda one: one.trajectory.duration)
+    return min(rounded, stopping, key=lambda path: path.trajectory.duration)
 
 
 def follow_path(
@@ -200,77 +204,77 @@ def follow_path(
     budget: TrialBudget,
     halve: bool = True,
 ) -> FollowedPath | Refused:
-    """Returns a path as one method follows it from one start, slower where the file allows it.
+    """Follow a path by one method from one start, slower if the file allows it.
 
     Args:
         context: the job.
         work: the path.
         follower: the method.
         start: joints where it begins [rad], shape (n,).
-        budget: how much may be tried; less is left afterwards.
-        halve: whether less speed is tried as well where the method does not say how much less helps.
+        budget: remaining effort, which is reduced.
+        halve: whether lower speeds are tried even if the method reports no necessary reduction.
     """
     open_ramps = work.acceleration is None or work.jerk is None
     clock = context.clock(work)
     full = clock.duration
     trials = _Trials(context, work, follower, start, budget)
-    # Without self-motion the joints are where the path has them: nothing has to be followed to see a limit.
+    # Without self-motion the path determines the joints: position limits show before following.
     if not trials.has_self_motion and (refused := trials.ended_by_limit(clock)):
         return refused
-    tried = trials.once(clock)
-    if np.isinf(tried.excess) and trials.has_self_motion:
+    trial = trials.attempt(clock)
+    if np.isinf(trial.excess) and trials.has_self_motion:
         refused = trials.ended_by_limit(clock)
         if refused is not None:
             return refused
-    # Where it may be slower it eases off in its ramps as anywhere.
-    for gentle in FOLLOW.gentler if open_ramps and not work.slower else ():
-        if tried.slower_helps:
-            clock = context.clock(work, gentle=gentle)
+    # A path that may be slower is slowed in its ramps as well.
+    for stretch in FOLLOW.ramp_stretches if open_ramps and not work.slower else ():
+        if trial.slower_helps:
+            clock = context.clock(work, ramp_stretch=stretch)
             full = clock.duration
-            tried = trials.once(clock)
-    if work.slower and tried.slower_helps and (halve or np.isfinite(tried.excess)):
-        tried, clock = trials.eased(clock, tried)
-        if tried.trajectory is not None:
-            # Ramps up to a speed that is never reached are too steep, and easing off in them takes long.
+            trial = trials.attempt(clock)
+    if work.slower and trial.slower_helps and (halve or np.isfinite(trial.excess)):
+        trial, clock = trials.eased(clock, trial)
+        if trial.trajectory is not None:
+            # Ramps up to a speed that is never reached are too steep, and slowing down in them takes long.
             reached = float(clock.at(clock.duration * np.linspace(0.0, 1.0, 201))[1].max())
-            gentle = FOLLOW.gentler[0] if open_ramps else 1.0
-            lower = context.clock(work, gentle=gentle, peak=reached * clock.speed)
-            again = trials.once(lower, FOLLOW.hopeless_yet)
-            if np.isfinite(again.excess):
-                again, lower = trials.eased(lower, again)
-            if again.trajectory is not None and lower.duration < clock.duration:
-                tried, clock = again, lower
-    if tried.trajectory is None:
-        assert tried.refused is not None  # one of the two is there
-        return tried.refused
-    return FollowedPath(tried.trajectory, clock, work, full)
+            stretch = FOLLOW.ramp_stretches[0] if open_ramps else 1.0
+            lower = context.clock(work, ramp_stretch=stretch, peak=reached * clock.speed)
+            retrial = trials.attempt(lower, FOLLOW.slowed_smoothing_limit)
+            if np.isfinite(retrial.excess):
+                retrial, lower = trials.eased(lower, retrial)
+            if retrial.trajectory is not None and lower.duration < clock.duration:
+                trial, clock = retrial, lower
+    if trial.trajectory is None:
+        assert trial.refused is not None  # either is set
+        return trial.refused
+    return FollowedPath(trial.trajectory, clock, work, full)
 
 
 @dataclass(frozen=True)
-class _Tried:
-    """What came of following a path once."""
+class _Trial:
+    """Result of following a path once."""
 
     trajectory: Trajectory | None
     refused: Refused | None
-    """Why there is none."""
+    """Reason of the failure."""
     excess: float = 0.0
-    """By what factor it would have to be slower, infinite where that is not known, 0 where it is no help."""
+    """Required slowdown [factor]; infinite where unknown, 0 where it is no help."""
     profile: Joined | None = None
-    """Where it was too fast, where that is known."""
+    """Violations over time, where known."""
     share: float = 1.0
     """Pace of the limits that the method was given."""
     tighter_helps: bool = False
-    """Whether the same at the limits of a slower pace may keep the limits."""
+    """Whether tighter limits for the method may keep the real ones."""
 
     @property
     def slower_helps(self) -> bool:
-        """Whether there is no trajectory, and slower there may be one."""
+        """Whether there is no trajectory, but a slower one may exist."""
         return self.trajectory is None and self.excess > 1.0
 
 
 @dataclass(frozen=True)
 class _Trials:
-    """Following one path from one start by one method."""
+    """Trials of one path from one start by one method."""
 
     context: PathContext
     work: PathWork
@@ -296,128 +300,138 @@ class _Trials:
         remedy: Remedy = "other" if self.has_self_motion else "limit"
         return _refused(self.work, ended.reason, ended.instant * problem.step, along, remedy)
 
-    def eased(self, clock: PathClock, tried: _Tried) -> tuple[_Tried, PathClock]:
-        """Returns what comes of easing off where it was too fast, or else of less speed all along, and the clock."""
+    def eased(self, clock: PathClock, trial: _Trial) -> tuple[_Trial, PathClock]:
+        """Slow a path until it keeps the limits, locally or as a whole; return result and clock."""
         slower = too_fast = 1.0
         for k in range(FOLLOW.rounds):
-            if not tried.slower_helps or self.budget.spent:
+            if not trial.slower_helps or self.budget.spent:
                 break
-            if tried.profile is not None and k < FOLLOW.eased:
+            if trial.profile is not None and k < FOLLOW.eased:
                 clock = clock.eased(
-                    tried.profile.time, tried.profile.excess * FOLLOW.ample, power(FOLLOW.gently, k)
+                    trial.profile.time, trial.profile.excess * FOLLOW.ample, power(FOLLOW.gently, k)
                 )
             else:
-                # It is not known where, or easing off there does not do: slower all along.
-                too_fast, known = slower, np.isfinite(tried.excess)
+                # The place is unknown, or local slowdown is not enough: a lower speed everywhere.
+                too_fast, is_known = slower, np.isfinite(trial.excess)
                 slower *= (
-                    min(FOLLOW.slower, 1.0 / (FOLLOW.ample * tried.excess))
-                    if known
+                    min(FOLLOW.slower, 1.0 / (FOLLOW.ample * trial.excess))
+                    if is_known
                     else FOLLOW.halved
                 )
                 if slower < FOLLOW.slowest:
                     break
                 clock = self.context.clock(self.work, slower)
-            tried = self.once(clock, FOLLOW.hopeless_yet, tried.share)
-        # The step to a speed that will do may have been a long one.
+            trial = self.attempt(clock, FOLLOW.slowed_smoothing_limit, trial.share)
+        # The step to a feasible speed may have been too long.
         for _ in range(FOLLOW.bisections if slower <= FOLLOW.halved * too_fast else 0):
-            if tried.trajectory is None or self.budget.spent:
+            if trial.trajectory is None or self.budget.spent:
                 break
             between = float(np.sqrt(slower * too_fast))
             faster = self.context.clock(self.work, between)
-            again = self.once(faster, FOLLOW.hopeless_yet, tried.share)
-            if again.trajectory is None:
+            retrial = self.attempt(faster, FOLLOW.slowed_smoothing_limit, trial.share)
+            if retrial.trajectory is None:
                 too_fast = between
             else:
-                tried, clock, slower = again, faster, between
-        return tried, clock
+                trial, clock, slower = retrial, faster, between
+        return trial, clock
 
-    def once(
-        self, clock: PathClock, hopeless: float = FOLLOW.hopeless, share: float = 1.0
-    ) -> _Tried:
-        """Returns the trajectory by one clock, or why there is none.
+    def attempt(
+        self, clock: PathClock, smoothing_limit: float = FOLLOW.smoothing_limit, share: float = 1.0
+    ) -> _Trial:
+        """Time a path by one clock, or find the reason why it cannot be followed.
 
-        Above a factor too fast nothing is evened out. Where a method keeps the limits itself, what exceeds them is the
-        curve through its instants, most of all where self-motion is as quick as limits allow. A slower path does not
-        help then: the method is given the limits of a slower pace.
+        Nothing is smoothed above a factor too fast. If a method keeps the limits itself, only the curve through its
+        instants exceeds them, mostly where self-motion is as fast as the limits allow. A slower path does not help
+        then: the method is given the limits of a slower pace.
         """
-        tried = self._with_share(clock, hopeless, share)
+        trial = self._with_share(clock, smoothing_limit, share)
         for _ in range(FOLLOW.tightened):
-            if not tried.tighter_helps or not tried.slower_helps or self.budget.spent:
+            if not trial.tighter_helps or not trial.slower_helps or self.budget.spent:
                 break
-            tighter = tried.share / (tried.excess * FOLLOW.ample)
-            again = self._with_share(clock, hopeless, tighter)
-            if again.trajectory is None and not 1.0 < again.excess <= FOLLOW.gained * tried.excess:
+            tighter = trial.share / (trial.excess * FOLLOW.ample)
+            retrial = self._with_share(clock, smoothing_limit, tighter)
+            if (
+                retrial.trajectory is None
+                and not 1.0 < retrial.excess <= FOLLOW.gained * trial.excess
+            ):
                 break
-            tried = again
-        return tried
+            trial = retrial
+        return trial
 
     def _with_share(
-        self, clock: PathClock, hopeless: float, share: float, finer: int = 1
-    ) -> _Tried:
-        """Returns the same, the method being given the limits of a pace."""
+        self, clock: PathClock, smoothing_limit: float, share: float, finer: int = 1
+    ) -> _Trial:
+        """Time a path by one clock, with the method's limits at a pace."""
         problem = self.context.problem(self.work, self.start, clock, finer)
         self.budget.instants -= problem.instants
-        found = self.follower.solve(replace(problem, limits=problem.limits.scaled(share)))
-        if isinstance(found, NoPath):
-            along = float(problem.share[found.instant])
-            remedy: Remedy = "slower" if found.excess > 1.0 else "other"
-            refused = _refused(self.work, found.reason, found.instant * problem.step, along, remedy)
-            return _Tried(None, replace(refused, excess=found.excess), found.excess, share=share)
-        left = leaves(problem, found)
+        motion = self.follower.solve(replace(problem, limits=problem.limits.scaled(share)))
+        if isinstance(motion, NoPath):
+            along = float(problem.share[motion.instant])
+            remedy: Remedy = "slower" if motion.excess > 1.0 else "other"
+            refused = _refused(
+                self.work, motion.reason, motion.instant * problem.step, along, remedy
+            )
+            return _Trial(None, replace(refused, excess=motion.excess), motion.excess, share=share)
+        error = target_error(problem, motion)
         rounded = PATH.rounded if any(path.junctions for path in self.work.paths.values()) else 0.0
-        if left > (1.0 - rounded - FOLLOW.tolerated) * self.work.tolerance:
-            more = {
+        if error > (1.0 - rounded - FOLLOW.tolerated) * self.work.tolerance:
+            details = {
                 "method": self.follower.name,
                 "turn": TURN_LENGTH,
-                "measured_mm": left * 1e3,
+                "measured_mm": error * 1e3,
                 "allowed_mm": self.work.tolerance * 1e3,
             }
-            reason = Refusal("path_left", measured=left, allowed=self.work.tolerance, more=more)
-            return _Tried(None, Refused(reason, 1.0, "tolerance"))
+            reason = Refusal("path_left", measured=error, allowed=self.work.tolerance, more=details)
+            return _Trial(None, Refused(reason, 1.0, "tolerance"))
         joined: list[Joined] = []
         for window in FOLLOW.smoothed:
-            if len(joined) > len(PATH.per_knot) and _in_vain(joined):
+            if len(joined) > len(PATH.per_knot) and _smoothing_is_useless(joined):
                 break
-            if joined and min(curve.worst for curve in joined) > hopeless:
+            if joined and min(curve.worst for curve in joined) > smoothing_limit:
                 break
             if window > 0.0:
-                # About as much work as following it once more.
+                # Smoothing takes about as long as following.
                 if self.budget.spent:
                     break
                 self.budget.instants -= problem.instants
-            even = evened_out(problem, found, window)
+            even = with_smooth_self_motion(problem, motion, window)
             for stride in PATH.per_knot:
                 curve = Joined.of(problem, even, stride)
                 joined.append(curve)
                 if curve.worst > 1.0:
                     continue
-                if strays(problem, found, curve.trajectory) <= min(
+                if path_deviation(problem, motion, curve.trajectory) <= min(
                     FOLLOW.tolerated * self.work.tolerance, FOLLOW.stray
                 ):
-                    return _Tried(curve.trajectory, None, share=share)
-        curve = min(joined, key=lambda one: one.worst)
+                    return _Trial(curve.trajectory, None, share=share)
+        curve = min(joined, key=lambda joint_curve: joint_curve.worst)
         if curve.worst <= 1.0:
-            # What keeps the limits strays from the path between instants that are too far apart.
+            # The curve within limits deviates from the path: its instants are too far apart.
             if finer < FOLLOW.finest:
-                return self._with_share(clock, hopeless, share, 2 * finer)
-            return _Tried(None, Refused(Refusal("path_not_joined"), 1.0))
+                return self._with_share(clock, smoothing_limit, share, 2 * finer)
+            return _Trial(None, Refused(Refusal("path_not_joined"), 1.0))
         along = float(
             np.interp(curve.when, instants(problem.instants, problem.step), problem.share)
         )
-        posture = found.position[min(problem.instants - 1, round(curve.when / problem.step))]
+        posture = motion.position[min(problem.instants - 1, round(curve.when / problem.step))]
         also = [*_near_junction(self.work, along), *singular_there(problem, posture)]
         cause = Refusal("path_exceeds", more={"cause": curve.reason, "also": also})
         remedy = "slower" if curve.slower_helps else "other"
         refused = _refused(self.work, cause, curve.when, along, remedy)
         refused = replace(refused, excess=curve.worst)
         excess = curve.worst if curve.slower_helps else 0.0
-        return _Tried(
-            None, refused, excess, curve, share, found.keeps_rates and excess <= FOLLOW.hopeless
+        return _Trial(
+            None,
+            refused,
+            excess,
+            curve,
+            share,
+            motion.keeps_rates and excess <= FOLLOW.smoothing_limit,
         )
 
 
-def _in_vain(joined: list[Joined]) -> bool:
-    """Returns whether the first evening out gained nothing."""
+def _smoothing_is_useless(joined: list[Joined]) -> bool:
+    """Test whether the first smoothing gained nothing."""
     before, after = joined[: len(PATH.per_knot)], joined[len(PATH.per_knot) :]
     return min(c.worst for c in after) > FOLLOW.gained * min(c.worst for c in before)
 
@@ -432,7 +446,7 @@ def _near_junction(work: PathWork, share: float) -> list[Refusal]:
 
 
 def _refused(work: PathWork, reason: Refusal, time: float, share: float, remedy: Remedy) -> Refused:
-    """Returns a reason with time and place."""
+    """Add time and place to a reason."""
     places = []
     for arm, path in work.paths.items():
         x, y, z = path.pose(share * path.length).translation
@@ -443,24 +457,24 @@ def _refused(work: PathWork, reason: Refusal, time: float, share: float, remedy:
 
 
 def is_clear(holding: Holding, position: FloatArray) -> BoolArray:
-    """Returns which configurations (k, n) [rad] are collision-free, shape (k,)."""
-    held = holding.cell.loads.nothing(len(position), len(holding.cell.arms))
-    return np.asarray(holding.cell.margins(position, held) >= SLACK)
+    """Select the collision-free configurations (k, n) [rad], shape (k,)."""
+    held_parts = holding.cell.loads.nothing(len(position), len(holding.cell.arms))
+    return np.asarray(holding.cell.margins(position, held_parts) >= SLACK)
 
 
-def touching_path(holding: Holding, found: FollowedPath) -> Refused | None:
-    """Returns where a followed path collides, or None."""
-    trajectory = found.trajectory
+def touching_path(holding: Holding, path: FollowedPath) -> Refused | None:
+    """Find the worst collision of a followed path, or None."""
+    trajectory = path.trajectory
     count = max(2, int(np.ceil(trajectory.duration / FOLLOW.looked_at)) + 1)
     time = np.linspace(0.0, trajectory.duration, count)
     position = trajectory.at(time)[0]
-    held = holding.cell.loads.nothing(count, len(holding.cell.arms))
-    margin = holding.cell.margins(position, held)
+    held_parts = holding.cell.loads.nothing(count, len(holding.cell.arms))
+    margin = holding.cell.margins(position, held_parts)
     k = int(np.argmin(margin))
     if margin[k] >= SLACK / 2.0:
         return None
-    one, other, missing = holding.cell.nearest(position[k], held[k])
-    share = float(found.clock.at(time[k : k + 1])[0][0])
-    more = {"time": time[k], "one": one, "other": other}
+    body_a, body_b, missing = holding.cell.nearest(position[k], held_parts[k])
+    share = float(path.clock.at(time[k : k + 1])[0][0])
+    more = {"time": time[k], "one": body_a, "other": body_b}
     reason = Refusal("path_touches", measured=max(0.0, -missing), more=more)
     return Refused(reason, share, "clear")

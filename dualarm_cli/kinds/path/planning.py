@@ -1,4 +1,4 @@
-"""Paths in the planner: each with the transfer to where it begins, from the start that makes it quickest."""
+"""Planner of paths, each with its transfer, from the start that makes both quickest."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ from dualarm_cli.refusals import Refusal
 
 @dataclass(frozen=True)
 class PathTrials:
-    """Numbers of starts and refusals that are tried."""
+    """Limits on starts and refusals of one path."""
 
     longest: float = 1800.0
-    """Longest time of a path that is planned [s]."""
+    """Longest duration of a path that is planned [s]."""
     alike: int = 3
     """Number of consecutive starts, too fast at one place, that end the search."""
     same_place: float = 0.02
@@ -60,20 +60,20 @@ class PathTrials:
     most_starts: int = 16
     """Maximum number of starts that are tried for a path."""
     most_stuck: int = 3
-    """Maximum number of stuck starts that are tried slower. At a stuck start less speed may help, but how much less is
-    unknown."""
+    """Maximum number of stuck starts that are tried slower. Less speed may help there, but the method does not report
+    how much less."""
 
 
 TRIALS = PathTrials()
 
 
 def check_paths(job: Job) -> list[Diagnostic]:
-    """Returns what paths ask for that there is not: a method, or torque limits; and those that take too long.
+    """Check a job's paths for unknown methods, missing torque limits and long durations.
 
     Args:
-        job: of a file.
+        job: as read from its file.
     """
-    found = {
+    names_by_place = {
         task.path.place: task.path.redundancy
         for task in job.tasks
         if task.path is not None and task.path.redundancy not in (None, *PATH_SOLVERS.names)
@@ -87,10 +87,12 @@ def check_paths(job: Job) -> list[Diagnostic]:
             f"redundancy: no method '{name}' follows paths{did_you_mean(str(name), PATH_SOLVERS.names)}; known: "
             f"{', '.join(PATH_SOLVERS.names)}",
         )
-        for place, name in found.items()
+        for place, name in names_by_place.items()
     ]
-    asks = {task.path.place for task in job.tasks if task.path is not None and task.path.torque}
-    if asks and (unknown := Dynamics(job.cell).unknown):
+    torque_places = {
+        task.path.place for task in job.tasks if task.path is not None and task.path.torque
+    }
+    if torque_places and (unknown := Dynamics(job.cell).unknown):
         findings += [
             Diagnostic(
                 place.file,
@@ -100,7 +102,7 @@ def check_paths(job: Job) -> list[Diagnostic]:
                 "torque: limited needs a torque limit (effort) and masses in the URDF; missing for "
                 f"{', '.join(unknown)}",
             )
-            for place in asks
+            for place in torque_places
         ]
     for task in job.tasks:
         if task.path is None:
@@ -121,16 +123,16 @@ def add_path(
     tools: SectionTools,
     record: SectionBuilder,
     section: Section,
-    here: FloatArray | None,
+    current: FloatArray | None,
     after: Section,
 ) -> None:
-    """Appends a path with the transfer to its start.
+    """Append a path with the transfer to its start.
 
     Args:
-        tools: what it is planned with.
-        record: what is planned so far.
-        section: the path's tasks, one per arm that follows.
-        here: where the robot is [rad or m], shape (n,); None for anywhere.
+        tools: the planner.
+        record: the plan so far.
+        section: the path's tasks, one per following arm.
+        current: joints before the path [rad or m], shape (n,); None for any.
         after: the section after it.
 
     Raises:
@@ -141,7 +143,7 @@ def add_path(
     context = PathContext.of(tools.problem.model, tools.problem.job)
     name = tools.settings.follower or work.redundancy or default_follower(context)
     tools.progress(f"following {section[0].id} ({name})")
-    search = PathSearch(tools, context, work, PATH_SOLVERS[name], here)
+    search = PathSearch(tools, context, work, PATH_SOLVERS[name], current)
     nearest = search.run()
     if search.best is None:
         raise InfeasibleError(
@@ -168,7 +170,7 @@ class PathSearch:
     """The path."""
     follower: Follower
     """Method that follows it."""
-    here: FloatArray | None
+    current: FloatArray | None
     """Joints before the path [rad or m], shape (n,); None for any."""
     best: tuple[ClearedPlan | None, FollowedPath] | None = None
     """Quickest path with the transfer to its start."""
@@ -179,13 +181,15 @@ class PathSearch:
     refusals: list[Refused] = field(default_factory=list)
     """Failed trials."""
     stuck: list[tuple[float, FloatArray]] = field(default_factory=list)
-    """Pairs of path share and start that an unknown lower speed may help. The start follows that share of the path."""
+    """Pairs of followed fraction and start for which an unknown lower speed may help."""
 
     def run(self) -> Reached:
-        """Try starts at the speed that limits tell, then stuck ones slower; return the nearest posture."""
+        """Try starts at reported speeds, then stuck ones slower; return the nearest posture."""
         problem = self.tools.problem
         start = (
-            np.array(problem.job.cell.robot.postures["home"]) if self.here is None else self.here
+            np.array(problem.job.cell.robot.postures["home"])
+            if self.current is None
+            else self.current
         )
         holding = Holding.of(self.tools.part((), start).job) if self.tools.clear else None
         clear = None if holding is None else partial(is_clear, holding)
@@ -206,15 +210,15 @@ class PathSearch:
             self.refusals.append(path)
             if path.remedy == "slower" and np.isinf(path.excess):
                 self.stuck.append((path.share, q))
-            return _always_there(self.refusals) or self.budget.spent
+            return _fail_at_one_place(self.refusals) or self.budget.spent
         touching = None if holding is None else touching_path(holding, path)
         if touching is not None:
             self.refusals.append(touching)
             return False
         transfer = None
-        if self.here is not None and np.abs(q - self.here).max() > 0.0:
+        if self.current is not None and np.abs(q - self.current).max() > 0.0:
             try:
-                transfer = self.tools.transfer(self.here, q)
+                transfer = self.tools.transfer(self.current, q)
             except InfeasibleError as error:
                 reason = Refusal("no_way_to_path", more={"cause": error})
                 self.refusals.append(Refused(reason, 0.0, "clear"))
@@ -227,35 +231,40 @@ class PathSearch:
         return self.accepted >= effort.section_starts or (effort.spares and cheap)
 
 
-def _always_there(refusals: list[Refused]) -> bool:
-    """Returns whether the last few starts came to the same place, and there too fast: others will as well."""
+def _fail_at_one_place(refusals: list[Refused]) -> bool:
+    """Test whether the last starts failed at one place, far too fast."""
     last = refusals[-TRIALS.alike :]
-    places = [one.share for one in last]
+    places = [refusal.share for refusal in last]
     same = max(places) - min(places) < TRIALS.same_place
-    much = all(one.remedy == "slower" and one.excess > TRIALS.far_too_fast for one in last)
+    much = all(
+        refusal.remedy == "slower" and refusal.excess > TRIALS.far_too_fast for refusal in last
+    )
     return len(last) == TRIALS.alike and same and much
 
 
 def _time(transfer: ClearedPlan | None, followed: FollowedPath) -> float:
-    """Returns how long a path takes with the transfer to it [s]."""
-    there = 0.0 if transfer is None else transfer.cleared.motion.trajectory.duration
-    return there + followed.trajectory.duration
+    """Compute the duration of a path with its transfer [s]."""
+    transfer_time = 0.0 if transfer is None else transfer.cleared.motion.trajectory.duration
+    return transfer_time + followed.trajectory.duration
 
 
 def default_follower(context: PathContext) -> str:
-    """Returns the follower that is taken where none is named: exact and within limits by construction."""
+    """Select the follower of paths that name none.
+
+    It is exact and within limits by construction.
+    """
     return "arm_angle" if context.model.has_arm_angles else "manipulability"
 
 
 def path_poses(job: Job, section: Section, share: float) -> ToolPoses:
-    """Return the tools' poses at a share of a path, 0 to 1."""
+    """Return the tools' poses at a fraction of a path, 0 to 1."""
     work = section[0].path
     assert work is not None
     return {arm: PoseTarget(path.pose(share * path.length)) for arm, path in work.paths.items()}
 
 
 def least_time(job: Job, section: Section) -> float:
-    """Returns what no plan of a path can beat [s]: its length at the speed that is asked for."""
+    """Compute the lower bound on a path's duration [s]: its length at the requested speed."""
     work = section[0].path
     assert work is not None
     return work.length / (work.speed * job.speed)
@@ -278,21 +287,21 @@ def add_followed(
     record: MotionBuilder,
     context: PathContext,
     section: tuple[Task, ...],
-    found: FollowedPath,
+    followed: FollowedPath,
     name: str,
     begin: float,
 ) -> None:
     """Append the stage, segments and events of a path.
 
     Args:
-        record: what is planned so far.
+        record: the plan so far.
         context: the job.
-        section: the path's tasks, one per arm that follows.
-        found: the path as it is followed.
+        section: the path's tasks, one per following arm.
+        followed: the followed path.
         name: of the method.
-        begin: when its stage begins, with the transfer where there is one [s].
+        begin: start of its stage, including the transfer [s].
     """
-    clock, end = record.clock, record.clock + found.trajectory.duration
+    clock, end = record.clock, record.clock + followed.trajectory.duration
     followers = {task.arm: task for task in section}
     for arm in context.job.cell.robot.arms:
         task = followers.get(arm.name)
@@ -305,6 +314,6 @@ def add_followed(
         pose = path.pose(path.length)
         record.events.append(Event(end, arm.name, task.id, "path", f"{arm.name}_tcp", pose, 0.0))
     transfer = record.take_transfer(begin)
-    record.add_whole(found.trajectory)
-    angle = context.model.platform_angle(found.trajectory.position[-1])
+    record.add_whole(followed.trajectory)
+    angle = context.model.platform_angle(followed.trajectory.position[-1])
     record.add_work(section[0].id, name, begin, angle, transfer)

@@ -1,4 +1,4 @@
-"""Paths of task files: what one tool or both follow, how fast, and how."""
+"""Paths of task files: curves of one tool or both, speeds and methods."""
 
 from __future__ import annotations
 
@@ -41,7 +41,10 @@ Stiffness = Annotated[float, Quantity(Dimension("stiffness", {"": 1.0}, 1e3), 0.
 
 
 class CriticalPoint(Section):
-    """Where a virtual spring pulls an elbow, carried by the platform or waist: a point, or a place on a circle."""
+    """Point to which a virtual spring pulls an elbow, carried by the platform or waist.
+
+    It is a point, or a place on a circle.
+    """
 
     xyz: Vector3 | None = Field(default=None, description="The point [m].")
     radius: Distance | None = Field(default=None, description="Radius of the circle [m].")
@@ -53,7 +56,7 @@ class CriticalPoint(Section):
     )
 
     @model_validator(mode="after")
-    def _one_way(self) -> CriticalPoint:
+    def _check_exactly_one(self) -> CriticalPoint:
         circle = [getattr(self, key) for key in ("radius", "height", "angle")]
         if self.xyz is not None and any(value is not None for value in circle):
             raise refuse("a critical point is given by xyz, or by radius, height and angle", "xyz")
@@ -70,7 +73,7 @@ class CriticalPoints(Section):
 
 
 class PathSection(CurveSection):
-    """What one tool or both follow, how fast, and which method finds the joints."""
+    """Curves of one tool or both, their speed, and the method that finds the joints."""
 
     arm: Literal["left", "right"] | None = Field(default=None, description="The arm that follows.")
     left: CurveSection | None = Field(
@@ -125,7 +128,7 @@ class PathSection(CurveSection):
 
     @model_validator(mode="after")
     def _one_or_both(self) -> PathSection:
-        own = self.through is not None or self.poses is not None
+        has_curve = self.through is not None or self.poses is not None
         if self.both:
             for key in ("left", "right"):
                 curve = getattr(self, key)
@@ -138,7 +141,7 @@ class PathSection(CurveSection):
             for key in ("through", "poses", "arm"):
                 if getattr(self, key) is not None:
                     raise refuse(f"'{key}' does not go with 'left' and 'right'", key)
-        elif not own:
+        elif not has_curve:
             raise refuse("no path; give 'through' or 'poses', or 'left' and 'right' for both arms")
         return self
 
@@ -158,14 +161,14 @@ class PathTask(TaskHead):
 
 
 def followers(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
-    """Returns each arm's share of a path task: where its tool ends is its one stop.
+    """Create each arm's task of a path; the tool's last pose is its only stop.
 
     Args:
         reader: of the file.
         section: the task as the file has it.
-        loc: where it stands.
+        loc: its location in the file.
     """
-    assert isinstance(section, PathTask) and section.path is not None  # asked for by its key
+    assert isinstance(section, PathTask) and section.path is not None  # selected by its key
     path, place = section.path, (*loc, "path")
     wrong = _wrong_arms(reader.arms, path, section.arm)
     if section.arm == "any":
@@ -179,16 +182,16 @@ def followers(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
     work = _work(reader, path, place, section.arm or path.arm)
     if work is None:
         return []
-    found = []
-    for arm, way in work.paths.items():
-        end = PoseTarget(way.pose(way.length))
+    tasks = []
+    for arm, curve in work.paths.items():
+        end = PoseTarget(curve.pose(curve.length))
         stop = Stop("path", end, 0.0, 0.0, Dwell(), work.place)
-        found.append(Task(section.id, arm, (stop,), tuple(section.after), path=work))
-    return found
+        tasks.append(Task(section.id, arm, (stop,), tuple(section.after), path=work))
+    return tasks
 
 
 def _work(reader: TaskReader, section: PathSection, loc: Loc, arm: str | None) -> PathWork | None:
-    """Returns what is followed and how, or None after noting what is wrong."""
+    """Create the path of a section, or report what is wrong and return None."""
     if reader.curves.frame(section.in_, (*loc, "in")) is None:
         return None
     curves: dict[str, tuple[CurveSection, Loc]] = {}
@@ -201,18 +204,18 @@ def _work(reader: TaskReader, section: PathSection, loc: Loc, arm: str | None) -
         name: reader.curves.read(curve, place, section.in_)
         for name, (curve, place) in curves.items()
     }
-    good = {name: path for name, path in paths.items() if path is not None}
+    valid_paths = {name: path for name, path in paths.items() if path is not None}
     reader.check_posture(section.posture, (*loc, "posture"))
-    if len(good) < len(paths):
+    if len(valid_paths) < len(paths):
         return None
     points = {
         name: _critical_point(point)
-        for name in good
+        for name in valid_paths
         if (point := getattr(section.critical_points, name)) is not None
     }
     blend = reader.defaults.blend if section.blend is None else section.blend
     if section.both:
-        # Corners would lie at other shares of their ways than before, so that the tools would not keep together.
+        # Rounding would move corners to other fractions of the paths: the tools would lose synchrony.
         if section.blend is not None:
             reader.note(
                 (*loc, "blend"),
@@ -220,7 +223,7 @@ def _work(reader: TaskReader, section: PathSection, loc: Loc, arm: str | None) -
             )
         blend = None
     return PathWork(
-        paths=good,
+        paths=valid_paths,
         speed=section.speed,
         acceleration=section.acceleration,
         jerk=section.jerk,
@@ -244,7 +247,7 @@ def _critical_point(section: CriticalPoint) -> FloatArray:
 
 
 def _wrong_arms(arms: Sequence[str], section: PathSection, task_arm: str | None) -> str:
-    """Returns what is wrong with the arms that a path and its task name, or nothing."""
+    """Describe the error in the arms of a path and its task, if any."""
     if section.both:
         if task_arm is not None:
             return "'arm' does not go with 'left' and 'right' of the path"

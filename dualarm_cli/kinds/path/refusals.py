@@ -56,7 +56,7 @@ REFUSALS = KindRefusals(
         "allow_slower": "allow it to be slower (slower: allowed)",
         "lower_speed": "lower its speed, acceleration or jerk",
         "move_path": "move the path or turn the tool",
-        "move_path_or_obstacle": "move the path or what is in its way",
+        "move_path_or_obstacle": "move the path or the obstacle",
         "other_posture": "begin near another posture (posture:)",
         "tolerance": "raise its tolerance",
         "method": "choose another method (--redundancy)",

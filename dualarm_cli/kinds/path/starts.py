@@ -19,16 +19,16 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class StartSettings:
-    """Numbers of starts that a path is tried from."""
+    """Settings of the search for a path's start."""
 
     platforms: int = 24
-    """Platform angles at which starts are looked for."""
+    """Number of platform angles at which starts are sought."""
     stations: int = 31
-    """Places along the path at which ways along it are compared."""
+    """Number of places along the path at which posture paths are compared."""
     branches: int = 3
-    """Branches of each arm that are taken at a platform angle, those of least motion."""
+    """Branches of each arm at a platform angle, those of least motion."""
     seeds: int = 24
-    """Configurations drawn at random from which starts are looked for."""
+    """Number of random configurations from which starts are sought."""
     most: int = 120
     """Maximum number of posture paths that are tested for collisions, the cheapest first."""
     alike: float = 1e-3
@@ -42,140 +42,160 @@ STARTS = StartSettings()
 
 @dataclass(frozen=True)
 class PathStarts:
-    """Where a path may begin."""
+    """Start candidates of a path."""
 
     configurations: list[FloatArray]
-    """Best first [rad], each of shape (n,)."""
+    """Start configurations [rad], each of shape (n,), best first."""
     nearest: Reached
-    """The configuration whose tools come nearest to the path's start, of those that were looked for numerically."""
+    """Posture with the tools nearest to the path's start, of the numerical search."""
 
 
 @dataclass(frozen=True)
-class _Way:
-    """A way along the path, or where one may begin."""
+class _PosturePath:
+    """Joints along the path, or at its start alone."""
 
     cost: float
-    """Time to get to its start and what its joints' motion counts [s]."""
+    """Time of the transfer to its start plus the penalty on joint motion [s]."""
     joints: FloatArray
-    """All joints at places along it, the start first [rad], shape (k, n)."""
+    """Joints at stations, from the start [rad], shape (k, n)."""
 
 
 def path_starts(
     context: PathContext,
     work: PathWork,
-    here: FloatArray,
+    current: FloatArray,
     seed: int,
     clear: Callable[[FloatArray], BoolArray] | None = None,
 ) -> PathStarts:
-    """Returns configurations from which a path may be followed [rad], (n,), best first.
+    """Find configurations from which a path may be followed [rad], (n,), best first.
 
-    With a posture in the file only the one near it. Otherwise those near where the robot is and near home; with arms in
-    closed form those where the easiest way along the path begins, at many platform angles; else from random seeds.
+    If the file names a posture, only the start near it is tried. Otherwise starts near the current joints and near home
+    are. Closed-form arms add the starts of posture paths of least motion at many platform angles, others random seeds.
 
     Args:
         context: the job.
         work: the path.
-        here: where the robot is [rad], shape (n,).
-        seed: of what is drawn.
-        clear: whether configurations (k, n) [rad] are collision-free, shape (k,); None where nothing has to be.
+        current: joints before the path [rad], shape (n,).
+        seed: of the random configurations.
+        clear: test of configurations (k, n) [rad] for clearance, shape (k,); None without collision checking.
     """
     robot = context.job.cell.robot
     if work.posture is not None:
         seeds = [np.array(robot.postures[work.posture])]
     else:
-        seeds = [here, np.array(robot.postures["home"])]
+        seeds = [current, np.array(robot.postures["home"])]
     easiest = (
-        _easiest(context, work, here)
+        _least_motion_paths(context, work, current)
         if work.posture is None and context.model.has_arm_angles
         else []
     )
-    near = [_near(context, work, q, here) for q in seeds]
+    reached = [_nearest_start(context, work, q, current) for q in seeds]
     if work.posture is None and not easiest:
         random, limits = np.random.default_rng(seed), context.limits
         drawn = (random.uniform(limits.lower, limits.upper) for _ in range(STARTS.seeds))
-        near += [_near(context, work, q, here) for q in drawn]
-    nearest = min(near, key=lambda one: one.distance + one.angle)
-    found = [_Way(_time_to(context, here, one.q), one.q[None]) for one in near if one.exact]
-    found = sorted([*found, *easiest], key=lambda one: one.cost)
-    if clear is not None and found:
-        found = _clear_first(found[: STARTS.most], clear)
-    kept: list[FloatArray] = []
-    for q in (way.joints[0] for way in found):
-        if all(np.abs(q - other).max() > STARTS.alike for other in kept):
-            kept.append(q)
-    return PathStarts(kept, nearest)
+        reached += [_nearest_start(context, work, q, current) for q in drawn]
+    nearest = min(reached, key=lambda candidate: candidate.distance + candidate.angle)
+    posture_paths = [
+        _PosturePath(_transfer_time(context, current, candidate.q), candidate.q[None])
+        for candidate in reached
+        if candidate.exact
+    ]
+    posture_paths = sorted([*posture_paths, *easiest], key=lambda candidate: candidate.cost)
+    if clear is not None and posture_paths:
+        posture_paths = _clear_first(posture_paths[: STARTS.most], clear)
+    starts: list[FloatArray] = []
+    for q in (posture_path.joints[0] for posture_path in posture_paths):
+        if all(np.abs(q - start).max() > STARTS.alike for start in starts):
+            starts.append(q)
+    return PathStarts(starts, nearest)
 
 
-def _clear_first(ways: list[_Way], clear: Callable[[FloatArray], BoolArray]) -> list[_Way]:
-    """Returns ways that touch nothing, then those that touch only after their start; all where every start touches."""
-    free = clear(np.concatenate([way.joints for way in ways]))
-    parts = np.split(free, np.cumsum([len(way.joints) for way in ways])[:-1])
+def _clear_first(
+    posture_paths: list[_PosturePath], clear: Callable[[FloatArray], BoolArray]
+) -> list[_PosturePath]:
+    """Sort posture paths: clear ones, then those with a clear start; all if no start is clear."""
+    free = clear(np.concatenate([posture_path.joints for posture_path in posture_paths]))
+    parts = np.split(
+        free, np.cumsum([len(posture_path.joints) for posture_path in posture_paths])[:-1]
+    )
     rank = [0 if part.all() else 1 if part[0] else 2 for part in parts]
-    kept = [k for k in range(len(ways)) if rank[k] < 2] or list(range(len(ways)))
-    return [ways[k] for k in sorted(kept, key=lambda k: rank[k])]
+    selected = [k for k in range(len(posture_paths)) if rank[k] < 2] or list(
+        range(len(posture_paths))
+    )
+    return [posture_paths[k] for k in sorted(selected, key=lambda k: rank[k])]
 
 
-def _near(context: PathContext, work: PathWork, q: FloatArray, here: FloatArray) -> Reached:
-    """Returns the start near a configuration; an arm that does not follow stays where it is."""
+def _nearest_start(
+    context: PathContext, work: PathWork, q: FloatArray, current: FloatArray
+) -> Reached:
+    """Find the start nearest to a configuration; arms without a path stay where they are."""
     body = context.body
     follows = np.array([arm in work.paths for arm in body.arms])
     free = body.moves[follows].any(axis=0)
     poses = [work.paths[arm].at(np.zeros(1)) for arm in body.arms if arm in work.paths]
     R, p = np.concatenate([R for R, _ in poses]), np.concatenate([p for _, p in poses])
-    return reach(body, context.limits, np.where(free, q, here), follows, R, p)
+    return reach(body, context.limits, np.where(free, q, current), follows, R, p)
 
 
-def _time_to(context: PathContext, here: FloatArray, q: FloatArray) -> float:
+def _transfer_time(context: PathContext, current: FloatArray, q: FloatArray) -> float:
     limits = context.limits
-    return float(limits.law.duration(q - here))
+    return float(limits.law.duration(q - current))
 
 
-def _easiest(context: PathContext, work: PathWork, here: FloatArray) -> list[_Way]:
-    """Returns the ways of least motion along the path at platform angles around."""
+def _least_motion_paths(
+    context: PathContext, work: PathWork, current: FloatArray
+) -> list[_PosturePath]:
+    """Compute the posture paths of least motion at platform positions."""
     model, limits = context.model, context.limits
     share = np.linspace(0.0, 1.0, STARTS.stations)
     poses = {arm: path.at(share * path.length) for arm, path in work.paths.items()}
-    found = []
-    for angles in _platforms(context, here):
-        q = here.copy()
+    posture_paths = []
+    for angles in _platform_positions(context, current):
+        q = current.copy()
         q[model.platform_columns] = angles
-        ways = []
+        options = []
         for name, (R, p) in poses.items():
             arm = model.arms[name]
-            ways.append(_ways(arm, flange_poses(model, arm, q, R, p), limits, here))
-        for some in product(*ways):
+            options.append(
+                _arm_posture_paths(arm, flange_poses(model, arm, q, R, p), limits, current)
+            )
+        for combination in product(*options):
             joints, cost = np.tile(q, (STARTS.stations, 1)), 0.0
-            for name, (own_joints, own) in zip(poses, some, strict=True):
-                joints[:, model.arms[name].columns] = own_joints
-                cost += own
-            found.append(_Way(_time_to(context, here, joints[0]) + STARTS.ease * cost, joints))
-    return found
+            for name, (arm_joints, arm_cost) in zip(poses, combination, strict=True):
+                joints[:, model.arms[name].columns] = arm_joints
+                cost += arm_cost
+            posture_paths.append(
+                _PosturePath(
+                    _transfer_time(context, current, joints[0]) + STARTS.ease * cost, joints
+                )
+            )
+    return posture_paths
 
 
-def _ways(
+def _arm_posture_paths(
     arm: ArmModel,
     flanges: tuple[FloatArray, FloatArray],
     limits: JointLimits,
-    here: FloatArray,
+    current: FloatArray,
 ) -> list[tuple[FloatArray, float]]:
     """Select an arm's posture paths of least motion along a path, one per branch.
 
-    Each is the joints (`stations`, 7) [rad] and their cost.
+    Each has joints (`stations`, 7) [rad] and a cost.
     """
     kinematics = arm.closed_form
     tracks = coarse_tracks(kinematics, *flanges, limits.velocity[arm.columns])
-    found = []
+    posture_paths = []
     for track in tracks[: STARTS.branches]:
         joints, _ = kinematics.solve_branch(*flanges, track.psi, np.array(track.branch))
-        found.append((kinematics.nearest_turns(joints, here[arm.columns]), track.cost))
-    return found
+        posture_paths.append((kinematics.nearest_turns(joints, current[arm.columns]), track.cost))
+    return posture_paths
 
 
-def _platforms(context: PathContext, here: FloatArray) -> FloatArray:
-    """Returns platform positions around the present one, which is the first, shape (m, k)."""
+def _platform_positions(context: PathContext, joints: FloatArray) -> FloatArray:
+    """Sample platform positions around the current one, which is the first, shape (m, k)."""
     model = context.model
-    now = here[model.platform_columns]
+    current = joints[model.platform_columns]
     if not model.platform.is_chosen:
-        return now[None]
-    _, low, high = model.platform_around(here)
-    return np.concatenate([now, np.linspace(low, high, STARTS.platforms)])[:, None]
+        return current[None]
+    _, low, high = model.platform_around(joints)
+    return np.concatenate([current, np.linspace(low, high, STARTS.platforms)])[:, None]

@@ -1,4 +1,4 @@
-"""The family of path followers: all joints while tools follow given paths, which methods of redundancy decide."""
+"""Path followers: redundancy resolution for tools on given paths."""
 
 from __future__ import annotations
 

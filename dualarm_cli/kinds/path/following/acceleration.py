@@ -1,4 +1,4 @@
-"""Following at the level of accelerations: one quadratic program per instant, towards more manipulability."""
+"""Path following by accelerations: one quadratic program per instant, towards manipulability."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ class AccelerationSettings:
     eta: float = 20.0
     """eta_1 of [Zhang2024] Eq. 23 [1/s]; eta_2 is a quarter of it."""
     jerk_share: float = 0.8
-    """Share of the jerk limits that is used: accelerations are constant between instants, their curve is rougher."""
+    """Fraction of the jerk limits that is used. Accelerations are constant between instants, their curve is rougher."""
     kept_free: float = 5e-4
-    """Distance from the position limits that is kept [rad]."""
+    """Margin to the position limits [rad]."""
     margin: float = 5e-3
-    """Share of every limit that is kept free: knots are joined by curves."""
+    """Fraction of every limit that is kept free. Knots are joined by curves."""
     torque_share: float = 0.98
-    """Share of the torque limits that is used: evening out and curves between instants change accelerations
-    a little."""
+    """Fraction of the torque limits that is used. Smoothing and curves between instants change accelerations a
+    little."""
     braking: float = 0.15
-    """Share of the time at the end in which self-motion dies out, at least."""
+    """Least fraction of the duration in which self-motion dies out at the end."""
     least_braking: float = 0.8
-    """Least time in which self-motion dies out [s]. Paths that take less than twice as long use half of their time."""
+    """Least time in which self-motion dies out [s]. Paths shorter than twice that use half of their duration."""
     order: float = 3.0
-    """Exponent of the remaining time with which self-motion dies out. With it velocity, acceleration and jerk end at
+    """Exponent of the remaining time in the decay of self-motion. With it velocity, acceleration and jerk end at
     zero."""
 
 
@@ -70,11 +70,11 @@ class Bounds:
     eta: FloatArray
     """eta_1 [1/s], shape (n,); eta_2 is a quarter."""
     printed: bool = False
-    """Whether they are those of Eq. 23 as printed, which brake too late for the position limits."""
+    """Whether Eq. 23 is used as printed, which brakes too late for the position limits."""
 
     @classmethod
     def of(cls, problem: PathProblem) -> Bounds:
-        """Returns the bounds of a problem's limits."""
+        """Compute the bounds from a problem's limits."""
         limits, share = problem.limits, 1.0 - ACCELERATION.margin
         eta = np.minimum(
             ACCELERATION.eta, ACCELERATION.jerk_share * limits.jerk / limits.acceleration
@@ -90,7 +90,7 @@ class Bounds:
         )
 
     def at(self, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns lowest and highest accelerations [rad/s²] at positions and velocities, each shape (n,).
+        """Compute the acceleration range at positions and velocities [rad/s²], each shape (n,).
 
         [Zhang2024] Eq. 22-23 corrected: the speed towards a position limit falls with the distance from it,
         upper = min(eta_1 (min(eta_2 (q_max - q), v_max) - qd), a_max), and its mirror. With eta_1 >= 4 eta_2 a joint
@@ -108,35 +108,39 @@ class Bounds:
 
 
 def follow_manipulability(problem: PathProblem) -> PathMotion | NoPath:
-    """Returns the joints that seek manipulability within all limits ([Zhang2024] Eq. 24, corrected).
+    """Follow by accelerations that seek manipulability within all limits.
+
+    [Zhang2024] Eq. 24, corrected.
 
     Minimises |qdd - qdd*|² with qdd* = a_2 dg/dt - k (qd - a_2 g), g = grad log M, subject to the tools' accelerations
-    and to the bounds. The print has +k qd in (18), against (17), and the gradient of M, which is too small to act.
+    and the bounds. The paper prints +k qd in (18), against (17), and the gradient of M, which is too small to act.
     """
     weights = problem.weights
 
     most = stoppable(problem)
 
-    def wanted(S: FloatArray, qd: FloatArray) -> FloatArray:
+    def desired(S: FloatArray, qd: FloatArray) -> FloatArray:
         rates = manipulability_rates(problem.body, S, qd, problem.follows)
         size = float((weights.gain * np.abs(rates.inner) / most).max())
         gain = weights.gain / max(1.0, size)
-        found: FloatArray = gain * rates.rate - weights.damping * (qd - gain * rates.gradient)
-        return found
+        acceleration: FloatArray = gain * rates.rate - weights.damping * (
+            qd - gain * rates.gradient
+        )
+        return acceleration
 
-    return _follow(problem, wanted)
+    return _follow(problem, desired)
 
 
 def braking_time(problem: PathProblem) -> float:
-    """Returns how long before the end self-motion begins to die out [s]."""
+    """Compute the time before the end at which self-motion begins to die out [s]."""
     whole = (problem.instants - 1) * problem.step
     return max(ACCELERATION.braking * whole, min(ACCELERATION.least_braking, 0.5 * whole))
 
 
 def stoppable(problem: PathProblem) -> FloatArray:
-    """Returns the speeds of self-motion that can die out in the braking time t [rad/s], shape (n,).
+    """Compute the largest speeds of self-motion that can die out in time [rad/s], shape (n,).
 
-    A speed v (left / t)³ has its largest acceleration 3 v / t and its largest jerk 6 v / t² at first.
+    In the braking time t, a speed v (remaining / t)³ starts with its largest acceleration 3 v / t and jerk 6 v / t².
     """
     t, limits = braking_time(problem), problem.limits
     return np.minimum(
@@ -146,30 +150,33 @@ def stoppable(problem: PathProblem) -> FloatArray:
 
 
 def follow_min_acceleration(problem: PathProblem) -> PathMotion | NoPath:
-    """Returns the joints of least acceleration within all limits ([Zhang2024] Eq. 9 without gradient)."""
+    """Follow by least accelerations within all limits.
+
+    [Zhang2024] Eq. 9 without gradient.
+    """
     return _follow(problem, lambda _, qd: np.zeros_like(qd))
 
 
-Wanted = Callable[[FloatArray, FloatArray], FloatArray]
-"""Accelerations that are sought, of screws (n, 6) and velocities (n,)."""
+DesiredAcceleration = Callable[[FloatArray, FloatArray], FloatArray]
+"""Function that returns desired accelerations (n,) from screws (n, 6) and velocities (n,)."""
 
 
-def _follow(problem: PathProblem, wanted: Wanted) -> PathMotion | NoPath:
-    step = AccelerationStep(problem, wanted)
+def _follow(problem: PathProblem, desired: DesiredAcceleration) -> PathMotion | NoPath:
+    step = AccelerationStep(problem, desired)
     q, qd = np.array(problem.start), np.zeros(len(problem.start))
     position = np.empty((problem.instants, len(q)))
     position[0], h = q, problem.step
     acceleration = np.zeros_like(q)
     for k in range(1, problem.instants):
         try:
-            found = step.solve(q, qd, acceleration, k - 1)
+            solution = step.solve(q, qd, acceleration, k - 1)
         except SingularMatrixError:
             return NoPath(Refusal("tools_stop", more={"also": singular_there(problem, q)}), k)
-        if found is None:
+        if solution is None:
             also = [*_not_held(problem, q), *singular_there(problem, q)]
             return NoPath(Refusal("accelerations_stop", more={"also": also}), k, np.inf)
-        acceleration, correction = found
-        # The tools' errors are corrected by feedback as well; here what it leaves, for the answer alone.
+        acceleration, correction = solution
+        # Feedback reduces the tools' errors; this removes the rest from the result, not from the state.
         position[k - 1] += correction
         q = q + h * (qd + 0.5 * h * acceleration)
         qd = qd + h * acceleration
@@ -183,22 +190,24 @@ def _not_held(problem: PathProblem, q: FloatArray) -> list[Refusal]:
     """List the joint that cannot even hold a posture (n,) [rad], or nothing."""
     if problem.torque is None or problem.dynamics is None:
         return []
-    rest = np.abs(problem.dynamics(q, np.zeros_like(q))[1])
-    share = np.where(problem.free, rest / (problem.torque * ACCELERATION.torque_share), 0.0)
-    joint = int(np.argmax(share))
-    if share[joint] <= 1.0:
+    holding_torque = np.abs(problem.dynamics(q, np.zeros_like(q))[1])
+    fraction = np.where(
+        problem.free, holding_torque / (problem.torque * ACCELERATION.torque_share), 0.0
+    )
+    joint = int(np.argmax(fraction))
+    if fraction[joint] <= 1.0:
         return []
-    measured, allowed = float(rest[joint]), float(problem.torque[joint])
+    measured, allowed = float(holding_torque[joint]), float(problem.torque[joint])
     more = {"joint": problem.limits.joints[joint]}
     return [Refusal("posture_not_held", measured=measured, allowed=allowed, more=more)]
 
 
 class AccelerationStep:
-    """The quadratic program of one instant, set up once."""
+    """Quadratic program of one instant, set up once."""
 
-    def __init__(self, problem: PathProblem, wanted: Wanted) -> None:
-        """Prepares the solver."""
-        self._problem, self._wanted = problem, wanted
+    def __init__(self, problem: PathProblem, desired: DesiredAcceleration) -> None:
+        """Prepare the solver."""
+        self._problem, self._desired = problem, desired
         self._bounds, self._braking = Bounds.of(problem), braking_time(problem)
         self._velocity, self._acceleration = problem.twists()
         self._free = np.flatnonzero(problem.free)
@@ -209,9 +218,9 @@ class AccelerationStep:
     def solve(
         self, q: FloatArray, qd: FloatArray, before: FloatArray, k: int
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Returns accelerations from one instant to the next [rad/s²] and a correction of the joints [rad], each (n,).
+        """Solve the step from one instant to the next; None if no accelerations are within bounds.
 
-        None where no accelerations are within the bounds.
+        It consists of accelerations [rad/s²] and a correction of the joints [rad], each (n,).
 
         Args:
             q: joints at the instant [rad], shape (n,).
@@ -233,51 +242,55 @@ class AccelerationStep:
             + ACCELERATION.stiffness * error
             - drift
         )
-        left = (problem.instants - 1 - k) * problem.step
-        aim = self._rest(J, qd, left) if left < self._braking else self._wanted(state.S, qd)
+        remaining = (problem.instants - 1 - k) * problem.step
+        desired = (
+            self._braking_acceleration(J, qd, remaining)
+            if remaining < self._braking
+            else self._desired(state.S, qd)
+        )
         low, high = self._bounds.at(q, qd)
         least = np.maximum(low, before - self._jerk)
         most = np.minimum(high, before + self._jerk)
-        # Where a limit and the jerk exclude one another the limit counts.
+        # Limits of acceleration win over those of jerk.
         crossed = least > most
         least[crossed] = most[crossed] = np.clip(before, low, high)[crossed]
-        found = np.zeros_like(q)
+        accelerations = np.zeros_like(q)
         rows, torques = J[:, free], self._torques(q, qd)
-        solved = self._program.solve(aim[free], rows, A, least[free], most[free], torques)
-        if solved is None:
-            # Without the jerk limits, which are for the curve through the instants to keep.
-            solved = self._program.solve(aim[free], rows, A, low[free], high[free], torques)
-        if solved is None:
+        solution = self._program.solve(desired[free], rows, A, least[free], most[free], torques)
+        if solution is None:
+            # Without the jerk limits, which the curve through the instants has to keep anyway.
+            solution = self._program.solve(desired[free], rows, A, low[free], high[free], torques)
+        if solution is None:
             return None
-        found[free] = solved
-        return found, self._towards(J, error)
+        accelerations[free] = solution
+        return accelerations, self._towards(J, error)
 
     def correction(self, q: FloatArray, k: int) -> FloatArray:
-        """Returns the small change of the joints [rad], (n,), that puts the tools where they belong at an instant."""
+        """Compute the joint correction [rad], (n,), that removes the tools' error at an instant."""
         problem, which = self._problem, self._follows
         state = problem.body.at(q)
         error = pose_error(problem.R[k], problem.p[k], state.R[which], state.p[which])
         return self._towards(state.J[problem.rows], error)
 
     def _towards(self, J: FloatArray, error: FloatArray) -> FloatArray:
-        found = np.zeros(J.shape[1])
-        own = J[:, self._free]
-        found[self._free] = product(own.T, solve(product(own, own.T), error))
-        return found
+        correction = np.zeros(J.shape[1])
+        J_free = J[:, self._free]
+        correction[self._free] = product(J_free.T, solve(product(J_free, J_free.T), error))
+        return correction
 
-    def _rest(self, J: FloatArray, qd: FloatArray, left: float) -> FloatArray:
-        """Returns the accelerations under which self-motion ends when the path does, shape (n,)."""
+    def _braking_acceleration(self, J: FloatArray, qd: FloatArray, remaining: float) -> FloatArray:
+        """Compute accelerations under which self-motion ends with the path, shape (n,)."""
         inner = qd - product(J.T, solve(product(J, J.T), product(J, qd)))
-        return -ACCELERATION.order / max(left, self._problem.step) * inner
+        return -ACCELERATION.order / max(remaining, self._problem.step) * inner
 
     def _torques(
         self, q: FloatArray, qd: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Returns matrix and bounds of the joints' torques as rows over the free joints, or None."""
+        """Compute matrix and bounds of torques as rows over the free joints, or None."""
         problem = self._problem
         if problem.torque is None or problem.dynamics is None:
             return None
-        mass, rest = problem.dynamics(q, qd)
+        mass, bias = problem.dynamics(q, qd)
         free, limit = self._free, problem.torque
         limit = limit * ACCELERATION.torque_share
-        return mass[np.ix_(free, free)], (-limit - rest)[free], (limit - rest)[free]
+        return mass[np.ix_(free, free)], (-limit - bias)[free], (limit - bias)[free]

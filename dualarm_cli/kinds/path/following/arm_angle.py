@@ -1,4 +1,4 @@
-"""Following by the arm angle: of all ways that a standing platform leaves, the one whose joints move least."""
+"""Path following by the arm angle: the posture path of least joint motion at a fixed platform."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ class TrackSettings:
     stations: int = 61
     """Places along the path at which arm angles are compared."""
     cells: int = 72
-    """Arm angles that are compared."""
+    """Number of arm angles that are compared."""
     reach: int = 5
     """Largest change of the arm angle between neighbouring stations, in grid cells."""
     branches: int = 8
     """Number of branches of the inverse kinematics."""
     rounds: int = 30
-    """Rounds in which the best angles are refined, at most."""
+    """Maximum number of rounds that refine the angles."""
     enough: float = 1e-6
-    """Share of the cost whose gain in one round ends the refinement."""
+    """Relative gain of one round that ends the refinement."""
     delta: float = 1e-5
     """Step of the derivatives by the arm angle [rad]."""
     farthest: float = 1.0
-    """Joints that differ by more between two places jump [rad]."""
+    """Largest joint difference between two stations that is no jump [rad]."""
     kept_free: float = np.deg2rad(0.5)
-    """Distance from the joints' limits that is kept where angles are compared [rad]."""
+    """Margin to the joints' limits where angles are compared [rad]."""
 
 
 TRACK = TrackSettings()
@@ -44,22 +44,24 @@ TRACK = TrackSettings()
 
 @dataclass(frozen=True)
 class Track:
-    """How one arm follows a path: one branch, an arm angle at every station."""
+    """Arm angles of one branch along a path."""
 
     branch: int
     """Branch of the inverse kinematics."""
     psi: FloatArray
     """Arm angles at the stations, continuous [rad], shape (m,)."""
     cost: float
-    """Sum over the joints of the squared way over the speed limit, per share of the path [s²]."""
+    """Sum of the squared joint motions over the speed limits, per fraction of the path [s²]."""
 
 
 def follow_arm_angle(problem: PathProblem) -> PathMotion | NoPath:
-    """Returns the joints of least motion while the platform stands: dynamic programming over arm angles, then refined.
+    """Follow by arm angles of least joint motion at a fixed platform.
 
-    Over a grid of arm angles and all branches the sum of squared joint motion (over the speed limits) along the path is
-    least by dynamic programming; then Levenberg-Marquardt steps make it least off the grid. The tools are exact:
-    inverse kinematics in closed form at every instant. Our own; closed form [Shimizu2008].
+    Dynamic programming over arm angles, then refinement.
+
+    The cost is the sum of squared joint motions over the speed limits, over a grid of arm angles and all branches.
+    Levenberg-Marquardt steps then refine the angles off the grid. The tools are exact: inverse kinematics in closed
+    form at every instant. Our own; closed form [Shimizu2008].
     """
     model = problem.model
     if model is None:
@@ -75,14 +77,14 @@ def follow_arm_angle(problem: PathProblem) -> PathMotion | NoPath:
         kinematics = arm.closed_form
         R, p = flange_poses(model, arm, problem.start, problem.R[:, b], problem.p[:, b])
         nearest = np.round(at).astype(np.int64)
-        own = problem.share[nearest]
+        share = problem.share[nearest]
         velocity = problem.limits.velocity[arm.columns]
         q0 = problem.start[arm.columns]
         track = best_track(kinematics, R[nearest], p[nearest], velocity, q0)
         if track is None:
             return _reason(problem, model, name, (R, p))
-        kept = np.concatenate([[True], np.diff(own) > 0.0])
-        psi = CubicSpline(own[kept], track.psi[kept])(problem.share)
+        rising = np.concatenate([[True], np.diff(share) > 0.0])
+        psi = CubicSpline(share[rising], track.psi[rising])(problem.share)
         q, _ = kinematics.solve_branch(R, p, psi, np.array(track.branch))
         position[:, arm.columns] = kinematics.nearest_turns(q, q0)
     return within_limits(problem, position)
@@ -91,12 +93,14 @@ def follow_arm_angle(problem: PathProblem) -> PathMotion | NoPath:
 def flange_poses(
     model: CellModel, arm: ArmModel, position: FloatArray, R: FloatArray, p: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns flange rotations (..., 3, 3) and positions (..., 3) in the carried frame of tools in the world.
+    """Convert tool poses in the world to flange poses in the carried frame.
+
+    Rotations have shape (..., 3, 3), positions (..., 3) [m].
 
     Args:
         model: the cell.
-        arm: whose tool.
-        position: all joints, of which those of the platform count [rad], shape (n,).
+        arm: arm of the tool.
+        position: all joints; those of the platform count [rad], shape (n,).
         R: rotations of the tool, shape (..., 3, 3).
         p: tool centre points [m], shape (..., 3).
     """
@@ -114,7 +118,7 @@ def best_track(
     velocity: FloatArray,
     start: FloatArray | None = None,
 ) -> Track | None:
-    """Returns the arm angles of least joint motion along a path, or None where no branch follows it.
+    """Compute the arm angles of least joint motion along a path; None without a branch.
 
     Args:
         arm: the arm.
@@ -123,14 +127,14 @@ def best_track(
         velocity: speed limits of the joints [rad/s], shape (7,).
         start: joints at the first station [rad], shape (7,); None where they are free.
     """
-    found = _grid_tracks(arm, R, p, velocity, start)
-    if not found:
+    tracks = _grid_tracks(arm, R, p, velocity, start)
+    if not tracks:
         return None
-    return _refined(arm, R, p, velocity, found[0], fixed=start is not None)
+    return _refined(arm, R, p, velocity, tracks[0], fixed=start is not None)
 
 
 def coarse_tracks(arm: SrsArm, R: FloatArray, p: FloatArray, velocity: FloatArray) -> list[Track]:
-    """Returns the arm angles of least joint motion along a path on a grid, one per branch that follows, best first.
+    """Compute the grid's arm angles of least joint motion for each branch that follows, best first.
 
     Args:
         arm: the arm.
@@ -144,7 +148,7 @@ def coarse_tracks(arm: SrsArm, R: FloatArray, p: FloatArray, velocity: FloatArra
 def _grid_tracks(
     arm: SrsArm, R: FloatArray, p: FloatArray, velocity: FloatArray, start: FloatArray | None
 ) -> list[Track]:
-    """Returns the best track of every branch on the grid of arm angles, best first."""
+    """Compute the best track of every branch on the grid of arm angles, best first."""
     grid: FloatArray = np.arange(TRACK.cells, dtype=np.float64) * (TURN / TRACK.cells)
     if start is not None:
         # The grid begins at the given arm angle.
@@ -152,35 +156,37 @@ def _grid_tracks(
     solved = arm.solve(R[:, None], p[:, None], grid)
     q = solved.q
     inside = (q >= arm.lower + TRACK.kept_free) & (q <= arm.upper - TRACK.kept_free)
-    good = inside.all(axis=-1) & solved.reachable[..., None]
+    allowed = inside.all(axis=-1) & solved.reachable[..., None]
     if start is not None:
-        good[0] = False
-        good[0, 0, int(arm.branch(start))] = True
+        allowed[0] = False
+        allowed[0, 0, int(arm.branch(start))] = True
         q[0, 0, int(arm.branch(start))] = start
     return [
         Track(branch, np.unwrap(grid[cells]), value * (len(R) - 1))
-        for cells, branch, value in _least(q / velocity, q, good)
+        for cells, branch, value in _cheapest_tracks(q / velocity, q, allowed)
     ]
 
 
-def _least(scaled: FloatArray, q: FloatArray, good: BoolArray) -> list[tuple[IntArray, int, float]]:
-    """Returns the cells (m,) of the cheapest way through all stations for every branch that has one, best first.
+def _cheapest_tracks(
+    scaled: FloatArray, q: FloatArray, allowed: BoolArray
+) -> list[tuple[IntArray, int, float]]:
+    """Compute the cheapest path through all stations for every branch that has one, best first.
 
-    With the branch and the sum of squares.
+    A result has the cells (m,), the branch and the sum of squares.
 
     Args:
         scaled: joints over speed limits [s], shape (m, cells, branches, 7).
         q: joints [rad], the same shape.
-        good: which postures may be taken, shape (m, cells, branches).
+        allowed: allowed postures, shape (m, cells, branches).
     """
-    # A branch that is left out at some station has no way; joints first, as sums over a short last axis take long.
-    whole = np.flatnonzero(good.any(axis=1).all(axis=0))
-    good = good[:, :, whole]
+    # A branch without a posture at some station has no track. Joints come first: sums over a short last axis are slow.
+    whole = np.flatnonzero(allowed.any(axis=1).all(axis=0))
+    allowed = allowed[:, :, whole]
     scaled, q = (
         np.ascontiguousarray(np.moveaxis(joints[:, :, whole], -1, 1)) for joints in (scaled, q)
     )
-    m, cells, branches = good.shape
-    value = np.where(good[0], 0.0, np.inf)
+    m, cells, branches = allowed.shape
+    value = np.where(allowed[0], 0.0, np.inf)
     shifts = np.arange(-TRACK.reach, TRACK.reach + 1)
     back = np.zeros((m, cells, branches), dtype=np.int64)
     for k in range(1, m):
@@ -191,8 +197,8 @@ def _least(scaled: FloatArray, q: FloatArray, good: BoolArray) -> list[tuple[Int
         cost[np.abs(q[k][:, :, None] - q[k - 1][:, source]).max(axis=0) > TRACK.farthest] = np.inf
         best = cost.argmin(axis=1)
         back[k] = np.take_along_axis(source[..., None], best[:, None], axis=1)[:, 0]
-        value = np.where(good[k], np.take_along_axis(cost, best[:, None], axis=1)[:, 0], np.inf)
-    found = []
+        value = np.where(allowed[k], np.take_along_axis(cost, best[:, None], axis=1)[:, 0], np.inf)
+    tracks = []
     for branch in range(branches):
         cell = int(np.argmin(value[:, branch]))
         least = float(value[cell, branch])
@@ -202,8 +208,8 @@ def _least(scaled: FloatArray, q: FloatArray, good: BoolArray) -> list[tuple[Int
         for k in range(m - 1, -1, -1):
             track[k] = cell
             cell = int(back[k, cell, branch])
-        found.append((track, int(whole[branch]), least))
-    return sorted(found, key=lambda one: one[2])
+        tracks.append((track, int(whole[branch]), least))
+    return sorted(tracks, key=lambda candidate: candidate[2])
 
 
 def _refined(
@@ -215,9 +221,9 @@ def _refined(
     *,
     fixed: bool,
 ) -> Track:
-    """Returns the track with its angles moved off the grid by Levenberg-Marquardt steps on all of them at once.
+    """Refine a track's angles off the grid by Levenberg-Marquardt steps.
 
-    Between neighbours (i, i+1) stands |(q_i+1 - q_i) / v|², so that the normal equations are tridiagonal.
+    The cost between neighbours (i, i+1) is |(q_i+1 - q_i) / v|², so that the normal equations are tridiagonal.
     """
     from scipy.linalg import solveh_banded
 
@@ -242,7 +248,7 @@ def _refined(
         slope = (
             (joints(psi + TRACK.delta) - joints(psi - TRACK.delta)) / (2.0 * TRACK.delta) / velocity
         )
-        rest = np.diff(q / velocity, axis=0)
+        residuals = np.diff(q / velocity, axis=0)
         squares = (slope * slope).sum(axis=1)
         bands = np.zeros((2, len(psi)))
         bands[1] = 2.0 * squares
@@ -250,28 +256,28 @@ def _refined(
         bands[1] += damping * squares.max()
         bands[0, 1:] = -(slope[:-1] * slope[1:]).sum(axis=1)
         pull = np.zeros(len(psi))
-        pull[:-1] += (slope[:-1] * rest).sum(axis=1)
-        pull[1:] -= (slope[1:] * rest).sum(axis=1)
+        pull[:-1] += (slope[:-1] * residuals).sum(axis=1)
+        pull[1:] -= (slope[1:] * residuals).sum(axis=1)
         if fixed:
             bands[1, 0], bands[0, 1], pull[0] = 1.0, 0.0, 0.0
-        tried = psi + solveh_banded(bands, pull)
-        moved = joints(tried)
+        candidate = psi + solveh_banded(bands, pull)
+        moved = joints(candidate)
         lower = cost_of(moved)
         if lower < cost:
             gained = cost - lower
-            psi, q, cost, damping = tried, moved, lower, damping / 10.0
+            psi, q, cost, damping = candidate, moved, lower, damping / 10.0
             if gained < TRACK.enough * cost:
                 break
         else:
             damping *= 30.0
-    # Sum of squares of differences times the number of stretches: independent of how many there are.
+    # The sum of squared differences times the number of intervals does not depend on that number.
     return Track(track.branch, psi, cost * (len(psi) - 1))
 
 
 def _reason(
     problem: PathProblem, model: CellModel, name: str, flanges: tuple[FloatArray, FloatArray]
 ) -> NoPath:
-    """Return the reason why no branch of an arm follows a path."""
+    """Explain why no branch of an arm follows a path."""
     miss = model.arms[name].closed_form.reach_miss(*flanges)
     if miss.max() > 0.0:
         k = int(np.argmax(miss > 0.0))

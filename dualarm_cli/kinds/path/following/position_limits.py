@@ -14,22 +14,22 @@ from dualarm_cli.records import dataclass
 
 @dataclass(frozen=True)
 class LimitSettings:
-    """Numbers that keep paths within position limits."""
+    """Settings of the search for position limits."""
 
     stations: int = 400
-    """Places along the path between which joints are followed without time."""
+    """Number of places along the path at which joints are solved."""
     steps: int = 12
     """Maximum number of Newton steps per place."""
     centring: int = 3
-    """Minimum number of Newton steps per place, in which self-motion moves joints off limits."""
+    """Least number of Newton steps per place that move joints off limits by self-motion."""
     share: float = 0.2
-    """Share of the distance to mid-range by which self-motion moves joints."""
+    """Fraction of the distance to mid-range by which self-motion moves joints."""
     followed: float = 1e-9
-    """Error of the tools that counts as none [m, rad]."""
+    """Tool error below which a place counts as reached [m, rad]."""
     beyond: float = 1e-4
     """Distance beyond a limit that no follower uses [rad]."""
     singular: float = 1e-3
-    """Smallest singular value of the tools' Jacobian with which joints are moved."""
+    """Least singular value of the tools' Jacobian for which joints are moved."""
 
 
 LIMITS = LimitSettings()
@@ -38,33 +38,35 @@ LIMITS = LimitSettings()
 def ended_by_limit(problem: PathProblem, moves: BoolArray | None = None) -> NoPath | None:
     """Find the joint whose position limit ends a path, or None.
 
-    The path is followed without time, by steps of least norm. A joint that would leave its limits is held there, and
-    self-motion keeps the others away from theirs; a path ends where they cannot make up for it.
+    The path is followed by steps of least norm. A joint that would leave its limits is held there, and self-motion
+    keeps the others away from theirs. The path ends where the others cannot compensate for it.
 
     Args:
-        problem: what a follower is asked.
-        moves: joints that may move, shape (n,); all that move a tool that follows for None.
+        problem: the follower's problem.
+        moves: joints that may move, shape (n,); None for all that move a following tool.
     """
     limits, free = problem.limits, problem.free if moves is None else moves
     q = np.array(problem.start)
     count = min(problem.instants, LIMITS.stations)
     for k in np.linspace(0, problem.instants - 1, count).round().astype(np.int64).tolist():
         held, worst = np.zeros(len(q), dtype=np.bool_), -1
-        while (found := _followed(problem, q, k, free & ~held)) is not None:
-            beyond = np.maximum(limits.lower - found, found - limits.upper)
+        while (solution := _solve_instant(problem, q, k, free & ~held)) is not None:
+            beyond = np.maximum(limits.lower - solution, solution - limits.upper)
             out = (beyond > LIMITS.beyond) & free & ~held
             if not out.any():
                 break
             worst, held = int(np.argmax(np.where(out, beyond, 0.0))), held | out
-            q = np.where(out, np.clip(found, limits.lower, limits.upper), q)
-        if found is None:
+            q = np.where(out, np.clip(solution, limits.lower, limits.upper), q)
+        if solution is None:
             return None if worst < 0 else NoPath(limit_reached(problem, worst, q[worst]), k)
-        q = found
+        q = solution
     return None
 
 
-def _followed(problem: PathProblem, q: FloatArray, k: int, moves: BoolArray) -> FloatArray | None:
-    """Find joints (n,) [rad] near given ones that follow an instant, or None."""
+def _solve_instant(
+    problem: PathProblem, q: FloatArray, k: int, moves: BoolArray
+) -> FloatArray | None:
+    """Solve joints (n,) [rad] near given ones for the tools' poses at an instant, or None."""
     limits, follows = problem.limits, np.flatnonzero(problem.follows)
     middle = 0.5 * (limits.lower + limits.upper)
     middle = np.where(np.isfinite(middle), middle, problem.start)

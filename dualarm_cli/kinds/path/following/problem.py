@@ -20,15 +20,15 @@ from dualarm_cli.refusals import Refusal
 
 @dataclass(frozen=True)
 class Spring:
-    """Where virtual springs pull the elbows, and how hard ([Choi2020] Eq. 6-13)."""
+    """Virtual springs that pull the elbows ([Choi2020] Eq. 6-13)."""
 
     points: FloatArray
-    """Critical point of each arm in the frame that platform or waist carries [m], shape (a, 3)."""
+    """Critical points of the arms in the carried frame [m], shape (a, 3)."""
     gain: float = 10.0
-    """What the gradient of half the squared distances is multiplied by, 2 K² of Eq. 28 [1/(m² s)]."""
+    """Factor on the gradient of half the squared distances, 2 K² of Eq. 28 [1/(m² s)]."""
 
     def __post_init__(self) -> None:
-        """Freezes the points."""
+        """Freeze the points."""
         object.__setattr__(self, "points", readonly(self.points))
 
 
@@ -39,16 +39,16 @@ class ManipulabilityWeights:
     gain: float = 4.0
     """a_2: weight of the gradient of log M as a velocity."""
     damping: float = 5.0
-    """k: how fast the joints' velocity approaches it [1/s]."""
+    """k: rate at which the joints' velocity approaches it [1/s]."""
     printed_bounds: bool = False
     """Whether the acceleration bounds are those of Eq. 23 as printed."""
 
 
 @dataclass(frozen=True)
 class PathProblem:
-    """Tools that move in a given way, at instants a fixed step apart; the joints are to be found.
+    """Given tool poses at equally spaced instants, for which joints are sought.
 
-    The a arms are those of the body; where only one has a path, the joints of the other do not move.
+    The a arms are those of the body. Where only one has a path, the joints of the other do not move.
     """
 
     body: WholeBody
@@ -56,36 +56,36 @@ class PathProblem:
     limits: JointLimits
     """Limits of the n joints."""
     start: FloatArray
-    """Where the joints are at first [rad], shape (n,); the tools are then where their paths start."""
+    """Joints at the start, with the tools at the start of their paths [rad], shape (n,)."""
     step: float
     """Time between instants [s]."""
     follows: BoolArray
-    """Which arms have a path, shape (a,)."""
+    """Flags of arms with a path, shape (a,)."""
     R: FloatArray
-    """Rotations of their tools at the k instants, shape (k, b, 3, 3) over the b arms that follow."""
+    """Rotations of the following tools at the k instants, shape (k, b, 3, 3)."""
     p: FloatArray
     """Their tool centre points [m], shape (k, b, 3)."""
     share: FloatArray
-    """How much of their paths the tools have gone at each instant, 0 to 1, shape (k,)."""
+    """Fractions of the paths at each instant, 0 to 1, shape (k,)."""
     pace: FloatArray
-    """Speed along the paths as a share of the full one, shape (k,): self-motion keeps the same pace."""
+    """Speeds along the paths as fractions of the full one, shape (k,). Self-motion has the same pace."""
     spring: Spring
-    """For methods that pull elbows."""
+    """Springs, for methods that pull elbows."""
     weights: ManipulabilityWeights = field(default_factory=ManipulabilityWeights)
-    """For methods that seek manipulability."""
+    """Weights, for methods that seek manipulability."""
     damping: float = 0.05
     """lambda of damped least squares ([Choi2020] Eq. 3)."""
     model: CellModel | None = None
-    """The cell in closed form, for methods that need it; None where its arms have none."""
+    """Cell model in closed form; None where its arms have none."""
     tool_speed: float | None = None
-    """Largest speed of every tool, of arms that do not follow as well [m/s]; None for no cap."""
+    """Largest speed of every tool, also of arms without a path [m/s]; None for no cap."""
     torque: FloatArray | None = None
-    """Largest torque of every joint [N m], shape (n,); None where torques are not limited."""
+    """Largest torque of every joint [N m], shape (n,); None for no torque limits."""
     dynamics: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]] | None = None
-    """Mass matrix (n, n) and torque at no acceleration (n,) at positions and velocities (n,)."""
+    """Mass matrix (n, n) and bias torques (n,) at positions and velocities (n,)."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freeze the arrays."""
         for name in ("start", "R", "p", "share", "pace"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
         if self.torque is not None:
@@ -93,21 +93,21 @@ class PathProblem:
 
     @property
     def instants(self) -> int:
-        """How many instants there are."""
+        """Number of instants."""
         return len(self.pace)
 
     @property
     def free(self) -> BoolArray:
-        """Joints that move a tool that follows, shape (n,)."""
+        """Flags of joints that move a following tool, shape (n,)."""
         return np.asarray(self.body.moves[self.follows].any(axis=0))
 
     @property
     def rows(self) -> BoolArray:
-        """Rows of the body's Jacobian that belong to tools that follow, shape (6 a,)."""
+        """Flags of the rows of the body's Jacobian for following tools, shape (6 a,)."""
         return np.repeat(self.follows, 6)
 
     def twists(self) -> tuple[FloatArray, FloatArray]:
-        """Returns velocities and accelerations of the tools, each (k, 6 b), by central differences over the step."""
+        """Compute velocities and accelerations of the tools, each (k, 6 b), by central differences."""
         k, b = self.p.shape[:2]
         ahead = np.minimum(np.arange(k) + 1, k - 1)
         turn = log_rotation(product(self.R[ahead], np.swapaxes(self.R, -1, -2)))
@@ -118,45 +118,45 @@ class PathProblem:
 
 @dataclass(frozen=True)
 class PathMotion:
-    """The joints at the problem's instants."""
+    """Joints at the problem's instants."""
 
     position: FloatArray
     """All joints [rad], shape (k, n)."""
     keeps_rates: bool = False
-    """Whether the method itself kept velocities and accelerations within the problem's limits. A curve through the
-    instants that exceeds them then does so by the method's self-motion, which no slower path changes."""
+    """Whether the method kept the problem's limits of velocity and acceleration. A curve through the instants that
+    exceeds them does so by the method's self-motion, which no slower path changes."""
 
     def __post_init__(self) -> None:
-        """Freezes the array."""
+        """Freeze the array."""
         object.__setattr__(self, "position", readonly(self.position))
 
 
 @dataclass(frozen=True)
 class NoPath:
-    """Why the joints cannot follow, and from when on."""
+    """Reason why the joints cannot follow, and its first instant."""
 
     reason: Refusal
     """Cause, without its place."""
     instant: int
     """Number of the instant."""
     excess: float = 0.0
-    """By what factor the motion would have to be slower; infinite where that is not known, 0 where it is no help."""
+    """Required slowdown [factor]; infinite where unknown, 0 where it is no help."""
 
 
 SLACK = 1e-6
-"""How far beyond a limit rounding may take a joint [rad]."""
+"""Rounding error that is allowed beyond a position limit [rad]."""
 SINGULAR = 0.02
 """Smallest singular value of the tools' Jacobian below which a posture is called singular."""
 
 
 def within_limits(problem: PathProblem, position: FloatArray) -> PathMotion | NoPath:
-    """Returns the motion, or the first instant at which a joint is beyond its position limit.
+    """Check position limits; return the motion or the first instant beyond one.
 
-    How fast joints move is for those to judge who join the instants by a curve.
+    Speeds are checked later, on the curve through the instants.
 
     Args:
-        problem: what was asked.
-        position: joints at the instants [rad], shape (k, n); fewer where a method gave up.
+        problem: the follower's problem.
+        position: joints at the instants [rad], shape (k, n); fewer if a method gave up.
     """
     limits = problem.limits
     beyond = np.maximum(limits.lower - position, position - limits.upper)
@@ -168,7 +168,7 @@ def within_limits(problem: PathProblem, position: FloatArray) -> PathMotion | No
 
 
 def limit_reached(problem: PathProblem, joint: int, position: float) -> Refusal:
-    """Return the position limit that a joint reaches as a cause."""
+    """Describe the position limit that a joint reaches."""
     limits = problem.limits
     lower, upper = float(limits.lower[joint]), float(limits.upper[joint])
     bound = upper if position > 0.5 * (lower + upper) else lower
@@ -182,7 +182,7 @@ def limit_reached(problem: PathProblem, joint: int, position: float) -> Refusal:
 
 
 def singular_there(problem: PathProblem, q: FloatArray) -> list[Refusal]:
-    """List that a posture (n,) [rad] is nearly singular, or nothing."""
+    """Describe a nearly singular posture (n,) [rad], or return nothing."""
     if not np.isfinite(q).all():
         return []
     J = problem.body.at(q).J[problem.rows][:, problem.free]

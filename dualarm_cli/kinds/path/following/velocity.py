@@ -1,4 +1,4 @@
-"""Following at the level of velocities: least norm, and virtual springs that pull the elbows in the null space."""
+"""Path following by velocities: least norm, and virtual springs that pull the elbows in the null space."""
 
 from __future__ import annotations
 
@@ -28,43 +28,44 @@ from dualarm_cli.refusals import Refusal
 
 @dataclass(frozen=True)
 class VelocitySettings:
-    """Gains and margins of the velocity-level program."""
+    """Settings of the velocity-level methods."""
 
     absolute: float = 1e-9
     """Absolute tolerance of the solver."""
     relative: float = 1e-10
     """Relative tolerance of the solver."""
     largest_step: float = 0.5
-    """A joint that would move farther between two instants is at a singular posture [rad]."""
+    """Largest joint motion between two instants; more is a singular posture [rad]."""
     corrections: int = 10
     """Maximum number of Newton corrections of the tools after a step."""
     settled: float = 1e-11
     """Expected tool error at which the corrections end [m, rad]."""
     self_share: float = 0.5
-    """Largest share of a tool-speed cap that self-motion gives other arms' tools."""
+    """Largest fraction of the tool-speed cap that self-motion may use on idle tools."""
     self_speed: float = 0.4
-    """Largest share of a joint's speed limit that self-motion may use."""
+    """Largest fraction of a joint's speed limit that self-motion may use."""
     kept_free: float = 1e-3
-    """Distance from the joints' limits at which they are stopped [rad]."""
+    """Margin to the joints' limits [rad]."""
     braking: float = 4.0
     """Maximum ratio of a joint's speed to its distance from a limit [1/s]."""
     margin: float = 1e-3
-    """Share of the speed limits that is kept free: instants are joined by curves."""
+    """Fraction of the speed limits that is kept free. Instants are joined by curves."""
 
 
 VELOCITY = VelocitySettings()
 
 
 class LeastSquares:
-    """min |x - wish|² subject to A x = b, least <= x <= most, and low <= G x <= high.
+    """Least-squares program with linear constraints.
 
-    Set up once, then updated: an interior-point method, which does not start from the solution before. An augmented
-    Lagrangian one that does (proxsuite's, warm) took half of its 25 us, but left one instant in a hundred unsolved at
-    this accuracy.
+    min |x - wish|² subject to A x = b, least <= x <= most, and low <= G x <= high.
+
+    Set up once, then updated: an interior-point method without warm start. A warm-started augmented Lagrangian
+    (proxsuite) took half of its 25 us, but left one instant in a hundred unsolved at this accuracy.
     """
 
     def __init__(self) -> None:
-        """Loads the solver."""
+        """Load the solver."""
         piqp = plain_piqp()
         self._solver: Any = piqp.DenseSolver()
         self._solver.settings.eps_abs = VELOCITY.absolute
@@ -81,11 +82,11 @@ class LeastSquares:
         most: FloatArray,
         rows: tuple[FloatArray, FloatArray, FloatArray] | None = None,
     ) -> FloatArray | None:
-        """Returns x, shape (n,), or None where the solver finds none.
+        """Solve for x, shape (n,), or return None if the solver fails.
 
         Args:
-            wish: shape (n,).
-            A: of the equations, shape (m, n).
+            wish: target of x, shape (n,).
+            A: matrix of the equations, shape (m, n).
             b: their right sides, shape (m,).
             least: lower bounds, shape (n,).
             most: upper bounds, shape (n,).
@@ -110,25 +111,27 @@ class LeastSquares:
 
 
 def follow_min_norm(problem: PathProblem) -> PathMotion | NoPath:
-    """Returns the joints that move least at every instant: damped least squares ([Choi2020] Eq. 3), tools corrected.
+    """Follow by least joint motion at every instant, with exact tools.
 
-    What the damping leaves of a step is made up for by corrections without it, so that the tools are exact.
+    Damped least squares ([Choi2020] Eq. 3).
+
+    Corrections without damping remove the error that the damping leaves.
     """
     return _follow(problem, exact=True, pulled=False)
 
 
 def follow_spring(problem: PathProblem) -> PathMotion | NoPath:
-    """Returns the joints with virtual springs between elbows and critical points ([Choi2020]), tools exact.
+    """Follow with virtual springs between elbows and critical points, with exact tools.
 
-    The springs act through the exact null-space projector I - J+ J, and corrections keep the tools where they belong.
+    The springs of [Choi2020] act through the exact null-space projector I - J+ J, and corrections keep the tools exact.
     """
     return _follow(problem, exact=True, pulled=True)
 
 
 def follow_spring_damped(problem: PathProblem) -> PathMotion | NoPath:
-    """Returns the joints as [Choi2020] prints the method: Eq. 4 with the damped J+ of Eq. 5, no correction.
+    """Follow with virtual springs as [Choi2020] prints it, without correction.
 
-    I - J+ J is then no projector: the springs disturb the tools.
+    Eq. 4 with the damped J+ of Eq. 5: I - J+ J is then no projector, and the springs disturb the tools.
     """
     return _follow(problem, exact=False, pulled=True)
 
@@ -136,13 +139,15 @@ def follow_spring_damped(problem: PathProblem) -> PathMotion | NoPath:
 def spring_gradient(
     body: WholeBody, state: BodyState, spring: Spring
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns v = -gain d/dq of half the sum of squared spring lengths, shape (n,), and the lengths [m], shape (a,).
+    """Compute the spring velocity v, shape (n,), and the spring lengths [m], shape (a,).
+
+    v = -gain d/dq of half the sum of squared lengths.
 
     [Choi2020] Eq. 13-35: sum of (J_EB - dCP/dq)^T (EB - CP) over the arms.
 
     Args:
         body: kinematics.
-        state: where the robot is.
+        state: of the robot.
         spring: critical points and gain.
     """
     places, carried = body.carried_points(state, spring.points)
@@ -163,9 +168,9 @@ def _follow(problem: PathProblem, *, exact: bool, pulled: bool) -> PathMotion | 
         except SingularMatrixError:
             return NoPath(Refusal("joints_stop", more={"also": singular_there(problem, q)}), k)
         if not np.abs(moved - q).max() < VELOCITY.largest_step:
-            found = _judged(problem, room, position[:k])
-            if isinstance(found, NoPath):
-                return found
+            result = _judged(problem, room, position[:k])
+            if isinstance(result, NoPath):
+                return result
             also = singular_there(problem, q) or [Refusal("perhaps_beyond_reach")]
             return NoPath(Refusal("joints_stop", more={"also": also}), k)
         position[k] = q = moved
@@ -173,19 +178,19 @@ def _follow(problem: PathProblem, *, exact: bool, pulled: bool) -> PathMotion | 
 
 
 def _judged(problem: PathProblem, room: Room, position: FloatArray) -> PathMotion | NoPath:
-    """Returns the motion, or where a joint is beyond its limit; slower may help where there was no room to stop it."""
-    found = within_limits(problem, position)
-    return replace(found, excess=np.inf) if isinstance(found, NoPath) and room.lacked else found
+    """Check the position limits; slower may help where there was no room to stop a joint."""
+    result = within_limits(problem, position)
+    return replace(result, excess=np.inf) if isinstance(result, NoPath) and room.lacked else result
 
 
 def make_step(
     problem: PathProblem, room: Room, *, exact: bool, pulled: bool
 ) -> Callable[[FloatArray, int], FloatArray]:
-    """Returns the function from the joints at one instant and the number of the next to the joints there.
+    """Create the function that advances the joints from one instant to the next.
 
     Args:
-        problem: what is to be followed.
-        room: how far joints may move in a step.
+        problem: the follower's problem.
+        room: range of joint motions per step.
         exact: whether the null-space projector is exact and the tools are corrected.
         pulled: whether the springs pull.
     """
@@ -199,7 +204,7 @@ def make_step(
     cap = VELOCITY.self_share * problem.tool_speed if problem.tool_speed is not None else np.inf
 
     def swing(J: FloatArray, v: FloatArray) -> float:
-        """Returns how many times faster than it may self-motion swings the tools of arms that do not follow."""
+        """Compute the ratio of self-motion's speed of idle tools to its limit."""
         if not np.isfinite(cap) or not idle.any():
             return 0.0
         speeds = product(J[idle], v).reshape(-1, 6)[:, :3]
@@ -218,7 +223,7 @@ def make_step(
             v *= free
             v -= product(J.T, product(inverse, product(J, v)))
             if exact:
-                # Self-motion leaves joints enough of their speed for the tools' motion.
+                # Self-motion is limited, to leave speed for the tools' motion.
                 v /= max(1.0, float((np.abs(v) / most).max()), swing(state.J, v))
             pull = v * speed[k]
             moved += pull
@@ -238,13 +243,13 @@ def make_step(
 def corrected(
     problem: PathProblem, q: FloatArray, plus: FloatArray, R_goal: FloatArray, p_goal: FloatArray
 ) -> FloatArray:
-    """Returns joints near given ones whose tools are where they belong, by Newton steps with one Jacobian.
+    """Correct joints for exact tools by Newton steps with one Jacobian.
 
-    As many as it takes: each leaves a share of the error that grows with the joints' way from where the Jacobian is
-    from, which is far where bounds or means have moved them.
+    Each step leaves a fraction of the error that grows with the distance from the Jacobian's configuration, which is
+    large where bounds or means have moved the joints.
 
     Args:
-        problem: whose tools.
+        problem: the follower's problem.
         q: all joints [rad], shape (n,).
         plus: pseudo-inverse of the Jacobian of the tools that follow, shape (n, 6 b).
         R_goal: rotations to be reached, shape (b, 3, 3).
@@ -253,10 +258,10 @@ def corrected(
     body, which, before = problem.body, np.flatnonzero(problem.follows), 0.0
     for _ in range(VELOCITY.corrections):
         R, p = body.tools(q)
-        left = pose_error(R_goal, p_goal, R[which], p[which])
-        q = q + product(plus, left)
-        size = float(np.abs(left).max())
-        # What this step leaves, at the rate of the one before.
+        error = pose_error(R_goal, p_goal, R[which], p[which])
+        q = q + product(plus, error)
+        size = float(np.abs(error).max())
+        # Expected error after this step, at the convergence rate of the one before.
         if size * size <= VELOCITY.settled * before:
             break
         before = size
@@ -264,13 +269,13 @@ def corrected(
 
 
 class Room:
-    """How far joints may move in one step so that they come to rest before their limits, and the move that does."""
+    """Range of joint motions per step that lets joints stop before their limits."""
 
     lacked: bool = False
-    """Whether at some instant no move followed the tools within bounds; slower, joints may come nearer to limits."""
+    """Whether some instant had no motion within the range. At lower speed, joints may get nearer to limits."""
 
     def __init__(self, problem: PathProblem) -> None:
-        """Prepares a problem's limits."""
+        """Prepare a problem's limits."""
         limits, step = problem.limits, problem.step
         self._lower, self._upper = (
             limits.lower + VELOCITY.kept_free,
@@ -282,7 +287,7 @@ class Room:
         self._program: LeastSquares | None = None
 
     def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns least and greatest moves from positions [rad], each shape (n,)."""
+        """Compute the least and greatest moves from positions [rad], each shape (n,)."""
         least = np.maximum(self._share * (self._lower - q), -self._farthest)
         most = np.minimum(self._share * (self._upper - q), self._farthest)
         return np.minimum(least, 0.0), np.maximum(most, 0.0)
@@ -295,30 +300,30 @@ class Room:
         least: FloatArray,
         most: FloatArray,
     ) -> FloatArray | None:
-        """Returns the move nearest to a pull that makes up for the error within bounds, (n,), or None without one.
+        """Compute the move nearest to a pull that removes the error within bounds, (n,), or None.
 
-        Where the bounds are far it is that of the exact projector, and it does not jump where they come near.
+        With distant bounds it is the move of the exact projector, and it changes continuously as they get near.
         """
         free = self._free
         if self._program is None:
             self._program = LeastSquares()
         # In units in which a step is about 1, so that the solver's tolerances mean something.
         scale = 1.0 / float(self._farthest[free].min())
-        found = self._program.solve(
+        solution = self._program.solve(
             pull[free] * scale, J[:, free], error * scale, least[free] * scale, most[free] * scale
         )
-        if found is None:
+        if solution is None:
             self.lacked = True
             return None
         moved = np.zeros(len(pull))
-        moved[free] = found / scale
+        moved[free] = solution / scale
         return moved
 
 
 def pose_error(R_goal: FloatArray, p_goal: FloatArray, R: FloatArray, p: FloatArray) -> FloatArray:
-    """Returns the ways from tools to where they belong, linear part first, shape (6 b,); for small turns.
+    """Compute the pose errors of tools for small turns, linear part first, shape (6 b,).
 
-    The turn is the sine of the angle about the axis, that is the rotation vector but for its third power.
+    The turn is the sine of the angle about the axis: the rotation vector up to an error of third order.
 
     Args:
         R_goal: rotations to be reached, shape (b, 3, 3).
